@@ -49,11 +49,11 @@ def thinned(drawn: Drawn, every: int) -> Drawn:
 def searched(name: str, drawn: Drawn) -> tuple[Member, list[str]]:
     """Return what a record tells, and the effects that it names alone."""
     fit, field = fitted(drawn), field_of(drawn)
-    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(tell=True))
+    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(share=True))
     names = [one.effect for one in found.findings if one.probability >= 0.5 and one.side == "compass"]
-    if found.told is None:
+    if found.information is None:
         return fitted_only(name, drawn), names
-    told = found.told
+    told = found.information
     return Member(
         name, "mooring", None, drawn.horizontal, drawn.vertical, told.coefficients, told.covariance, told.effects
     ), names

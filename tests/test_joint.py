@@ -32,7 +32,7 @@ def member(
 def test_iron_scales_with_the_field_and_what_is_induced_with_the_dip():
     joined = joint_compass.join_records([member(f"M{k}", field, sigma=1e-4) for k, field in enumerate(FIELDS)])
     sigma = np.sqrt(np.diag(joined.shared.covariance))
-    assert joined.kept == ("M0", "M1", "M2") and not joined.rejected
+    assert joined.consistent == ("M0", "M1", "M2") and not joined.rejected
     assert (np.abs(joined.shared.mean - IRON) < 2.0 * sigma).all()
 
 
@@ -102,9 +102,9 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
 def test_an_effect_is_shared_where_evidence_adds_and_neither_one_record_nor_a_season_explains_it(scores, season, named):
     members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
     found = joint_effects.infer_shared(members, joint.ALARM)
-    assert [one.kind.name for one in found.found] == ["temperature"] * named
+    assert [one.kind.name for one in found.amplitudes] == ["temperature"] * named
     if named:
-        assert found.found[0].values == pytest.approx([0.35], abs=0.01)
+        assert found.amplitudes[0].values == pytest.approx([0.35], abs=0.01)
         alone = joint_effects.information_from_others(members[1:], found)["TemperatureOfReading"]
         assert alone[1] / alone[0][0] == pytest.approx([0.35], abs=0.01)
 
@@ -112,7 +112,7 @@ def test_an_effect_is_shared_where_evidence_adds_and_neither_one_record_nor_a_se
 def test_a_summary_survives_its_file():
     first = told(2.0)
     again = joint_compass.effects_from_json(first.to_json())
-    assert again.forms == first.forms and np.array_equal(again.beside[0].score, first.beside[0].score)
+    assert again.forms == first.forms and np.array_equal(again.conditional[0].score, first.conditional[0].score)
 
 
 TRUE = (0.02, 0.25, -0.1, 0.02, -0.01)
@@ -145,4 +145,4 @@ def test_a_long_record_keeps_its_own(few_headings):
 
 def test_an_amplitude_that_no_such_effect_has_names_nothing():
     members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
-    assert joint_effects.infer_shared(members, joint.ALARM).found == ()  # a share of 0.35; least plausible is 0.65
+    assert joint_effects.infer_shared(members, joint.ALARM).amplitudes == ()  # a share of 0.35; least plausible is 0.65

@@ -76,7 +76,7 @@ class Options:
     apply: bool = True  # whether findings on the compass side are handed to the correction
     alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
     reference_magnetic: bool = True  # whether the reference has a compass too
-    tell: bool = False  # whether other records of the compass are to know what this one tells
+    share: bool = False  # whether to collect information for other records of the compass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +111,10 @@ class Comparison:
         """Return a unit with that of a driver which the grammar knows by its name only."""
         if isinstance(term, Composed):
             for driver in term.composition[1].split("*"):
-                own = self.units.get(driver, driver)
-                unit = unit.replace(driver, f"({own})" if "/" in own or " " in own else own)
+                driver_unit = self.units.get(driver, driver)
+                unit = unit.replace(
+                    driver, f"({driver_unit})" if "/" in driver_unit or " " in driver_unit else driver_unit
+                )
         return unit
 
     def where(self, name: str, span: tuple[float, float] | None = None) -> CovariateRange:
@@ -139,7 +141,7 @@ class Comparison:
         first = float(self.time_s[np.searchsorted(self.time_s, date_s)])
         return CovariateRange("reading", first, last, f"from reading {first:.0f} on")
 
-    def lives(self, term: Term) -> str:
+    def main_covariate(self, term: Term) -> str:
         """Return the covariate along which an effect lives: of those known to go with it the one that varies most."""
         listed = term.needs if isinstance(term, Composed) else wording.SHOWN_ALONG.get(term.name, ("time",))
         known = [name for name in listed if name in self.covariates]
@@ -163,8 +165,8 @@ class Comparison:
             place: where it is known; else where the curves leave their bands.
         """
         places = [place] if place else [self.outside(curve) for curve in curves]
-        dates = next(((one.low, one.high) for one in places if one.covariate == "time"), self.span_s)
-        text = wording.unexplained_text(" and ".join(one.text for one in places), size_deg, named)
+        dates = next(((where.low, where.high) for where in places if where.covariate == "time"), self.span_s)
+        text = wording.unexplained_text(" and ".join(where.text for where in places), size_deg, named)
         covariates = tuple(curve.covariate for curve in curves)
         return Unexplained(covariates, places[0], dates if self.clocked else None, size_deg, tuple(curves), text)
 
@@ -183,7 +185,7 @@ class LongComparison(Comparison):
     )
     precision_deg: float  # noise of the recorded heading itself
     nuisance: Floats  # (n, k) columns that are fitted and never named
-    in_water: bool = True  # whether slow water of two depths may stand between both sides
+    has_slow_noise: bool = True  # whether slow water of two depths may stand between both sides
     louder: Louder | None = None  # slow water, once it was learnt
     usual: Mapping[type[Term], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
     prior: Prior | None = None  # what other records of the compass tell of A..E
@@ -363,7 +365,7 @@ def build_finding(
         term.name,
         tuple(others),
         where=place.text,
-        parameters={name: (one.value, one.sigma, one.unit) for name, one in parameters.items()},
+        parameters={name: (parameter.value, parameter.sigma, parameter.unit) for name, parameter in parameters.items()},
         size_deg=size_deg,
         proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
         physics=f"{physics}, which no listed effect does" if composition else physics,

@@ -139,7 +139,7 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
         logged: other series at their times, as ``temperature`` and ``supply_voltage``, (n,) each.
     """
     upper, _ = model.speeds(pairs)
-    every = {
+    series = {
         "heading": pairs.heading_deg,
         "time": pairs.time_s,
         "pitch": pairs.pitch_deg,
@@ -153,8 +153,8 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
         for name, column in logged.items()
     }
     if pairs.lower_heading_deg is not None:
-        every["reference_heading"] = pairs.lower_heading_deg
-    return {name: fill_gaps(column) for name, column in every.items() if varies(column)}
+        series["reference_heading"] = pairs.lower_heading_deg
+    return {name: fill_gaps(column) for name, column in series.items() if varies(column)}
 
 
 def reference_values(columns: Mapping[str, Floats]) -> dict[str, float]:
@@ -164,8 +164,8 @@ def reference_values(columns: Mapping[str, Floats]) -> dict[str, float]:
         columns: covariates, (n,) each.
     """
     means = {name: 0.0 if name in WITHOUT_REFERENCE else float(np.mean(column)) for name, column in columns.items()}
-    leans = [columns[name] for name in ("pitch", "roll") if name in columns]
-    return means | ({"tilt": float(np.mean(np.hypot.reduce(leans)))} if leans else {})
+    tilts = [columns[name] for name in ("pitch", "roll") if name in columns]
+    return means | ({"tilt": float(np.mean(np.hypot.reduce(tilts)))} if tilts else {})
 
 
 def smooth_supply(name: str, column: Floats, time_s: Floats) -> Floats:
@@ -229,8 +229,8 @@ def departures(
     result |= _flow_departures(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
     if "flow_east" in result:
         upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in model.speeds(pairs))
-        own = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
-        result |= _body_frame_flow(own, upper, result, "body")
+        true_heading = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
+        result |= _body_frame_flow(true_heading, upper, result, "body")
         if "reference_heading" in covariates:
             result |= _body_frame_flow(
                 covariates["reference_heading"] + pairs.declination_deg, lower, result, "reference"
@@ -363,16 +363,16 @@ def _harmonics(flow: NDArray[np.complex128]) -> Floats:
     return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
 
 
-def _scale_prediction(seen: Floats, around: Floats, memory: float) -> Floats:
+def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Floats:
     """Return what the hours around tell of each harmonic that is seen, the residual's memory filtered out, (n, k)."""
-    x, z = (series[1:] - memory * series[:-1] for series in (seen, around))
+    x, z = (series[1:] - memory * series[:-1] for series in (harmonics, around))
     known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)
     if not known.any():
         return around
     x, z = (series[known] - series[known].mean(axis=0) for series in (x, z))
     shares, *_ = np.linalg.lstsq(z, x, rcond=FAINTEST)
-    told = around @ shares
-    return np.asarray(told + (np.mean(seen, axis=0) - np.mean(told, axis=0)))
+    scaled = around @ shares
+    return np.asarray(scaled + (np.mean(harmonics, axis=0) - np.mean(scaled, axis=0)))
 
 
 def _lag_one_correlation(product: NDArray[np.complex128]) -> float:
@@ -389,8 +389,8 @@ def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]
     """
     a, b = np.diff(upper, 2), np.diff(lower, 2)
     common = float(np.real(np.mean(a * np.conj(b))))
-    own = [max(float(np.mean(np.abs(x) ** 2)) - common, 0.0) for x in (a, b)]
-    return own[1] / max(sum(own), 1e-12)
+    noise = [max(float(np.mean(np.abs(x) ** 2)) - common, 0.0) for x in (a, b)]
+    return noise[1] / max(sum(noise), 1e-12)
 
 
 def _flow_turn_rate(flow: NDArray[np.complex128], time_s: Floats) -> Floats:

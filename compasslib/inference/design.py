@@ -80,26 +80,26 @@ class FittedModel:
         ridge[5 : 5 + len(terms)] = terms
         return ridge
 
-    def told(self) -> tuple[Floats, Floats]:
+    def external_information(self) -> tuple[Floats, Floats]:
         """Return what other records of the compass tell of the base's columns: information (b, b) and score (b,)."""
         information, score = np.zeros((self.base.shape[1],) * 2), np.zeros(self.base.shape[1])
         if self.case.prior is not None:
             information[:5, :5] = self.case.prior.precision
             score[:5] = self.case.prior.precision @ self.case.prior.mean
-        for term, own in zip(self.simulation.terms, slices(self.simulation.terms, 5), strict=True):
+        for term, columns in zip(self.simulation.terms, slices(self.simulation.terms, 5), strict=True):
             if type(term) in self.case.shared:
-                information[own, own], score[own] = self.case.shared[type(term)]
+                information[columns, columns], score[columns] = self.case.shared[type(term)]
         return information, score
 
-    def projected(self, columns_deg: Floats) -> Floats:
+    def whiten_and_project(self, columns_deg: Floats) -> Floats:
         """Return columns whitened, the base projected out, (n, k).
 
         Args:
             columns_deg: (n, k), degrees a unit.
         """
-        return self.bare(self.whitener(np.nan_to_num(columns_deg, posinf=0.0, neginf=0.0)))
+        return self.project_out_nuisance(self.whitener(np.nan_to_num(columns_deg, posinf=0.0, neginf=0.0)))
 
-    def bare(self, white: Floats) -> Floats:
+    def project_out_nuisance(self, white: Floats) -> Floats:
         """Return whitened columns, the base projected out, (n, k).
 
         Args:
@@ -151,9 +151,9 @@ def evaluate_model(
     standard = whitening.clipped(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]
     response = whitening.response(left, width)
-    bare = innovation - basis @ (basis.T @ innovation)
+    projected = innovation - basis @ (basis.T @ innovation)
     counts = np.isfinite(width)
-    sigma = float(np.sqrt(bare @ bare / max(counts.sum() - basis.shape[1], 1)))
+    sigma = float(np.sqrt(projected @ projected / max(counts.sum() - basis.shape[1], 1)))
     if freed_deg is not None:  # the clip and the filter are those of what is left, not of the effect
         innovation = innovation + response * white(freed_deg[:, None])[:, 0]
     innovation = innovation - basis @ (basis.T @ innovation)
@@ -268,7 +268,7 @@ class Estimate:
     @property
     def term_covariances(self) -> list[Floats]:
         """Covariance of each term's own parameters."""
-        return [self.covariance[own, own] for own in slices(self.state.simulation.terms, 5)]
+        return [self.covariance[columns, columns] for columns in slices(self.state.simulation.terms, 5)]
 
 
 def refit(state: FittedModel, terms: Sequence[Term]) -> FittedModel:
@@ -332,8 +332,8 @@ def refine_dates(state: FittedModel) -> FittedModel:
         others = [t for j, t in enumerate(terms) if j != k]
         free = refit(state, others)
         near = np.arange(term.date - DATE_REACH_S, term.date + DATE_REACH_S, DATE_SPACING_S)
-        tried = step_columns(free, type(term), near)
-        best = tried[int(np.argmax(score_gains(free, tried)))].term
+        candidates = step_columns(free, type(term), near)
+        best = candidates[int(np.argmax(score_gains(free, candidates)))].term
         assert best is not None
         terms[k] = best.at(term.values)
     return refit(state, terms)
@@ -341,7 +341,7 @@ def refine_dates(state: FittedModel) -> FittedModel:
 
 def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
     """Return what each group of columns takes off the whitened residual's square, (g,)."""
-    white = state.projected(np.concatenate([group.columns for group in groups], axis=1))
+    white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1))
     parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
     pulls = [part.T @ state.innovation for part in parts]
     return np.array([x @ whitening.inverse(part.T @ part) @ x for part, x in zip(parts, pulls, strict=True)])
@@ -349,17 +349,17 @@ def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
 
 def visible_columns(state: FittedModel, k: int) -> Floats:
     """Return what of a fitted term's columns the compass and the nuisances cannot take, (n, k) degrees a unit."""
-    own = state.base[:, slices(state.simulation.terms, 5)[k]]
+    columns = state.base[:, slices(state.simulation.terms, 5)[k]]
     others = np.column_stack([state.base[:, :5], state.base[:, len(state.simulation.parameters) :]])
     weight = 1.0 / state.whitener.width_deg
-    taken, *_ = np.linalg.lstsq(others * weight[:, None], own * weight[:, None], rcond=1e-9)
-    return np.asarray(own - others @ taken)
+    taken, *_ = np.linalg.lstsq(others * weight[:, None], columns * weight[:, None], rcond=1e-9)
+    return np.asarray(columns - others @ taken)
 
 
 def visible_size_deg(state: FittedModel, k: int, covariance: Floats) -> float:
     """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds."""
-    values, seen = state.simulation.terms[k].values, visible_columns(state, k)[np.isfinite(state.whitener.width_deg)]
-    product = seen.T @ seen / len(seen)
+    values, columns = state.simulation.terms[k].values, visible_columns(state, k)[np.isfinite(state.whitener.width_deg)]
+    product = columns.T @ columns / len(columns)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
@@ -403,8 +403,8 @@ def _least_squares_step(state: FittedModel) -> Floats:
     precision = np.diag(DAMPING + ridge)
     if state.case.prior is not None or state.case.shared:
         values[:5] = state.simulation.coefficients
-        told, score = (x * (state.sigma / state.response) ** 2 for x in state.told())
-        precision += told / np.outer(scale, scale)
-        pull += (score - told @ (values + state.shift)) / scale
+        information, score = (x * (state.sigma / state.response) ** 2 for x in state.external_information())
+        precision += information / np.outer(scale, scale)
+        pull += (score - information @ (values + state.shift)) / scale
     step = np.linalg.solve(unit.T @ unit + precision, pull)
     return np.asarray(step / scale + state.shift)

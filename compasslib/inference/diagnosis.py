@@ -73,14 +73,14 @@ class Diagnosis:
     hypotheses: tuple[RankedEffect, ...] = ()  # the best first
     threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
     warnings: tuple[str, ...] = ()  # sentences for the summary
-    told: RecordInformation | None = None  # what other records of the same compass may learn from this one
+    information: RecordInformation | None = None  # for other records of the same compass
     experiments: tuple[tuple[str, float], ...] = ()  # what to observe, and the chance that one name is left then
 
     def __post_init__(self) -> None:
         """Keep an effect that was judged in any of its forms from standing among those that could not be tested."""
         judged = {*self.detectable_deg, *(finding.effect for finding in self.findings)}
-        kept = tuple(one for one in self.not_testable if one[0] not in judged)
-        object.__setattr__(self, "not_testable", kept)
+        untested = tuple(entry for entry in self.not_testable if entry[0] not in judged)
+        object.__setattr__(self, "not_testable", untested)
 
     def to_json(self) -> dict[str, Any]:
         """Return diagnosis.json."""
@@ -98,7 +98,7 @@ class Diagnosis:
             "experiments": [{"what": what, "probability": chance} for what, chance in self.experiments],
             "fit": None if self.fit is None else self.fit.to_json(),
             "detectable_deg": dict(self.detectable_deg),
-            "hypotheses": [vars(one) for one in self.hypotheses],
+            "hypotheses": [vars(ranked) for ranked in self.hypotheses],
             "threshold": dict(self.threshold),
             "warnings": list(self.warnings),
         }
@@ -121,7 +121,7 @@ def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Di
     return Diagnosis("insufficient", why=why, not_testable=not_testable)
 
 
-def overall_verdict(found: Sequence[Finding], unexplained: Unexplained | None) -> str:
+def overall_verdict(findings: Sequence[Finding], unexplained: Unexplained | None) -> str:
     """Return the verdict that findings and an unexplained rest amount to.
 
     Args:
@@ -129,9 +129,9 @@ def overall_verdict(found: Sequence[Finding], unexplained: Unexplained | None) -
     """
     if unexplained is not None:
         return "unexplained"
-    if not found:
+    if not findings:
         return "consistent"
-    return "ambiguous" if any(finding.alternatives for finding in found) else "explained"
+    return "ambiguous" if any(finding.alternatives for finding in findings) else "explained"
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Outcome:
     curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of what was found and is left
     noise: Mapping[str, tuple[float, float]]  # each with its standard error
     taken_back: frozenset[str] = frozenset()  # names that the search gave, and that only stood for something else
-    tried: tuple[RankedEffect, ...] = ()  # each effect alone
+    ranked: tuple[RankedEffect, ...] = ()  # each effect alone
     deniable: bool = False  # whether held-out readings that agree worse take a name back
 
 
@@ -155,44 +155,44 @@ def combine_outcomes(
     parts: Sequence[Outcome],
     options: Options,
     *,
-    beside: Sequence[Finding] = (),
+    extra: Sequence[Finding] = (),
     not_testable: Sequence[tuple[str, str]] = (),
     separated_by: str | None = None,
 ) -> Diagnosis:
     """Return what all comparisons of a recording show together.
 
     Args:
-        beside: findings that were made apart from a search.
+        extra: findings that were made apart from a search.
         separated_by: an observation that this kind of recording always lacks, said beside a finding.
     """
-    every = [*beside, *(finding for part in parts for finding in part.findings)]
-    denied = {id(one) for part in parts if part.deniable for one in part.findings if one.held_out.refuted}
-    matter = [one for one in every if one.rms_effect_deg >= options.min_effect_deg]
-    stands = [one for one in matter if id(one) not in denied]
-    found = _merge_findings(
-        [[one for one in group if one in stands] for group in (beside, *(part.findings for part in parts))]
+    findings = [*extra, *(finding for part in parts for finding in part.findings)]
+    denied = {id(item) for part in parts if part.deniable for item in part.findings if item.held_out.refuted}
+    matter = [item for item in findings if item.rms_effect_deg >= options.min_effect_deg]
+    stands = [item for item in matter if id(item) not in denied]
+    merged = _merge_findings(
+        [[item for item in group if item in stands] for group in (extra, *(part.findings for part in parts))]
     )
     unnamed = [part.left for part in parts if part.left is not None]
-    unnamed += [_unconfirmed(one) for one in matter if id(one) in denied]
-    left = max(unnamed, key=lambda one: one.rms_effect_deg, default=None)
-    small = [(one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < options.min_effect_deg]
-    small += [one for part in parts for one in part.small]
-    sides = min((_side_probabilities(part, stands) for part in parts), key=lambda one: one["none"], default={})
-    for one in beside:
-        sides = exclude_nothing(one.side, sides) if one in found else sides
-    phrases = [wording.separating_observations(f.named, f.alternatives) for f in found if f.alternatives]
-    if separated_by and any(one.side == "compass" for one in found):
+    unnamed += [_unconfirmed(item) for item in matter if id(item) in denied]
+    left = max(unnamed, key=lambda item: item.rms_effect_deg, default=None)
+    small = [(item.effect, item.rms_effect_deg) for item in findings if item.rms_effect_deg < options.min_effect_deg]
+    small += [item for part in parts for item in part.small]
+    sides = min((_side_probabilities(part, stands) for part in parts), key=lambda item: item["none"], default={})
+    for item in extra:
+        sides = exclude_nothing(item.side, sides) if item in merged else sides
+    phrases = [wording.separating_observations(f.named, f.alternatives) for f in merged if f.alternatives]
+    if separated_by and any(item.side == "compass" for item in merged):
         phrases.append(separated_by)
     compared = [part.comparison.what for part in parts]
     return Diagnosis(
-        verdict=overall_verdict(found, left),
-        findings=found,
+        verdict=overall_verdict(merged, left),
+        findings=merged,
         unexplained=left,
         separated_by="; ".join(dict.fromkeys(phrases)) or None,
         not_testable=tuple(not_testable),
         negligible=tuple({name: size for name, size in small if size > LISTED_SHARE * options.min_effect_deg}.items()),
-        why=wording.verdict_reason([one.effect for one in found], left.text if left else "", compared),
-        curves=tuple(curve for part in parts for curve in part.curves(found, left)),
+        why=wording.verdict_reason([item.effect for item in merged], left.text if left else "", compared),
+        curves=tuple(curve for part in parts for curve in part.curves(merged, left)),
         hypotheses=_rank_effects(parts),
         sides=sides,
         noise=parts[0].noise if parts else {},
@@ -210,56 +210,56 @@ def exclude_nothing(side: str, sides: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def prepend_findings(first: Sequence[Finding], rest: Diagnosis) -> Diagnosis:
+def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosis:
     """Return the diagnosis with findings that were made before the search, strongest first."""
     if not first:
-        return rest
-    found = tuple(sorted((*first, *rest.findings), key=lambda one: -one.rms_effect_deg))
-    sides = exclude_nothing(first[0].side, rest.sides)
-    return replace(rest, findings=found, verdict=overall_verdict(found, rest.unexplained), sides=sides)
+        return diagnosis
+    findings = tuple(sorted((*first, *diagnosis.findings), key=lambda finding: -finding.rms_effect_deg))
+    sides = exclude_nothing(first[0].side, diagnosis.sides)
+    return replace(diagnosis, findings=findings, verdict=overall_verdict(findings, diagnosis.unexplained), sides=sides)
 
 
 def _side_probabilities(part: Outcome, stands: Sequence[Finding]) -> dict[str, float]:
     """Return the probability of each side: what is too small to matter or was taken back counts as nothing."""
-    kept, fallen = set[str](), set(part.taken_back)
+    standing, fallen = set[str](), set(part.taken_back)
     for finding, slot in zip(part.findings, part.slots, strict=True):
-        (kept if finding in stands else fallen).update(_slot_effects(slot))
-    return part.posterior.sides(fallen - kept)
+        (standing if finding in stands else fallen).update(_slot_effects(slot))
+    return part.posterior.sides(fallen - standing)
 
 
 def _slot_effects(slot: Slot) -> tuple[str, ...]:
     return (slot.effect, *slot.alternatives)
 
 
-def _unconfirmed(one: Finding) -> Unexplained:
+def _unconfirmed(finding: Finding) -> Unexplained:
     """Return a mismatch that is proven where it was fitted, and whose name held-out readings deny."""
-    text = wording.unexplained_text(one.where.text, one.rms_effect_deg, [])
-    return Unexplained((one.where.covariate,), one.where, one.when_s, one.rms_effect_deg, (), text)
+    text = wording.unexplained_text(finding.where.text, finding.rms_effect_deg, [])
+    return Unexplained((finding.where.covariate,), finding.where, finding.when_s, finding.rms_effect_deg, (), text)
 
 
 def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:
     """Return every effect that was tried alone, the best first, each once."""
     best: dict[str, RankedEffect] = {}
-    for one in (one for part in parts for one in part.tried):
-        if one.effect not in best or best[one.effect].score < one.score:
-            best[one.effect] = one
-    return tuple(sorted(best.values(), key=lambda one: -one.score))
+    for effect in (effect for part in parts for effect in part.ranked):
+        if effect.effect not in best or best[effect.effect].score < effect.score:
+            best[effect.effect] = effect
+    return tuple(sorted(best.values(), key=lambda effect: -effect.score))
 
 
 def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
     """Return findings, strongest first: what two comparisons show is one effect."""
-    kept: list[Finding] = []
+    merged: list[Finding] = []
     for group in groups:
-        again = {one.effect: one for one in group}
-        for k, one in enumerate(kept):
-            if (other := again.get(one.effect)) is not None:
-                stronger = max(one, other, key=lambda x: x.rms_effect_deg)
-                both = tuple(name for name in one.alternatives if name in other.alternatives)
+        again = {finding.effect: finding for finding in group}
+        for k, finding in enumerate(merged):
+            if (other := again.get(finding.effect)) is not None:
+                stronger = max(finding, other, key=lambda x: x.rms_effect_deg)
+                both = tuple(name for name in finding.alternatives if name in other.alternatives)
                 text = f"{stronger.text} A second comparison shows it too."
-                kept[k] = replace(stronger, alternatives=both, text=text)
-        known = {one.effect for one in kept}
-        kept += [one for one in group if one.effect not in known]
-    return tuple(sorted(kept, key=lambda one: -one.rms_effect_deg))
+                merged[k] = replace(stronger, alternatives=both, text=text)
+        known = {finding.effect for finding in merged}
+        merged += [finding for finding in group if finding.effect not in known]
+    return tuple(sorted(merged, key=lambda finding: -finding.rms_effect_deg))
 
 
 def product_of_diagnosis(fit: Fit, diagnosis: Diagnosis) -> Product:
@@ -267,17 +267,19 @@ def product_of_diagnosis(fit: Fit, diagnosis: Diagnosis) -> Product:
     left_deg = _uncorrected_deg(diagnosis)
     if diagnosis.fit is None:
         return Product(fit, left_deg=left_deg)
-    effects = tuple(one.effect for one in diagnosis.findings if one.applied)
-    accounted = tuple(one.effect for one in diagnosis.findings if one.beside_compass)
+    effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
+    accounted = tuple(finding.effect for finding in diagnosis.findings if finding.outside_compass)
     return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
 
 
 def _uncorrected_deg(diagnosis: Diagnosis) -> float:
     """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
-    kept_out = [one for one in diagnosis.findings if not one.applied and one.held_out is not UNTESTED]
+    uncorrected = [
+        finding for finding in diagnosis.findings if not finding.applied and finding.held_out is not UNTESTED
+    ]
     if diagnosis.applied:  # an average holds what may not be as well, but for storms whose course nobody knows
-        kept_out = [one for one in kept_out if one.side == "compass"]
-    sizes = [one.rms_effect_deg for one in kept_out if one.of_compass]
+        uncorrected = [finding for finding in uncorrected if finding.side == "compass"]
+    sizes = [finding.rms_effect_deg for finding in uncorrected if finding.of_compass]
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
     return float(np.hypot.reduce(sizes)) if sizes else 0.0
 
@@ -346,15 +348,15 @@ def conclude(
             a search.
     """
     questioned = constant is not None and bool(constant.effect)
-    found = diagnose_constant(constant, pairs) if constant is not None and questioned else search(pairs)
-    made = with_effects(product_of_diagnosis(fit, found), found.fit is not None)
+    diagnosis = diagnose_constant(constant, pairs) if constant is not None and questioned else search(pairs)
+    made = with_effects(product_of_diagnosis(fit, diagnosis), diagnosis.fit is not None)
     plain = products.equivalent_pairs(made, pairs, record, field, series)
     doubts = windows.doubtful(plain, made.fit)
     agreement = assessment.assess(pairs, made.fit, plain)
     denied = agreement["refuted"] or deviation.implausible(made.fit, record)
     if why := denied or (at_mooring.contradiction(fit, pairs) if calibration else ""):
         why = f"calibration {calibration}: {why}" if calibration else why
-        found = replace(insufficient(why, found.not_testable), warnings=found.warnings)
+        diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)
         made = replace(made, doubts=(whole_record(KNOWS_NOTHING_DEG, why),))
     elif constant is not None and questioned:
         made = replace(made, doubts=(whole_record(abs(constant.angle_deg), constant.text), *doubts))
@@ -362,11 +364,11 @@ def conclude(
         *(() if made.effects else _doubt_outliers(fit)),
         *doubts,
     ):  # effects that are corrected explain outliers
-        found = _with_doubts(found, doubts, pairs)
+        diagnosis = _with_doubts(diagnosis, doubts, pairs)
         made = replace(made, doubts=doubts)
     if constant is not None and not questioned and constant.text:
-        found = replace(found, warnings=(*found.warnings, constant.text))
-    return Conclusion(found, made, agreement)
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, constant.text))
+    return Conclusion(diagnosis, made, agreement)
 
 
 def _doubt_outliers(fit: Fit) -> tuple[Doubt, ...]:
@@ -381,7 +383,7 @@ def _doubt_outliers(fit: Fit) -> tuple[Doubt, ...]:
     return (whole_record(KNOWS_NOTHING_DEG * float(np.sqrt(share)), why),)
 
 
-def _with_doubts(found: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
+def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
     """Return the diagnosis with the stretches that disagree with the rest as what it does not explain."""
     worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
     first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
@@ -392,6 +394,8 @@ def _with_doubts(found: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> D
     place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]
     left = Unexplained(("time",), CovariateRange("time", *span, place), span, size, (), text)
     warnings = tuple(doubt.why for doubt in doubts)
-    if found.verdict == "insufficient":
-        return replace(found, warnings=(*warnings, *found.warnings))
-    return replace(found, verdict="unexplained", unexplained=left, why=text, warnings=(*warnings, *found.warnings))
+    if diagnosis.verdict == "insufficient":
+        return replace(diagnosis, warnings=(*warnings, *diagnosis.warnings))
+    return replace(
+        diagnosis, verdict="unexplained", unexplained=left, why=text, warnings=(*warnings, *diagnosis.warnings)
+    )

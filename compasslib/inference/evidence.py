@@ -203,7 +203,7 @@ def gathered(view: FittedModel, slow: SlowNoiseBasis | None, drawn: Groups, unev
     every = own if slow is None else np.concatenate([own, slow.columns], axis=1, dtype=np.float32)
     middle = max(float(np.median(uneven)), 1.0)
     sigma = view.sigma * np.sqrt(middle)
-    white = view.projected(every) * np.float32(view.response / sigma)
+    white = view.whiten_and_project(every) * np.float32(view.response / sigma)
     innovation = (view.innovation / sigma).astype(np.float32)
     seen = view.visible(own)
     information, score = (white.T @ white).astype(float), (white.T @ innovation).astype(float)
@@ -239,7 +239,7 @@ def unevenness(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
         state: with slow water in its noise.
     """
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
-    white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
+    white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
     own, count = np.ones(len(groups)), np.ones(len(groups))
     bases, block = [], blocks.of_span(state.case.scene.time_s, BLOCK_S)
     for k, (a, b) in enumerate(itertools.pairwise(ends)):

@@ -45,8 +45,8 @@ class Rows:
     def information(self) -> Floats:
         """What it tells of the recording's unknowns, (p + q + b, p + q + b)."""
         cross = self.free.T @ self.known
-        own = self.free.T @ self.free + np.diag(self.precision)
-        return self.known.T @ self.known - cross.T @ np.linalg.solve(own, cross)
+        free_information = self.free.T @ self.free + np.diag(self.precision)
+        return self.known.T @ self.known - cross.T @ np.linalg.solve(free_information, cross)
 
 
 @dataclass(frozen=True)
@@ -93,54 +93,58 @@ class Prospects:
         """Return the probability that an observation leaves one name."""
         return self.weighed.decided(self.observations[what], self.names, self.probability)
 
-    def after(self, what: str, seen: Floats) -> float:
+    def after(self, what: str, observed: Floats) -> float:
         """Tell by 1 or 0 whether an observation that was made left one name.
 
         Args:
-            seen: observed minus foretold by the compass that was refitted without terms, in units of its noise, (m,).
+            observed: observed minus expected by the compass refitted without terms, in units of its noise, (m,).
         """
         rows = self.observations[what]
-        own = rows.free.T @ rows.free + np.diag(rows.precision)
-        pulled = rows.known.T @ seen - (rows.free.T @ rows.known).T @ np.linalg.solve(own, rows.free.T @ seen)
-        return _one_name(self.names, self.weighed.updated(rows.information, pulled[:, None], self.probability))
+        free_information = rows.free.T @ rows.free + np.diag(rows.precision)
+        pulled = rows.known.T @ observed - (rows.free.T @ rows.known).T @ np.linalg.solve(
+            free_information, rows.free.T @ observed
+        )
+        return _single_name_share(self.names, self.weighed.updated(rows.information, pulled[:, None], self.probability))
 
 
-def of(found: Inference) -> tuple[tuple[str, float], ...]:
+def of(inferred: Inference) -> tuple[tuple[str, float], ...]:
     """Return observations and the probability that each leaves one name, the best first."""
-    if (ahead := prospects(found)) is None:
+    if (ahead := prospects(inferred)) is None:
         return ()
-    return tuple(sorted(((what, ahead.chance(what)) for what in ahead.observations), key=lambda one: -one[1]))
+    return tuple(
+        sorted(((what, ahead.chance(what)) for what in ahead.observations), key=lambda experiment: -experiment[1])
+    )
 
 
-def prospects(found: Inference) -> Prospects | None:
+def prospects(inferred: Inference) -> Prospects | None:
     """Return what could be observed of a recording, None where there is nothing to tell apart."""
-    posterior = found.posterior
+    posterior = inferred.posterior
     order = np.argsort(-posterior.probability)[:MOST]
-    kept = [int(i) for i in order if posterior.probability[i] >= LEAST]
-    hypotheses = [posterior.hypotheses[i] for i in kept]
-    numbers = sorted({k for one in hypotheses for k in one})
+    likely = [int(i) for i in order if posterior.probability[i] >= LEAST]
+    hypotheses = [posterior.hypotheses[i] for i in likely]
+    numbers = sorted({k for hypothesis in hypotheses for k in hypothesis})
     if posterior.candidates.slow is None or not numbers:
         return None
-    model = _model(found, numbers)
-    water = found.posterior.water_of(found.chosen)
+    model = _model(inferred, numbers)
+    water = inferred.posterior.water_of(inferred.chosen)
     variance = np.zeros(model.slow) if water is None else posterior.candidates.slow.variances(water)
-    weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in one) for one in hypotheses])
-    probability = posterior.probability[kept] / posterior.probability[kept].sum()
-    names = [posterior.names[i] for i in kept]
+    weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in hypothesis) for hypothesis in hypotheses])
+    probability = posterior.probability[likely] / posterior.probability[likely].sum()
+    names = [posterior.names[i] for i in likely]
     return Prospects(model, weighed, names, probability, dict(_observations(model, variance)))
 
 
-def _model(found: Inference, numbers: Sequence[int]) -> Model:
-    candidates = found.posterior.candidates
-    view, half = inference.viewed(found.state)
+def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
+    candidates = inferred.posterior.candidates
+    view, half = inference.viewed(inferred.state)
     groups = [candidates.groups[k] for k in numbers]
     usual = np.concatenate([candidates.usual[candidates.parts[k]] for k in numbers])
     assert candidates.slow is not None
-    own = np.concatenate([group.columns for group in groups], axis=1) * usual
-    even = np.sqrt(candidates.scatter * max((candidates.uneven[k] for k in found.chosen), default=1.0))
+    candidate_columns = np.concatenate([group.columns for group in groups], axis=1) * usual
+    even = np.sqrt(candidates.scatter * max((candidates.uneven[k] for k in inferred.chosen), default=1.0))
     scale = 1.0 / view.sigma / even
-    every = np.nan_to_num(np.concatenate([own, candidates.slow.columns, view.base], axis=1))
-    rows = view.whitener(every) * view.response * scale
+    columns = np.nan_to_num(np.concatenate([candidate_columns, candidates.slow.columns, view.base], axis=1))
+    rows = view.whitener(columns) * view.response * scale
     return Model(
         state=half,
         view=view,
@@ -170,8 +174,8 @@ def _observations(model: Model, variance: Floats) -> Iterator[tuple[str, Rows]]:
 
 
 def _parts(model: Model) -> tuple[Floats, Floats, Floats]:
-    own, slow = model.own, model.own + model.slow
-    return model.rows[:, :own], model.rows[:, own:slow], model.rows[:, slow:]
+    candidates_end, slow = model.own, model.own + model.slow
+    return model.rows[:, :candidates_end], model.rows[:, candidates_end:slow], model.rows[:, slow:]
 
 
 def _longer(model: Model, variance: Floats) -> Rows:
@@ -184,9 +188,9 @@ def _longer(model: Model, variance: Floats) -> Rows:
     span = float(np.ptp(scene.time_s))
     departures = {name: _continued(column, scene.time_s, span) for name, column in scene.departures.items()}
     later = replace(scene, time_s=scene.time_s + span, departures=departures)
-    own = model.view.whitener(model.columns(later, model.state.heading_deg)) * model.scale
-    some = variance > 0.0
-    return Rows(np.concatenate([own, 0.0 * slow, base], axis=1), slow[:, some], 1.0 / variance[some])
+    repeated = model.view.whitener(model.columns(later, model.state.heading_deg)) * model.scale
+    free = variance > 0.0
+    return Rows(np.concatenate([repeated, 0.0 * slow, base], axis=1), slow[:, free], 1.0 / variance[free])
 
 
 def _continued(column: Floats, time_s: Floats, span_s: float) -> Floats:
@@ -203,15 +207,15 @@ def _second(model: Model, variance: Floats) -> Rows:
 
     What is known of that noise by the first reference is taken off: second minus a share of the first.
     """
-    own, slow, base = _parts(model)
+    candidate_columns, slow, base = _parts(model)
     new = np.sqrt(1.0 - SHARED**2)
     of_compass = model.of_terms([term.side in ("compass", "clock") for term in model.terms])
     compass, nuisances = base[:, :5], base[:, 5:]
-    known = [own * np.where(of_compass, 1.0 - SHARED, -SHARED), -SHARED * slow]
+    known = [candidate_columns * np.where(of_compass, 1.0 - SHARED, -SHARED), -SHARED * slow]
     known += [(1.0 - SHARED) * compass, -SHARED * nuisances]
-    some, veer = variance > 0.0, compass[:, :1]  # a constant veer looks like A
-    free = np.concatenate([slow[:, some], veer, nuisances], axis=1)
-    precision = np.concatenate([1.0 / variance[some], np.full(free.shape[1] - int(some.sum()), 1.0 / ANYTHING)])
+    present, veer = variance > 0.0, compass[:, :1]  # a constant veer looks like A
+    free = np.concatenate([slow[:, present], veer, nuisances], axis=1)
+    precision = np.concatenate([1.0 / variance[present], np.full(free.shape[1] - int(present.sum()), 1.0 / ANYTHING)])
     return Rows(np.concatenate(known, axis=1) / new, free / new, precision)
 
 
@@ -229,10 +233,10 @@ def _swing(model: Model) -> Rows:
     )
     heading = np.arange(COURSES) * 360.0 / COURSES
     of_compass = model.of_terms([term.side == "compass" for term in model.terms])
-    own = model.columns(deck, heading) * of_compass
+    candidate_columns = model.columns(deck, heading) * of_compass
     base = np.zeros((COURSES, model.rows.shape[1] - model.own))
     base[:, model.slow : model.slow + 5] = composition.derivative(model.state.simulation, deck, heading)[:, :5]
-    known = np.concatenate([own, np.nan_to_num(base)], axis=1) / SWUNG_DEG
+    known = np.concatenate([candidate_columns, np.nan_to_num(base)], axis=1) / SWUNG_DEG
     return Rows(known, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, 1.0 / ANYTHING))
 
 
@@ -246,20 +250,20 @@ def _strength(model: Model) -> Rows:
         return composition.sensed_field(replace(simulation, terms=(*terms, *simulation.terms)), scene, earth)
 
     body, columns = sensed(), []
-    bare = np.linalg.norm(body, axis=1)
+    length = np.linalg.norm(body, axis=1)
     for term in model.terms:
         moved = [term.values + step * unit for step, unit in zip(term.steps(), np.eye(len(term.steps())), strict=True)]
         on_field = term.acts_on == "field"
         columns += [
-            (np.linalg.norm(sensed(term.at(values)), axis=1) - bare) / step if on_field else 0.0 * bare
+            (np.linalg.norm(sensed(term.at(values)), axis=1) - length) / step if on_field else 0.0 * length
             for values, step in zip(moved, term.steps(), strict=True)
         ]
     unit = strength_unit(scene.time_s)
-    rest = np.zeros((len(heading), model.rows.shape[1] - model.own))
-    hard = body / bare[:, None]
+    no_noise = np.zeros((len(heading), model.rows.shape[1] - model.own))
+    hard = body / length[:, None]
     soft = [body[:, i] * hard[:, j] / SOFT_NT for i, j in itertools.combinations_with_replacement(range(3), 2)]
     free = np.column_stack([hard, *soft]) * unit
-    known = np.concatenate([np.column_stack(columns) * model.usual * unit, rest], axis=1)
+    known = np.concatenate([np.column_stack(columns) * model.usual * unit, no_noise], axis=1)
     return Rows(known, free, np.full(free.shape[1], 1.0 / ANYTHING))
 
 
@@ -278,19 +282,21 @@ class _Weighed:
     """Hypotheses with what the recording tells of their unknowns."""
 
     def __init__(self, model: Model, variance: Floats, hypotheses: Sequence[Hypothesis]):
-        some = np.flatnonzero(variance > 0.0)
+        present = np.flatnonzero(variance > 0.0)
         information = model.rows.T @ model.rows
-        rest = np.concatenate([model.own + some, np.arange(model.own + model.slow, len(information))])
-        known = np.full(len(rest), 0.0)
-        known[: len(some)] = 1.0 / variance[some]
-        known[len(some) :] = 1.0 / ANYTHING * np.diag(information)[rest[len(some) :]] + 1.0 / ANYTHING
+        nuisances = np.concatenate([model.own + present, np.arange(model.own + model.slow, len(information))])
+        known = np.full(len(nuisances), 0.0)
+        known[: len(present)] = 1.0 / variance[present]
+        known[len(present) :] = 1.0 / ANYTHING * np.diag(information)[nuisances[len(present) :]] + 1.0 / ANYTHING
         self.score = model.score
         self.index, self.precision = [], []
-        for one in hypotheses:
-            own = np.concatenate([np.zeros(0, dtype=int), *(np.arange(model.ends[k], model.ends[k + 1]) for k in one)])
-            at = np.concatenate([own, rest])
+        for hypothesis in hypotheses:
+            columns = np.concatenate(
+                [np.zeros(0, dtype=int), *(np.arange(model.ends[k], model.ends[k + 1]) for k in hypothesis)]
+            )
+            at = np.concatenate([columns, nuisances])
             self.index.append(at)
-            self.precision.append(information[np.ix_(at, at)] + np.diag(np.concatenate([np.ones(len(own)), known])))
+            self.precision.append(information[np.ix_(at, at)] + np.diag(np.concatenate([np.ones(len(columns)), known])))
 
     def decided(self, rows: Rows, names: Sequence[tuple[str, ...]], probability: Floats) -> float:
         """Return the probability that an observation leaves one name.
@@ -299,60 +305,65 @@ class _Weighed:
             names: effects of each hypothesis.
             probability: of each now.
         """
-        rng, told = np.random.default_rng(SEED), rows.information
-        values, vectors = np.linalg.eigh((told + told.T) / 2.0)
+        rng, information = np.random.default_rng(SEED), rows.information
+        values, vectors = np.linalg.eigh((information + information.T) / 2.0)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         true = rng.choice(len(names), DRAWS, p=probability)
-        shown = root @ rng.normal(size=(len(told), DRAWS))
+        shown = root @ rng.normal(size=(len(information), DRAWS))
         for h in np.unique(true):
             at, mine = self.index[h], np.flatnonzero(true == h)
             lower = cholesky(self.precision[h], lower=True)
             middle = cho_solve((lower, True), self.score[at])[:, None]
-            drawn = middle + solve_triangular(lower.T, rng.normal(size=(len(at), len(mine))))
-            shown[:, mine] += told[:, at] @ drawn
-        return _one_name(names, self.updated(told, shown, probability))
+            unknowns = middle + solve_triangular(lower.T, rng.normal(size=(len(at), len(mine))))
+            shown[:, mine] += information[:, at] @ unknowns
+        return _single_name_share(names, self.updated(information, shown, probability))
 
-    def updated(self, told: Floats, shown: Floats, probability: Floats) -> Floats:
+    def updated(self, information: Floats, shown: Floats, probability: Floats) -> Floats:
         """Return the probability of each hypothesis once something was shown, (h, d).
 
         Args:
-            told: information of the observation.
+            information: information of the observation.
             shown: its pull on the recording's unknowns, (p + q + b, d).
             probability: of each hypothesis before, (h,).
         """
-        log = np.log(probability)[:, None] + np.array([self._gained(h, told, shown) for h in range(len(probability))])
+        log = np.log(probability)[:, None] + np.array(
+            [self._gained(h, information, shown) for h in range(len(probability))]
+        )
         after = np.exp(log - log.max(axis=0))
         return np.asarray(after / after.sum(axis=0))
 
-    def _gained(self, h: int, told: Floats, shown: Floats) -> Floats:
+    def _gained(self, h: int, information: Floats, shown: Floats) -> Floats:
         """Return the log probability of what is shown under a hypothesis, up to a constant of what is shown, (d,)."""
         at = self.index[h]
         before = cholesky(self.precision[h], lower=True)
-        after = cholesky(self.precision[h] + told[np.ix_(at, at)], lower=True)
+        after = cholesky(self.precision[h] + information[np.ix_(at, at)], lower=True)
         score = self.score[at]
         pulled = solve_triangular(after, score[:, None] + shown[at], lower=True)
-        own = solve_triangular(before, score, lower=True)
+        before_half = solve_triangular(before, score, lower=True)
         volume = np.sum(np.log(np.diag(after))) - np.sum(np.log(np.diag(before)))
-        return np.asarray(0.5 * np.sum(pulled**2, axis=0) - 0.5 * own @ own - volume)
+        return np.asarray(0.5 * np.sum(pulled**2, axis=0) - 0.5 * before_half @ before_half - volume)
 
 
-def _one_name(names: Sequence[tuple[str, ...]], probability: Floats) -> float:
+def _single_name_share(names: Sequence[tuple[str, ...]], probability: Floats) -> float:
     """Return how often each place that is filled has one sure name, or none is filled surely, as verdicts have it.
 
     Args:
         names: effects of each hypothesis.
         probability: of each hypothesis in each draw, (h, d).
     """
-    count = np.array([len(one) for one in names])
+    count = np.array([len(names_left) for names_left in names])
     most = sum((probability[count >= k].sum(axis=0) > 0.5).astype(int) for k in range(1, MOST_TERMS + 1))
     sets = list(dict.fromkeys(names))
-    each = np.array([probability[[other == one for other in names]].sum(axis=0) for one in sets])
-    chosen = np.argmax(np.where(np.array([len(one) for one in sets])[:, None] == most, each, -1.0), axis=0)
+    each = np.array([probability[[other == names_left for other in names]].sum(axis=0) for names_left in sets])
+    chosen = np.argmax(
+        np.where(np.array([len(names_left) for names_left in sets])[:, None] == most, each, -1.0), axis=0
+    )
     acting = {
-        effect: probability[[effect in one for one in names]].sum(axis=0)
-        for effect in {x for one in names for x in one}
+        effect: probability[[effect in names_left for names_left in names]].sum(axis=0)
+        for effect in {x for names_left in names for x in names_left}
     }
     sure = [
-        each[k] >= SURE if not one else np.all([acting[x] >= SURE for x in one], axis=0) for k, one in enumerate(sets)
+        each[k] >= SURE if not names_left else np.all([acting[x] >= SURE for x in names_left], axis=0)
+        for k, names_left in enumerate(sets)
     ]
     return float(np.mean(np.array(sure)[chosen, np.arange(probability.shape[1])]))

@@ -39,7 +39,7 @@ class HeldOut:
     gain_interval: tuple[float, float]  # 95 %, from the blocks
     p_value: float  # share of drawn blocks whose gain is not positive
     method: str | None = None  # how days were held out: fifths | within_event
-    anew: float | None = None  # gain where every hypothesis is weighed anew without the days, not sizes only
+    refit_gain: float | None = None  # gain where every hypothesis is weighed anew without the days, not sizes only
 
     @property
     def refuted(self) -> bool:
@@ -57,7 +57,7 @@ class HeldOut:
             "log_score_gain_interval": list(self.gain_interval),
             "p_value": self.p_value,
             "method": self.method,
-            "log_score_gain_anew": self.anew,
+            "log_score_gain_anew": self.refit_gain,
         }
 
 
@@ -101,9 +101,9 @@ def bootstrap_gain(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, 
         rms_deg: of the residual, before and after.
     """
     sums = blocks.sums(each, block)
-    drawn = np.random.default_rng(0).choice(sums, (BOOTSTRAP_DRAWS, len(sums))).sum(axis=1)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    share = float((np.sum(drawn <= 0.0) + 1) / (BOOTSTRAP_DRAWS + 1))
+    resampled = np.random.default_rng(0).choice(sums, (BOOTSTRAP_DRAWS, len(sums))).sum(axis=1)
+    low, high = np.quantile(resampled, [0.025, 0.975])
+    share = float((np.sum(resampled <= 0.0) + 1) / (BOOTSTRAP_DRAWS + 1))
     return HeldOut(*rms_deg, float(sums.sum()), (float(low), float(high)), share)
 
 
@@ -161,7 +161,7 @@ class Finding:
         return "compass" in {self.side, *(side_of(name) for name in self.alternatives)}
 
     @property
-    def beside_compass(self) -> bool:
+    def outside_compass(self) -> bool:
         """Whether it surely does not act on the affected compass."""
         return not self.of_compass
 
@@ -175,7 +175,7 @@ class Finding:
             "alternatives_probability": dict(self.alternatives_probability),
             "where": self.where.to_json(),
             "when": span_json(self.when_s),
-            "parameters": {name: vars(one) for name, one in self.parameters.items()},
+            "parameters": {name: vars(parameter) for name, parameter in self.parameters.items()},
             "rms_effect_deg": self.rms_effect_deg,
             "heldout": None if self.held_out is UNTESTED else self.held_out.to_json(),
             "applied": self.applied,

@@ -64,7 +64,7 @@ class Found:
 
 def screen(state: FittedModel) -> list[Found]:
     """Return the compositions that would make what a simulation leaves likeliest, each with its share of the odds."""
-    if not state.case.in_water:
+    if not state.case.has_slow_noise:
         return []
     acted = {
         name: design.term_columns(state, composed(name, "time", "always")()).columns
@@ -194,7 +194,7 @@ def _gains(state: FittedModel, bare: Floats, batch: Batch) -> tuple[list[float],
     usual = USUAL_DEG / np.maximum(turn, 1e-9).reshape(-1, m, c).transpose(1, 0, 2).reshape(m, -1)
     standard = (bare / state.whitener.width_deg[:, None] * state.response / state.sigma).astype(np.float32)
     made = standard[:, None, :, None] * batch.series[:, :, None, :]
-    white = state.bare(state.whitener.filtered(made.reshape(n, -1)))
+    white = state.project_out_nuisance(state.whitener.filtered(made.reshape(n, -1)))
     pull = (white.T @ (state.innovation / state.sigma).astype(np.float32)).reshape(m, -1) * usual
     products = np.array([part.T @ part for part in np.split(white, m, axis=1)])
     lower = np.linalg.cholesky(products * usual[:, :, None] * usual[:, None, :] + np.eye(usual.shape[1]))

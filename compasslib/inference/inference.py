@@ -240,7 +240,7 @@ class Inference:
         score = white.T @ quiet.innovation / quiet.sigma / np.sqrt(found.candidates.scatter)
         known = STEADY * np.diag(information)[: len(scale)]
         ridge = np.diag(quiet.base_ridge * (quiet.response / quiet.sigma / scale) ** 2 + known)
-        ridge += quiet.told()[0] / np.outer(scale, scale)
+        ridge += quiet.external_information()[0] / np.outer(scale, scale)
         steps, covariances = [], []
         for water in found.waters:
             products = evidence.beside(information, score, len(scale), slow, water)
@@ -295,7 +295,7 @@ class Inference:
         weights: dict[frozenset[type], float] = {}
         best: dict[frozenset[type], tuple[float, Hypothesis]] = {}
         for one, p in told:
-            compass = tuple(k for k in one if not self.state.case.in_water or _of_compass(groups[k].term))
+            compass = tuple(k for k in one if not self.state.case.has_slow_noise or _of_compass(groups[k].term))
             half = p if compass == one else p * BELIEVED
             for hypothesis, weight in ((one, half), (compass, p - half)):
                 kinds = _kinds([groups[k].term for k in hypothesis])

@@ -55,17 +55,17 @@ def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformatio
     block = content["returned"].get(mooring)
     if block is None:
         return None
-    told = {
-        joint_compass.effect_class(form): (np.array(one["information"]), np.array(one["score"]))
-        for form, one in block["effects"].items()
+    effects = {
+        joint_compass.effect_class(form): (np.array(entry["information"]), np.array(entry["score"]))
+        for form, entry in block["effects"].items()
     }
     prior = priors.from_json(block["prior"])
     assert prior is not None
-    return SiblingInformation(content["compass"], tuple(block["from"]), content["sigma_between"], prior, told)
+    return SiblingInformation(content["compass"], tuple(block["from"]), content["sigma_between"], prior, effects)
 
 
 def apply_shared_effects(
-    made: Product, told: SiblingInformation, field: EarthField, logged: Mapping[str, Floats]
+    made: Product, shared: SiblingInformation, field: EarthField, logged: Mapping[str, Floats]
 ) -> Product:
     """Return what corrects a record that cannot be searched, with the effects that the others tell.
 
@@ -74,7 +74,7 @@ def apply_shared_effects(
         logged: series beside the record, by which an effect may change; one that it has not is left out.
     """
     terms, covariances = [], [made.fit.covariance[:5, :5]]
-    for kind, (information, score) in told.effects.items():
+    for kind, (information, score) in shared.effects.items():
         if all(name in logged or name in product.RECORD_SERIES for name in kind.needs):
             covariance = np.linalg.inv(information)
             terms.append(kind().at(covariance @ score))
@@ -99,19 +99,19 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
     Args:
         min_effect_deg: visible size below which a shared effect does not matter.
     """
-    found = joint_compass.join_records(members)
-    fitting = [member for member in members if member.name in found.kept]
+    joined = joint_compass.join_records(members)
+    fitting = [member for member in members if member.name in joined.consistent]
     shared = joint_effects.infer_shared(fitting, ALARM)
-    diagnosis = _diagnosis(found, shared, min_effect_deg)
+    diagnosis = _diagnosis(joined, shared, min_effect_deg)
     named = {finding.effect for finding in diagnosis.findings}
     content = {
         "compass": name,
-        "deployments": [_deployment_json(member, found) for member in members],
-        **_iron_json(found),
-        "rejected": [vars(one) for one in found.rejected],
-        "effects": [_effect_json(one) for one in (shared.found if shared else ()) if one.kind.name in named],
+        "deployments": [_deployment_json(member, joined) for member in members],
+        **_iron_json(joined),
+        "rejected": [vars(entry) for entry in joined.rejected],
+        "effects": [_effect_json(entry) for entry in (shared.amplitudes if shared else ()) if entry.kind.name in named],
         "returned": {
-            member.name: _returned_json(member, found, shared, named) for member in members if member.kind == "mooring"
+            member.name: _returned_json(member, joined, shared, named) for member in members if member.kind == "mooring"
         },
     }
     return content, diagnosis
@@ -119,13 +119,14 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
 
 def log_line(content: Mapping[str, Any], diagnosis: Diagnosis) -> str:
     """Return what the job says of its result."""
-    name, kept = content["compass"], [one["name"] for one in content["deployments"] if one["fits"]]
-    lines = [f"{name}: {len(content['deployments'])} records, {len(kept)} of one compass ({', '.join(kept) or 'none'})"]
-    lines += [f"{name}: {one['name']}: {one['why']}" for one in content["rejected"]]
+    name, siblings = content["compass"], [entry["name"] for entry in content["deployments"] if entry["fits"]]
+    names, count = ", ".join(siblings) or "none", len(content["deployments"])
+    lines = [f"{name}: {count} records, {len(siblings)} of one compass ({names})"]
+    lines += [f"{name}: {entry['name']}: {entry['why']}" for entry in content["rejected"]]
     return "\n".join([*lines, diagnosis.log_line(name)])
 
 
-def _deployment_json(member: Member, found: JointCompass) -> dict[str, Any]:
+def _deployment_json(member: Member, joined: JointCompass) -> dict[str, Any]:
     known = member.tells
     sigma = np.sqrt(np.diag(member.covariance)) if known else np.zeros(0)
     return {
@@ -136,70 +137,74 @@ def _deployment_json(member: Member, found: JointCompass) -> dict[str, Any]:
         "vertical_nT": member.vertical_nT,
         "coefficients": dict(zip(LETTERS, member.coefficients.tolist(), strict=True)) if known else None,
         "sigma": dict(zip(LETTERS, sigma.tolist(), strict=True)) if known else None,
-        "fits": member.name in found.kept,
-        "probability_same": found.same.get(member.name),
+        "fits": member.name in joined.consistent,
+        "probability_same": joined.same.get(member.name),
         "why": member.why,
     }
 
 
-def _iron_json(found: JointCompass) -> dict[str, Any]:
-    if not found.kept:
+def _iron_json(joined: JointCompass) -> dict[str, Any]:
+    if not joined.consistent:
         return dict.fromkeys(("coefficients", "covariance", "sigma_between", "sigma_between_nT"))
-    law, (sphere, battery) = found.shared, found.between_nT
+    law, (sphere, battery) = joined.shared, joined.between_nT
     sizes = {"sphere": sphere, "battery": battery}
     return {
         "coefficients": dict(zip(IRON_NAMES, law.mean.tolist(), strict=True)),
         "covariance": law.covariance.tolist(),
-        "sigma_between": found.sigma_between_nT,
+        "sigma_between": joined.sigma_between_nT,
         "sigma_between_nT": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in sizes.items()},
     }
 
 
-def _effect_json(one: SharedAmplitude) -> dict[str, Any]:
-    each = {name: {"values": values.tolist(), "sigma": sigma.tolist()} for name, (values, sigma) in one.each.items()}
-    sigma = np.sqrt(np.diag(one.covariance))
+def _effect_json(amplitude: SharedAmplitude) -> dict[str, Any]:
+    each = {
+        name: {"values": values.tolist(), "sigma": sigma.tolist()} for name, (values, sigma) in amplitude.each.items()
+    }
+    sigma = np.sqrt(np.diag(amplitude.covariance))
     return {
-        "effect": one.kind.name,
-        "form": one.kind.__name__,
-        "parameters": list(one.kind.fitted()),
-        "units": list(one.kind.units()),
-        "values": one.values.tolist(),
+        "effect": amplitude.kind.name,
+        "form": amplitude.kind.__name__,
+        "parameters": list(amplitude.kind.fitted()),
+        "units": list(amplitude.kind.units()),
+        "values": amplitude.values.tolist(),
         "sigma": sigma.tolist(),
         "each": each,
     }
 
 
 def _returned_json(
-    member: Member, found: JointCompass, shared: SharedEffects | None, named: set[str]
+    member: Member, joined: JointCompass, shared: SharedEffects | None, named: set[str]
 ) -> dict[str, Any] | None:
     """Return what the other records tell one: never what it told itself."""
-    prior, others = found.prior(member.name), found.others(member.name)
+    prior, others = joined.prior(member.name), joined.others(member.name)
     if prior is None:
         return None
-    told: dict[str, tuple[Floats, Floats]] = {}
-    searched = [one for one in found.members if one.name in others and one.effects is not None]
+    effects: dict[str, tuple[Floats, Floats]] = {}
+    searched = [other for other in joined.members if other.name in others and other.effects is not None]
     if shared is not None and searched:
-        told = joint_effects.information_from_others(searched, shared)
+        effects = joint_effects.information_from_others(searched, shared)
     return {
         "from": list(others),
         "prior": prior.to_json(),
         "effects": {
             form: {"information": information.tolist(), "score": score.tolist()}
-            for form, (information, score) in told.items()
+            for form, (information, score) in effects.items()
             if joint_compass.effect_class(form).name in named
         },
     }
 
 
-def _diagnosis(found: JointCompass, shared: SharedEffects | None, min_effect_deg: float) -> Diagnosis:
+def _diagnosis(joined: JointCompass, shared: SharedEffects | None, min_effect_deg: float) -> Diagnosis:
     if shared is None:
-        count = sum(member.effects is not None for member in found.members if member.name in found.kept)
+        count = sum(member.effects is not None for member in joined.members if member.name in joined.consistent)
         return insufficient(f"{count} of its records fit each other and were searched; 2 are needed to share an effect")
-    every = [_finding(one, shared, found) for one in shared.found]
-    stands = tuple(sorted((one for one in every if one.rms_effect_deg >= min_effect_deg), key=_negative_size))
-    small = tuple((one.effect, one.rms_effect_deg) for one in every if one.rms_effect_deg < min_effect_deg)
-    verdict = "consistent" if not stands else "ambiguous" if any(one.alternatives for one in stands) else "explained"
-    doubted = tuple(f"{one.name}: {one.why}" for one in found.rejected)
+    findings = [_finding(entry, shared, joined) for entry in shared.amplitudes]
+    stands = tuple(sorted((entry for entry in findings if entry.rms_effect_deg >= min_effect_deg), key=_negative_size))
+    small = tuple((entry.effect, entry.rms_effect_deg) for entry in findings if entry.rms_effect_deg < min_effect_deg)
+    verdict = (
+        "consistent" if not stands else "ambiguous" if any(entry.alternatives for entry in stands) else "explained"
+    )
+    doubted = tuple(f"{entry.name}: {entry.why}" for entry in joined.rejected)
     return Diagnosis(
         verdict=verdict,
         findings=stands,
@@ -215,38 +220,38 @@ def _diagnosis(found: JointCompass, shared: SharedEffects | None, min_effect_deg
     )
 
 
-def _negative_size(one: Finding) -> float:
-    return -one.rms_effect_deg
+def _negative_size(finding: Finding) -> float:
+    return -finding.rms_effect_deg
 
 
-def _finding(one: SharedAmplitude, shared: SharedEffects, found: JointCompass) -> Finding:
-    sigma = np.sqrt(np.diag(one.covariance))
-    names = zip(one.kind.fitted(), one.values.tolist(), sigma.tolist(), one.kind.units(), strict=True)
+def _finding(amplitude: SharedAmplitude, shared: SharedEffects, joined: JointCompass) -> Finding:
+    sigma = np.sqrt(np.diag(amplitude.covariance))
+    names = zip(amplitude.kind.fitted(), amplitude.values.tolist(), sigma.tolist(), amplitude.kind.units(), strict=True)
     parameters = {name: Parameter(value, s, unit) for name, value, s, unit in names}
-    searched = [m.effects for m in found.members if m.name in shared.records and m.effects is not None]
+    searched = [m.effects for m in joined.members if m.name in shared.records and m.effects is not None]
     before = float(np.sqrt(np.mean([each.residual_deg**2 for each in searched])))
     samples = sum(each.n for each in searched)
-    after = before * float(np.sqrt(max(1.0 - 2.0 * one.gain / samples, 0.0)))
-    known = wording.SHOWN_ALONG.get(one.kind.name, ("heading",))
+    after = before * float(np.sqrt(max(1.0 - 2.0 * amplitude.gain / samples, 0.0)))
+    known = wording.SHOWN_ALONG.get(amplitude.kind.name, ("heading",))
     place = CovariateRange(known[0], 0.0, 0.0, f"in all of {', '.join(shared.records)}")
     return Finding(
-        effect=one.kind.name,
-        side=one.kind.side,
-        alternatives=tuple(one.alternatives),
+        effect=amplitude.kind.name,
+        side=amplitude.kind.side,
+        alternatives=tuple(amplitude.alternatives),
         where=place,
         when_s=None,
         parameters=parameters,
-        rms_effect_deg=one.rms_effect_deg,
-        held_out=HeldOut(before, after, one.gain, (np.nan, np.nan), np.nan, method="records"),
+        rms_effect_deg=amplitude.rms_effect_deg,
+        held_out=HeldOut(before, after, amplitude.gain, (np.nan, np.nan), np.nan, method="records"),
         text=wording.shared_finding_text(
-            one.kind.name,
-            tuple(one.alternatives),
+            amplitude.kind.name,
+            tuple(amplitude.alternatives),
             where=f"In all of {', '.join(shared.records)}",
             parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
-            size_deg=one.rms_effect_deg,
-            gain=one.gain,
+            size_deg=amplitude.rms_effect_deg,
+            gain=amplitude.gain,
         ),
         applied=True,
-        probability=one.probability,
-        alternatives_probability=one.alternatives,
+        probability=amplitude.probability,
+        alternatives_probability=amplitude.alternatives,
     )

@@ -61,18 +61,18 @@ class Member:
 
 def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
     """Return a mooring's record by its summary."""
-    told, place = content["told"], (content["horizontal_nT"], content["vertical_nT"])
-    if told is None:
+    information, place = content["told"], (content["horizontal_nT"], content["vertical_nT"])
+    if information is None:
         return Member(content["name"], "mooring", sphere, *place, _unknown(), _unknown(), why=content["why"])
-    effects = None if told["effects"] is None else effects_from_json(told["effects"])
-    found = np.array(told["coefficients"]), np.array(told["covariance"])
-    return Member(content["name"], "mooring", sphere, *place, *found, effects)
+    effects = None if information["effects"] is None else effects_from_json(information["effects"])
+    fitted = np.array(information["coefficients"]), np.array(information["covariance"])
+    return Member(content["name"], "mooring", sphere, *place, *fitted, effects)
 
 
 def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:
     """Return a calibration by its calibration.json; without coefficients where its headings do not determine them."""
     field, exact = content["place"]["field"] or {}, content["exact"]
-    bare = Member(
+    unknown = Member(
         content["name"],
         content["kind"],
         sphere,
@@ -84,19 +84,19 @@ def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member
     )
     covariance = np.array([[np.nan]]) if exact is None else np.array(exact["covariance"], dtype=float)
     if not field or not np.isfinite(covariance).all():
-        return bare
-    found = np.array([exact["coefficients"][k] for k in LETTERS])
-    return replace(bare, coefficients=found, covariance=covariance, why="")
+        return unknown
+    coefficients = np.array([exact["coefficients"][k] for k in LETTERS])
+    return replace(unknown, coefficients=coefficients, covariance=covariance, why="")
 
 
 def summarize_record(
-    name: str, field: tuple[float, float], told: Any, *, span_s: Sequence[float], why: str
+    name: str, field: tuple[float, float], information: Any, *, span_s: Sequence[float], why: str
 ) -> dict[str, Any]:
     """Return what a mooring's record tells of its compass, as ``of_mooring`` takes it.
 
     Args:
         field: horizontal and vertical, nT, the mean of the deployment.
-        told: ``joint_compass.RecordInformation``, None where it tells nothing.
+        information: ``joint_compass.RecordInformation``, None where it tells nothing.
         span_s: first and last pair, UTC seconds; empty without any.
         why: why it tells nothing.
     """
@@ -105,7 +105,7 @@ def summarize_record(
         "horizontal_nT": field[0],
         "vertical_nT": field[1],
         "span_s": list(span_s),
-        "told": None if told is None else told.to_json(),
+        "told": None if information is None else information.to_json(),
         "why": why,
     }
 
@@ -119,15 +119,19 @@ class EffectInformation:
     usual: Floats  # (p,) what is expected of each parameter beforehand
     uneven: Floats  # (p,) by how much the noise of each is uneven, at least 1
     visible: Floats  # (p, p) mean products of the visible columns, square degrees
-    beside: tuple[Products, ...]  # (p + s) beside each kind of slow water
+    conditional: tuple[Products, ...]  # (p + s) beside each kind of slow water
     residual_deg: float
     n: int
 
     def to_json(self) -> dict[str, Any]:
         """Return it for the record's summary."""
         products = [
-            {"information": one.information.tolist(), "score": one.score.tolist(), "log_likelihood": one.log_likelihood}
-            for one in self.beside
+            {
+                "information": conditional.information.tolist(),
+                "score": conditional.score.tolist(),
+                "log_likelihood": conditional.log_likelihood,
+            }
+            for conditional in self.conditional
         ]
         arrays = {name: getattr(self, name).tolist() for name in ("usual", "uneven", "visible")}
         plain = {"forms": self.forms, "parts": self.parts, "residual_deg": self.residual_deg, "n": self.n}
@@ -137,8 +141,8 @@ class EffectInformation:
 def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
     """Return the effects that a summary holds."""
     products = tuple(
-        Products(np.array(one["information"]), np.array(one["score"]), one["log_likelihood"])
-        for one in content["beside"]
+        Products(np.array(entry["information"]), np.array(entry["score"]), entry["log_likelihood"])
+        for entry in content["beside"]
     )
     return EffectInformation(
         forms=tuple(content["forms"]),
@@ -146,7 +150,7 @@ def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
         usual=np.array(content["usual"]),
         uneven=np.array(content["uneven"]),
         visible=np.array(content["visible"]),
-        beside=products,
+        conditional=products,
         residual_deg=content["residual_deg"],
         n=content["n"],
     )
@@ -210,20 +214,20 @@ class JointCompass:
     """What the records of one compass tell together."""
 
     members: tuple[Member, ...]
-    kept: tuple[str, ...]  # that fit each other, in their order
+    consistent: tuple[str, ...]  # that fit each other, in their order
     rejected: tuple[RejectedRecord, ...]
     same: dict[str, float]  # probability that each record is of the same compass, where another is there
 
     @cached_property
     def shared(self) -> Mixture:
         """What the compass is, by NAMES."""
-        return _infer_iron(self._those(self.kept))
+        return _infer_iron(self._those(self.consistent))
 
     @cached_property
     def between_nT(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Sizes of sphere's and battery's iron between deployments, each with its standard error."""
         sizes = np.array(_sizes())
-        weight = _weights(self._those(self.kept))
+        weight = _weights(self._those(self.consistent))
         mean = weight @ sizes
         sigma = np.sqrt(weight @ (sizes - mean) ** 2)
         return (float(mean[0]), float(sigma[0])), (float(mean[1]), float(sigma[1]))
@@ -236,23 +240,23 @@ class JointCompass:
 
     def others(self, name: str) -> tuple[str, ...]:
         """Return the records that tell another what its compass is; none where it does not belong."""
-        if any(one.name == name for one in self.rejected):
+        if any(record.name == name for record in self.rejected):
             return ()
-        return tuple(other for other in self.kept if other != name)
+        return tuple(other for other in self.consistent if other != name)
 
     def prior(self, name: str) -> Prior | None:
         """Return what the others tell of a record's A..E, None where they tell nothing."""
-        own = next(member for member in self.members if member.name == name)
+        this_member = next(member for member in self.members if member.name == name)
         others = self._those(self.others(name))
         if not others:
             return None
-        law = predict_compass(own, others)
+        law = predict_compass(this_member, others)
         mean, precision = np.zeros(5), np.zeros((5, 5))
         mean[SHARED_COEFFICIENTS], precision[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)] = (
             law.mean,
             np.linalg.inv(law.covariance),
         )
-        if not own.tells:
+        if not this_member.tells:
             mean[0], precision[0, 0] = _mounting(others)
         return Prior(mean, precision)
 
@@ -262,30 +266,35 @@ class JointCompass:
 
 def join_records(members: Sequence[Member]) -> JointCompass:
     """Return what records tell together, those that do not fit the others left out one by one, the worst first."""
-    kept, rejected = [member for member in members if member.tells], list[RejectedRecord]()
+    siblings, rejected = [member for member in members if member.tells], list[RejectedRecord]()
     same: dict[str, float] = {}
-    while len(kept) > 1:
-        tried = {one.name: probability_same(one, [other for other in kept if other is not one]) for one in kept}
-        same.update({name: probability for name, (probability, _) in tried.items()})
-        worst = min(tried, key=lambda name: tried[name][0])
-        if tried[worst][0] >= LEAST_SAME:
+    while len(siblings) > 1:
+        tested = {
+            record.name: probability_same(record, [other for other in siblings if other is not record])
+            for record in siblings
+        }
+        same.update({name: probability for name, (probability, _) in tested.items()})
+        worst = min(tested, key=lambda name: tested[name][0])
+        if tested[worst][0] >= LEAST_SAME:
             break
-        wrong = [worst] if len(kept) > 2 else list(tried)  # of two nobody can say which one is odd
-        rejected += [_rejected(name, *tried[name], [one for one in kept if one.name != name]) for name in wrong]
-        kept = [one for one in kept if one.name not in wrong]
-    return JointCompass(tuple(members), tuple(one.name for one in kept), tuple(rejected), same)
+        wrong = [worst] if len(siblings) > 2 else list(tested)  # of two nobody can say which one is odd
+        rejected += [
+            _rejected(name, *tested[name], [record for record in siblings if record.name != name]) for name in wrong
+        ]
+        siblings = [record for record in siblings if record.name not in wrong]
+    return JointCompass(tuple(members), tuple(record.name for record in siblings), tuple(rejected), same)
 
 
-def probability_same(own: Member, others: Sequence[Member]) -> tuple[float, float]:
+def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, float]:
     """Return the probability that a record is of the same compass as others, and by how many sigmas it is off.
 
     Another compass is some standard deviations away in any direction: of records that are known well enough to be told
     apart at all, that says more than what compasses there are.
     """
-    law = predict_compass(own, others)
-    spread = law.covariances + own.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
-    off = own.coefficients[SHARED_COEFFICIENTS] - law.means
-    same = _log_sum(np.log(law.weight) + np.array([_log_normal(*one) for one in zip(off, spread, strict=True)]))
+    law = predict_compass(member, others)
+    spread = law.covariances + member.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
+    off = member.coefficients[SHARED_COEFFICIENTS] - law.means
+    same = _log_sum(np.log(law.weight) + np.array([_log_normal(*pair) for pair in zip(off, spread, strict=True)]))
     other = _log_sum(
         np.array(
             [
@@ -296,34 +305,34 @@ def probability_same(own: Member, others: Sequence[Member]) -> tuple[float, floa
         )
     )
     odds = np.log(PRIOR_SAME / (1.0 - PRIOR_SAME)) + same - other
-    middle = law.covariance + own.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
-    away = own.coefficients[SHARED_COEFFICIENTS] - law.mean
+    middle = law.covariance + member.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
+    away = member.coefficients[SHARED_COEFFICIENTS] - law.mean
     return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))), float(
         np.sqrt(away @ np.linalg.solve(middle, away))
     )
 
 
-def predict_compass(own: Member, others: Sequence[Member]) -> Mixture:
+def predict_compass(member: Member, others: Sequence[Member]) -> Mixture:
     """Return what others tell of B..E of one record, what varies between deployments included."""
-    seen, noise = _stacked(others)
-    design, here = np.concatenate([_design(other) for other in others]), _design(own)
-    told = np.diag(PRIOR_SIGMA**2)
+    observed, noise = _stacked(others)
+    design, here = np.concatenate([_design(other) for other in others]), _design(member)
+    prior = np.diag(PRIOR_SIGMA**2)
     means, covariances, logs = [], [], []
     for sizes in _sizes():
-        between = _between([*others, own], sizes)
-        whole = np.concatenate([design, here]) @ told @ np.concatenate([design, here]).T + between
-        k = len(seen)
+        between = _between([*others, member], sizes)
+        whole = np.concatenate([design, here]) @ prior @ np.concatenate([design, here]).T + between
+        k = len(observed)
         inner, cross = whole[:k, :k] + noise, whole[k:, :k]
         gain = np.linalg.solve(inner, cross.T).T
-        means.append(gain @ seen)
+        means.append(gain @ observed)
         covariances.append(whole[k:, k:] - gain @ cross.T)
-        logs.append(_log_normal(seen, inner) + _log_prior(sizes))
+        logs.append(_log_normal(observed, inner) + _log_prior(sizes))
     return Mixture(_normed(np.array(logs)), np.array(means), np.array(covariances))
 
 
 def _infer_iron(members: Sequence[Member]) -> Mixture:
     """Return the posterior of NAMES by some records."""
-    seen, noise = _stacked(members)
+    observed, noise = _stacked(members)
     design = np.concatenate([np.zeros((0, len(IRON_NAMES))), *(_design(member) for member in members)])
     means, covariances, logs = [], [], []
     for sizes in _sizes():
@@ -332,8 +341,8 @@ def _infer_iron(members: Sequence[Member]) -> Mixture:
         weighted = np.linalg.solve(inner, design).T
         covariance = np.linalg.inv(weighted @ design + np.diag(PRIOR_SIGMA**-2.0))
         covariances.append(covariance)
-        means.append(covariance @ weighted @ seen)
-        logs.append(_log_normal(seen, whole) + _log_prior(sizes))
+        means.append(covariance @ weighted @ observed)
+        logs.append(_log_normal(observed, whole) + _log_prior(sizes))
     return Mixture(_normed(np.array(logs)), np.array(means), np.array(covariances))
 
 
@@ -364,13 +373,13 @@ def _between(members: Sequence[Member], sizes: tuple[float, float]) -> Floats:
 
 
 def _stacked(members: Sequence[Member]) -> tuple[Floats, Floats]:
-    seen = np.concatenate([np.zeros(0), *(member.coefficients[SHARED_COEFFICIENTS] for member in members)])
-    noise = np.zeros((len(seen), len(seen)))
+    observed = np.concatenate([np.zeros(0), *(member.coefficients[SHARED_COEFFICIENTS] for member in members)])
+    noise = np.zeros((len(observed), len(observed)))
     for k, member in enumerate(members):
         noise[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = member.covariance[
             np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)
         ]
-    return seen, noise
+    return observed, noise
 
 
 def _sizes() -> list[tuple[float, float]]:
@@ -385,10 +394,10 @@ def _log_prior(sizes: tuple[float, float]) -> float:
 def _mounting(members: Sequence[Member]) -> tuple[float, float]:
     """Return mean and precision of A for a record that cannot tell its own."""
     values = np.array([member.coefficients[0] for member in members])
-    own = np.array([member.covariance[0, 0] for member in members])
+    variances = np.array([member.covariance[0, 0] for member in members])
     least = (CLAMP_DEG * angles.DEGREE) ** 2
     spread = max(float(np.var(values, ddof=1)) if len(values) > 1 else 0.0, least)
-    weight = 1.0 / (own + spread)
+    weight = 1.0 / (variances + spread)
     return float(weight @ values / weight.sum()), float(1.0 / (spread + 1.0 / weight.sum()))
 
 

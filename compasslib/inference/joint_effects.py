@@ -44,13 +44,13 @@ NEWTON_STEPS = 5  # to the likeliest amplitudes beside every kind of water
 MOST_LOG = 700.0
 
 
-def record_information(found: Inference, fit: Fit) -> RecordInformation:
+def record_information(inferred: Inference, fit: Fit) -> RecordInformation:
     """Return what was inferred of a record.
 
     Args:
         fit: the exact compass; what days do not show of its uncertainty is in its covariance.
     """
-    each = [(weight, *_coefficients(found, state)) for weight, state in found.weighted]
+    each = [(weight, *_coefficients(inferred, state)) for weight, state in inferred.weighted]
     weights = np.array([weight for weight, _, _ in each])
     weights /= weights.sum()
     centres = np.array([centre for _, centre, _ in each])
@@ -58,7 +58,7 @@ def record_information(found: Inference, fit: Fit) -> RecordInformation:
     inner = np.einsum("h,hij->ij", weights, np.array([covariance for _, _, covariance in each]))
     covariance = inner + (weights[:, None] * (centres - mean)).T @ (centres - mean)
     covariance += spread.positive_part(fit.covariance[:5, :5] - covariance)
-    return RecordInformation(mean, covariance, _effect_information(found))
+    return RecordInformation(mean, covariance, _effect_information(inferred))
 
 
 def fit_information(fit: Fit) -> RecordInformation | None:
@@ -67,43 +67,43 @@ def fit_information(fit: Fit) -> RecordInformation | None:
     return RecordInformation(fit.coefficients, fit.covariance[:5, :5], None) if known else None
 
 
-def _coefficients(found: Inference, state: Any) -> tuple[Floats, Floats]:
-    return state.simulation.coefficients, found.estimate(state).covariance[:5, :5]
+def _coefficients(inferred: Inference, state: Any) -> tuple[Floats, Floats]:
+    return state.simulation.coefficients, inferred.estimate(state).covariance[:5, :5]
 
 
-def _effect_information(found: Inference) -> EffectInformation:
-    state, candidates = found.state, found.posterior.candidates
+def _effect_information(inferred: Inference) -> EffectInformation:
+    state, candidates = inferred.state, inferred.posterior.candidates
     view, half = inference.viewed(state)
     kinds = tuple(kind for kind in state.case.terms if kind.instrument)
-    drawn = evidences.drawn(replace(half, case=replace(half.case, terms=kinds)), [])
-    listed = [group.columns for group in drawn.groups]
+    groups = evidences.drawn(replace(half, case=replace(half.case, terms=kinds)), [])
+    listed = [group.columns for group in groups.groups]
     shared = np.concatenate([np.zeros((len(state.case), 0)), *listed], axis=1)
-    season, own, slow = season_columns(view.case), _record_only_columns(half), candidates.slow
+    season, record_only, slow = season_columns(view.case), _record_only_columns(half), candidates.slow
     waves = np.zeros((len(state.case), 0)) if slow is None else slow.columns
     sigma = view.sigma * np.sqrt(candidates.scatter)
-    every = np.concatenate([shared * drawn.usual, season, waves, own], axis=1, dtype=np.float32)
-    white = view.projected(every) * np.float32(view.response / sigma)
+    all_columns = np.concatenate([shared * groups.usual, season, waves, record_only], axis=1, dtype=np.float32)
+    white = view.whiten_and_project(all_columns) * np.float32(view.response / sigma)
     information = (white.T @ white).astype(float)
     score = (white.T @ (view.innovation / sigma).astype(np.float32)).astype(float)
-    kept = shared.shape[1] + season.shape[1]
-    weight = found.posterior.water_probability
+    shared_count = shared.shape[1] + season.shape[1]
+    weight = inferred.posterior.water_probability
     likely = [int(i) for i in np.argsort(-weight)[:MOST_SHARED_NOISE] if weight[i] >= LEAST_NOISE_PROBABILITY]
-    beside = []
-    unit = np.append(1.0 / np.maximum(drawn.usual, 1e-12), np.ones(season.shape[1]))
-    for water in (found.posterior.waters[i] for i in likely):
-        one = evidences.beside(information, score, kept, slow, water, free=own.shape[1])
-        beforehand = one.log_likelihood + (0.0 if water is None else water.log_prior)
-        beside.append(Products(one.information * np.outer(unit, unit), one.score * unit, beforehand))
-    seen = view.visible(shared)
+    conditional = []
+    unit = np.append(1.0 / np.maximum(groups.usual, 1e-12), np.ones(season.shape[1]))
+    for water in (inferred.posterior.waters[i] for i in likely):
+        products = evidences.beside(information, score, shared_count, slow, water, free=record_only.shape[1])
+        beforehand = products.log_likelihood + (0.0 if water is None else water.log_prior)
+        conditional.append(Products(products.information * np.outer(unit, unit), products.score * unit, beforehand))
+    visible = view.visible(shared)
     uneven = {type(group.term): value for group, value in zip(candidates.groups, candidates.uneven, strict=True)}
     each = [np.full(columns.shape[1], uneven[kind]) for kind, columns in zip(kinds, listed, strict=True)]
     return EffectInformation(
         forms=tuple(kind.__name__ for kind in kinds),
         parts=tuple(columns.shape[1] for columns in listed),
-        usual=drawn.usual,
+        usual=groups.usual,
         uneven=np.concatenate([np.zeros(0), *each]),
-        visible=seen.T @ seen / max(len(seen), 1),
-        beside=tuple(beside),
+        visible=visible.T @ visible / max(len(visible), 1),
+        conditional=tuple(conditional),
         residual_deg=robust.width(state.residual_deg[np.isfinite(state.residual_deg)]),
         n=len(state.case),
     )
@@ -112,8 +112,8 @@ def _effect_information(found: Inference) -> EffectInformation:
 def _record_only_columns(half: Any) -> Floats:
     """Return the columns of the terms that stand in the record and are its own."""
     slopes = np.nan_to_num(composition.derivative(half.simulation, half.case.scene, half.heading_deg, first=5))
-    own = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
-    return np.asarray(slopes[:, np.concatenate([np.zeros(0, dtype=bool), *own])])
+    chosen = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
+    return np.asarray(slopes[:, np.concatenate([np.zeros(0, dtype=bool), *chosen])])
 
 
 def season_columns(case: LongComparison) -> Floats:
@@ -170,7 +170,7 @@ class SharedEffects:
 
     kinds: tuple[type[Term], ...]
     records: tuple[str, ...]
-    found: tuple[SharedAmplitude, ...]
+    amplitudes: tuple[SharedAmplitude, ...]
     acting: dict[str, float]  # probability that all records share it, of every effect
     sides: dict[str, float]
     season_deg: tuple[float, float]  # size of the season of the water, with its standard error
@@ -183,56 +183,59 @@ class JointEvidence:
         self.members = [member for member in members if member.effects is not None]
         forms = dict.fromkeys(form for member in self.members if member.effects for form in member.effects.forms)
         self.kinds = tuple(joint_compass.effect_class(form) for form in forms)
-        self.parts = [np.r_[own] for own in slices(self.kinds)]
+        self.parts = [np.r_[columns] for columns in slices(self.kinds)]
         self.count = sum(len(part) for part in self.parts)
         self.usual = self._usual(list(forms))
         self.records = [self._record(member, list(forms)) for member in self.members]
 
     def _usual(self, forms: list[str]) -> Floats:
-        found: list[list[Floats]] = [[] for _ in forms]
+        sizes: list[list[Floats]] = [[] for _ in forms]
         for member in self.members:
             assert member.effects is not None
             for form, part in _form_parts(member):
-                found[forms.index(form)].append(member.effects.usual[part])
-        return np.concatenate([np.zeros(0), *(np.median(each, axis=0) for each in found)])
+                sizes[forms.index(form)].append(member.effects.usual[part])
+        return np.concatenate([np.zeros(0), *(np.median(each, axis=0) for each in sizes)])
 
     def _record(self, member: Member, forms: list[str]) -> ConditionalInformation:
         effects = member.effects
         assert effects is not None
-        own = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[forms.index(f)] for f in effects.forms)])
-        at = np.append(own, self.count + np.arange(SEASON_COLUMNS))
-        unit = np.append(self.usual[own], np.ones(SEASON_COLUMNS))
+        columns = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[forms.index(f)] for f in effects.forms)])
+        at = np.append(columns, self.count + np.arange(SEASON_COLUMNS))
+        unit = np.append(self.usual[columns], np.ones(SEASON_COLUMNS))
         size = self.count + SEASON_COLUMNS
-        information, score = np.zeros((len(effects.beside), size, size)), np.zeros((len(effects.beside), size))
-        for k, one in enumerate(effects.beside):
-            information[k][np.ix_(at, at)] = one.information * np.outer(unit, unit)
-            score[k, at] = one.score * unit
+        information, score = (
+            np.zeros((len(effects.conditional), size, size)),
+            np.zeros((len(effects.conditional), size)),
+        )
+        for k, products in enumerate(effects.conditional):
+            information[k][np.ix_(at, at)] = products.information * np.outer(unit, unit)
+            score[k, at] = products.score * unit
         uneven = np.ones(self.count)
-        uneven[own] = effects.uneven
+        uneven[columns] = effects.uneven
         return ConditionalInformation(
-            information, score, np.array([one.log_likelihood for one in effects.beside]), uneven
+            information, score, np.array([products.log_likelihood for products in effects.conditional]), uneven
         )
 
     def columns(self, hypothesis: Hypothesis) -> NDArray[np.intp]:
         """Return the columns of a hypothesis, those of the season after them."""
-        own = [self.parts[k] for k in hypothesis]
-        return np.concatenate([*own, self.count + np.arange(SEASON_COLUMNS)]).astype(np.intp)
+        effect_columns = [self.parts[k] for k in hypothesis]
+        return np.concatenate([*effect_columns, self.count + np.arange(SEASON_COLUMNS)]).astype(np.intp)
 
-    def mode(self, hypothesis: Hypothesis, season_deg: float, some: Sequence[int]) -> Mode:
+    def mode(self, hypothesis: Hypothesis, season_deg: float, chosen: Sequence[int]) -> Mode:
         """Return the likeliest amplitudes by some of the records, and the evidence.
 
         Args:
             hypothesis: numbers of effects that these records share.
             season_deg: size of the season of the water, rms.
-            some: numbers of records.
+            chosen: numbers of records.
         """
-        at, own = self.columns(hypothesis), sum(len(self.parts[k]) for k in hypothesis)
+        at, effect_count = self.columns(hypothesis), sum(len(self.parts[k]) for k in hypothesis)
         precision = np.ones(len(at))
-        precision[own:] = season_deg**-2.0
+        precision[effect_count:] = season_deg**-2.0
         each = []
-        for j in some:
+        for j in chosen:
             record = self.records[j]
-            uneven = float(record.uneven[at[:own]].max(initial=1.0))
+            uneven = float(record.uneven[at[:effect_count]].max(initial=1.0))
             each.append((record.information[:, at[:, None], at] / uneven, record.score[:, at] / uneven, record))
         values: Floats = np.zeros(len(at))
         for _ in range(NEWTON_STEPS):
@@ -267,132 +270,147 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
     Args:
         alarm: probability that noise alone is allowed to give a name, as of a single record.
     """
-    seen = JointEvidence(members)
-    if len(seen.members) < 2 or not seen.kinds:
+    evidence = JointEvidence(members)
+    if len(evidence.members) < 2 or not evidence.kinds:
         return None
-    forms = Counter(kind.name for kind in seen.kinds)
-    odds = [o - np.log(forms[k.name]) for o, k in zip(posterior.whole_odds(seen.kinds, alarm), seen.kinds, strict=True)]
-    every = range(len(seen.members))
-    hypotheses = [one for n in range(MOST_SHARED + 1) for one in itertools.combinations(range(len(seen.kinds)), n)]
-    hypotheses = [one for one in hypotheses if len({seen.kinds[k].name for k in one}) == len(one)]
+    forms = Counter(kind.name for kind in evidence.kinds)
+    odds = [
+        o - np.log(forms[k.name])
+        for o, k in zip(posterior.whole_odds(evidence.kinds, alarm), evidence.kinds, strict=True)
+    ]
+    everyone = range(len(evidence.members))
+    hypotheses = [
+        hypothesis
+        for n in range(MOST_SHARED + 1)
+        for hypothesis in itertools.combinations(range(len(evidence.kinds)), n)
+    ]
+    hypotheses = [
+        hypothesis for hypothesis in hypotheses if len({evidence.kinds[k].name for k in hypothesis}) == len(hypothesis)
+    ]
     season = -np.log1p((SEASONS_DEG / SEASON_PRIOR_DEG) ** 2) + np.log(SEASONS_DEG)
-    modes = [[seen.mode(one, float(size), every) for size in SEASONS_DEG] for one in hypotheses]
+    modes = [[evidence.mode(hypothesis, float(size), everyone) for size in SEASONS_DEG] for hypothesis in hypotheses]
     table = np.array([[mode.log_evidence for mode in row] for row in modes]) + season
-    prior = np.array([posterior.joint_odds([odds[k] for k in one]) for one in hypotheses])
+    prior = np.array([posterior.joint_odds([odds[k] for k in hypothesis]) for hypothesis in hypotheses])
     likeliest = [row[int(np.argmax(logs))] for row, logs in zip(modes, table, strict=True)]
-    table[[not seen.plausible(one, mode) for one, mode in zip(hypotheses, likeliest, strict=True)]] = -MOST_LOG
+    table[
+        [not evidence.plausible(hypothesis, mode) for hypothesis, mode in zip(hypotheses, likeliest, strict=True)]
+    ] = -MOST_LOG
     shared = np.array([_log_sum(row) for row in table]) + prior
-    apart = np.array([_log_odds_apart(seen, k, odds[k]) for k in range(len(seen.kinds))]) + shared[0]
+    apart = np.array([_log_odds_apart(evidence, k, odds[k]) for k in range(len(evidence.kinds))]) + shared[0]
     logs = np.concatenate([shared, apart])
     probability = np.exp(logs - _log_sum(logs))
-    found = Posterior([kind.name for kind in seen.kinds], hypotheses, probability[: len(hypotheses)], prior)
+    posterior_shared = Posterior(
+        [kind.name for kind in evidence.kinds], hypotheses, probability[: len(hypotheses)], prior
+    )
     sizes = np.exp(table + prior[:, None] - _log_sum((table + prior[:, None]).ravel()))
     middle = float(sizes.sum(axis=0) @ SEASONS_DEG)
     spread = float(np.sqrt(sizes.sum(axis=0) @ (SEASONS_DEG - middle) ** 2))
-    best = found.best
+    best = posterior_shared.best
     at = hypotheses.index(best)
     size = int(np.argmax(table[at]))
-    slots = found.slots(best, instead=SLOW_WATER)
+    slots = posterior_shared.slots(best, instead=SLOW_WATER)
     amplitudes = tuple(
-        _amplitude(seen, best, place, modes[at][size], slot, float(SEASONS_DEG[size]))
+        _amplitude(evidence, best, place, modes[at][size], slot, float(SEASONS_DEG[size]))
         for place, slot in enumerate(slots)
     )
-    acting, on_compass = found.acting, float(found.probability[1:].sum())
+    acting, on_compass = posterior_shared.acting, float(posterior_shared.probability[1:].sum())
     return SharedEffects(
-        kinds=seen.kinds,
-        records=tuple(member.name for member in seen.members),
-        found=amplitudes,
+        kinds=evidence.kinds,
+        records=tuple(member.name for member in evidence.members),
+        amplitudes=amplitudes,
         acting=acting,
         sides={"none": 1.0 - on_compass, "compass": on_compass, "clock": 0.0, "reference": 0.0, "water": 0.0},
         season_deg=(middle, spread),
     )
 
 
-def information_from_others(members: Sequence[Member], found: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
+def information_from_others(members: Sequence[Member], shared: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
     """Return information and score of the effects that were found, by some records, in the parameters' units.
 
     Args:
         members: the others of the record that is to know it.
     """
-    seen = JointEvidence(members)
+    evidence = JointEvidence(members)
     result: dict[str, tuple[Floats, Floats]] = {}
-    for one in found.found:
-        if one.kind in seen.kinds:
-            own = seen.kinds.index(one.kind)
-            mode = seen.mode((own,), max(found.season_deg[0], float(SEASONS_DEG[0])), range(len(seen.members)))
-            k, usual = len(one.values), seen.usual[seen.parts[own]]
-            season = mode.information[k:, k:] + np.eye(SEASON_COLUMNS) * max(found.season_deg[0], 0.1) ** -2.0
+    for amplitude in shared.amplitudes:
+        if amplitude.kind in evidence.kinds:
+            number = evidence.kinds.index(amplitude.kind)
+            mode = evidence.mode(
+                (number,), max(shared.season_deg[0], float(SEASONS_DEG[0])), range(len(evidence.members))
+            )
+            k, usual = len(amplitude.values), evidence.usual[evidence.parts[number]]
+            season = mode.information[k:, k:] + np.eye(SEASON_COLUMNS) * max(shared.season_deg[0], 0.1) ** -2.0
             gain = np.linalg.solve(season, mode.information[k:, :k]).T
             information = mode.information[:k, :k] - gain @ mode.information[k:, :k]
             score = mode.score[:k] - gain @ mode.score[k:]
-            result[one.kind.__name__] = (information / np.outer(usual, usual), score / usual)
+            result[amplitude.kind.__name__] = (information / np.outer(usual, usual), score / usual)
     return result
 
 
-def _log_odds_apart(seen: JointEvidence, k: int, odds: float) -> float:
+def _log_odds_apart(evidence: JointEvidence, k: int, odds: float) -> float:
     """Return the log odds that records have an effect each by itself, at least one, against none."""
     each = [
-        odds + seen.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence - seen.mode((), 0.1, [j]).log_evidence
-        for j in range(len(seen.members))
+        odds + evidence.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence - evidence.mode((), 0.1, [j]).log_evidence
+        for j in range(len(evidence.members))
     ]
     whole = float(np.sum(np.logaddexp(0.0, each)))
     return whole + float(np.log(-np.expm1(-whole))) if whole > 0.0 else -MOST_LOG
 
 
 def _amplitude(
-    seen: JointEvidence, best: Hypothesis, place: int, mode: Mode, slot: posterior.Slot, season_deg: float
+    evidence: JointEvidence, best: Hypothesis, place: int, mode: Mode, slot: posterior.Slot, season_deg: float
 ) -> SharedAmplitude:
     k = best[place]
-    begin = sum(len(seen.parts[j]) for j in best[:place])
-    own = np.arange(begin, begin + len(seen.parts[k]))
+    begin = sum(len(evidence.parts[j]) for j in best[:place])
+    columns = np.arange(begin, begin + len(evidence.parts[k]))
     precision = np.ones(len(mode.values))
-    precision[sum(len(seen.parts[j]) for j in best) :] = season_deg**-2.0
-    covariance, usual = np.linalg.inv(mode.information + np.diag(precision)), seen.usual[seen.parts[k]]
-    values = mode.values[own] * usual
+    precision[sum(len(evidence.parts[j]) for j in best) :] = season_deg**-2.0
+    covariance, usual = np.linalg.inv(mode.information + np.diag(precision)), evidence.usual[evidence.parts[k]]
+    values = mode.values[columns] * usual
     each: dict[str, tuple[Floats, Floats]] = {}
-    for j, member in enumerate(seen.members):
-        alone = seen.mode((k,), season_deg, [j])
+    for j, member in enumerate(evidence.members):
+        alone = evidence.mode((k,), season_deg, [j])
         spread = np.linalg.inv(alone.information + np.diag(_precision(len(usual), season_deg)))
         each[member.name] = (
             alone.values[: len(usual)] * usual,
             np.sqrt(np.diag(spread)[: len(usual)]) * usual,
         )
     return SharedAmplitude(
-        kind=seen.kinds[k],
+        kind=evidence.kinds[k],
         values=values,
-        covariance=covariance[np.ix_(own, own)] * np.outer(usual, usual),
-        rms_effect_deg=float(np.sqrt(values @ _visible_products(seen, k) @ values)),
+        covariance=covariance[np.ix_(columns, columns)] * np.outer(usual, usual),
+        rms_effect_deg=float(np.sqrt(values @ _visible_products(evidence, k) @ values)),
         probability=slot.probability,
         alternatives=dict(slot.alternatives),
         each=each,
-        gain=_predictive_gain(seen, k, season_deg),
+        gain=_predictive_gain(evidence, k, season_deg),
     )
 
 
-def _precision(own: int, season_deg: float) -> Floats:
-    return np.append(np.ones(own), np.full(SEASON_COLUMNS, season_deg**-2.0))
+def _precision(count: int, season_deg: float) -> Floats:
+    return np.append(np.ones(count), np.full(SEASON_COLUMNS, season_deg**-2.0))
 
 
-def _predictive_gain(seen: JointEvidence, k: int, season_deg: float) -> float:
+def _predictive_gain(evidence: JointEvidence, k: int, season_deg: float) -> float:
     """Return the log score of each record with the amplitude that the others tell, over without, summed."""
-    every, total = range(len(seen.members)), 0.0
-    for j in every:
-        others = [i for i in every if i != j]
-        both, without = seen.mode((k,), season_deg, list(every)), seen.mode((), season_deg, list(every))
-        less, none = seen.mode((k,), season_deg, others), seen.mode((), season_deg, others)
+    everyone, total = range(len(evidence.members)), 0.0
+    for j in everyone:
+        others = [i for i in everyone if i != j]
+        both, without = evidence.mode((k,), season_deg, list(everyone)), evidence.mode((), season_deg, list(everyone))
+        less, none = evidence.mode((k,), season_deg, others), evidence.mode((), season_deg, others)
         total += both.log_evidence - less.log_evidence - (without.log_evidence - none.log_evidence)
     return total
 
 
-def _visible_products(seen: JointEvidence, k: int) -> Floats:
+def _visible_products(evidence: JointEvidence, k: int) -> Floats:
     """Return the mean products of an effect's visible columns over the records, square degrees."""
     each = []
-    for member in seen.members:
+    for member in evidence.members:
         assert member.effects is not None
         each += [
             member.effects.visible[np.ix_(part, part)]
             for form, part in _form_parts(member)
-            if form == seen.kinds[k].__name__
+            if form == evidence.kinds[k].__name__
         ]
     return np.asarray(np.mean(each, axis=0))
 

@@ -62,77 +62,81 @@ def diagnose(case: LongComparison, options: Options, fit: Fit | None = None) -> 
 def _diagnose(case: LongComparison, options: Options, fit: Fit | None) -> Diagnosis:
     none = np.zeros(case.nuisance.shape[1])
     empty = design.evaluate_model(case, case.simulation, none)
-    heap = omnibus.sticking_sector(empty)
-    outside = case if heap is None else replace(case, observed_deg=omnibus.observed_outside(case, heap))
-    if heap is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
+    cluster = omnibus.sticking_sector(empty)
+    outside = case if cluster is None else replace(case, observed_deg=omnibus.observed_outside(case, cluster))
+    if cluster is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
         empty = design.evaluate_model(
             outside, case.simulation, none
         )  # what hangs tells nothing of terms, and feigns some
     empty = design.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
-    found = inference.infer(empty, options.alarm)
-    rest, told = _omnibus_remainder(found.state, options), found.slots
-    if rest.worth and found.chosen:
-        found = _drop_absorbed_effects(empty, found, rest.curve, options)
-        rest = _omnibus_remainder(found.state, options)
-    back = {name for slot in told if slot not in found.slots for name in (slot.effect, *slot.alternatives)}
-    stormy = noise_models.storm_finding(found.state, options.alarm)
-    bare = design.refit(found.state, []) if found.state.simulation.terms else found.state
-    outcome = _outcome(found, bare, rest, heap)
-    seen = diagnosis.combine_outcomes(
+    inferred = inference.infer(empty, options.alarm)
+    remainder, slots = _omnibus_remainder(inferred.state, options), inferred.slots
+    if remainder.above_min_effect and inferred.chosen:
+        inferred = _drop_absorbed_effects(empty, inferred, remainder.curve, options)
+        remainder = _omnibus_remainder(inferred.state, options)
+    back = {name for slot in slots if slot not in inferred.slots for name in (slot.effect, *slot.alternatives)}
+    stormy = noise_models.storm_finding(inferred.state, options.alarm)
+    null_model = design.refit(inferred.state, []) if inferred.state.simulation.terms else inferred.state
+    outcome = _outcome(inferred, null_model, remainder, cluster)
+    diagnosed = diagnosis.combine_outcomes(
         [replace(outcome, taken_back=frozenset(back))],
         options,
-        beside=[] if stormy is None else [stormy],
+        extra=[] if stormy is None else [stormy],
         not_testable=case.not_testable,
     )
-    detectable = inference.detectable(found.posterior)
+    detectable = inference.detectable(inferred.posterior)
     return replace(
-        seen,
-        applied=_weighted_compasses(found) if options.apply else (),
-        covariance=found.estimate(bare).covariance[:5, :5],
+        diagnosed,
+        applied=_weighted_compasses(inferred) if options.apply else (),
+        covariance=inferred.estimate(null_model).covariance[:5, :5],
         why=_detection_limits(detectable, options.min_effect_deg),
         detectable_deg=detectable,
-        threshold={"omnibus": rest.threshold},
-        experiments=experiments.of(found) if seen.verdict == "ambiguous" else (),
-        told=joint_effects.record_information(found, fit) if options.tell and fit is not None else None,
+        threshold={"omnibus": remainder.threshold},
+        experiments=experiments.of(inferred) if diagnosed.verdict == "ambiguous" else (),
+        information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
     )
 
 
-def _outcome(found: Inference, bare: FittedModel, rest: OmnibusResult, heap: HeadingCluster | None) -> Outcome:
+def _outcome(
+    inferred: Inference, null_model: FittedModel, remainder: OmnibusResult, cluster: HeadingCluster | None
+) -> Outcome:
     """Return what the search tells.
 
     Args:
-        bare: the simulation without terms.
-        rest: what it leaves.
+        null_model: the simulation without terms.
+        remainder: what it leaves.
     """
-    state, case = found.state, found.state.case
-    covariances = found.estimate(state).term_covariances
-    every = tuple(_finding(found, k, covariance) for k, covariance in enumerate(covariances))
+    state, case = inferred.state, inferred.state.case
+    covariances = inferred.estimate(state).term_covariances
+    findings = tuple(_finding(inferred, k, covariance) for k, covariance in enumerate(covariances))
     named = [
-        one.named for one in sorted(every, key=lambda x: -x.rms_effect_deg) if one.rms_effect_deg >= rest.min_effect_deg
+        item.named
+        for item in sorted(findings, key=lambda x: -x.rms_effect_deg)
+        if item.rms_effect_deg >= remainder.min_effect_deg
     ]
 
-    def curves(some: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
+    def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
         turns = [
-            partial_residual(state, one.effect, design.visible_columns(state, k) @ term.values)
-            for k, (term, one) in enumerate(zip(state.simulation.terms, every, strict=True))
-            if one in some
+            partial_residual(state, item.effect, design.visible_columns(state, k) @ term.values)
+            for k, (term, item) in enumerate(zip(state.simulation.terms, findings, strict=True))
+            if item in shown
         ]
-        names = dict.fromkeys(["heading", "time", *(one.where.covariate for one in some)])
-        return [*turns, *(residual_curve(bare, state, name) for name in names if name in case.covariates)]
+        names = dict.fromkeys(["heading", "time", *(item.where.covariate for item in shown)])
+        return [*turns, *(residual_curve(null_model, state, name) for name in names if name in case.covariates)]
 
     return Outcome(
         comparison=case,
-        posterior=found.posterior,
-        findings=every,
-        slots=found.slots,
-        left=_unexplained(state, rest, heap, named),
-        small=rest.small,
+        posterior=inferred.posterior,
+        findings=findings,
+        slots=inferred.slots,
+        left=_unexplained(state, remainder, cluster, named),
+        small=remainder.small,
         curves=curves,
-        noise=inference.noise_of(found),
+        noise=inference.noise_of(inferred),
     )
 
 
-def _drop_absorbed_effects(empty: FittedModel, found: Inference, curve: ColumnGroup, options: Options) -> Inference:
+def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: ColumnGroup, options: Options) -> Inference:
     """Return what the recording tells without names that only stand for what nothing explains.
 
     Args:
@@ -140,9 +144,9 @@ def _drop_absorbed_effects(empty: FittedModel, found: Inference, curve: ColumnGr
     """
     free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, whitening.orthonormal(curve.columns)]))
     zero = np.zeros(free.nuisance.shape[1])
-    beside = inference.infer(design.refit(design.evaluate_model(free, empty.simulation, zero), []), options.alarm)
-    kept = {type(term) for term in beside.state.simulation.terms}
-    return found.only([type(term) in kept or term.evident for term in found.state.simulation.terms])
+    with_curve = inference.infer(design.refit(design.evaluate_model(free, empty.simulation, zero), []), options.alarm)
+    standing = {type(term) for term in with_curve.state.simulation.terms}
+    return inferred.only([type(term) in standing or term.evident for term in inferred.state.simulation.terms])
 
 
 def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
@@ -154,27 +158,27 @@ def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
 
 
 def _unexplained(
-    state: FittedModel, rest: OmnibusResult, heap: HeadingCluster | None, named: Sequence[str]
+    state: FittedModel, remainder: OmnibusResult, cluster: HeadingCluster | None, named: Sequence[str]
 ) -> Unexplained | None:
     """Return what nothing explains: what the mean residual shows, or a sector in which the compass hangs.
 
     Args:
         named: effects that stand beside it.
     """
-    group, size = rest.worth[0] if rest.worth else (None, 0.0)
-    if heap is not None and heap.rms_deg > max(size, rest.min_effect_deg):
-        low, high = (heap.recorded_deg + side * heap.width_deg / 2.0 for side in (-1.0, 1.0))
+    group, size = remainder.above_min_effect[0] if remainder.above_min_effect else (None, 0.0)
+    if cluster is not None and cluster.rms_deg > max(size, remainder.min_effect_deg):
+        low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
         place = state.case.where("heading", (low, high))
-        sticks = f", where the compass sticks: its readings accumulate at {heap.recorded_deg:.0f}°"
+        sticks = f", where the compass sticks: its readings accumulate at {cluster.recorded_deg:.0f}°"
         place = replace(place, text=place.text + sticks)
-        return state.case.unexplained([residual_curve(state, state, "heading")], heap.rms_deg, named, place)
+        return state.case.unexplained([residual_curve(state, state, "heading")], cluster.rms_deg, named, place)
     if group is None:
         return None
     return state.case.unexplained([residual_curve(state, state, name) for name in group.covariates], size, named)
 
 
-def _finding(found: Inference, k: int, covariance: Floats) -> Finding:
-    state, slot = found.state, found.slots[k]
+def _finding(inferred: Inference, k: int, covariance: Floats) -> Finding:
+    state, slot = inferred.state, inferred.slots[k]
     term, case = state.simulation.terms[k], state.case
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     parameters = {
@@ -183,40 +187,40 @@ def _finding(found: Inference, k: int, covariance: Floats) -> Finding:
         if value or s > NO_SIGMA  # a third battery that never came has neither
     }
     if isinstance(term, Composed):
-        parameters |= _place_parameters(found, term)
+        parameters |= _place_parameters(inferred, term)
     span = _active_span(state, term)
-    one = comparisons.build_finding(
+    built = comparisons.build_finding(
         case,
         term,
-        {slot.effect: slot.probability} | {found.said(name): p for name, p in slot.alternatives.items()},
+        {slot.effect: slot.probability} | {inferred.said(name): p for name, p in slot.alternatives.items()},
         parameters,
         size_deg=design.visible_size_deg(state, k, covariance),
-        proof=cross_validate(found, k),
-        place=case.where(case.lives(term)) if span == case.span_s else case.where("time", span),
+        proof=cross_validate(inferred, k),
+        place=case.where(case.main_covariate(term)) if span == case.span_s else case.where("time", span),
         span_s=span,
     )
-    return replace(one, applied=term.side == "compass")
+    return replace(built, applied=term.side == "compass")
 
 
-def _place_parameters(found: Inference, term: Composed) -> dict[str, Parameter]:
+def _place_parameters(inferred: Inference, term: Composed) -> dict[str, Parameter]:
     """Return where along its driver a composition acts: dates are told apart, what is counted from a mean is not.
 
     How sure a place is tell the probabilities of the other places that were tried, and the spacing between them.
     """
-    case = found.state.case
-    groups, means = found.posterior.candidates.groups, covariate_series.reference_values(case.covariates)
-    each = list(zip(found.posterior.hypotheses, found.posterior.probability.tolist(), strict=True))
+    case = inferred.state.case
+    groups, means = inferred.posterior.candidates.groups, covariate_series.reference_values(case.covariates)
+    each = list(zip(inferred.posterior.hypotheses, inferred.posterior.probability.tolist(), strict=True))
     alike = [(k, group.term) for k, group in enumerate(groups) if type(group.term) is type(term)]
-    tried = [(other, sum(p for one, p in each if k in one)) for k, other in alike]
-    weight = np.array([p for _, p in tried])
+    candidates = [(other, sum(p for entry, p in each if k in entry)) for k, other in alike]
+    weight = np.array([p for _, p in candidates])
     result = {}
     for name, spacing in grammar.spacings(term, case.scene).items():
         value = float(getattr(term, name))
-        off = np.array([float(getattr(other, name)) for other, _ in tried]) - value
+        off = np.array([float(getattr(other, name)) for other, _ in candidates]) - value
         sigma = float(np.sqrt(weight @ off**2 / max(float(weight.sum()), 1e-12) + spacing**2 / 12.0))
         unit = case.driven(term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
         if name in ("threshold", "middle"):
-            value += sum(means.get(one, 0.0) for one in term.needs[:1])
+            value += sum(means.get(entry, 0.0) for entry in term.needs[:1])
         in_days = unit == "s"
         result[name.replace("_s", "_days") if in_days else name] = (
             Parameter(value / DAY_S, sigma / DAY_S, "days") if in_days else Parameter(value, sigma, unit)
@@ -251,24 +255,24 @@ def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) ->
     return f"Detection limits (90 % power): {best} ({first}) to {worst} ({last})."
 
 
-def _weighted_compasses(found: Inference) -> tuple[WeightedCompass, ...]:
+def _weighted_compasses(inferred: Inference) -> tuple[WeightedCompass, ...]:
     """Return the compasses that correct the record: each hypothesis with what stands on the compass side of it."""
     return tuple(
         WeightedCompass(
-            weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass_of_model(found, state)
+            weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass_of_model(inferred, state)
         )
-        for weight, state in found.weighted
+        for weight, state in inferred.weighted
     )
 
 
-def _compass_of_model(found: Inference, state: FittedModel) -> AppliedCompass | None:
+def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:
     """Return the compass of a state with the terms on its side; None where none stands: the fit by itself is that."""
     terms = state.simulation.terms
     if not terms:
         return None
-    estimate = found.estimate(state)
+    estimate = inferred.estimate(state)
     places = zip(terms, slices(terms, 5), strict=True)
-    index = np.r_[:5, *(own for term, own in places if term.side == "compass")]
+    index = np.r_[:5, *(columns for term, columns in places if term.side == "compass")]
     simulation = replace(state.simulation, terms=tuple(term for term in terms if term.side == "compass"))
     means = covariate_series.reference_values(state.case.covariates)
     needed = {name for term in simulation.terms for name in term.needs}
@@ -326,39 +330,39 @@ def _binned(state: FittedModel, bins: NDArray[np.intp], count: int) -> tuple[Flo
     time_s = state.case.scene.time_s
     block = np.floor((time_s - time_s[0]) / finding.RESIDUAL_MEMORY_S).astype(int)
     sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
-    own = np.sum(sums.reshape(-1, count) ** 2, axis=0)
-    return mean, np.sqrt(np.maximum(own, total * own.sum() / total.sum())) / total
+    squares = np.sum(sums.reshape(-1, count) ** 2, axis=0)
+    return mean, np.sqrt(np.maximum(squares, total * squares.sum() / total.sum())) / total
 
 
-def cross_validate(found: Inference, k: int) -> HeldOut:
+def cross_validate(inferred: Inference, k: int) -> HeldOut:
     """Return what a term adds on days that were left out.
 
     Args:
         k: its place among the terms.
     """
-    state, term = found.state, found.state.simulation.terms[k]
+    state, term = inferred.state, inferred.state.simulation.terms[k]
     time_s = state.case.scene.time_s
     share = (term.date - time_s[0]) / np.ptp(time_s) if term.dated() else 0.5
     lasting = 1.0 / finding.FOLDS < share < 1.0 - 1.0 / finding.FOLDS
     block = blocks.of_span(time_s, finding.HELD_OUT_BLOCK_S)
     fold = blocks.in_time(time_s, finding.FOLDS) if lasting else block % finding.FOLDS
     each, rms_deg = _fold_gains(state, k, fold)
-    anew = _refit_gain(found, {term.name, *found.slots[k].alternatives}, fold)
+    refitted = _refit_gain(inferred, {term.name, *inferred.slots[k].alternatives}, fold)
     method = "fifths" if lasting else "within_event"
-    return replace(finding.bootstrap_gain(each, block, rms_deg), anew=anew, method=method)
+    return replace(finding.bootstrap_gain(each, block, rms_deg), refit_gain=refitted, method=method)
 
 
-def _refit_gain(found: Inference, names: set[str], fold: NDArray[np.intp]) -> float:
+def _refit_gain(inferred: Inference, names: set[str], fold: NDArray[np.intp]) -> float:
     """Return by how much all hypotheses foretell what was left out better than those without some effects."""
-    whole = found.posterior
-    some = [i for i, p in enumerate(whole.probability) if p > LEAST_REWEIGHED or not names & set(whole.names[i])]
-    some = sorted({0, *sorted(some, key=lambda i: -float(whole.probability[i]))[:MOST_REWEIGHED]})
-    without = np.array([not names & set(whole.names[i]) for i in some])
-    hypotheses, prior = [whole.hypotheses[i] for i in some], whole.prior[some]
+    whole = inferred.posterior
+    chosen = [i for i, p in enumerate(whole.probability) if p > LEAST_REWEIGHED or not names & set(whole.names[i])]
+    chosen = sorted({0, *sorted(chosen, key=lambda i: -float(whole.probability[i]))[:MOST_REWEIGHED]})
+    without = np.array([not names & set(whole.names[i]) for i in chosen])
+    hypotheses, prior = [whole.hypotheses[i] for i in chosen], whole.prior[chosen]
     waters = [whole.waters[i] for i in np.argsort(-whole.water_probability)[:MOST_NOISE_REWEIGHED]]
 
-    def logs(kept: NDArray[np.bool_]) -> Floats:
-        joint = inference.log_joint(whole.candidates.on(kept), hypotheses, waters) + prior
+    def logs(fitted: NDArray[np.bool_]) -> Floats:
+        joint = inference.log_joint(whole.candidates.on(fitted), hypotheses, waters) + prior
         return np.array([np.logaddexp.reduce(joint.ravel()), np.logaddexp.reduce(joint[:, without].ravel())])
 
     everything = logs(np.ones(len(fold), dtype=bool))
@@ -371,16 +375,16 @@ def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Flo
     values = np.zeros(state.base.shape[1])
     parameters = state.simulation.parameters
     values[5 : len(parameters)] = parameters[5:]
-    own = np.zeros(len(values), dtype=bool)
-    own[slices(state.simulation.terms, 5)[k]] = True
+    term_columns = np.zeros(len(values), dtype=bool)
+    term_columns[slices(state.simulation.terms, 5)[k]] = True
     white = state.whitener(state.base)
     target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
     total = state.residual_deg + state.base @ values
     left, rms_deg = [], []
-    for kept in (~own, own | True):
-        fitted = _fold_values(white[:, kept], target, state.base_ridge[kept], fold)
-        left.append(target - np.sum(white[:, kept] * fitted, axis=1))
-        rms_deg.append(angles.rms(total - np.sum(state.base[:, kept] * fitted, axis=1)))
+    for columns in (~term_columns, term_columns | True):
+        fitted = _fold_values(white[:, columns], target, state.base_ridge[columns], fold)
+        left.append(target - np.sum(white[:, columns] * fitted, axis=1))
+        rms_deg.append(angles.rms(total - np.sum(state.base[:, columns] * fitted, axis=1)))
     each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
     return each, (rms_deg[0], rms_deg[1])
 
@@ -390,6 +394,6 @@ def _fold_values(white: Floats, target: Floats, ridge: Floats, fold: NDArray[np.
     values = np.empty(white.shape)
     for f in np.unique(fold):
         out = fold == f
-        some = white[~out]
-        values[out] = whitening.inverse(some.T @ some + np.diag(ridge)) @ (some.T @ target[~out])
+        training = white[~out]
+        values[out] = whitening.inverse(training.T @ training + np.diag(ridge)) @ (training.T @ target[~out])
     return values

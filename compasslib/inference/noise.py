@@ -95,8 +95,8 @@ class SlowNoiseBasis:
     def waters(self) -> list[SlowNoiseParams]:
         """Return the kinds of water that are summed over."""
         none = Process(0.0, VEER_DAYS[0])
-        veers = [none, *(Process(*one) for one in itertools.product(VEER_DEG, VEER_DAYS))]
-        shears = [none, *(Process(*one) for one in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
+        veers = [none, *(Process(*process) for process in itertools.product(VEER_DEG, VEER_DAYS))]
+        shears = [none, *(Process(*process) for process in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
         return [SlowNoiseParams(*both) for both in itertools.product(veers, shears if self.kinds > 1 else [none])]
 
 
@@ -105,14 +105,14 @@ def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
     time_s = case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
-    if count < 4 or not case.in_water:
+    if count < 4 or not case.has_slow_noise:
         return None
     frequency = np.arange(count) / (2.0 * days)
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
     departures = case.scene.departures
     if "flow_east" not in departures or "speed" not in case.covariates:
         return SlowNoiseBasis(waves, frequency, 1)
-    each = [shear_columns(case, *one) for one in ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))]
+    each = [shear_columns(case, *shear) for shear in ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))]
     return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, 3)
 
 
@@ -136,9 +136,9 @@ def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoisePara
         view: whose whitener knows no slow water.
     """
     variance = slow.variances(water)
-    some = variance > 0.0
-    scale = np.sqrt(variance[some]) * view.response / view.sigma
-    white = view.whitener(slow.columns[:, some].astype(np.float32)).astype(float) * scale
+    present = variance > 0.0
+    scale = np.sqrt(variance[present]) * view.response / view.sigma
+    white = view.whitener(slow.columns[:, present].astype(np.float32)).astype(float) * scale
     if not white.shape[1]:
         return None
     values, vectors = np.linalg.eigh(white.T @ white)
@@ -160,20 +160,22 @@ class _StormScatter:
 
     def _each(self, sizes_nT: Floats, share: Floats) -> Floats:
         variance = 1.0 + np.square(sizes_nT)[:, None] * share
-        own, even = (self.squares / variance).mean(axis=1, keepdims=True), self.squares.mean()
-        return (self.squares / even - self.squares / variance / own - np.log(variance * own / even)) / 2.0
+        width, even = (self.squares / variance).mean(axis=1, keepdims=True), self.squares.mean()
+        return (self.squares / even - self.squares / variance / width - np.log(variance * width / even)) / 2.0
 
-    def best(self, kept: Floats | slice = slice(None)) -> float:
+    def best(self, samples: Floats | slice = slice(None)) -> float:
         """Return the likeliest size by some of the samples, nT a unit of ap."""
         from scipy.optimize import minimize_scalar
 
-        some = _StormScatter(self.squares[kept], self.share[kept])
-        first = float(np.log(STORM_SIZES_NT[int(np.argmax(some.gains(STORM_SIZES_NT, some.share)))]))
+        fitted = _StormScatter(self.squares[samples], self.share[samples])
+        first = float(np.log(STORM_SIZES_NT[int(np.argmax(fitted.gains(STORM_SIZES_NT, fitted.share)))]))
         step = float(np.log(STORM_SIZES_NT[1] / STORM_SIZES_NT[0]))
-        found = minimize_scalar(
-            lambda log: -some.gains(np.exp([log]), some.share)[0], bounds=(first - step, first + step), method="bounded"
+        optimum = minimize_scalar(
+            lambda log: -fitted.gains(np.exp([log]), fitted.share)[0],
+            bounds=(first - step, first + step),
+            method="bounded",
         )
-        return float(np.exp(found.x))
+        return float(np.exp(optimum.x))
 
     def chance(self, time_s: Floats) -> float:
         """Return how often the index at other dates does as well."""
@@ -182,9 +184,9 @@ class _StormScatter:
         count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
         shifts = np.linspace(nearest, len(time_s) - nearest, count).astype(int)
         sizes = STORM_SIZES_NT[::3]
-        seen = self.gains(sizes, self.share).max()
+        observed = self.gains(sizes, self.share).max()
         others = [self.gains(sizes, np.roll(self.share, shift)).max() for shift in shifts]
-        return (1 + int(np.sum(np.array(others) >= seen))) / (1 + count)
+        return (1 + int(np.sum(np.array(others) >= observed))) / (1 + count)
 
     def left_out(self, block: Floats) -> tuple[float, float, Floats]:
         """Return the size, its standard error by the jackknife, and the gain of each block by the others' size."""
@@ -225,7 +227,7 @@ def _storm_text_finding(state: FittedModel, size: Parameter, rms_deg: float, pro
     low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
     span = observatory.strongest_disturbance(time_s, index)
     place = CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}")
-    first, last = (stamp(one)[:10] for one in span)
+    first, last = (stamp(date)[:10] for date in span)
     text = (
         f"W{place.text[1:]}, most of all from {first} to {last}: {STORM_PHYSICS}. Directions scatter with it by "
         f"{rms_deg:.1f}° rms, {size.value:.2g} ± {1.96 * size.sigma:.1g} nT (95 %) for one unit of ap; "

@@ -91,9 +91,9 @@ class OmnibusResult:
         return replace(first, columns=np.concatenate(alike, axis=1))
 
     @property
-    def worth(self) -> list[tuple[ColumnGroup, float]]:
+    def above_min_effect(self) -> list[tuple[ColumnGroup, float]]:
         """Those that matter."""
-        return [one for one in self.strong if one[1] >= self.min_effect_deg]
+        return [strong for strong in self.strong if strong[1] >= self.min_effect_deg]
 
     @property
     def small(self) -> tuple[tuple[str, float], ...]:
@@ -163,7 +163,7 @@ def standardize(x: Floats) -> Floats:
 
 def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
     """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
-    found, groups = state.case.covariates, []
+    covariates, groups = state.case.covariates, []
     heading = state.case.recorded_deg
     each = [
         fourier_columns(heading, range(3, 7)),
@@ -171,7 +171,7 @@ def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
         fourier_columns(heading, range(7, HEADING_HARMONICS + 1)),
     ]
     groups += [ColumnGroup("heading", hats, covariates=("heading",)) for hats in each]
-    for name, column in found.items():
+    for name, column in covariates.items():
         if name in COVARIATE_PERIODS:
             groups.append(
                 ColumnGroup(
@@ -186,7 +186,7 @@ def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
         elif name != "heading" and name not in covariate_series.TILT_CORRECTIONS:
             groups.append(ColumnGroup(name, hat_columns(column, COVARIATE_KNOTS), covariates=(name,)))
             groups += [ColumnGroup(name, step, covariates=(name,)) for step in _onset_columns(column)]
-    linear = {name: standardize(found[name]) for name in PRODUCT_COVARIATES if name in found}
+    linear = {name: standardize(covariates[name]) for name in PRODUCT_COVARIATES if name in covariates}
     turning = np.column_stack([np.ones(len(heading)), fourier_columns(heading, range(1, 4))])
     for name, column in linear.items():
         groups.append(ColumnGroup(f"heading x {name}", turning * column[:, None], covariates=("heading", name)))
@@ -207,8 +207,8 @@ def spell_groups(state: FittedModel) -> list[ColumnGroup]:
     """Return offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
     time_s = state.case.scene.time_s
     begins = np.arange(time_s[0], time_s[-1], max(SPELL_STEP_S, float(np.ptp(time_s)) / 120.0))[1:]
-    tried = [group.columns for group in step_columns(state, HeadingSlip, begins)]
-    both = [(first, last) for length in SPELLS for first, last in zip(tried, tried[length:], strict=False)]
+    steps = [group.columns for group in step_columns(state, HeadingSlip, begins)]
+    both = [(first, last) for length in SPELLS for first, last in zip(steps, steps[length:], strict=False)]
     return [ColumnGroup(SPELL, first - last, covariates=("time",)) for first, last in both]
 
 
@@ -238,35 +238,35 @@ def score_tests(state: FittedModel, groups: Sequence[ColumnGroup], seed: int = 0
     """Return the score tests of all groups."""
     groups = [group for group in groups if group.columns.shape[1]]
     ends = np.cumsum([group.columns.shape[1] for group in groups])
-    white = state.projected(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
+    white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
     parts = np.split(white, ends[:-1], axis=1)
     bases = [directions(part) for part in parts]
-    kept = [k for k, basis in enumerate(bases) if basis.shape[1]]
-    groups, bases = [groups[k] for k in kept], [bases[k] for k in kept]
+    determined = [k for k, basis in enumerate(bases) if basis.shape[1]]
+    groups, bases = [groups[k] for k in determined], [bases[k] for k in determined]
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
     begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
-    every = np.concatenate(bases, axis=1)
-    seen = np.add.reduceat((every.T @ state.innovation) ** 2, begins) / state.sigma**2
-    noise = np.add.reduceat((_resample_noise(state, seed) @ every) ** 2, begins, axis=1) / state.sigma**2
+    basis_all = np.concatenate(bases, axis=1)
+    observed = np.add.reduceat((basis_all.T @ state.innovation) ** 2, begins) / state.sigma**2
+    noise = np.add.reduceat((_resample_noise(state, seed) @ basis_all) ** 2, begins, axis=1) / state.sigma**2
     inflation = noise.mean(axis=0) / freedom
     handicap = np.array([SPELL_HANDICAP * (group.name == SPELL) for group in groups])
     highest = (normal_score(noise / inflation, freedom) - handicap).max(axis=1)
     uneven = np.array([_cluster_inflation(state, basis) for basis in bases])
-    inflation = np.maximum(np.maximum(inflation, uneven), 1.0) * _slow_inflation(state, every, begins, freedom)
-    return ScoreTests(groups, freedom, inflation, normal_score(seen / inflation, freedom) - handicap, highest)
+    inflation = np.maximum(np.maximum(inflation, uneven), 1.0) * _slow_inflation(state, basis_all, begins, freedom)
+    return ScoreTests(groups, freedom, inflation, normal_score(observed / inflation, freedom) - handicap, highest)
 
 
 def group_size_deg(state: FittedModel, group: ColumnGroup, inflation: float) -> float:
     """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
     values, covariance = solve_group(state, group)
-    seen = state.visible(group.columns)
-    product = seen.T @ seen / len(seen)
+    columns = state.visible(group.columns)
+    product = columns.T @ columns / len(columns)
     return float(np.sqrt(max(float(values @ product @ values) - inflation * float(np.sum(product * covariance)), 0.0)))
 
 
 def solve_group(state: FittedModel, group: ColumnGroup) -> tuple[Floats, Floats]:
     """Return the values of columns fitted to the residual, and their covariance."""
-    white = state.projected(group.columns)
+    white = state.whiten_and_project(group.columns)
     inverted = inverse(white.T @ white)
     return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
 
@@ -277,7 +277,7 @@ def _resample_noise(state: FittedModel, seed: int, repeats: int = NOISE_DRAWS) -
     What changes over weeks is taken out first: a real drift must not raise the bar for itself.
     """
     counts = np.isfinite(state.whitener.width_deg)
-    trend = directions(state.projected(designs.slow_hats(state.case.scene.time_s).astype(np.float32)))
+    trend = directions(state.whiten_and_project(designs.slow_hats(state.case.scene.time_s).astype(np.float32)))
     innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
     step = float(np.median(np.diff(state.case.scene.time_s)))
     length = int(np.clip(finding.HELD_OUT_BLOCK_S / step, 5, max(len(innovation) // 10, 5)))
@@ -300,14 +300,14 @@ def _cluster_inflation(state: FittedModel, basis: Floats) -> float:
     return float(np.sum(scores**2)) / basis.shape[1] / state.sigma**2 * len(scores) / max(len(scores) - 1, 1)
 
 
-def _slow_inflation(state: FittedModel, every: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
+def _slow_inflation(state: FittedModel, basis_all: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
     """Return by how much each group's statistic is inflated by slow changes that the filter and the blocks do not hold.
 
     Water veers for weeks. What the record holds at periods of about a week, beyond white noise, is taken for the noise
     of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
 
     Args:
-        every: orthonormal whitened columns of all groups, (n, k).
+        basis_all: orthonormal whitened columns of all groups, (n, k).
         begins: first column of each group, (g,).
         freedom: number of columns of each group, (g,).
     """
@@ -321,7 +321,7 @@ def _slow_inflation(state: FittedModel, every: Floats, begins: NDArray[np.intp],
     heard = _wave_basis(state, weekly)
     power = np.sort((heard.T @ state.innovation) ** 2)[: round(TRIMMED_SHARE * heard.shape[1])] / state.sigma**2
     excess = float(power.mean()) / TRIMMED_MEAN
-    share = np.add.reduceat(np.sum((every.T @ _wave_basis(state, monthly)) ** 2, axis=1), begins) / freedom
+    share = np.add.reduceat(np.sum((basis_all.T @ _wave_basis(state, monthly)) ** 2, axis=1), begins) / freedom
     return 1.0 + max(excess - 1.0, 0.0) * share
 
 
@@ -329,7 +329,7 @@ def _wave_basis(state: FittedModel, number: NDArray[np.intp]) -> Floats:
     """Return an orthonormal basis of waves over the record, projected."""
     time_s = state.case.scene.time_s
     phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
-    return directions(state.projected(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
+    return directions(state.whiten_and_project(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
 
 
 @dataclass(frozen=True)
@@ -352,10 +352,10 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     cells = int(360.0 / CELL_DEG)
     cell = (angles.wrap360(state.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
     counts = np.bincount(block * cells + cell, minlength=(block[-1] + 1) * cells).reshape(-1, cells).astype(float)
-    foretold = _expected_counts(counts)
-    excess = counts - foretold
+    expected_by_cell = _expected_counts(counts)
+    excess = counts - expected_by_cell
     score = excess.sum(axis=0) / np.maximum(np.linalg.norm(excess, axis=0), 1.0)
-    held, expected = counts.sum(axis=0), np.maximum(foretold.sum(axis=0), 1.0)
+    held, expected = counts.sum(axis=0), np.maximum(expected_by_cell.sum(axis=0), 1.0)
     heaped = (score > CLUSTER_SIGMAS) & (held > CLUSTER_RATIO * expected) & (held >= FEWEST_IN_CLUSTER)
     if not heaped.any():
         return None
@@ -366,22 +366,22 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     return HeadingCluster(float(angles.mean(recorded[cell == k])), width, width / float(np.sqrt(12.0 / share)))
 
 
-def observed_outside(case: LongComparison, heap: HeadingCluster) -> Floats:
+def observed_outside(case: LongComparison, cluster: HeadingCluster) -> Floats:
     """Return the headings that the reference's side shows, NaN where the reading hangs, (n,) degrees.
 
     Args:
-        heap: where its readings heap up.
+        cluster: where its readings heap up.
     """
-    away = np.abs(angles.difference(case.recorded_deg, heap.recorded_deg))
-    return np.where(away > heap.width_deg / 2.0, case.observed_deg, np.nan)
+    away = np.abs(angles.difference(case.recorded_deg, cluster.recorded_deg))
+    return np.where(away > cluster.width_deg / 2.0, case.observed_deg, np.nan)
 
 
 def _emptied_sector(held: Floats) -> tuple[int, float]:
     """Return how many cells on either side of the middle one are emptied, and the readings in all of them."""
     middle = len(held) // 2
-    beside = np.array([held[middle - k] + held[middle + k] for k in range(1, WIDEST_SECTOR + 1)])
-    dense = np.convolve(beside, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
-    reach = int(np.argmax(beside >= EMPTIED_SHARE * dense))
+    both_sides = np.array([held[middle - k] + held[middle + k] for k in range(1, WIDEST_SECTOR + 1)])
+    dense = np.convolve(both_sides, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
+    reach = int(np.argmax(both_sides >= EMPTIED_SHARE * dense))
     return reach, float(held[middle - reach : middle + reach + 1].sum())
 
 

@@ -57,18 +57,18 @@ class AppliedCompass:
             series: the logged covariates, (n,) each.
         """
         used = {name: covariates.smooth_supply(name, column, time_s) for name, column in series.items()}
-        found = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
-        found |= {name: np.zeros(len(time_s)) for name in self.logged if name not in (*series, *TILT_SERIES)}
+        series_used = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
+        series_used |= {name: np.zeros(len(time_s)) for name in self.logged if name not in (*series, *TILT_SERIES)}
         if "supply_voltage" in used:
             filled = covariates.fill_gaps(used["supply_voltage"])
-            found["battery_number"] = covariates.battery_count(filled)
-        leans = dict(zip(("pitch", "roll"), (np.nan_to_num(x) for x in tilt_deg), strict=True))
-        leans["tilt"] = np.hypot(leans["pitch"], leans["roll"])
-        found |= {name: lean - self.references[name] for name, lean in leans.items() if name in self.references}
-        found["turn_rate"] = np.nan_to_num(covariates.turn_rate(recorded_deg, time_s))
+            series_used["battery_number"] = covariates.battery_count(filled)
+        tilts = dict(zip(("pitch", "roll"), (np.nan_to_num(x) for x in tilt_deg), strict=True))
+        tilts["tilt"] = np.hypot(tilts["pitch"], tilts["roll"])
+        series_used |= {name: lean - self.references[name] for name, lean in tilts.items() if name in self.references}
+        series_used["turn_rate"] = np.nan_to_num(covariates.turn_rate(recorded_deg, time_s))
         h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
         pitch, roll = (np.nan_to_num(x) for x in tilt_deg)
-        return Scene(time_s, h, z, pitch, roll, self.references["time"], found)
+        return Scene(time_s, h, z, pitch, roll, self.references["time"], series_used)
 
     def along(self, scene: Scene, recorded_deg: Floats) -> Along:
         """Return the compass at every sample.
@@ -119,9 +119,9 @@ def inflate_covariance(fit: Fit, covariance: Floats) -> Fit:
     Args:
         covariance: of A..E, (5, 5).
     """
-    own = fit.covariance.copy()
-    own[:5, :5] += spread.positive_part(covariance - own[:5, :5])
-    return replace(fit, covariance=own)
+    inflated = fit.covariance.copy()
+    inflated[:5, :5] += spread.positive_part(covariance - inflated[:5, :5])
+    return replace(fit, covariance=inflated)
 
 
 def limit_precision(member: WeightedCompass, fit: Fit) -> WeightedCompass:
@@ -184,9 +184,9 @@ def from_json(content: Mapping[str, Any]) -> Product:
         return Product(model.from_json(content), left_deg=left_deg, doubts=stretches)
     applied = tuple(
         WeightedCompass(
-            one["weight"], one["effect"], None if one["compass"] is None else _compass_from_json(one["compass"])
+            entry["weight"], entry["effect"], None if entry["compass"] is None else _compass_from_json(entry["compass"])
         )
-        for one in block["compasses"]
+        for entry in block["compasses"]
     )
     fit, effects, accounted = model.from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
     return Product(fit, effects, applied, accounted, left_deg, stretches)
@@ -227,14 +227,14 @@ def compass_along_record(product: Product, record: Record, field: EarthField, se
     recorded = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     tilts = record.pitch_deg, record.roll_deg
     plain = along_of_fit(product.fit, Readings(record.time_s, recorded, *tilts, np.zeros(len(recorded), dtype=complex)))
-    every = []
+    compasses = []
     for member in product.applied:
         at = plain
         if member.compass is not None:
             scene = member.compass.scene(record.time_s, recorded, tilts, series, field=field)
             at = member.compass.along(scene, recorded)
-        every.append(replace(at, weight=member.weight))
-    return replace(every[0], others=tuple(every[1:]))
+        compasses.append(replace(at, weight=member.weight))
+    return replace(compasses[0], others=tuple(compasses[1:]))
 
 
 def _compass_from_json(content: Mapping[str, Any]) -> AppliedCompass:

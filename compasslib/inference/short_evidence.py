@@ -50,51 +50,51 @@ def laws(channel: ShortComparison) -> tuple[Law, ...]:
     return WHITE if channel.independent else LAWS
 
 
-def log_evidence(channel: ShortComparison, every: Sequence[ShortEvidence], uneven: float) -> Floats:
+def log_evidence(channel: ShortComparison, evidences: Sequence[ShortEvidence], uneven: float) -> Floats:
     """Return the log evidence of hypotheses, up to a constant of the recording, (h,).
 
     Args:
         uneven: variance of the scores of slow or local columns over what even noise makes of it: what a hypothesis
             leaves more than the best is taken over it.
     """
-    squares = np.array([one.squares for one in every])
+    squares = np.array([evidence.squares for evidence in evidences])
     least = squares.min(axis=0)
     first = np.array([arma.first_variance(law) for law in laws(channel)])
     fit = -0.5 * _degrees_of_freedom(channel) * (
         np.log(least) + np.log1p((squares / least - 1.0) / uneven)
     ) - 0.5 * np.log(first)
-    return np.logaddexp.reduce(fit, axis=1) - np.array([_occam_factor(one, uneven) for one in every])
+    return np.logaddexp.reduce(fit, axis=1) - np.array([_occam_factor(evidence, uneven) for evidence in evidences])
 
 
-def _occam_factor(one: ShortEvidence, uneven: float) -> float:
+def _occam_factor(evidence: ShortEvidence, uneven: float) -> float:
     """Return what a hypothesis pays for sizes that it could have had: a wide-tailed law of them beforehand."""
-    p = len(one.information)
+    p = len(evidence.information)
     if not p:
         return 0.0
-    determinant = np.linalg.slogdet(np.eye(p) + one.information / uneven)[1]
-    return 0.5 * float(determinant) + 0.5 * (p + 1) * float(np.log1p(one.size))
+    determinant = np.linalg.slogdet(np.eye(p) + evidence.information / uneven)[1]
+    return 0.5 * float(determinant) + 0.5 * (p + 1) * float(np.log1p(evidence.size))
 
 
 def short_evidence(fitted: FittedHypothesis) -> ShortEvidence:
     """Return the evidence of a hypothesis where it was refitted."""
-    tried = [_filtered_fit(fitted, law) for law in laws(fitted.channel)]
-    squares = np.array([one[0] for one in tried])
+    fits = [_filtered_fit(fitted, law) for law in laws(fitted.channel)]
+    squares = np.array([fit[0] for fit in fits])
     usual = prior_sizes(fitted)
     values = np.concatenate([np.zeros(0), *(term.values for term in fitted.terms)]) / usual
-    information = tried[int(np.argmin(squares))][1] * np.outer(usual, usual)
+    information = fits[int(np.argmin(squares))][1] * np.outer(usual, usual)
     return ShortEvidence(squares, information, float(np.mean(values**2)) if len(values) else 0.0)
 
 
-def likeliest_law(channel: ShortComparison, one: ShortEvidence) -> Law:
+def likeliest_law(channel: ShortComparison, evidence: ShortEvidence) -> Law:
     """Return the law of memory that makes what a hypothesis leaves likeliest."""
     first = np.array([arma.first_variance(law) for law in laws(channel)])
-    return laws(channel)[int(np.argmin(_degrees_of_freedom(channel) * np.log(one.squares) + np.log(first)))]
+    return laws(channel)[int(np.argmin(_degrees_of_freedom(channel) * np.log(evidence.squares) + np.log(first)))]
 
 
 def prior_sizes(fitted: FittedHypothesis) -> Floats:
     """Return what is expected of each parameter of the terms, (p,): by physics, or that it turns by some degrees."""
-    own = fitted.columns[:, len(fitted.base) :]
-    turn = np.maximum(np.sqrt(np.mean(own**2, axis=0)), 1e-12)
+    columns = fitted.columns[:, len(fitted.base) :]
+    turn = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
     with np.errstate(divide="ignore"):
         physical = np.concatenate([np.zeros(0), *(term.expected() for term in fitted.terms)]) ** -0.5
     return np.where(np.isfinite(physical), physical, USUAL_DEG / turn)
@@ -149,9 +149,9 @@ def _filtered_fit(fitted: FittedHypothesis, law: Law) -> tuple[float, Floats]:
     count = len(fitted.base)
     white = arma.filtered(np.column_stack([fitted.columns, fitted.clipped]), law)
     free = whitening.orthonormal(white[:, :count])
-    left, own = (whitening.without(part, free) for part in (white[:, -1], white[:, count:-1]))
+    left, term_columns = (whitening.without(part, free) for part in (white[:, -1], white[:, count:-1]))
     square = max(float(left @ left) + _huber_excess(fitted) / arma.first_variance(law), _least_square(fitted.channel))
-    return square, own.T @ own / (square / _degrees_of_freedom(fitted.channel))
+    return square, term_columns.T @ term_columns / (square / _degrees_of_freedom(fitted.channel))
 
 
 def _huber_excess(fitted: FittedHypothesis) -> float:
@@ -249,7 +249,7 @@ def candidate_places(fitted: FittedHypothesis, kind: type[Term], near: Term | No
     channel = fitted.channel
     if kind is SectorOffset:
         made = [kind(0.0, centre, reach) for centre, reach in _sector_places(near)]
-        return [one for one in made if np.count_nonzero(one.share(channel.covariates["heading"])) >= FEWEST_AFFECTED]
+        return [term for term in made if np.count_nonzero(term.share(channel.covariates["heading"])) >= FEWEST_AFFECTED]
     if kind is SpellOffset:
         return [kind(0.0, begin, end) for begin, end in _spell_places(channel, near)]
     if kind.dated():
@@ -267,10 +267,10 @@ def place_columns(fitted: FittedHypothesis, terms: Sequence[Term]) -> Floats:
     if isinstance(first, LOCAL_OFFSETS):
         always = short_fit.term_derivative(fitted, SpellOffset(0.0, -np.inf, np.inf))
         x = channel.time_s if isinstance(first, SpellOffset) else channel.covariates["heading"]
-        acting = np.stack([one.share(x) for one in terms if isinstance(one, LOCAL_OFFSETS)], axis=1)
+        acting = np.stack([term.share(x) for term in terms if isinstance(term, LOCAL_OFFSETS)], axis=1)
     elif first.dated():
         always = short_fit.term_derivative(fitted, _at_place(first, date_s=-np.inf))
-        acting = (channel.time_s[:, None] >= np.array([one.date for one in terms])).astype(float)
+        acting = (channel.time_s[:, None] >= np.array([term.date for term in terms])).astype(float)
     else:
         always, acting = short_fit.term_derivative(fitted, first), np.ones((len(channel), 1))
     return always[:, None, :] * acting[:, :, None]

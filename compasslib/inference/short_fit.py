@@ -51,7 +51,7 @@ class ShortComparison(Comparison):
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # effect -> values of its first parameter
     rule_deg: float = 0.0  # systematic error of the simulation that no number of samples averages out, rms
     independent: bool = False  # readings whose errors have no memory
-    remembered: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
+    arma_noise: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
     reads: bool = True  # whether what is compared is a reading of a compass
 
     def unit(self, term: Term, k: int) -> tuple[float, str]:
@@ -92,10 +92,10 @@ class SeriesResidual:
 
     def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
         """Return observed minus simulated correct heading, (n,) degrees."""
-        bare = Simulation(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), terms)
-        reading = composition.undone_readout(bare, self.scene, self.recorded_deg)
+        no_iron = Simulation(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), terms)
+        reading = composition.undone_readout(no_iron, self.scene, self.recorded_deg)
         corrected = reading + von_appen.design(reading) @ base
-        return angles.difference(self.correct_deg, corrected + composition.veer(bare, self.scene))
+        return angles.difference(self.correct_deg, corrected + composition.veer(no_iron, self.scene))
 
 
 def recording_scene(
@@ -113,11 +113,11 @@ def recording_scene(
         tilt_deg: pitch and roll, (n,) each.
         departures: what terms need, (n,) each.
     """
-    one, zero = np.ones(len(time_s)), np.zeros(len(time_s))
+    unit_field, zero = np.ones(len(time_s)), np.zeros(len(time_s))
     h, z = (PLACELESS_NT, 0.0) if field is None else (field["horizontal_nT"], field["vertical_nT"])
     pitch, roll = tilt_deg or (zero, zero)
     unit = PERCENT if field is None else (1.0, "nT")
-    return Scene(time_s, h * one, z * one, pitch, roll, float(time_s[0]), departures or {}), unit
+    return Scene(time_s, h * unit_field, z * unit_field, pitch, roll, float(time_s[0]), departures or {}), unit
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ class _FitState:
 
     def misfit(self, other: _FitState) -> float:
         """Return the sum of the squares of another hypothesis over that of this."""
-        square, then = (float(np.sum(one.fitted.clipped[self.keep] ** 2)) for one in (self, other))
+        square, then = (float(np.sum(state.fitted.clipped[self.keep] ** 2)) for state in (self, other))
         return then / max(square, 1e-300)
 
 
@@ -240,8 +240,8 @@ def _linearize(channel: ShortComparison, theta: Floats, terms: tuple[Term, ...],
 def _split_parameters(
     channel: ShortComparison, theta: Floats, terms: tuple[Term, ...]
 ) -> tuple[Floats, tuple[Term, ...]]:
-    own = slices(terms, len(channel.start))
-    placed = tuple(term.at(theta[part]) for term, part in zip(terms, own, strict=True))
+    places = slices(terms, len(channel.start))
+    placed = tuple(term.at(theta[part]) for term, part in zip(terms, places, strict=True))
     return theta[: len(channel.start)], placed
 
 
@@ -271,7 +271,7 @@ def effective_samples(fitted: FittedHypothesis) -> float:
     n = len(fitted.channel)
     if fitted.channel.independent:
         return float(n)
-    if fitted.channel.remembered:
+    if fitted.channel.arma_noise:
         return arma.effective_number(fitted.clipped, fitted.columns)
     return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
@@ -281,7 +281,7 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
 
     What the simulation itself does not know is added, as if it lay all along each parameter's own column.
     """
-    if fitted.channel.remembered:
+    if fitted.channel.arma_noise:
         return arma.covariance(fitted.clipped, fitted.columns)
     columns, residual, block = fitted.columns, fitted.clipped, memory_blocks(fitted)
     inverse = whitening.inverse(columns.T @ columns)
@@ -299,8 +299,8 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
 
 def visible_size_deg(fitted: FittedHypothesis, k: int) -> float:
     """Return the visible size of a term: what no other parameter can take of it, rms degrees."""
-    own = slices(fitted.terms, len(fitted.base))[k]
-    rest = [term for j, term in enumerate(fitted.terms) if j != k]
-    without = fitted.channel.residual(fitted.base, tuple(rest)) - fitted.residual_deg
-    others = whitening.orthonormal(np.delete(fitted.columns, own, axis=1))
+    columns = slices(fitted.terms, len(fitted.base))[k]
+    other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
+    without = fitted.channel.residual(fitted.base, tuple(other_terms)) - fitted.residual_deg
+    others = whitening.orthonormal(np.delete(fitted.columns, columns, axis=1))
     return angles.rms(whitening.without(without, others))

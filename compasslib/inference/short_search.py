@@ -54,27 +54,27 @@ FEWEST_IN_BIN = 5  # of a figure's curve
 
 def omnibus_groups(now: FittedHypothesis) -> list[ColumnGroup]:
     """Return harmonics and hats of the heading, hats of every other covariate, and products with the heading."""
-    found = now.channel.covariates
+    covariates = now.channel.covariates
     worth = (
-        len(now.channel) if now.channel.remembered else short_fit.effective_samples(now)
+        len(now.channel) if now.channel.arma_noise else short_fit.effective_samples(now)
     )  # the law's draws know the memory
     most = int(worth) // SHARE_OF_FREEDOM
-    heading, made = found.get("heading"), []
+    heading, made = covariates.get("heading"), []
     if heading is not None:
         made = [
             omnibus.fourier_columns(heading, range(3, 7)),
             omnibus.heading_hats(heading, HEADING_HAT_DEG, FEWEST_IN_HAT),
         ]
-    every = [ColumnGroup("heading", columns, covariates=("heading",)) for columns in made]
-    for name, column in found.items():
+    groups = [ColumnGroup("heading", columns, covariates=("heading",)) for columns in made]
+    for name, column in covariates.items():
         if name == "heading" or np.ptp(column) == 0.0:
             continue
         hats = omnibus.hat_columns(column, min(omnibus.COVARIATE_KNOTS, max(3, most // 2)))
-        every.append(ColumnGroup(name, hats, covariates=(name,)))
+        groups.append(ColumnGroup(name, hats, covariates=(name,)))
         if heading is not None:
             both = omnibus.fourier_columns(heading, range(1, 3)) * omnibus.standardize(column)[:, None]
-            every.append(ColumnGroup(f"heading x {name}", both, covariates=("heading", name)))
-    return [group for group in every if 0 < group.columns.shape[1] <= most]
+            groups.append(ColumnGroup(f"heading x {name}", both, covariates=("heading", name)))
+    return [group for group in groups if 0 < group.columns.shape[1] <= most]
 
 
 def score_tests(
@@ -85,23 +85,23 @@ def score_tests(
     Args:
         noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
     """
-    white = arma.whitening_matrix(noise.clipped, noise.columns) if now.channel.remembered else None
-    seen_as = [group.columns if white is None else white @ group.columns for group in groups]
+    white = arma.whitening_matrix(noise.clipped, noise.columns) if now.channel.arma_noise else None
+    filtered = [group.columns if white is None else white @ group.columns for group in groups]
     base = whitening.orthonormal(now.columns if white is None else white @ now.columns)
-    bases = [directions(columns, base) for columns in seen_as]
-    kept = [k for k, basis in enumerate(bases) if basis.shape[1] and _is_determined(seen_as[k], bases[k], base)]
-    if not kept:
+    bases = [directions(columns, base) for columns in filtered]
+    determined = [k for k, basis in enumerate(bases) if basis.shape[1] and _is_determined(filtered[k], bases[k], base)]
+    if not determined:
         none = np.zeros(0)
         return ScoreTests([], none, none, none, none)
-    some, bases = [groups[k] for k in kept], [bases[k] for k in kept]
+    groups_bases, bases = [groups[k] for k in determined], [bases[k] for k in determined]
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
     begins = np.concatenate([[0], np.cumsum(freedom)[:-1]]).astype(int)
-    every = np.concatenate(bases, axis=1)
+    basis_all = np.concatenate(bases, axis=1)
     rows = np.vstack([now.clipped[None, :], noise_draws(noise, seed)])
-    gains = _gains(rows if white is None else rows @ white.T, every, begins, base)
+    gains = _gains(rows if white is None else rows @ white.T, basis_all, begins, base)
     inflation = np.maximum(gains[1:].mean(axis=0) / freedom, np.finfo(float).tiny)  # a residual that is 0 has no noise
     score = normal_score(gains / inflation, freedom)
-    return ScoreTests(some, freedom, np.maximum(inflation, 1.0), score[0], score[1:].max(axis=1))
+    return ScoreTests(groups_bases, freedom, np.maximum(inflation, 1.0), score[0], score[1:].max(axis=1))
 
 
 def directions(columns: Floats, base: Floats) -> Floats:
@@ -123,7 +123,7 @@ def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) 
     """
     if noise.channel.independent:
         return np.random.default_rng(seed).normal(size=(repeats, len(noise.channel)))
-    if noise.channel.remembered:
+    if noise.channel.arma_noise:
         return arma.draws(noise.clipped, noise.columns, seed, repeats)
     length = int(np.max(np.bincount(short_fit.memory_blocks(noise))))
     return blocks.drawn(noise.clipped - noise.clipped.mean(), length, repeats, seed)
@@ -131,17 +131,17 @@ def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) 
 
 def group_size_deg(now: FittedHypothesis, group: ColumnGroup, inflation: float) -> float:
     """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
-    seen = directions(group.columns, whitening.orthonormal(now.columns))
-    pull, n = seen.T @ now.clipped, len(now.channel)
-    noise = inflation * seen.shape[1] * now.square / n
+    columns = directions(group.columns, whitening.orthonormal(now.columns))
+    pull, n = columns.T @ now.clipped, len(now.channel)
+    noise = inflation * columns.shape[1] * now.square / n
     return float(np.sqrt(max(float(pull @ pull) - noise, 0.0) / n))
 
 
-def _gains(rows: Floats, every: Floats, begins: NDArray[np.intp], base: Floats) -> Floats:
+def _gains(rows: Floats, basis_all: Floats, begins: NDArray[np.intp], base: Floats) -> Floats:
     """Return twice the log likelihood that each group adds to each row, (rows, groups)."""
-    bare = rows - (rows @ base) @ base.T
-    total = np.sum(bare**2, axis=1)[:, None]
-    taken = np.add.reduceat((bare @ every) ** 2, begins, axis=1)
+    projected = rows - (rows @ base) @ base.T
+    total = np.sum(projected**2, axis=1)[:, None]
+    taken = np.add.reduceat((projected @ basis_all) ** 2, begins, axis=1)
     return -rows.shape[1] * np.log(np.maximum(1.0 - taken / np.maximum(total, 1e-300), 1e-12))
 
 
@@ -165,10 +165,10 @@ class SearchResult:
 
     before: FittedHypothesis  # the base alone
     fitted: FittedHypothesis
-    found: Posterior
+    posterior: Posterior
     slots: tuple[Slot, ...]
     alone: dict[str, tuple[float, float]]  # log evidence and visible size of each effect, alone
-    rest: OmnibusResult  # what it leaves
+    omnibus: OmnibusResult  # what it leaves
 
 
 @dataclass
@@ -177,7 +177,7 @@ class HypothesisSearch:
 
     channel: ShortComparison
     alarm: float
-    tried: dict[Hypothesis, RefittedHypothesis] = field(default_factory=dict)
+    refitted: dict[Hypothesis, RefittedHypothesis] = field(default_factory=dict)
 
     @cached_property
     def kinds(self) -> list[type[Term]]:
@@ -193,44 +193,50 @@ class HypothesisSearch:
 
     def logs(self, uneven: float = 1.0) -> dict[Hypothesis, float]:
         """Return the log of how likely each hypothesis is, up to a constant, odds beforehand counted."""
-        evidence = short_evidence.log_evidence(self.channel, [one.evidence for one in self.tried.values()], uneven)
-        each = zip(self.tried.items(), evidence.tolist(), strict=True)
-        return {key: log + one.share + self.prior(key) for (key, one), log in each}
+        evidence = short_evidence.log_evidence(
+            self.channel, [hypothesis.evidence for hypothesis in self.refitted.values()], uneven
+        )
+        each = zip(self.refitted.items(), evidence.tolist(), strict=True)
+        return {key: log + hypothesis.share + self.prior(key) for (key, hypothesis), log in each}
 
-    def prior(self, one: Hypothesis) -> float:
+    def prior(self, hypothesis: Hypothesis) -> float:
         """Return the log odds beforehand of a hypothesis."""
-        return posteriors.joint_odds([self.odds[k] for k in one])
+        return posteriors.joint_odds([self.odds[k] for k in hypothesis])
 
     def run(self) -> None:
         """Try single effects, then pairs and triples of what is likely."""
-        bare = short_fit.fit_hypothesis(self.channel, ())
-        self.tried[()] = RefittedHypothesis(bare, short_evidence.short_evidence(bare), 0.0)
+        base = short_fit.fit_hypothesis(self.channel, ())
+        self.refitted[()] = RefittedHypothesis(base, short_evidence.short_evidence(base), 0.0)
         for size in range(MOST_TERMS):
             logs = self.logs()
-            parents = sorted((one for one in self.tried if len(one) == size), key=logs.__getitem__)[-MOST_PARENTS:]
+            parents = sorted(
+                (hypothesis for hypothesis in self.refitted if len(hypothesis) == size), key=logs.__getitem__
+            )[-MOST_PARENTS:]
             for parent in reversed(parents):
                 self._extended(parent)
 
     def _extended(self, parent: Hypothesis) -> None:
         """Try every other effect beside those of a hypothesis, refitted where it promises enough."""
-        base, logs = self.tried[parent].fitted, self.logs()
-        law = short_evidence.likeliest_law(self.channel, self.tried[parent].evidence)
+        base, logs = self.refitted[parent].fitted, self.logs()
+        law = short_evidence.likeliest_law(self.channel, self.refitted[parent].evidence)
         taken = {self.kinds[k].name for k in parent}
         for k, kind in enumerate(self.kinds):
             hypothesis = tuple(sorted((*parent, k)))
             terms = short_evidence.candidate_places(base, kind)
-            if kind.name in taken or hypothesis in self.tried or not terms:
+            if kind.name in taken or hypothesis in self.refitted or not terms:
                 continue
             columns = short_evidence.place_columns(base, terms)
             gains, plain = (
-                short_evidence.likelihood_gains(base, one, columns) for one in (law, short_evidence.WHITE[0])
+                short_evidence.likelihood_gains(base, memory, columns) for memory in (law, short_evidence.WHITE[0])
             )
             promised = logs[parent] + float(gains.max()) - PARAMETER_COST * len(kind.fitted()) + self.odds[k]
             if parent and promised < max(logs.values()) - FAR:
                 continue
-            tried = self._placed(base, terms, columns, plain)
-            fitted = tried.fitted.reordered(np.argsort((*parent, k)).tolist())
-            self.tried[hypothesis] = RefittedHypothesis(fitted, tried.evidence, self.tried[parent].share + tried.share)
+            refitted = self._placed(base, terms, columns, plain)
+            fitted = refitted.fitted.reordered(np.argsort((*parent, k)).tolist())
+            self.refitted[hypothesis] = RefittedHypothesis(
+                fitted, refitted.evidence, self.refitted[parent].share + refitted.share
+            )
 
     def _placed(self, base: FittedHypothesis, terms: list[Term], columns: Floats, gains: Floats) -> RefittedHypothesis:
         """Return a hypothesis with one more term at its best place: by the memory that is left once it is there.
@@ -251,22 +257,24 @@ class HypothesisSearch:
     def _refitted(self, base: FittedHypothesis, term: Term) -> FittedHypothesis:
         """Return a hypothesis with one more term, from each value where its fit may begin."""
         starts = [np.append(first, term.values[1:]) for first in self.channel.starts.get(term.name, ())]
-        some = [
+        fits = [
             short_fit.fit_hypothesis(self.channel, (*base.terms, term.at(v)), near=base) for v in (term.values, *starts)
         ]
-        return _refine_places(min(some, key=lambda one: one.square))
+        return _refine_places(min(fits, key=lambda fit: fit.square))
 
     def posterior(self) -> Posterior:
         """Return how probable each hypothesis is, by noise as uneven as blocks of the likeliest one's residual."""
         logs = self.logs()
-        plausible = [key for key, one in self.tried.items() if all(t.plausible for t in one.fitted.terms)]
-        best = self.tried[max(plausible, key=logs.__getitem__)]
+        plausible = [
+            key for key, hypothesis in self.refitted.items() if all(t.plausible for t in hypothesis.fitted.terms)
+        ]
+        best = self.refitted[max(plausible, key=logs.__getitem__)]
         law = short_evidence.likeliest_law(self.channel, best.evidence)
-        alone = [self.tried[(k,)].fitted.terms[0] for k in range(len(self.kinds)) if (k,) in self.tried]
+        alone = [self.refitted[(k,)].fitted.terms[0] for k in range(len(self.kinds)) if (k,) in self.refitted]
         slow = [short_evidence.place_columns(best.fitted, [term.at(0.0 * term.values)])[:, 0] for term in alone]
         logs = self.logs(short_evidence.cluster_inflation(best.fitted, law, slow))
-        some = np.array([logs[key] for key in plausible])
-        probability = np.exp(some - some.max())
+        log_posterior = np.array([logs[key] for key in plausible])
+        probability = np.exp(log_posterior - log_posterior.max())
         prior = np.array([self.prior(key) for key in plausible])
         return Posterior([kind.name for kind in self.kinds], plausible, probability / probability.sum(), prior)
 
@@ -274,9 +282,13 @@ class HypothesisSearch:
         """Return log evidence and visible size of each effect beside the base alone, the best first."""
         sizes: dict[str, tuple[float, float]] = {}
         logs = self.logs()
-        for one in sorted((one for one in self.tried if len(one) == 1), key=logs.__getitem__, reverse=True):
-            score = logs[one] - self.prior(one) - logs[()]
-            sizes.setdefault(self.kinds[one[0]].name, (score, short_fit.visible_size_deg(self.tried[one].fitted, 0)))
+        for hypothesis in sorted(
+            (hypothesis for hypothesis in self.refitted if len(hypothesis) == 1), key=logs.__getitem__, reverse=True
+        ):
+            score = logs[hypothesis] - self.prior(hypothesis) - logs[()]
+            sizes.setdefault(
+                self.kinds[hypothesis[0]].name, (score, short_fit.visible_size_deg(self.refitted[hypothesis].fitted, 0))
+            )
         return sizes
 
 
@@ -284,20 +296,20 @@ def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
     """Return the terms that the comparison calls for, each with all that may stand in its place."""
     made = HypothesisSearch(channel, options.alarm)
     made.run()
-    found = made.posterior()
-    chosen = found.of_at_least(SURE)
-    fitted = made.tried[chosen].fitted
-    slots = tuple(found.slots(chosen, instead=None))
+    posterior_found = made.posterior()
+    chosen = posterior_found.of_at_least(SURE)
+    fitted = made.refitted[chosen].fitted
+    slots = tuple(posterior_found.slots(chosen, instead=None))
     tested = score_tests(fitted, fitted, omnibus_groups(fitted), seed=99)
-    rest = omnibus.omnibus_test(tested, options.alarm, partial(group_size_deg, fitted), options.min_effect_deg)
-    return SearchResult(made.tried[()].fitted, fitted, found, slots, made.alone(), rest)
+    remainder = omnibus.omnibus_test(tested, options.alarm, partial(group_size_deg, fitted), options.min_effect_deg)
+    return SearchResult(made.refitted[()].fitted, fitted, posterior_found, slots, made.alone(), remainder)
 
 
 def _refine_places(fitted: FittedHypothesis) -> FittedHypothesis:
     """Return a hypothesis with the places of its last term looked for among the samples between those tried."""
     term = fitted.terms[-1]
-    near = [one.at(term.values) for one in short_evidence.candidate_places(fitted, type(term), near=term)]
-    squares = [_clipped_square(fitted, one) for one in near]
+    near = [candidate.at(term.values) for candidate in short_evidence.candidate_places(fitted, type(term), near=term)]
+    squares = [_clipped_square(fitted, candidate) for candidate in near]
     if not squares or min(squares) >= fitted.square:
         return fitted
     better = near[int(np.argmin(squares))]
@@ -312,27 +324,27 @@ def _clipped_square(fitted: FittedHypothesis, last: Term) -> float:
 def build_outcome(named: SearchResult) -> Outcome:
     """Return what the search of one comparison tells."""
     fitted, channel = named.fitted, named.fitted.channel
-    own = [k for k, term in enumerate(fitted.terms) if not isinstance(term, LOCAL_OFFSETS)]
-    covariance = short_fit.parameter_covariance(fitted) if own else np.zeros((0, 0))
-    every = tuple(_finding(named, k, covariance) for k in own)
+    named_terms = [k for k, term in enumerate(fitted.terms) if not isinstance(term, LOCAL_OFFSETS)]
+    covariance = short_fit.parameter_covariance(fitted) if named_terms else np.zeros((0, 0))
+    findings = tuple(_finding(named, k, covariance) for k in named_terms)
 
-    def curves(found: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
+    def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
         wanted = {"heading", *(left.covariates if left else ())}
-        wanted |= {one.where.covariate for one in found if one.effect in {term.name for term in fitted.terms}}
+        wanted |= {item.where.covariate for item in shown if item.effect in {term.name for term in fitted.terms}}
         return [residual_curve(named.before, fitted, name) for name in channel.covariates if name in wanted]
 
     scatter = fitted.scale_deg, fitted.scale_deg / float(np.sqrt(2.0 * max(short_fit.effective_samples(fitted), 1.0)))
-    acts = named.found.acting
+    acts = named.posterior.acting
     return Outcome(
         comparison=channel,
-        posterior=named.found,
-        findings=every,
-        slots=tuple(named.slots[k] for k in own),
-        left=_unexplained_mismatch(named, [one.effect for one in every]),
-        small=named.rest.small,
+        posterior=named.posterior,
+        findings=findings,
+        slots=tuple(named.slots[k] for k in named_terms),
+        left=_unexplained_mismatch(named, [item.effect for item in findings]),
+        small=named.omnibus.small,
         curves=curves,
         noise={"white_deg": scatter},
-        tried=tuple(RankedEffect(effect, *one, acts[effect]) for effect, one in named.alone.items()),
+        ranked=tuple(RankedEffect(effect, *item, acts[effect]) for effect, item in named.alone.items()),
         deniable=True,
     )
 
@@ -347,7 +359,7 @@ def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
         _parameters(fitted, k, covariance),
         size_deg=short_fit.visible_size_deg(fitted, k),
         proof=held_out(fitted, k),
-        place=channel.outside(residual_curve(named.before, named.before, channel.lives(term))),
+        place=channel.outside(residual_curve(named.before, named.before, channel.main_covariate(term))),
     )
 
 
@@ -362,20 +374,20 @@ def _slot_probabilities(slot: Slot, channel: ShortComparison) -> dict[str, float
 
 
 def _parameters(fitted: FittedHypothesis, k: int, covariance: Floats) -> dict[str, Parameter]:
-    own = slices(fitted.terms, len(fitted.base))[k]
-    sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[own], fitted.terms[k]
-    found = {}
+    columns = slices(fitted.terms, len(fitted.base))[k]
+    sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], fitted.terms[k]
+    parameters = {}
     for j, name in enumerate(term.fitted()):
         factor, unit = fitted.channel.unit(term, j)
         plain = name if factor == 1.0 and unit == term.units()[j] else name.replace("_nT", "")
-        found[plain] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
-    return found
+        parameters[plain] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
+    return parameters
 
 
 def held_out(fitted: FittedHypothesis, k: int) -> HeldOut:
     """Return what a term adds on stretches that were not fitted, the others refitted with and without it."""
-    rest = [term for j, term in enumerate(fitted.terms) if j != k]
-    return _held_out_gain(fitted, fitted, rest)
+    other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
+    return _held_out_gain(fitted, fitted, other_terms)
 
 
 def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
@@ -416,20 +428,20 @@ def _unexplained_mismatch(named: SearchResult, listed: Sequence[str]) -> Unexpla
     Args:
         listed: effects that stand beside it.
     """
-    fitted, channel, rest = named.fitted, named.fitted.channel, named.rest
+    fitted, channel, remainder = named.fitted, named.fitted.channel, named.omnibus
     local = [
         (short_fit.visible_size_deg(fitted, k), k)
         for k, term in enumerate(fitted.terms)
         if isinstance(term, LOCAL_OFFSETS)
     ]
     size, k = max(local, default=(0.0, 0))
-    if local and size >= rest.min_effect_deg:
-        bare = short_fit.fit_hypothesis(channel, [other for j, other in enumerate(fitted.terms) if j != k], near=fitted)
+    if local and size >= remainder.min_effect_deg:
+        base = short_fit.fit_hypothesis(channel, [other for j, other in enumerate(fitted.terms) if j != k], near=fitted)
         place = _covered_range(channel, fitted.terms[k])
-        return channel.unexplained([residual_curve(bare, bare, place.covariate)], size, listed, place)
-    if not rest.worth:
+        return channel.unexplained([residual_curve(base, base, place.covariate)], size, listed, place)
+    if not remainder.above_min_effect:
         return None
-    group, size = rest.worth[0]
+    group, size = remainder.above_min_effect[0]
     return channel.unexplained([residual_curve(fitted, fitted, name) for name in group.covariates], size, listed)
 
 
@@ -455,11 +467,11 @@ def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str)
         edges = np.linspace(0.0, 360.0, min(2 * finding.CURVE_BINS, 2 * count) + 1)
     bins = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, len(edges) - 2)
     there = np.bincount(bins, minlength=len(edges) - 1)
-    least = 1 if before.channel.independent or before.channel.remembered else FEWEST_IN_BIN
+    least = 1 if before.channel.independent or before.channel.arma_noise else FEWEST_IN_BIN
     held = np.flatnonzero(there >= least)
     centre = np.bincount(bins, column, len(edges) - 1)[held] / there[held]
     left = (before.clipped if before is after else before.residual_deg, after.clipped)
-    means = [np.bincount(bins, one, len(edges) - 1)[held] / there[held] for one in left]
+    means = [np.bincount(bins, side, len(edges) - 1)[held] / there[held] for side in left]
     return BinnedResidual(name, centre, means[0], means[1], _bin_sigma(after, bins, held, there), after.channel.what)
 
 
@@ -470,7 +482,7 @@ def _bin_sigma(
     scatter = float(np.std(after.clipped))
     if after.channel.independent:
         return scatter / np.sqrt(there[held])
-    if after.channel.remembered:
+    if after.channel.arma_noise:
         weights = (bins[:, None] == held) / there[held]
         return arma.standard_errors(after.clipped, after.columns, weights)
     block = short_fit.memory_blocks(after)

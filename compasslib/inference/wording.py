@@ -122,9 +122,9 @@ def _effect_text(
     effect: str, where: str, parameters: Mapping[str, tuple[float, float, str]], size_deg: float, physics: str = ""
 ) -> str:
     """Return where an effect is, what it is, how large, and its numbers with their intervals."""
-    fitted = {name: one for name, one in parameters.items() if one[1] > 0.0}
+    fitted = {name: parameter for name, parameter in parameters.items() if parameter[1] > 0.0}
     known = meanings(effect)
-    numbers = "".join(f"; {known.get(name, name)} {_interval_text(*one)}" for name, one in fitted.items())
+    numbers = "".join(f"; {known.get(name, name)} {_interval_text(*parameter)}" for name, parameter in fitted.items())
     physics = physics or PHYSICS.get(effect, effect)
     size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
     return f"{where[0].upper()}{where[1:]}: {physics}. Size {size}° rms{numbers}."
@@ -152,7 +152,7 @@ def describe_composition(acts_on: str, driver: str, form: str) -> tuple[str, str
         "tide": "tide (12.42 h)",
         "heading_spread": "spread of the headings within a sample",
     }
-    drives = " times ".join(named.get(one, one.replace("_", " ")) for one in driver.split("*"))
+    drives = " times ".join(named.get(name, name.replace("_", " ")) for name in driver.split("*"))
     return ACTED_ON[acts_on], FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
 
 
@@ -169,9 +169,9 @@ def unexplained_text(where: str, size_deg: float, named: Sequence[str]) -> str:
         size_deg: visible size, rms degrees.
         named: effects that stand beside it.
     """
-    beside = f" beyond {join_names(named)}" if named else ""
+    beyond = f" beyond {join_names(named)}" if named else ""
     return (
-        f"Recording and simulation differ{beside} {where}, by {size_deg:.1f}° rms. "
+        f"Recording and simulation differ{beyond} {where}, by {size_deg:.1f}° rms. "
         "No effect of the catalogue fits; the curve shows how the heading is turned."
     )
 
@@ -220,9 +220,9 @@ def displayed_residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]
         diagnosis: content of diagnosis.json.
     """
     left = diagnosis["unexplained"]["curves"] if diagnosis["unexplained"] else []
-    taken = {one["covariate"] for one in left}
-    others = [one for one in diagnosis.get("curves", []) if one["covariate"] not in taken]
-    return [one for one in [*left, *others] if len(one["centre"]) > 1]
+    taken = {curve["covariate"] for curve in left}
+    others = [curve for curve in diagnosis.get("curves", []) if curve["covariate"] not in taken]
+    return [curve for curve in [*left, *others] if len(curve["centre"]) > 1]
 
 
 def display_name(effect: str) -> str:

@@ -63,10 +63,10 @@ def diagnose(
     near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(netcdf.read_json(field))
     configured = netcdf.read_json(fit)
     fitted = deviations.from_json(configured)
-    told = {**options, "tell": bool(summary)}
+    with_sharing = {**options, "share": bool(summary)}
     made = judged(
         near, along, configured, fitted, record=record, references=references, observatory=observatory, wide=wide,
-        options=told,
+        options=with_sharing,
     )  # fmt: skip
     netcdf.write_json(diagnosis, made.diagnosis.to_json())
     netcdf.write_json(deviation, configured | {"applied": made.product.to_json(), "shared": None})
@@ -132,7 +132,7 @@ def judged(
 def _summary(mooring: str, near: Pairs, fitted: Fit, along: EarthField, found: Diagnosis) -> dict[str, Any]:
     from compasslib.inference import joint_compass, joint_effects
 
-    told = found.told or joint_effects.fit_information(fitted)
+    told = found.information or joint_effects.fit_information(fitted)
     place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
     return joint_compass.summarize_record(
         mooring, place, told, span_s=near.time_s[[0, -1]].tolist() if len(near) else [], why=fitted.why

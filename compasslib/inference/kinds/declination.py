@@ -59,7 +59,7 @@ FEWEST_DAYS = 5  # that a quiet-day curve must come from to be held against days
 
 def separating_text(findings: Sequence[Finding]) -> str | None:
     """Return what would tell the alternatives apart, or None where nothing is open."""
-    pairs = [(one.effect, other) for one in findings for other in one.alternatives]
+    pairs = [(finding.effect, other) for finding in findings for other in finding.alternatives]
     texts = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
     return "; ".join(dict.fromkeys(texts)) or None
 
@@ -76,7 +76,7 @@ def reason_text(compared: FieldComparison, source: str, findings: Sequence[Findi
     return begin + quiet + agree
 
 
-def storm_text(found: Storm, compared: FieldComparison, proof: HeldOut, more: int) -> str:
+def storm_text(storm: Storm, compared: FieldComparison, proof: HeldOut, more: int) -> str:
     """Return the sentences on one storm.
 
     Args:
@@ -85,9 +85,9 @@ def storm_text(found: Storm, compared: FieldComparison, proof: HeldOut, more: in
     quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
     others = f" {more} smaller storms are not listed." if more else ""
     return (
-        f"From {stamp(found.begin_s)} to {stamp(found.end_s)} a disturbance of the earth's field moves "
-        f"magnetic north by {found.rms_deg:.2f}° rms in its disturbed hours, {found.worst_deg:.2f}° in its worst "
-        f"three; highest minus lowest declination is {found.range_deg:.1f}°.{quiet} The model of it is the "
+        f"From {stamp(storm.begin_s)} to {stamp(storm.end_s)} a disturbance of the earth's field moves "
+        f"magnetic north by {storm.rms_deg:.2f}° rms in its disturbed hours, {storm.worst_deg:.2f}° in its worst "
+        f"three; highest minus lowest declination is {storm.range_deg:.1f}°.{quiet} The model of it is the "
         f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
         f"{proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}); it predicts no other day or place.{others}"
     )
@@ -146,20 +146,25 @@ def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthFi
         return trend_of_pieces(compared, series, model, options.min_effect_deg)
     limit = options.min_effect_deg
     large = large_jumps(compared, limit)
-    level = observatory.compare(remove_jumps(series, tuple(one[1] for one in large)), model, limit_deg=limit)
-    found = long_record.diagnose(compare_series(level, model), options)
-    dates = {id(one): date_jump(level, one) for one in found.findings if one.effect == "heading_slip"}
-    drifts = any(one.effect == "secular_variation" for one in found.findings)
-    matter = [one[0] for one in large if one[0].rms_effect_deg >= limit]
-    small = [(one[0].effect, one[0].rms_effect_deg) for one in large if one[0].rms_effect_deg < limit]
+    level = observatory.compare(remove_jumps(series, tuple(finding[1] for finding in large)), model, limit_deg=limit)
+    searched = long_record.diagnose(compare_series(level, model), options)
+    dates = {
+        id(finding): date_jump(level, finding) for finding in searched.findings if finding.effect == "heading_slip"
+    }
+    drifts = any(finding.effect == "secular_variation" for finding in searched.findings)
+    matter = [finding[0] for finding in large if finding[0].rms_effect_deg >= limit]
+    small = [(finding[0].effect, finding[0].rms_effect_deg) for finding in large if finding[0].rms_effect_deg < limit]
     return SlowFindings(
-        findings=(*matter, *(reword_finding(one, series, model, dates.get(id(one))) for one in found.findings)),
-        jumps=(*(one[1] for one in large), *dates.values()),
-        unexplained=found.unexplained,
-        negligible=(*found.negligible, *small),
+        findings=(
+            *matter,
+            *(reword_finding(finding, series, model, dates.get(id(finding))) for finding in searched.findings),
+        ),
+        jumps=(*(finding[1] for finding in large), *dates.values()),
+        unexplained=searched.unexplained,
+        negligible=(*searched.negligible, *small),
         not_testable=(("declination_error", DRIFTS),) if drifts else (),
-        curves=found.curves,
-        threshold=found.threshold,
+        curves=searched.curves,
+        threshold=searched.threshold,
     )
 
 
@@ -193,20 +198,20 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
     first = observatory.compare(series, field, limit_deg=limit)
     slow = slow_findings(first, series, field, options)
     compared = observatory.compare(declination_slow.remove_jumps(series, slow.jumps), field, limit_deg=limit)
-    found, small = list(slow.findings), dict(slow.negligible)
+    findings, small = list(slow.findings), dict(slow.negligible)
     open_constant = "declination_error" not in dict(slow.not_testable)
     constant = [_constant_finding(compared, series, field)] if open_constant else []
     for finding, name, size in (*constant, _daily_finding(compared, limit), *_storm_findings(compared, series)):
         if finding is not None:
-            found.append(finding)
+            findings.append(finding)
         elif size > 0.0:
             small[name] = max(size, small.get(name, 0.0))
-    rest = _restless(compared, limit) or slow.unexplained
-    ordered = tuple(sorted(found, key=lambda one: -one.rms_effect_deg))
+    unexplained = _restless(compared, limit) or slow.unexplained
+    ordered = tuple(sorted(findings, key=lambda item: -item.rms_effect_deg))
     return Diagnosis(
-        verdict=diagnosis.overall_verdict(ordered, rest),
+        verdict=diagnosis.overall_verdict(ordered, unexplained),
         findings=ordered,
-        unexplained=rest,
+        unexplained=unexplained,
         separated_by=separating_text(ordered),
         not_testable=slow.not_testable,
         negligible=tuple(small.items()),

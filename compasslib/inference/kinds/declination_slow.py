@@ -45,22 +45,22 @@ TREND_SIGMAS = 5.0  # standard errors of a trend through pieces
 LEAST_STEADY = 0.5  # of the limit: what a jump may leave
 
 
-def jump_text(found: tuple[float, float], sigma_deg: float, proof: HeldOut, alternatives: Sequence[str]) -> str:
+def jump_text(jump: tuple[float, float], sigma_deg: float, proof: HeldOut, alternatives: Sequence[str]) -> str:
     """Return the sentences on a jump of the baseline.
 
     Args:
-        found: date, and degrees that the declination rises by.
+        jump: date, and degrees that the declination rises by.
         proof: on days left out.
     """
     others = f" This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else ""
     return (
-        f"From {stamp(found[0])} on the declination is {found[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
+        f"From {stamp(jump[0])} on the declination is {jump[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
         f"off what it was: the baseline jumped, as where a sensor turned. The residual goes from "
         f"{proof.rms_before_deg:.2f}° to {proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}).{others}"
     )
 
 
-def trend_text(slope: Parameter, one: Finding, model_slope: float | None, alternatives: Sequence[str]) -> str:
+def trend_text(slope: Parameter, finding: Finding, model_slope: float | None, alternatives: Sequence[str]) -> str:
     """Return the sentences on a trend.
 
     Args:
@@ -71,9 +71,9 @@ def trend_text(slope: Parameter, one: Finding, model_slope: float | None, altern
     others = f" This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else ""
     return (
         f"The declination moves by {slope.value:+.3f} ± {1.96 * slope.sigma:.3f} degrees a year (95 %) beyond the "
-        f"simulation, {one.rms_effect_deg:.2f}° rms over the record.{as_model} On held-out days the "
-        f"residual goes from {one.held_out.rms_before_deg:.2f}° to {one.held_out.rms_after_deg:.2f}° rms "
-        f"(p = {one.held_out.p_value:.3g}).{others}"
+        f"simulation, {finding.rms_effect_deg:.2f}° rms over the record.{as_model} On held-out days the "
+        f"residual goes from {finding.held_out.rms_before_deg:.2f}° to {finding.held_out.rms_after_deg:.2f}° rms "
+        f"(p = {finding.held_out.p_value:.3g}).{others}"
     )
 
 
@@ -123,7 +123,7 @@ def compare_series(compared: FieldComparison, model: EarthField) -> LongComparis
         covariates={"time": time_s},
         nuisance=np.column_stack(waves) if waves else np.zeros((n, 0)),
         terms=(SecularVariation, HeadingSlip),
-        in_water=False,
+        has_slow_noise=False,
     )
 
 
@@ -156,16 +156,16 @@ def trend_of_pieces(
         return SlowFindings(not_testable=(("secular_variation", why), *missing))
     about = middle[:, 0] - middle[:, 0].mean()
     slope = float(about @ middle[:, 1] / (about @ about))
-    rest = middle[:, 1] - middle[:, 1].mean() - slope * about
-    sigma = float(np.sqrt(rest @ rest / (len(rest) - 2) / (about @ about)))
+    remainder = middle[:, 1] - middle[:, 1].mean() - slope * about
+    sigma = float(np.sqrt(remainder @ remainder / (len(remainder) - 2) / (about @ about)))
     size = float(abs(slope) * np.std(years))
     if abs(slope) <= TREND_SIGMAS * sigma:
         return SlowFindings(not_testable=missing)
     if size < limit_deg:
         return SlowFindings(not_testable=missing, negligible=(("secular_variation", size),))
-    bare, left = (x - np.median(x) for x in (off, off - slope * years))
+    before, left = (x - np.median(x) for x in (off, off - slope * years))
     proof = findings.compare_residuals(
-        bare, left, angles.rms(left), blocks.of_span(compared.time_s, findings.HELD_OUT_BLOCK_S)
+        before, left, angles.rms(left), blocks.of_span(compared.time_s, findings.HELD_OUT_BLOCK_S)
     )
     span = (float(compared.time_s[0]), float(compared.time_s[-1]))
     place = CovariateRange("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
@@ -181,42 +181,50 @@ def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Float
     return (number + 0.5) * step_s, np.bincount(which, off) / np.bincount(which)
 
 
-def reword_finding(one: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None) -> Finding:
+def reword_finding(
+    finding: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None
+) -> Finding:
     """Return a finding of the search in the words of an observatory, with what it could also be."""
-    assert one.when_s is not None  # an observatory has a clock
+    assert finding.when_s is not None  # an observatory has a clock
     if jump is not None:
-        sigma = next(iter(one.parameters.values())).sigma
+        sigma = next(iter(finding.parameters.values())).sigma
         size = {"offset_deg": Parameter(-jump[1], sigma, "degrees")}
-        text = jump_text(jump, sigma, one.held_out, one.alternatives)
-        span = (jump[0], one.when_s[1])
-        return replace(one, parameters=size, when_s=span, text=text, applied=False)
-    trend = one.parameters["deg_year"]
+        text = jump_text(jump, sigma, finding.held_out, finding.alternatives)
+        span = (jump[0], finding.when_s[1])
+        return replace(finding, parameters=size, when_s=span, text=text, applied=False)
+    trend = finding.parameters["deg_year"]
     by_model = float(np.ptp(model.model_declination_deg)) / max(float(np.ptp(model.time_s)) / YEAR_S, 1e-9)
     slope = float(np.copysign(by_model, model.model_declination_deg[-1] - model.model_declination_deg[0]))
     as_model = model.source != "IGRF" and abs(trend.value - slope) <= MODEL_TREND_SHARE * abs(slope)
     known = as_model or series.definitive
-    others = () if as_model else one.alternatives if known else (*dict.fromkeys((*one.alternatives, "compass_drift")),)
-    text = trend_text(trend, one, slope if as_model else None, others)
-    return replace(one, alternatives=others, text=text, applied=False)
+    others = (
+        ()
+        if as_model
+        else finding.alternatives
+        if known
+        else (*dict.fromkeys((*finding.alternatives, "compass_drift")),)
+    )
+    text = trend_text(trend, finding, slope if as_model else None, others)
+    return replace(finding, alternatives=others, text=text, applied=False)
 
 
-def date_jump(compared: FieldComparison, one: Finding) -> tuple[float, float]:
+def date_jump(compared: FieldComparison, finding: Finding) -> tuple[float, float]:
     """Return the date of a jump among the means around where the search has it, and by how much the series rises."""
-    assert one.when_s is not None  # an observatory has a clock
-    near = np.abs(compared.time_s - one.when_s[0]) <= NEAR_S
+    assert finding.when_s is not None  # an observatory has a clock
+    near = np.abs(compared.time_s - finding.when_s[0]) <= NEAR_S
     time_s, off = compared.time_s[near], (compared.residual_deg - compared.quiet_deg)[near]
-    size = -next(iter(one.parameters.values())).value
+    size = -next(iter(finding.parameters.values())).value
     if len(off) < 4:
-        return one.when_s[0], size
+        return finding.when_s[0], size
     at, _, _ = _best_split(off, 2)
     return float(time_s[at]) - compared.step_s / 2.0, size
 
 
 def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
     """Return where a series changes its level best, by how much, and what the two levels leave."""
-    tried = range(least, len(off) - least + 1, max(1, len(off) // 600))
-    spread = [np.sum(np.abs(part - np.median(part))) for k in tried for part in (off[:k], off[k:])]
-    at = tried[int(np.argmin(np.add(spread[::2], spread[1::2])))]
+    splits = range(least, len(off) - least + 1, max(1, len(off) // 600))
+    spread = [np.sum(np.abs(part - np.median(part))) for k in splits for part in (off[:k], off[k:])]
+    at = splits[int(np.argmin(np.add(spread[::2], spread[1::2])))]
     low, high = np.median(off[:at]), np.median(off[at:])
     return at, float(high - low), np.concatenate([off[:at] - low, off[at:] - high])
 
@@ -228,10 +236,10 @@ def short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tu
     if len(off) < 2 * least + 2:
         return None
     at, size, left = _best_split(off, least)
-    rest = float(
+    remainder = float(
         observatory.three_hour_rms(compared.time_s, left)[1].max()
     )  # without the mean that the jump itself falls into
-    if abs(size) < limit_deg or rest >= LEAST_STEADY * limit_deg:
+    if abs(size) < limit_deg or remainder >= LEAST_STEADY * limit_deg:
         return None
     date, last = float(compared.time_s[at]) - compared.step_s / 2.0, float(compared.time_s[-1])
     others = ("field_disturbance",) if min(last - date, date - compared.time_s[0]) < LEAST_AFTER_S else ()
@@ -253,16 +261,16 @@ def large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Findi
     change = middle[LEVELS:] - middle[:-LEVELS]
     change = change - np.median(change)
     usual = robust.width(change)
-    found = []
+    jumps = []
     while len(change) and np.max(np.abs(change)) > max(limit_deg, LARGE_JUMP_RATIO * usual):
         at = int(np.argmax(np.abs(change)))
         around = slice(begins[at], begins[at + 2 * LEVELS] if at + 2 * LEVELS < len(begins) else len(off))
         split, size, left = _best_split(off[around], 2)
         date = float(compared.time_s[around][split]) - compared.step_s / 2.0
         sigma = angles.rms(left) * np.sqrt(2.0 / LEVELS)
-        found.append((_jump(compared, (date, size), sigma, ()), (date, size)))
+        jumps.append((_jump(compared, (date, size), sigma, ()), (date, size)))
         change[max(at - 2 * LEVELS, 0) : at + 2 * LEVELS] = 0.0
-    return found
+    return jumps
 
 
 def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
@@ -271,15 +279,17 @@ def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float
     off = compared.residual_deg - compared.quiet_deg
     unit = observatory.DAY_S if np.ptp(compared.time_s) > 10 * observatory.DAY_S else observatory.HOUR_S
     block = np.floor((compared.time_s - compared.time_s[0]) / unit).astype(int)
-    bare, left = np.array(off), np.array(off)
+    before, left = np.array(off), np.array(off)
     for fold in (0, 1):
-        bare[block % 2 == fold] -= np.median(off[block % 2 != fold]) if np.any(block % 2 != fold) else np.median(off)
+        before[block % 2 == fold] -= np.median(off[block % 2 != fold]) if np.any(block % 2 != fold) else np.median(off)
         for side in (after, ~after):
-            out, kept = side & (block % 2 == fold), side & (block % 2 != fold)
-            if out.any() and kept.any():
-                left[out] = off[out] - np.median(off[kept])
+            out, fitted = side & (block % 2 == fold), side & (block % 2 != fold)
+            if out.any() and fitted.any():
+                left[out] = off[out] - np.median(off[fitted])
     width = max(angles.rms(left), PRECISION_DEG)
-    proof = findings.bootstrap_gain((bare**2 - left**2) / (2.0 * width**2), block, (angles.rms(bare), angles.rms(left)))
+    proof = findings.bootstrap_gain(
+        (before**2 - left**2) / (2.0 * width**2), block, (angles.rms(before), angles.rms(left))
+    )
     share = float(np.mean(after))
     place = CovariateRange("time", date, last, f"from {stamp(date)} on")
     return Finding(

@@ -112,7 +112,7 @@ def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
     if choice.fitted is not None:
         centre = choice.scale * choice.fitted.iron()[0][:3]
         tries.append(magnetometer_log.best_axes(replace(log, raw=log.raw - centre)))
-    matrix, scatter, _ = min(tries, key=lambda one: one[1])
+    matrix, scatter, _ = min(tries, key=lambda candidate: candidate[1])
     if scatter > magnetometer_log.MOST_SCATTER_DEG:
         return matrix, f"the logged heading does not follow the axes (scatter {scatter:.0f} degrees)"
     return matrix, ""
@@ -122,7 +122,7 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
     body = log.raw @ axes.T
     working, unit = _working(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field)
     simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
-    scene, covariates, some, clocked = scene_of(log, simulated, body)
+    scene, covariates, samples, clocked = scene_of(log, simulated, body)
     terms: tuple[type[Term], ...] = (MountingOffset, LevelIron, LevelSoftIron, Sextantal, Octantal, HeadingSlip, Drift)
     if log.tilted:
         terms = (Levelled, HardIron, *(term for term in terms if term is not LevelIron))
@@ -134,7 +134,7 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
     assert log.heading_deg is not None
     return ShortComparison(
         what="the logged heading against that of the axes",
-        residual=OfHeading(working[some], log.heading_deg[some], scene),
+        residual=OfHeading(working[samples], log.heading_deg[samples], scene),
         start=np.zeros(0),
         steps=np.zeros(0),
         time_s=scene.time_s,
@@ -155,20 +155,22 @@ def _of_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping[str,
         log, body = log.take(~far), body[~far]
     working, unit = _working(body, choice.scale, log, field, level=choice.level)
     simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
-    scene, covariates, some, clocked = scene_of(log, simulated, body)
+    scene, covariates, samples, clocked = scene_of(log, simulated, body)
     level = choice.level
     iron: tuple[type[Term], ...] = (LevelIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
     terms: tuple[type[Term], ...] = (*iron, HardIronStep, IronDrift)
     terms += (TemperatureOfField,) if warmed(log) else ()
     terms += (Heeling,) if level and log.tilted else ()
-    every = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3))
-    down, strength = every[some], _strength(field, level)
-    wobble = tilt_wobble(log, working, every, strength)[some] if level and log.tilted else np.zeros((len(some), 0))
+    down_all = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3))
+    down, strength = down_all[samples], _strength(field, level)
+    wobble = (
+        tilt_wobble(log, working, down_all, strength)[samples] if level and log.tilted else np.zeros((len(samples), 0))
+    )
     return ShortComparison(
         what="the modulus of the horizontal axes against a constant"
         if level
         else "the modulus of the axes against a constant",
-        residual=OfModulus(working[some], down, strength, scene, wobble),
+        residual=OfModulus(working[samples], down, strength, scene, wobble),
         start=np.zeros(1 + wobble.shape[1]),
         steps=np.ones(1 + wobble.shape[1]),
         time_s=scene.time_s,
@@ -305,7 +307,7 @@ def _fast(x: Floats) -> Floats:
 def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
     """Return in what the log was made and its covariates, thinned, which samples stay, and whether it has a clock."""
     n = len(log.raw)
-    some = thin_indices(n, MOST_SAMPLES)
+    samples = thin_indices(n, MOST_SAMPLES)
     clocked = log.time_s is not None and bool(np.isfinite(log.time_s).all() and np.all(np.diff(log.time_s) > 0.0))
     time_s = log.time_s if clocked and log.time_s is not None else np.arange(1.0, n + 1.0)
     zero = np.zeros(n)
@@ -318,17 +320,19 @@ def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict
     columns |= {"vertical_field": body[:, 2] / abs(body[:, 2].mean())} if log.has_z and body[:, 2].mean() else {}
     if log.temperature_c is not None and warmed(log):
         columns["temperature"] = covariate_series.fill_gaps(log.temperature_c)
-    columns = {name: column[some] for name, column in columns.items()}
+    columns = {name: column[samples] for name, column in columns.items()}
     departures = {name: column - column.mean() for name, column in columns.items() if name == "temperature"}
-    departures["turn_rate"] = rate[some]
-    one, at = np.ones(len(some)), time_s[some]
+    departures["turn_rate"] = rate[samples]
+    unit_field, at = np.ones(len(samples)), time_s[samples]
     # A projection on cubics: whatever the delay, the difference of two of its values keeps the noise of the axes as it
     # is. Between single readings it falls at half a step, and delays are drawn there.
     smooth = savgol_filter(turned, *DELAYED_BY)
 
     def ahead(seconds: float) -> Floats:
-        return np.interp(at + seconds, time_s, smooth) - smooth[some]
+        return np.interp(at + seconds, time_s, smooth) - smooth[samples]
 
-    scene = moving(Scene(at, one, one, pitch[some], roll[some], float(time_s[0]), departures), ahead)
-    scene.__dict__["levelling"] = log.levelling()[some]  # by the log's own rule, where the cached property keeps it
-    return scene, columns, some, clocked
+    scene = moving(
+        Scene(at, unit_field, unit_field, pitch[samples], roll[samples], float(time_s[0]), departures), ahead
+    )
+    scene.__dict__["levelling"] = log.levelling()[samples]  # by the log's own rule, where the cached property keeps it
+    return scene, columns, samples, clocked

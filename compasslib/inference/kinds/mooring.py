@@ -91,14 +91,14 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
     width = max(len(upper) // WINDOWS, FEWEST_IN_WINDOW)
     windows = [slice(begin, begin + width) for begin in range(0, len(upper) - width + 1, width)]
     later = np.interp(np.arange(len(upper)), slot, pairs.separation_minutes / 60.0)
-    found = [
+    windows_ahead = [
         (
             (window.start + width / 2.0) * step / YEAR_S,
             _ahead_h(upper[window], lower[window], step) - later[window].mean(),
         )
         for window in windows
     ]
-    known = np.array([one for one in found if np.isfinite(one[1])]).reshape(-1, 2)
+    known = np.array([window_ahead for window_ahead in windows_ahead if np.isfinite(window_ahead[1])]).reshape(-1, 2)
     return _select_clock(known[:, 0], known[:, 1], len(upper) * step / YEAR_S) if len(known) >= 5 else ClockError()
 
 
@@ -110,7 +110,11 @@ def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockErr
     line, line_sigma, _ = _fit(np.column_stack([ones, years]), ahead_h)
     large = abs(line[0]) >= LEAST_CLOCK_H and abs(line[1]) * span_years >= LEAST_CLOCK_H
     both = min(square[:2]) / square[2] - 1.0 > CLOCK_SIGMAS**2 / (len(years) - 2)
-    if both and large and all(_is_significant(*one, len(years) - 2) for one in zip(line, line_sigma, strict=True)):
+    if (
+        both
+        and large
+        and all(_is_significant(*estimate, len(years) - 2) for estimate in zip(line, line_sigma, strict=True))
+    ):
         return ClockError(line[0], line[1], np.hypot(line_sigma[0], DELAY_SIGMA_H), line_sigma[1], True, True)
     if square[1] < square[0]:
         named = _is_significant(rate[0], rate_sigma[0], len(years) - 1) and abs(rate[0]) * span_years >= LEAST_CLOCK_H
@@ -152,12 +156,12 @@ def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
     A affected clock that is ahead stamps too late: its sample belongs to an earlier one of the reference.
     """
     wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
-    stamped, one = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
+    stamped, first_index = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
     after = np.clip(np.searchsorted(stamped, wanted, side="right"), 1, len(stamped) - 1)
     step = float(np.median(np.diff(pairs.time_s)))
     inside = (wanted >= stamped[0]) & (wanted <= stamped[-1]) & (stamped[after] - stamped[after - 1] <= 1.5 * step)
     moved = {
-        name: np.interp(wanted, stamped, getattr(pairs, name)[one])
+        name: np.interp(wanted, stamped, getattr(pairs, name)[first_index])
         for name in ("lower_east", "lower_north", "lower_depth_m")
     }
     moved["separation_minutes"] = np.zeros(len(pairs))
@@ -226,8 +230,8 @@ def diagnose(
     """
     options = options or Options()
     wide = pairs if wide is None else wide
-    some = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
-    pairs, logged = take(pairs, some), {name: series[some] for name, series in logged.items()}
+    searched = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
+    pairs, logged = take(pairs, searched), {name: series[searched] for name, series in logged.items()}
     if why := _why_too_few(pairs, fit):
         return diagnosis.insufficient(why)
     is_series = fit.method == "von_appen"
@@ -245,15 +249,19 @@ def diagnose(
     if repair is not None:
         case = _without_veer_by_direction(case)
     if is_series:  # it was looked for already
-        case = replace(case, not_testable=tuple(one for one in case.not_testable if one[0] != "large_deviation"))
-    found = replace(diagnosis.prepend_findings(first, long_record.diagnose(case, options, exact)), warnings=doubted)
+        case = replace(case, not_testable=tuple(item for item in case.not_testable if item[0] != "large_deviation"))
+    diagnosed = replace(diagnosis.prepend_findings(first, long_record.diagnose(case, options, exact)), warnings=doubted)
     if not options.apply:
-        return replace(found, applied=(), findings=tuple(replace(one, applied=False) for one in found.findings))
-    if is_series and not any(one.applied for one in found.findings):
-        return replace(found, applied=())
-    if found.covariance is not None and exact.method != "calibration":  # what slow water may do to the constants
-        exact = products.inflate_covariance(exact, found.covariance)
-    return replace(found, fit=exact, applied=tuple(products.limit_precision(one, exact) for one in found.applied))
+        return replace(
+            diagnosed, applied=(), findings=tuple(replace(item, applied=False) for item in diagnosed.findings)
+        )
+    if is_series and not any(item.applied for item in diagnosed.findings):
+        return replace(diagnosed, applied=())
+    if diagnosed.covariance is not None and exact.method != "calibration":  # what slow water may do to the constants
+        exact = products.inflate_covariance(exact, diagnosed.covariance)
+    return replace(
+        diagnosed, fit=exact, applied=tuple(products.limit_precision(item, exact) for item in diagnosed.applied)
+    )
 
 
 def _why_too_few(pairs: Pairs, fit: Fit) -> str:
@@ -275,9 +283,9 @@ def _repair_clock(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | N
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
         freed = deviation.fit(fit.method, again, _start_fit(fit), dip_ratio=fit.dip_ratio)
-        found = clock_findings(pairs, again, (fit, freed), clock)
-        if freed.fitted and not any(one.held_out.refuted for one in found):
-            return Repair(again, freed, found), ()
+        clock_found = clock_findings(pairs, again, (fit, freed), clock)
+        if freed.fitted and not any(finding.held_out.refuted for finding in clock_found):
+            return Repair(again, freed, clock_found), ()
     why = "too few pairs are left once corrected" if short else "held-out directions then agree less"
     hours = clock.ahead_s(pairs.time_s)[[0, -1]] / HOUR_S
     warning = (
@@ -362,12 +370,13 @@ def exact_compass_findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: 
 
 def _block_gain(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
     """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
-    some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
-    block = blocks.of_span(some.time_s, finding.HELD_OUT_BLOCK_S)
+    compared = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
+    block = blocks.of_span(compared.time_s, finding.HELD_OUT_BLOCK_S)
     scores = [
-        exact.held_out_scores(form, some, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
+        exact.held_out_scores(form, compared, block % 2, near)
+        for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
     ]
-    left = [held_out_residual(some, near) for near in (series, fit)]
+    left = [held_out_residual(compared, near) for near in (series, fit)]
     return finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
 
 

@@ -62,18 +62,18 @@ def diagnose_readings(
         why: why no curve could be fitted, empty where one could.
     """
     headings = len(np.unique(np.round(angles.wrap360(correct_deg) / platform.SAME_HEADING_DEG)))
-    seen = curves.deviation_points(recorded_deg, correct_deg)
+    points = curves.deviation_points(recorded_deg, correct_deg)
     if headings < FEWEST_HEADINGS:
-        return diagnosis.insufficient(too_few(headings, seen, why), _untested())
-    smith, exact = (curves.fit_curve(form, seen) for form in (SMITH, EXACT))
+        return diagnosis.insufficient(too_few(headings, points, why), _untested())
+    smith, exact = (curves.fit_curve(form, points) for form in (SMITH, EXACT))
     folds = isinstance(exact, FittedCurve) and isinstance(smith, str)
     if not isinstance(exact, FittedCurve) and not isinstance(smith, FittedCurve):
         return diagnosis.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
-    first = too_large(seen, options.min_effect_deg, options.alarm) if isinstance(exact, FittedCurve) else []
-    by_series = not folds and not first and series_fits_better(seen)
+    first = too_large(points, options.min_effect_deg, options.alarm) if isinstance(exact, FittedCurve) else []
+    by_series = not folds and not first and series_fits_better(points)
     channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
-    told = short_search.build_outcome(short_search.search_effects(channel, options))
-    return diagnosis.combine_outcomes([told], options, beside=first, not_testable=_untested())
+    searched = short_search.build_outcome(short_search.search_effects(channel, options))
+    return diagnosis.combine_outcomes([searched], options, extra=first, not_testable=_untested())
 
 
 def _channel(
@@ -106,7 +106,7 @@ def _channel(
     )
 
 
-def too_few(headings: int, seen: Points, why: str = "") -> str:
+def too_few(headings: int, points: Points, why: str = "") -> str:
     """Return why readings at few headings prove nothing, and what to swing.
 
     Args:
@@ -116,8 +116,8 @@ def too_few(headings: int, seen: Points, why: str = "") -> str:
         return f"{why or f'{headings} headings determine no curve with anything to spare'}; {SWING}".replace(
             f"{SWING}; {SWING}", SWING
         )
-    left = angles.wrap180(seen.deviation_deg - von_appen.design(seen.recorded_deg) @ _five(seen))
-    sizes = {k: _harmonic(seen.recorded_deg, left, k) for k in (3, 4)}
+    left = angles.wrap180(points.deviation_deg - von_appen.design(points.recorded_deg) @ _five(points))
+    sizes = {k: _harmonic(points.recorded_deg, left, k) for k in (3, 4)}
     return (
         f"{headings} headings carry at most {headings} coefficients and five are the curve's: what those leave "
         f"({angles.rms(left):.1f}° rms) is in the third ({sizes[3]:.1f}) and fourth harmonics "
@@ -125,8 +125,8 @@ def too_few(headings: int, seen: Points, why: str = "") -> str:
     )
 
 
-def _five(seen: Points) -> Floats:
-    return np.linalg.lstsq(von_appen.design(seen.recorded_deg), seen.deviation_deg, rcond=None)[0]
+def _five(points: Points) -> Floats:
+    return np.linalg.lstsq(von_appen.design(points.recorded_deg), points.deviation_deg, rcond=None)[0]
 
 
 def _harmonic(recorded_deg: Floats, left_deg: Floats, k: int) -> float:
@@ -149,7 +149,7 @@ LEAST_SQUARES = 1e-12  # squared degrees: readings that a curve holds to the las
 CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
 
 
-def too_large(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
+def too_large(points: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
     """Return the finding that the exact compass fits where the series does not, or none.
 
     The likelihood ratio is held against benches drawn from the series itself.
@@ -158,21 +158,21 @@ def too_large(seen: Points, min_effect_deg: float, alarm: float) -> list[Finding
         min_effect_deg: size below which the difference does not matter, rms.
         alarm: probability of a name where the series holds.
     """
-    left = _residuals(seen)
+    left = _residuals(points)
     if left is None:
         return []
     size = angles.rms(left[0] - left[1])
-    if size < min_effect_deg or _probability(seen, _ratio(seen, left)) > alarm:
+    if size < min_effect_deg or _probability(points, _ratio(points, left)) > alarm:
         return []
-    proof = _held_out(seen, max(angles.rms(left[1]), 1e-3))
+    proof = _held_out(points, max(angles.rms(left[1]), 1e-3))
     return [] if proof.refuted else [comparison.large_deviation_finding(size, proof, what="the five-term series")]
 
 
-def _held_out(seen: Points, scale_deg: float) -> HeldOut:
+def _held_out(points: Points, scale_deg: float) -> HeldOut:
     """Return the gain of the exact compass over the series on readings that neither was fitted to."""
-    fold, left = np.arange(len(seen)) % finding.FOLDS, np.full((2, len(seen)), np.nan)
+    fold, left = np.arange(len(points)) % finding.FOLDS, np.full((2, len(points)), np.nan)
     for k in range(finding.FOLDS):
-        both = _residuals(seen, fold != k)
+        both = _residuals(points, fold != k)
         if both is not None:
             left[:, fold == k] = np.stack(both)[:, fold == k]
     known = np.isfinite(left).all(axis=0)
@@ -182,45 +182,47 @@ def _held_out(seen: Points, scale_deg: float) -> HeldOut:
     return finding.bootstrap_gain(gains, np.flatnonzero(known), (angles.rms(left[0]), angles.rms(left[1])))
 
 
-def series_fits_better(seen: Points) -> bool:
+def series_fits_better(points: Points) -> bool:
     """Tell whether the series stands for the compass better than the exact one does."""
-    left = _residuals(seen)
-    return left is None or _ratio(seen, left) < -CLEARLY
+    left = _residuals(points)
+    return left is None or _ratio(points, left) < -CLEARLY
 
 
-def _residuals(seen: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats] | None:
+def _residuals(points: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats] | None:
     """Return what the best series and the best exact compass (of some readings) leave of the correct heading, (n,)."""
-    some = (
-        seen if fitted is None else Points(seen.recorded_deg[fitted], seen.deviation_deg[fitted], seen.weight[fitted])
+    fitted_points = (
+        points
+        if fitted is None
+        else Points(points.recorded_deg[fitted], points.deviation_deg[fitted], points.weight[fitted])
     )
-    solved, five = curves.fit_exact_compass(some), SMITH.solve(some)
+    solved, five = curves.fit_exact_compass(fitted_points), SMITH.solve(fitted_points)
     if solved is None or five is None:
         return None
-    by_series = angles.wrap180(seen.deviation_deg - von_appen.design(seen.recorded_deg) @ five.coefficients)
-    roots = compass.inverse(solved.coefficients, seen.recorded_deg)
-    off = angles.difference((seen.recorded_deg + seen.deviation_deg)[:, None], roots)
+    by_series = angles.wrap180(points.deviation_deg - von_appen.design(points.recorded_deg) @ five.coefficients)
+    roots = compass.inverse(solved.coefficients, points.recorded_deg)
+    off = angles.difference((points.recorded_deg + points.deviation_deg)[:, None], roots)
     nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
     by_exact = off[np.arange(len(off)), nearest]
-    slope = -1.0 / curves.recorded_slope(solved.coefficients, seen)
-    lost = slope * solved.residual_deg if fitted is None else np.full(len(seen), finding.NO_ROOT_DEG)
+    slope = -1.0 / curves.recorded_slope(solved.coefficients, points)
+    lost = slope * solved.residual_deg if fitted is None else np.full(len(points), finding.NO_ROOT_DEG)
     return by_series, np.where(np.isfinite(by_exact), by_exact, lost)
 
 
-def _ratio(seen: Points, left: tuple[Floats, Floats]) -> float:
+def _ratio(points: Points, left: tuple[Floats, Floats]) -> float:
     by_series, by_exact = (max(float(np.sum(each**2)), LEAST_SQUARES) for each in left)
-    return len(seen) * float(np.log(by_series / by_exact))
+    return len(points) * float(np.log(by_series / by_exact))
 
 
-def _probability(seen: Points, ratio: float) -> float:
+def _probability(points: Points, ratio: float) -> float:
     """Return how often a bench that the series holds gives as large a ratio."""
-    solution, rng = SMITH.solve(seen), np.random.default_rng(7)
+    solution, rng = SMITH.solve(points), np.random.default_rng(7)
     if solution is None:
         return 1.0
-    scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(seen) - 5)))
-    drawn = 0
+    scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(points) - 5)))
+    exceeded = 0
     for _ in range(short_search.NOISE_DRAWS):
-        deviation = von_appen.design(seen.recorded_deg) @ solution.coefficients
-        again = Points(seen.recorded_deg, deviation + rng.normal(0.0, scatter, len(seen)), seen.weight)
+        deviation = von_appen.design(points.recorded_deg) @ solution.coefficients
+        again = Points(points.recorded_deg, deviation + rng.normal(0.0, scatter, len(points)), points.weight)
         left = _residuals(again)
-        drawn += left is not None and _ratio(again, left) >= ratio
-    return (drawn + 1) / (short_search.NOISE_DRAWS + 1)
+        exceeded += left is not None and _ratio(again, left) >= ratio
+    return (exceeded + 1) / (short_search.NOISE_DRAWS + 1)

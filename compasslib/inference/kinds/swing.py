@@ -91,8 +91,8 @@ def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
     there = np.bincount(number[good])
     full = there >= FULL * np.median(there[there > 0])
     new = np.where(full, np.cumsum(full) - 1, -1)
-    kept = np.where(good, new[np.minimum(number, len(new) - 1)], -1)
-    return Stretches(kept, there[full])
+    numbered = np.where(good, new[np.minimum(number, len(new) - 1)], -1)
+    return Stretches(numbered, there[full])
 
 
 def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
@@ -101,8 +101,8 @@ def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
     inside = first.number >= 0
     middle = np.full(len(first), np.nan)
     for k in range(len(first)):
-        own = off_deg[first.number == k]
-        middle[k] = own[0] + np.median(angles.difference(own, own[0]))
+        inside_deg = off_deg[first.number == k]
+        middle[k] = inside_deg[0] + np.median(angles.difference(inside_deg, inside_deg[0]))
     away = np.where(inside, np.abs(angles.difference(off_deg, middle[first.number])), np.inf)
     return stretches(time_s, away <= WIDE * max(robust.width(away[inside]), 0.5))
 
@@ -126,13 +126,13 @@ class ByCourse:
         for term in (term for term in terms if term.acts_on == "time"):
             later = term.act(later, self.scene)
         recorded = self.reading(later, [partial(term.act, scene=self.scene) for term in terms if _of_course(term)])
-        rest = tuple(term for term in terms if term.acts_on in ("field", "reading") and not _of_course(term))
+        compass_terms = tuple(term for term in terms if term.acts_on in ("field", "reading") and not _of_course(term))
         if self.exact:
-            simulation = Simulation(base, float(np.mean(self.scene.horizontal_nT)), rest)
+            simulation = Simulation(base, float(np.mean(self.scene.horizontal_nT)), compass_terms)
             shown = composition.recorded_heading(simulation, self.scene, correct)
             return self.over.mean(angles.difference(shown, recorded))
-        bare = Simulation(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), rest)
-        undone = composition.undone_readout(bare, self.scene, recorded)
+        no_iron = Simulation(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), compass_terms)
+        undone = composition.undone_readout(no_iron, self.scene, recorded)
         return self.over.mean(angles.difference(correct, undone + von_appen.design(undone) @ base))
 
     def by_course(self, terms: tuple[Term, ...]) -> Floats:
@@ -183,7 +183,7 @@ MOSTLY = 0.5  # share of the samples that a ship's log must have
 class Track:
     """Courses with the readings about them."""
 
-    seen: Observations  # (n,)
+    observations: Observations  # (n,)
     declination_deg: float
     time_s: Floats  # (m,) every second of the log
     turned_deg: Floats  # (m,) readings, not wrapped
@@ -198,26 +198,26 @@ class Track:
         series = self.turned_deg
         for filtered in filters:
             series = filtered(series)
-        return np.interp(self.seen.time_s + later_s, self.time_s, series)
+        return np.interp(self.observations.time_s + later_s, self.time_s, series)
 
     @property
     def has_speed(self) -> bool:
         """Tell whether the courses are over ground and have speeds."""
-        return self.seen.over_ground and bool(np.isfinite(self.seen.speed_kn).all())
+        return self.observations.over_ground and bool(np.isfinite(self.observations.speed_kn).all())
 
     @property
     def ground_m_s(self) -> Floats | None:
         """Return the velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
         if not self.has_speed:
             return None
-        speed = KNOT_M_S * observations.smoothed(self.seen.speed_kn, self.seen.time_s, SMOOTHED_S)
-        return np.stack(angles.components(speed, self.seen.course_deg), axis=-1)
+        speed = KNOT_M_S * observations.smoothed(self.observations.speed_kn, self.observations.time_s, SMOOTHED_S)
+        return np.stack(angles.components(speed, self.observations.course_deg), axis=-1)
 
     @property
     def logged_m_s(self) -> Floats | None:
         """Return the speed through the water, (n,), NaN where there is none; None where that is mostly so."""
-        turns = np.nan_to_num(self.seen.water_speed_kn) > LEAST_WATER_KN
-        return np.where(turns, KNOT_M_S * self.seen.water_speed_kn, np.nan) if turns.mean() > MOSTLY else None
+        turns = np.nan_to_num(self.observations.water_speed_kn) > LEAST_WATER_KN
+        return np.where(turns, KNOT_M_S * self.observations.water_speed_kn, np.nan) if turns.mean() > MOSTLY else None
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_deg: float) -> Track:
@@ -228,9 +228,9 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
         declination_deg: east positive.
     """
     turning = {**settings, "max_turn_deg_s": np.inf}
-    every = observations.read(files, {**turning, "min_speed_kn": -1.0})
-    time_s, first = np.unique(every.time_s, return_index=True)
-    heading = every.recorded_deg[first]
+    all_samples = observations.read(files, {**turning, "min_speed_kn": -1.0})
+    time_s, first = np.unique(all_samples.time_s, return_index=True)
+    heading = all_samples.recorded_deg[first]
     turned = np.cumsum(np.append(heading[:1], angles.difference(heading[1:], heading[:-1])))
     seconds = np.arange(time_s[0], time_s[-1] + SECOND, SECOND)
     return Track(observations.read(files, turning), declination_deg, seconds, np.interp(seconds, time_s, turned))
@@ -245,8 +245,8 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
         return diagnose_log(files, settings, options, made)
     recorded = made.points["recorded_deg"]
     correct = angles.wrap360(recorded + made.points["deviation_deg"])
-    found = platform.diagnose_readings(correct, recorded, field=settings.get("field"), options=options)
-    return replace(found, not_testable=(*found.not_testable, ("water_drift", CONFOUNDED)))
+    searched = platform.diagnose_readings(correct, recorded, field=settings.get("field"), options=options)
+    return replace(searched, not_testable=(*searched.not_testable, ("water_drift", CONFOUNDED)))
 
 
 FIELD: tuple[type[Term], ...] = (HardIronStep, IronDrift)
@@ -271,31 +271,33 @@ def diagnose_log(
 ) -> Diagnosis:
     """Diagnose a log along time against the deviation curve: five terms, no water, no delay."""
     track = read(files, settings, float(made.details["declination_deg"]))
-    over = without_outliers(track.seen.time_s, angles.difference(track.seen.course_deg, track.reading()))
-    one_clock = settings.get("format") == "nmea0183"
+    over = without_outliers(
+        track.observations.time_s, angles.difference(track.observations.course_deg, track.reading())
+    )
+    same_clock = settings.get("format") == "nmea0183"
     if len(over) < FEWEST_STRETCHES:
         return diagnosis.insufficient(too_short(len(over), FEWEST_STRETCHES))
     by_speed = _by_speed(track, over, settings, options)
     known = (
-        replace(by_speed, rest=replace(by_speed.rest, strong=()))
+        replace(by_speed, omnibus=replace(by_speed.omnibus, strong=()))
         if by_speed is not None and by_speed.fitted.terms
         else None
     )
     fits = _bases(track, over, settings, made, known)
     before = _chosen(*fits)
     terms = platform.READOUT + (FIELD if before is fits[1] else ()) + DELAYS
-    terms += () if one_clock else (ClocksApart,)
+    terms += () if same_clock else (ClocksApart,)
     terms += WATER if track.has_speed and known is None else ()
     channel = replace(before.channel, terms=terms)
     named = short_search.search_effects(channel, options)
-    beside = too_large(fits[0], named.fitted, options) if before is fits[1] else []
-    found = diagnosis.combine_outcomes(
-        [short_search.build_outcome(one) for one in ((named,) if known is None else (named, known))],
+    extra = too_large(fits[0], named.fitted, options) if before is fits[1] else []
+    diagnosed = diagnosis.combine_outcomes(
+        [short_search.build_outcome(searched) for searched in ((named,) if known is None else (named, known))],
         options,
-        beside=beside,
-        not_testable=untested(made, named.fitted, one_clock=one_clock),
+        extra=extra,
+        not_testable=untested(made, named.fitted, same_clock=same_clock),
     )
-    return add_water_statement(found, made, named.fitted)
+    return add_water_statement(diagnosed, made, named.fitted)
 
 
 def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> SearchResult | None:
@@ -303,14 +305,14 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
     ground, logged = track.ground_m_s, track.logged_m_s
     if ground is None or logged is None:
         return None
-    own = over.without(~np.isfinite(logged))
-    if len(own) < FEWEST_STRETCHES:
+    with_log = over.without(~np.isfinite(logged))
+    if len(with_log) < FEWEST_STRETCHES:
         return None
-    scene, unit = short_fit.recording_scene(track.seen.time_s, settings.get("field"))
-    by_speed = BySpeed(ground, np.nan_to_num(logged), scene, own)
-    means = own.mean(np.nan_to_num(logged))
+    scene, unit = short_fit.recording_scene(track.observations.time_s, settings.get("field"))
+    by_speed = BySpeed(ground, np.nan_to_num(logged), scene, with_log)
+    means = with_log.mean(np.nan_to_num(logged))
     zero = LOG_STEP if np.std(means) > VARIED * np.mean(means) else 0.0  # a step of 0 holds a parameter
-    channel = _channel(track, own, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
+    channel = _channel(track, with_log, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
     channel = replace(channel, what=SPEED, terms=WATER, reads=False, field_unit=unit)
     return short_search.search_effects(channel, options)
 
@@ -319,24 +321,26 @@ def _bases(
     track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: SearchResult | None
 ) -> tuple[FittedHypothesis, FittedHypothesis]:
     """Return the deviation curve fitted as the series and as the exact compass."""
-    scene, unit = short_fit.recording_scene(track.seen.time_s, settings.get("field"))
-    seen, ground = track.seen, track.ground_m_s
-    carried = water(known.fitted.terms, scene) if known is not None else np.zeros((len(seen), 2))
+    scene, unit = short_fit.recording_scene(track.observations.time_s, settings.get("field"))
+    observed, ground = track.observations, track.ground_m_s
+    carried = water(known.fitted.terms, scene) if known is not None else np.zeros((len(observed), 2))
     free = None if ground is None else ground - carried
-    by_course = ByCourse(free, seen.course_deg, track.declination_deg, track.reading, scene, False, over)
+    by_course = ByCourse(free, observed.course_deg, track.declination_deg, track.reading, scene, False, over)
     by_exact = replace(by_course, exact=True)
     series = _channel(track, over, by_course, start=made.coefficients, steps=np.ones(len(made.coefficients)))
     exact = _channel(track, over, by_exact, start=made.exact, steps=COMPASS_STEPS)
-    return tuple(short_fit.fit_hypothesis(replace(one, field_unit=unit), ()) for one in (series, exact))  # type: ignore[return-value]
+    return tuple(
+        short_fit.fit_hypothesis(replace(comparison_form, field_unit=unit), ()) for comparison_form in (series, exact)
+    )  # type: ignore[return-value]
 
 
 def _channel(track: Track, over: Stretches, residual: ForwardModel, *, start: Floats, steps: Floats) -> ShortComparison:
-    seen = track.seen
-    covariates = {"heading": over.heading(seen.recorded_deg), "time": over.mean(seen.time_s)}
-    covariates |= {"speed": over.mean(seen.speed_kn)} if np.isfinite(seen.speed_kn).all() else {}
-    covariates |= {"turn_rate": over.mean(seen.turn_deg_s)}
+    observed = track.observations
+    covariates = {"heading": over.heading(observed.recorded_deg), "time": over.mean(observed.time_s)}
+    covariates |= {"speed": over.mean(observed.speed_kn)} if np.isfinite(observed.speed_kn).all() else {}
+    covariates |= {"turn_rate": over.mean(observed.turn_deg_s)}
     return ShortComparison(
-        what=f"{COURSE if seen.over_ground else TRUE} against the fitted curve",
+        what=f"{COURSE if observed.over_ground else TRUE} against the fitted curve",
         residual=residual,
         start=start,
         steps=steps,
@@ -345,7 +349,7 @@ def _channel(track: Track, over: Stretches, residual: ForwardModel, *, start: Fl
         terms=(),
         covariates=covariates,
         starts={"course_lag": (BEGIN_S,), "compass_lag": (BEGIN_S,), "clock_offset": (-BEGIN_S, BEGIN_S)},
-        remembered=True,
+        arma_noise=True,
     )
 
 
@@ -356,10 +360,10 @@ def _chosen(series: FittedHypothesis, exact: FittedHypothesis) -> FittedHypothes
 
 
 WATER_DRIFT = "water_drift"
-SEEN = 0.3  # share of a delay's column that the curve must leave, or it is listed as what cannot be tested
+LEAST_SEPARABLE = 0.3  # share of a delay's column that the curve must leave, or it is listed as what cannot be tested
 NO_SPEED = "no speeds over ground were logged: what a drift does to the course is not known"
-ONE_CLOCK = "courses and headings are in one log, by one clock"
-ONE_WAY = "the ship turned one way only, so that a delay is a constant like A; swing to both sides"
+SAME_CLOCK = "courses and headings are in one log, by one clock"
+SAME_TURN = "the ship turned one way only, so that a delay is a constant like A; swing to both sides"
 CONSTANT = "a constant of the course cannot be separated from A of the curve"
 NO_SENSOR = "the log carries no temperature, voltage or tilt"
 
@@ -371,24 +375,24 @@ def too_short(count: int, fewest: int) -> str:
     )
 
 
-def untested(made: Calibration, fitted: FittedHypothesis, *, one_clock: bool) -> tuple[tuple[str, str], ...]:
-    """List the effects that a log cannot show, with the reasons; one_clock: for headings and courses."""
+def untested(made: Calibration, fitted: FittedHypothesis, *, same_clock: bool) -> tuple[tuple[str, str], ...]:
+    """List the effects that a log cannot show, with the reasons; same_clock: for headings and courses."""
     absent = [("declination_error", CONSTANT)]
     absent += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
-    absent += [("clock_offset", ONE_CLOCK)] if one_clock else []
-    if not _one_way(fitted):
-        absent += [(effect, ONE_WAY) for effect in ("course_lag", "compass_lag")]
+    absent += [("clock_offset", SAME_CLOCK)] if same_clock else []
+    if not _delay_separable(fitted):
+        absent += [(effect, SAME_TURN) for effect in ("course_lag", "compass_lag")]
     if water := _water_unseparated(made):
         absent.append((WATER_DRIFT, water))
     return tuple(absent)
 
 
-def _one_way(fitted: FittedHypothesis) -> bool:
+def _delay_separable(fitted: FittedHypothesis) -> bool:
     """Tell whether the turns show a delay beside the curve, or one was found."""
     if any(term.acts_on == "time" for term in fitted.terms):
         return True
     column = short_fit.term_derivative(fitted, LateCourse())
-    return float(np.linalg.norm(fitted.projected(column))) > SEEN * float(np.linalg.norm(column))
+    return float(np.linalg.norm(fitted.projected(column))) > LEAST_SEPARABLE * float(np.linalg.norm(column))
 
 
 def _water_unseparated(made: Calibration) -> str:
@@ -399,12 +403,12 @@ def _water_unseparated(made: Calibration) -> str:
     return NO_SPEED if drift["drift_kn"] is None else str(drift["text"])
 
 
-def too_large(bare: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
+def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
     """Find that the exact compass fits where the series with the same terms does not."""
     needs_it = any(term.acts_on == "field" for term in exact.terms)
     if needs_it or _beyond_series(exact.base) < options.min_effect_deg:
         return []
-    series = short_fit.fit_hypothesis(bare.channel, exact.terms, near=bare)
+    series = short_fit.fit_hypothesis(series_alone.channel, exact.terms, near=series_alone)
     apart = series.residual_deg - exact.residual_deg
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
@@ -413,7 +417,7 @@ def too_large(bare: FittedHypothesis, exact: FittedHypothesis, options: Options)
         return []
     block = short_fit.memory_blocks(exact)
     folds = min(finding.FOLDS, block.max() + 1)
-    left = [short_search.held_out_residual(one, exact.terms, block, folds) for one in (series, exact)]
+    left = [short_search.held_out_residual(fit, exact.terms, block, folds) for fit in (series, exact)]
     proof = finding.compare_residuals(left[0], left[1], exact.scale_deg, block)
     return (
         []
@@ -430,18 +434,18 @@ def _beyond_series(coefficients: Floats) -> float:
     return angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
 
 
-def add_water_statement(found: Diagnosis, made: Calibration, fitted: FittedHypothesis) -> Diagnosis:
+def add_water_statement(diagnosed: Diagnosis, made: Calibration, fitted: FittedHypothesis) -> Diagnosis:
     """Add what is known of the water: set and drift, a bound, or why they cannot be separated."""
-    found = replace(found, findings=tuple(_with_set(one) for one in found.findings))
+    diagnosed = replace(diagnosed, findings=tuple(_with_set(item) for item in diagnosed.findings))
     drift = made.details["drift"]
-    if drift is None or any(WATER_DRIFT in (one.effect, *one.alternatives) for one in found.findings):
-        return found
+    if drift is None or any(WATER_DRIFT in (item.effect, *item.alternatives) for item in diagnosed.findings):
+        return diagnosed
     why = _water_unseparated(made)
     if not why:
-        return replace(found, why=f"{found.why} {_bound(fitted)}")
-    if found.verdict == "consistent":
-        return replace(found, verdict="insufficient", why=f"{found.why} {why}", separated_by=SEPARATED)
-    return replace(found, separated_by="; ".join(filter(None, (found.separated_by, SEPARATED))))
+        return replace(diagnosed, why=f"{diagnosed.why} {_bound(fitted)}")
+    if diagnosed.verdict == "consistent":
+        return replace(diagnosed, verdict="insufficient", why=f"{diagnosed.why} {why}", separated_by=SEPARATED)
+    return replace(diagnosed, separated_by="; ".join(filter(None, (diagnosed.separated_by, SEPARATED))))
 
 
 SEPARATED = (
@@ -460,11 +464,11 @@ def _bound(fitted: FittedHypothesis) -> str:
     return f"Set and drift of the water do not show in the courses: less than {most / KNOT_M_S:.2g} kn (95 %)."
 
 
-def _with_set(one: Finding) -> Finding:
+def _with_set(item: Finding) -> Finding:
     """Return the finding of the water with set and drift beside its components."""
-    if one.effect != WATER_DRIFT:
-        return one
-    east, north = (one.parameters[name] for name in ("east_m_s", "north_m_s"))
+    if item.effect != WATER_DRIFT:
+        return item
+    east, north = (item.parameters[name] for name in ("east_m_s", "north_m_s"))
     drift = max(float(np.hypot(east.value, north.value)), 1e-9)
     along = np.abs([east.value, north.value]) / drift
     sigma = np.array([east.sigma, north.sigma])
@@ -477,4 +481,4 @@ def _with_set(one: Finding) -> Finding:
         f" The water sets {more['set_deg'].value:.0f}° ± {1.96 * more['set_deg'].sigma:.0f}° (true) at "
         f"{more['drift_kn'].value:.2f} ± {1.96 * more['drift_kn'].sigma:.2f} kn; a steady leeway would look the same."
     )
-    return replace(one, parameters={**more, **one.parameters}, text=one.text + text)
+    return replace(item, parameters={**more, **item.parameters}, text=item.text + text)

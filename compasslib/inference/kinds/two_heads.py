@@ -56,7 +56,7 @@ class AlignedHeads:
     """Both heads, read at the same instants by the clocks as given, and as found."""
 
     given: Compared
-    found: Compared
+    corrected: Compared
     clock: ClockDifference  # beside what was given
 
 
@@ -101,12 +101,11 @@ def diagnose_motion(
         field: the earth's field there, None where the place is unknown.
     """
     aligned = _align(a, b, farthest_s)
-    if len(aligned.found) < two_heads.MIN_SAMPLES:
-        why = (
-            f"{len(aligned.found)} samples of both heads at the same time, at least {two_heads.MIN_SAMPLES} are needed"
-        )
+    if len(aligned.corrected) < two_heads.MIN_SAMPLES:
+        count = len(aligned.corrected)
+        why = f"{count} samples of both heads at the same time, at least {two_heads.MIN_SAMPLES} are needed"
         return diagnosis.insufficient(why, UNTESTED)
-    if (off := _scatter(aligned.found)) > two_heads.UNRELATED_DEG:
+    if (off := _scatter(aligned.corrected)) > two_heads.UNRELATED_DEG:
         why = (
             f"b's headings do not follow a's ({off:.0f}° rms about any turn), and no difference of the clocks "
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
@@ -116,12 +115,12 @@ def diagnose_motion(
     named = short_search.search_effects(channel, options)
     rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
     named = replace(named, before=short_fit.fit_hypothesis(rigid, ()))
-    beside = [*_clock_findings(aligned, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
+    extra = [*_clock_findings(aligned, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
     clock = () if aligned.clock.found else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
         [short_search.build_outcome(named)],
         options,
-        beside=beside,
+        extra=extra,
         not_testable=(*UNTESTED, *clock),
         separated_by=WHICH,
     )
@@ -135,13 +134,13 @@ def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
         if two_heads.overlap_in_time(a, b, farthest_s)
         else ClockDifference()
     )
-    found = two_heads.pair_samples(a, b, clock)
-    if len(found) >= two_heads.MIN_SAMPLES and _scatter(found) <= two_heads.UNRELATED_DEG:
-        return AlignedHeads(given, found, clock)
+    nearest = two_heads.pair_samples(a, b, clock)
+    if len(nearest) >= two_heads.MIN_SAMPLES and _scatter(nearest) <= two_heads.UNRELATED_DEG:
+        return AlignedHeads(given, nearest, clock)
     farther = motion.estimate_clock_offset(a, b, FARTHER_S)
     again = two_heads.pair_samples(a, b, farther)
     better = len(again) >= two_heads.MIN_SAMPLES and _scatter(again) <= two_heads.UNRELATED_DEG
-    return AlignedHeads(given, again, farther) if better else AlignedHeads(given, found, clock)
+    return AlignedHeads(given, again, farther) if better else AlignedHeads(given, nearest, clock)
 
 
 def _scatter(pairs: Compared) -> float:
@@ -158,11 +157,11 @@ def _turned(pairs: Compared) -> tuple[Floats, Frame]:
 
 
 def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
-    pairs = aligned.found
+    pairs = aligned.corrected
     correct, _ = _turned(pairs)
-    some = thin_indices(len(pairs), MOST_SAMPLES)
-    pitch, roll = (tilt[some] for tilt in motion.tilt_angles(pairs.lean_b))
-    time_s, rate, recorded = pairs.time_s[some], pairs.rate_deg_s[some], pairs.recorded_b[some]
+    samples = thin_indices(len(pairs), MOST_SAMPLES)
+    pitch, roll = (tilt[samples] for tilt in motion.tilt_angles(pairs.lean_b))
+    time_s, rate, recorded = pairs.time_s[samples], pairs.rate_deg_s[samples], pairs.recorded_b[samples]
     scene, unit = short_fit.recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
     at = aligned.clock.by_a(time_s)
 
@@ -172,7 +171,7 @@ def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
     scene = moving(scene, turned)
     return ShortComparison(
         what="the heading of b against that of a, rigidly turned",
-        residual=short_fit.CompassResidual(correct[some], recorded, scene),
+        residual=short_fit.CompassResidual(correct[samples], recorded, scene),
         start=np.zeros(5),
         steps=COMPASS_STEPS,
         time_s=time_s,
@@ -186,7 +185,7 @@ def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
 
 def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Finding]:
     """Return the findings on the clocks: what is sure and turns the simulated heading by enough to matter."""
-    clock, pairs = aligned.clock, aligned.found
+    clock, pairs = aligned.clock, aligned.corrected
     if not clock.found:
         return []
     grown = (pairs.time_s - clock.middle_s) / motion.DAY_S * clock.drift_s_per_day * clock.drift_applied
@@ -196,7 +195,7 @@ def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Findin
     }
     proof = _clock_gain(aligned)
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
-    found = []
+    findings = []
     for effect, (name, value, sigma, unit, error_s) in numbers.items():
         # A long way by the rate of turn is no longer one: no more than the whole change of the simulation.
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
@@ -211,14 +210,14 @@ def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Findin
         )  # fmt: skip
         span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
         parameters = {name: Parameter(value, sigma, unit)}
-        found.append(Finding(effect, "clock", alone, place, span, parameters, size, proof, text))
-    return found
+        findings.append(Finding(effect, "clock", alone, place, span, parameters, size, proof, text))
+    return findings
 
 
 def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     """Return what the found clock does to the difference of the headings; the clock comes from rates, not from it."""
     left, rms_deg = {}, {}
-    for name, pairs in (("before", aligned.given), ("after", aligned.found)):
+    for name, pairs in (("before", aligned.given), ("after", aligned.corrected)):
         off = _about_others(angles.difference(pairs.recorded_b, pairs.recorded_a), pairs.time_s)
         rms_deg[name] = angles.rms(off) if len(off) >= two_heads.MIN_SAMPLES else float("nan")
         left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
@@ -243,17 +242,19 @@ def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
 
 def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
     """Return iron that only one head feels: one and two cycles of the heading, which a rigid turn does not have."""
-    covariance, fitted, found = short_fit.parameter_covariance(named.fitted), named.fitted, []
+    covariance, fitted, findings = short_fit.parameter_covariance(named.fitted), named.fitted, []
     for effect, (part, letters) in IRON.items():
-        values, own = fitted.base[part], covariance[part, part]
-        seen = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
-        basis = whitening.orthonormal(seen)
+        values, part_covariance = fitted.base[part], covariance[part, part]
+        other_columns = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
+        basis = whitening.orthonormal(other_columns)
         columns = fitted.columns[:, part] - basis @ (basis.T @ fitted.columns[:, part])
-        square = float(np.mean((columns @ values) ** 2)) - float(np.sum((columns.T @ columns / len(columns)) * own))
-        sure = float(values @ np.linalg.pinv(own) @ values) > SURE_SIGMAS**2
+        square = float(np.mean((columns @ values) ** 2)) - float(
+            np.sum((columns.T @ columns / len(columns)) * part_covariance)
+        )
+        sure = float(values @ np.linalg.pinv(part_covariance) @ values) > SURE_SIGMAS**2
         if not sure or square < min_effect_deg**2:
             continue
-        unit, sigma = 1.0 / angles.DEGREE, np.sqrt(np.diag(own)) / angles.DEGREE
+        unit, sigma = 1.0 / angles.DEGREE, np.sqrt(np.diag(part_covariance)) / angles.DEGREE
         parameters = {
             f"{letter}_deg": Parameter(float(unit * v), float(s), "degrees")
             for letter, v, s in zip(letters, values, sigma, strict=True)
@@ -271,5 +272,5 @@ def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
             what=fitted.channel.what,
         )
         span = (float(fitted.channel.time_s[0]), float(fitted.channel.time_s[-1]))
-        found.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))
-    return found
+        findings.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))
+    return findings
