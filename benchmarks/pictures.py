@@ -82,7 +82,7 @@ def diagnosis(folder: Path) -> None:
 
     cruise, _ = draw.write_alone(draw.Sealed("D1", LEFT_OUT, wish=Wish(wide=True), seed=4), folder)
     made = process_mooring(cruise, "D1", folder / "results", print)
-    figure.of_mooring(DOCS / "diagnosis.png", json.loads((made / "diagnosis.json").read_text()))
+    figure.draw_mooring(DOCS / "diagnosis.png", json.loads((made / "diagnosis.json").read_text()))
 
 
 def sea(folder: Path) -> None:
@@ -101,7 +101,7 @@ MAKERS = {
     "demonstration": Maker(
         demonstration,
         ("currents.png", "eg4_deviation.png", "eg4_scatter.png"),
-        [*plots("currents", "deviation", "agreement"), "compasslib/demo/demonstration.py"],
+        [*plots("timeseries", "deviation"), "compasslib/demo/demonstration.py"],
         cruise=".",
     ),
     "report": Maker(
@@ -110,12 +110,12 @@ MAKERS = {
     "tutorial": Maker(
         tutorial,
         [f"tutorial/{name}.png" for name in ("sticks", "progressive", "deviation", "scatter")],
-        plots("currents", "deviation", "agreement"),
+        plots("timeseries", "deviation"),
     ),
     "redeployed": Maker(
         redeployed,
         ("redeployed.png",),
-        [*plots("compass"), "tests/world/redeployed.py", "examples/redeployed/config/**/*.yaml"],
+        [*plots("deviation"), "tests/world/redeployed.py", "examples/redeployed/config/**/*.yaml"],
         cruise="examples/redeployed",
     ),
     "diagnosis": Maker(diagnosis, ("diagnosis.png",), [*plots("diagnosis"), "tests/world/draw.py"]),

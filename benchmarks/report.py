@@ -25,7 +25,7 @@ import browser  # noqa: E402
 from compasslib import report  # noqa: E402
 from compasslib.config.cruise import load  # noqa: E402
 from compasslib.pipeline import plan  # noqa: E402
-from compasslib.report import chart, figures  # noqa: E402
+from compasslib.report import chart, sections  # noqa: E402
 
 COUNTS, OPENINGS = (7, 50, 200), 5
 PAINTED = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
@@ -60,11 +60,11 @@ def main() -> None:
 
 def measured(chromium: browser.Page, path: Path, count: int) -> str:
     """Return the line of one count."""
-    figures.MOST_SECTIONS, most = (0 if count > figures.MOST_SECTIONS else figures.MOST_SECTIONS), figures.MOST_SECTIONS
+    sections.MAX_SECTIONS, most = (0 if count > sections.MAX_SECTIONS else sections.MAX_SECTIONS), sections.MAX_SECTIONS
     begin = time.perf_counter()
     described = plan.Moorings(load(PROJECT), PROJECT / "workflow/scripts").described()
     made = report.gather(PROJECT / "results", attributes={}, moorings=described, calibrations=[])
-    figures.MOST_SECTIONS = most
+    sections.MAX_SECTIONS = most
     report.write(path, repeated(made, count))
     written = time.perf_counter() - begin
     times = [opened(chromium, path) for _ in range(OPENINGS)]

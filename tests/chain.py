@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib.archive import netcdf, summary
+from compasslib.archive.files import read_json
 from compasslib.config import cruise
 from compasslib.errors import InputError
 from compasslib.pipeline.process import run_stages
@@ -34,10 +35,10 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
 def _told(results: Path) -> dict[str, Any]:
     records = {path.stem: netcdf.read_record(path) for path in sorted((results / "work").glob("*.nc"))}
     return {
-        **summary.row(results.name, results),
+        **summary.summary_row(results.name, results),
         "records": records,
         "counts": {role: record.counts for role, record in records.items()},
         "product": netcdf.read_corrected(results / "corrected.nc"),
-        "fit": netcdf.read_json(results / "deviation.json"),
-        "diagnosis": netcdf.read_json(results / "diagnosis.json"),
+        "fit": read_json(results / "deviation.json"),
+        "diagnosis": read_json(results / "diagnosis.json"),
     }

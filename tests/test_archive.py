@@ -19,11 +19,13 @@ from hypothesis import strategies as st
 
 from compasslib import angles, records
 from compasslib.archive import attributes as archive_attributes
-from compasslib.archive import files, layout, netcdf, page
+from compasslib.archive import files, netcdf, variables
+from compasslib.archive.attributes import Site
+from compasslib.archive.files import read_json, write_json
 from compasslib.errors import InputError
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
 
-SITE = netcdf.Site("EG4", latitude=65.3333, longitude=-32.9550, water_depth_m=894.0)
+SITE = Site("EG4", latitude=65.3333, longitude=-32.9550, water_depth_m=894.0)
 USUAL = {
     "institution": "Institute of the Sea",
     "project": "East Greenland",
@@ -191,10 +193,10 @@ def test_json_keeps_order_rounds_numbers_and_turns_what_is_not_finite_into_null(
         "none": None,
         5: tmp_path.relative_to(tmp_path),
     }
-    netcdf.write_json(tmp_path / "new" / "a.json", data)
+    write_json(tmp_path / "new" / "a.json", data)
     text = (tmp_path / "new" / "a.json").read_text()
     assert text.endswith("}\n") and text.startswith('{\n "z": 0.3333333333,\n "a": [')
-    back = netcdf.read_json(tmp_path / "new" / "a.json")
+    back = read_json(tmp_path / "new" / "a.json")
     assert list(back) == ["z", "a", "array", "numpy", "none", "5"]
     assert back["a"] == [None, None, None, 1e-300] and back["array"] == [[1.0, None], [2.0, 3.0]]
     assert back["numpy"] == [4, True, 0.5] and back["none"] is None and back["5"] == "."
@@ -214,9 +216,9 @@ json_values = st.recursive(
 @example(1.7976931348623157e308)
 def test_writing_what_was_read_writes_the_same_json(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "law.json"
-    netcdf.write_json(path, data)
+    write_json(path, data)
     once = path.read_bytes()
-    netcdf.write_json(path, netcdf.read_json(path))
+    write_json(path, read_json(path))
     assert path.read_bytes() == once
 
 
@@ -229,15 +231,15 @@ def test_broken_json_is_told_in_one_line(tmp_path, content):
         InputError,
         match=r"deviation\.json: expected a JSON file, found .*; run the cruise again, which makes it anew",
     ):
-        netcdf.read_json(path)
+        read_json(path)
 
 
 # ------------------------------------------------------------------------------------------------------- whole or not
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
-    netcdf.write_json(tmp_path / "a.json", {"old": 1})
+    write_json(tmp_path / "a.json", {"old": 1})
     with pytest.raises(TypeError):
-        netcdf.write_json(tmp_path / "a.json", {"new": object()})
-    assert netcdf.read_json(tmp_path / "a.json") == {"old": 1}
+        write_json(tmp_path / "a.json", {"new": object()})
+    assert read_json(tmp_path / "a.json") == {"old": 1}
 
     write(tmp_path / "a.nc")
     before = (tmp_path / "a.nc").read_bytes()
@@ -280,13 +282,13 @@ def test_a_damaged_file_is_told_in_one_line(tmp_path, corrected_nc, read, damage
 
 @pytest.mark.parametrize("error", [ValueError, TypeError, KeyError, IndexError, AttributeError])
 def test_an_error_of_the_code_that_reads_a_file_is_not_called_damage(corrected_nc, error):
-    with pytest.raises(error, match="a mistake"), files.opened(corrected_nc):
+    with pytest.raises(error, match="a mistake"), files.open_netcdf(corrected_nc):
         raise error("a mistake")
 
 
 @pytest.mark.parametrize("read", [lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")])
 def test_a_missing_variable_or_attribute_is_told_in_one_line(corrected_nc, read):
-    with pytest.raises(InputError, match=r"expected a whole netCDF file"), files.opened(corrected_nc) as nc:
+    with pytest.raises(InputError, match=r"expected a whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
         read(nc)
 
 
@@ -324,7 +326,7 @@ def test_a_record_comes_back(tmp_path, n, m):
 )
 def test_what_was_taken_out_of_headings_and_of_velocities_is_kept_apart(tmp_path, biases, expected):
     netcdf.write_record(tmp_path / "r.nc", make_record(**biases))
-    assert netcdf.taken_out([tmp_path / "r.nc"]) == expected
+    assert netcdf.read_applied_declinations([tmp_path / "r.nc"]) == expected
 
 
 def test_what_else_was_logged_comes_back(tmp_path):
@@ -362,7 +364,7 @@ def test_files_of_one_instrument_keep_what_all_of_them_hold():
 
 def test_every_field_of_the_records_has_its_entry_in_the_table():
     record, pairs = make_record(), make_pairs()
-    for one, table in ((record, layout.RECORD), (pairs, layout.PAIRS | layout.PAIRS_PERHAPS)):
+    for one, table in ((record, variables.RECORD), (pairs, variables.PAIRS | variables.PAIRS_PERHAPS)):
         arrays = [f.name for f in dataclasses.fields(one) if isinstance(getattr(one, f.name), np.ndarray)]
         assert arrays == list(table)
         for name, variable in table.items():
@@ -432,7 +434,7 @@ def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
     record, told = product.record, PROCESSING | {"declination_source": "IGRF"}
     netcdf.write_corrected(tmp_path / "c.nc", product, site=SITE, attributes=USUAL, processing=told)
     with netCDF4.Dataset(tmp_path / "c.nc") as nc:
-        for key, name in layout.PROFILES.items():
+        for key, name in variables.PROFILES.items():
             values = nc[name][:].filled(np.nan) if nc[name].dtype.kind == "f" else nc[name][:]
             expected = record.profiles[key]
             np.testing.assert_array_equal(np.moveaxis(values, 0, 2) if values.ndim == 3 else values, expected)
@@ -442,20 +444,22 @@ def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
         np.testing.assert_array_equal(nc["PRES"][:], record.pressure_dbar)
         left = angles.difference(nc["HEADING_CORRECTED"][:] + nc["DECLINATION"][:], nc["HEADING_TRUE"][:])
         assert np.abs(left).max() < 1e-9 and (nc["HEADING_TRUE_QC"][:] == nc["HEADING_CORRECTED_QC"][:]).all()
-        for name in layout.BY_DECLINATION:
+        for name in variables.BY_DECLINATION:
             assert (
                 nc[name].declination_model.startswith("IGRF-14")
                 and nc[name].declination_degrees.tolist() == [-17.5] * 2
             )
             assert nc[name].declination_date == "2007-09-05T13:46:40Z/2007-09-08T08:06:40Z"
-        assert {name for name in layout.CORRECTED if f"{name}_QC" in nc.variables} == set(layout.FLAGGED)
+        assert {name for name in variables.CORRECTED if f"{name}_QC" in nc.variables} == set(variables.FLAGGED)
     with netCDF4.Dataset(write(tmp_path / "without.nc")) as nc:
-        assert {*layout.PERHAPS, "BEAM"} & {*nc.variables} == {"TEMPERATURE"} and "HEADING_TRUE" in nc.variables
+        assert {*variables.PERHAPS, "BEAM"} & {*nc.variables} == {"TEMPERATURE"} and "HEADING_TRUE" in nc.variables
 
 
 def test_the_table_of_the_product_s_page_is_not_stale():
     page_file = Path(__file__).resolve().parents[1] / "docs/reference/product.md"
-    assert page.table() in page_file.read_text(), "replace its table by what python -m compasslib.archive.page prints"
+    assert variables.format_table() in page_file.read_text(), (
+        "replace its table by what python -m compasslib.archive.page prints"
+    )
 
 
 def test_a_decade_in_pieces_is_written_as_in_one(tmp_path):
@@ -491,7 +495,7 @@ def test_flags_tell_what_is_absent_out_of_range_and_not_observed(tmp_path):
         assert nc["HEADING_QC"][2:4].tolist() == [GOOD, MISSING]
         assert nc["HEADING_CORRECTED_QC"][:].tolist() == [BAD, GOOD, GOOD, GOOD, BAD, GOOD]
         for name in ("DECLINATION", "INSTRUMENT_DEPTH", "DEPTH"):
-            assert (nc[f"{name}_QC"][:] == layout.NOMINAL).all()
+            assert (nc[f"{name}_QC"][:] == variables.NOMINAL).all()
 
 
 def test_time_is_precise_to_ten_microseconds(tmp_path):
@@ -540,7 +544,7 @@ def test_the_variables_as_oceansites_asks(corrected_nc):
             if name.endswith("_QC"):
                 assert variable.flag_values.tolist() == [0, 1, 2, 3, 4, 7, 8, 9] and variable.dtype == np.int8
                 assert len(variable.flag_meanings.split()) == 8
-            elif name in layout.CORRECTED:
+            elif name in variables.CORRECTED:
                 assert variable.units and variable._FillValue == 99999.0, name
                 assert "coordinates" in variable.ncattrs() or name in ("DEPTH", "INSTRUMENT_DEPTH")
         assert nc["UCUR"].sensor_serial_number == 1367 and nc["UCUR"].sensor_orientation == "upward"
@@ -593,7 +597,7 @@ def test_attributes_of_yaml_become_legal():
 
 @pytest.mark.parametrize(("given_east", "kept"), [(-32.955, -32.955), (327.0, -33.0), (180.0, 180.0)])
 def test_longitudes_are_signed(tmp_path, given_east, kept):
-    site = netcdf.Site("E G_4", 65.0, given_east)
+    site = Site("E G_4", 65.0, given_east)
     with netCDF4.Dataset(write(tmp_path / "c.nc", site=site)) as nc:
         assert nc["LONGITUDE"][...] == nc.geospatial_lon_min == kept
         assert nc.id == "OS_E-G-4_200709_D_compass-corrected"

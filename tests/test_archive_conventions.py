@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_record, measured, write
 
-from compasslib.archive import conventions, layout, netcdf
+from compasslib.archive import conventions, netcdf, variables
 from compasslib.archive import conventions as oceansites
 from compasslib.errors import InputError
 
@@ -121,8 +121,8 @@ def test_the_manual_has_no_remark(tmp_path, n, m, uncorrectable):
 
 
 def test_the_scale_of_flags_is_the_manuals():
-    assert layout.FLAG_VALUES.tolist() == list(oceansites.FLAGS)
-    assert layout.FLAG_MEANINGS.split() == list(oceansites.FLAGS.values())
+    assert variables.FLAG_VALUES.tolist() == list(oceansites.FLAGS)
+    assert variables.FLAG_MEANINGS.split() == list(oceansites.FLAGS.values())
 
 
 def attribute(name: str, value: object, variable: str | None = None):

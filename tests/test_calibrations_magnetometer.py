@@ -13,7 +13,7 @@ from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import iron as magnetometer_iron
 from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
 from compasslib.errors import InputError
-from compasslib.plots.magnetometer import magnetometer as draw
+from compasslib.plots.instruments import draw_magnetometer as draw
 from tests.world import iron
 
 SAFE = 4.5  # standard deviations: a fixed seed's draw of a few tens of numbers stays inside unless something is wrong

@@ -14,7 +14,7 @@ from test_plots import record
 
 from compasslib import angles, calibrations, compass, deviation
 from compasslib.archive import calibrations as calibration_files
-from compasslib.archive import netcdf
+from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring, budget, platform, result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.deviation import transfer
@@ -31,8 +31,8 @@ def page(made, name="aqd", settings=None, earlier=None):
     """Return calibration.json as a later job reads it."""
     said = result.to_json(name, made, settings or {"field": HOME}, earlier or {})
     path = Path(mkdtemp()) / "calibration.json"
-    netcdf.write_json(path, said)
-    return netcdf.read_json(path)
+    write_json(path, said)
+    return read_json(path)
 
 
 def calibrated(tmp_path, read=None, **settings):

@@ -13,8 +13,8 @@ from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
 from compasslib.deviation import von_appen
 from compasslib.errors import InputError
+from compasslib.plots.calibrations import draw_swing as page
 from compasslib.plots.page import DPI, WIDTH_IN
-from compasslib.plots.swing import swing as page
 
 REAL = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
 DEVIATIONS = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])  # MM section 5.3

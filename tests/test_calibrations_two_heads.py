@@ -24,7 +24,7 @@ from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.plots import calibrations as plots_calibrations
-from compasslib.plots import heads as figures
+from compasslib.plots import instruments as figures
 from tests.world import package
 from tests.world.package import Head, Sea
 
@@ -276,7 +276,7 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
     assert found.details["offset_deg"] == pytest.approx(12.0, abs=0.01)
 
 
-@pytest.mark.parametrize("draw", [figures.difference, figures.tilt_check, figures.along_time])
+@pytest.mark.parametrize("draw", [figures.draw_difference, figures.draw_tilt_check, figures.draw_along_time])
 def test_figures(draw, full, narrow, tmp_path):
     for name, found in (("full", full), ("narrow", narrow), ("none", heads._nothing(0, "no time shared", ()))):
         draw(tmp_path / f"{name}.png", found, name)
@@ -313,4 +313,4 @@ def test_heads_that_turn_evenly_or_never_or_are_one_file_are_no_traceback(tmp_pa
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
         calibration_files.write(page=result.to_json("h", made, {}, {}), made=made, **files)
         for figure in calibrations.figure_names("two_heads"):
-            plots_calibrations.draw(figure, tmp_path / f"{figure}.png", calibration_files.read(**files))
+            plots_calibrations.draw_figure(figure, tmp_path / f"{figure}.png", calibration_files.read(**files))

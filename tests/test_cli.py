@@ -26,7 +26,7 @@ from compasslib.archive import summary
 from compasslib.archive.files import write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.platform import BenchReadings
-from compasslib.cli import _parser, folders, main, versions
+from compasslib.cli import _parser, changelog, main, results
 from compasslib.pipeline import reasons
 from compasslib.pipeline.process import process_mooring
 
@@ -299,14 +299,14 @@ def rewrite(file: Path, **keys: object) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | keys))
 
 
-@pytest.mark.parametrize("file", folders.NEEDED)
+@pytest.mark.parametrize("file", results.MOORING_FILES)
 def test_half_results_are_refused(copied, capsys, file):
     (copied / file).unlink()
     line = refused(capsys, "explain", str(copied))
     assert f"expected all results of a mooring, found no {file}; run the cruise to its end" in line
 
 
-@pytest.mark.parametrize("file", folders.NEEDED)
+@pytest.mark.parametrize("file", results.MOORING_FILES)
 @pytest.mark.parametrize("content", ["", "{}", "[1]", '{"verdict": '])
 def test_damaged_results_are_refused(copied, capsys, file, content):
     (copied / file).write_text(content)
@@ -335,9 +335,11 @@ def test_explain_ends_quietly_where_the_pipe_is_closed(runs):
 
 def test_records_of_instruments_that_the_configuration_no_longer_names_count_no_more(runs, copied):
     shutil.copy(copied / "work/top.nc", copied / "work/upper.nc")  # as a renamed instrument left it
-    told = summary.row("M1", copied, ["top", "deep"])["warnings"]
+    told = summary.summary_row("M1", copied, ["top", "deep"])["warnings"]
     assert "top: pitch and roll never change" in told and "upper: " not in told
-    assert told == summary.row("M1", runs / "old/M1")["warnings"] != summary.row("M1", copied)["warnings"]
+    assert (
+        told == summary.summary_row("M1", runs / "old/M1")["warnings"] != summary.summary_row("M1", copied)["warnings"]
+    )
 
 
 # --- diff ------------------------------------------------------------------------------------------------------------
@@ -437,9 +439,9 @@ CHANGES = f"""# Changes
 
 
 def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_why(versions_of, capsys, monkeypatch):
-    changelog = versions_of / "CHANGELOG.md"
-    changelog.write_text(CHANGES)
-    monkeypatch.setattr(versions, "CHANGELOG", changelog)
+    file = versions_of / "CHANGELOG.md"
+    file.write_text(CHANGES)
+    monkeypatch.setattr(changelog, "CHANGELOG", file)
     assert main(["diff", str(versions_of / "old"), str(versions_of / "new")]) == 0
     table, why = capsys.readouterr().out.split("\n\n")
     cells = dict(zip(*(re.split("  +", line) for line in table.splitlines()), strict=True))
@@ -496,24 +498,26 @@ def _software(folder: Path) -> str:
 )
 def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old, new, changed, entries):
     (tmp_path / "CHANGELOG.md").write_text(CHANGES)
-    said = versions.reasons(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
+    said = changelog.changelog_reasons(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
     assert [line.split(": ", 1)[1] for line in said[3:]] == [
-        next(entry.text for entry in versions.entries(CHANGES) if entry.text.startswith(begin)) for begin in entries
+        next(entry.text for entry in changelog.parse_changelog(CHANGES) if entry.text.startswith(begin))
+        for begin in entries
     ]
     assert entries or "no entry of the changelog between them can change coefficients" in said[2]
 
 
 def test_what_cannot_be_told_of_versions_is_said(tmp_path):
-    assert versions.reasons("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
-    assert "versions are not known" in versions.reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
-    absent = versions.reasons("compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)", {"headings"}, tmp_path / "none.md")
+    assert changelog.changelog_reasons("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
+    assert "versions are not known" in changelog.changelog_reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
+    sides = "compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)"
+    absent = changelog.changelog_reasons(*sides, {"headings"}, tmp_path / "none.md")
     assert "not beside this installation" in absent[2]
 
 
 def test_the_changelog_s_own_entries_can_be_read_and_begin_with_this_version():
-    found = versions.entries((PROJECT / "CHANGELOG.md").read_text())
+    found = changelog.parse_changelog((PROJECT / "CHANGELOG.md").read_text())
     assert found[0].version == compasslib.__version__ and len(found) > 40
-    kinds = {f"calibration:{kind}" for kind in calibrations.KINDS} | set(versions.KINDS)
+    kinds = {f"calibration:{kind}" for kind in calibrations.KINDS} | set(changelog.KINDS_OF_CHANGE)
     assert {change for entry in found for change in entry.changes} <= kinds
     assert not any("*(" in entry.text for entry in found)
 

@@ -9,6 +9,7 @@ from sea import FOLDED, MILD, pairs
 
 from compasslib import angles, deviation
 from compasslib.archive import netcdf
+from compasslib.archive.attributes import Site
 from compasslib.deviation import along, assessment, branches, correction, doubts, exact, likelihood, model, von_appen
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record, take
 
@@ -71,7 +72,7 @@ def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch
     several = correction.in_pieces(*asked)
     assert [len(piece.record.time_s) for piece in several] == [150, 150, 100]
     for name, product in (("whole.nc", correction.correct(*asked)), ("pieces.nc", several)):
-        netcdf.write_corrected(tmp_path / name, product, site=netcdf.Site("M", 60.0, -30.0))
+        netcdf.write_corrected(tmp_path / name, product, site=Site("M", 60.0, -30.0))
     with netCDF4.Dataset(tmp_path / "whole.nc") as one, netCDF4.Dataset(tmp_path / "pieces.nc") as other:
         assert list(one.variables) == list(other.variables) and str(one.__dict__) == str(other.__dict__)
         for name in one.variables:

@@ -12,6 +12,7 @@ from test_deviation_correction import field_of, record_of
 
 from compasslib import angles
 from compasslib.archive import netcdf
+from compasslib.archive.files import read_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import constant, correction, doubts, exact, windows
 from compasslib.deviation.model import Fit
@@ -240,7 +241,7 @@ def test_a_declination_applied_twice_is_ambiguous_with_all_headings_flagged_unle
     content["instruments"]["top"]["declination_applied"] = -27.0
     settings.write_text(yaml.safe_dump(content | {"confirmed": {"constant": confirmed}}))
     made = process_mooring(folder, "M1", tmp_path / "out")
-    diagnosis, product = netcdf.read_json(made / "diagnosis.json"), netcdf.read_corrected(made / "corrected.nc")
+    diagnosis, product = read_json(made / "diagnosis.json"), netcdf.read_corrected(made / "corrected.nc")
     questioned = [finding["effect"] for finding in diagnosis["findings"]] == ["declination_error"]
     assert questioned is not confirmed
     if questioned:

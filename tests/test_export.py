@@ -18,10 +18,11 @@ from sea import SHARED, START, cruise
 from test_archive import PROCESSING, USUAL
 
 from compasslib import angles, records
-from compasslib.archive import export, netcdf
+from compasslib.archive import netcdf
+from compasslib.archive.attributes import Site
 from compasslib.archive.files import HALF_WRITTEN
+from compasslib.cli import export, main
 from compasslib.cli import export as export_command
-from compasslib.cli import main
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation import deployment
@@ -156,9 +157,9 @@ def test_what_a_killed_export_left_is_written_anew(world, tmp_path, capsys, monk
     assert {path.name for path in tmp_path.iterdir()} == {"whole", *(file.name for file in whole)}
     for name in ("b", "b.json", "c"):
         (tmp_path / name).touch()
-    assert export_command._free(tmp_path, "a", "b")
+    assert export_command._available_files(tmp_path, "a", "b")
     with pytest.raises(InputError, match="c: expected a file that is not there yet"):
-        export_command._free(tmp_path, "a", "c")
+        export_command._available_files(tmp_path, "a", "c")
 
 
 # ----------------------------------------------------------------------------------------------------------------- PD0
@@ -299,9 +300,9 @@ def test_a_genuine_record_goes_through_every_form(tmp_path):
     )
     made = _product(record)
     source = tmp_path / "corrected.nc"
-    netcdf.write_corrected(source, made, site=netcdf.Site("E0", 47.6, -124.6), attributes=USUAL, processing=PROCESSING)
-    export.to_csv(source, tmp_path / "E0.csv", tmp_path / "E0.csv.json")
-    export.to_mat(source, tmp_path / "E0.mat")
+    netcdf.write_corrected(source, made, site=Site("E0", 47.6, -124.6), attributes=USUAL, processing=PROCESSING)
+    export.write_csv(source, tmp_path / "E0.csv", tmp_path / "E0.csv.json")
+    export.write_mat(source, tmp_path / "E0.mat")
     read = pytest.importorskip("pandas").read_csv(tmp_path / "E0.csv")
     data = loadmat(tmp_path / "E0.mat", simplify_cells=True)["data"]
     n, m = made.east.shape

@@ -20,19 +20,19 @@ from PIL import Image
 from scipy.signal import lfilter
 
 from compasslib import angles, compass
-from compasslib.archive import currents as archive_currents
 from compasslib.archive import files as archive_files
+from compasslib.archive import summary as archive_currents
 from compasslib.deviation import correction, model, von_appen
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import Fit
 from compasslib.errors import InputError
-from compasslib.plots import agreement, currents, deviation, diagnosis, timeline
 from compasslib.plots import curves as plots_curves
+from compasslib.plots import deviation, diagnosis, timeseries
 from compasslib.plots import page as plots_page
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
 from compasslib.records import BAD, GOOD, Corrected, EarthField, Pairs, Record, take
-from compasslib.report import captions
+from compasslib.report.explanation import diagnosis_caption
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
@@ -49,11 +49,11 @@ class Mooring:
 
     def draw(self, figure: str, path) -> None:
         if figure == "deviation":
-            deviation.deviation(path, self.pairs, self.fit)
+            deviation.draw_deviation(path, self.pairs, self.fit)
         elif figure == "timeline":
-            timeline.timeline(path, self.product, self.pairs)
+            timeseries.draw_timeline(path, self.product, self.pairs)
         elif figure == "scatter":
-            agreement.scatter(path, self.pairs, self.product)
+            deviation.draw_scatter(path, self.pairs, self.product)
         else:
             self.draw_water(figure, path)
 
@@ -63,13 +63,13 @@ class Mooring:
             self.product.east_recorded + 1j * self.product.north_recorded,
             self.product.east + 1j * self.product.north,
         )
-        flows = [archive_currents.Flow(time_s, velocity[:, 0]) for velocity in velocities]
-        shown, reference = archive_currents.Currents(96.0, *flows), archive_currents.of_reference(self.pairs)
+        flows = [archive_currents.CurrentSeries(time_s, velocity[:, 0]) for velocity in velocities]
+        shown, reference = archive_currents.BinCurrents(96.0, *flows), archive_currents.reference_current(self.pairs)
         if figure == "roses":
             headings = {"recorded": heading, "corrected": self.product.heading_corrected_deg}
-            currents.roses(path, shown, reference, headings)
+            timeseries.draw_roses(path, shown, reference, headings)
         else:
-            getattr(currents, figure)(path, currents.averaged(shown, reference))
+            getattr(timeseries, f"draw_{figure}")(path, timeseries.average_currents(shown, reference))
 
 
 def overlaps(coefficients) -> Pairs:
@@ -254,7 +254,7 @@ def test_a_diagnosis_is_whole_and_legible_and_its_axes_have_the_units_of_its_sen
     found = {"effect": "temperature", "side": "compass", "alternatives": ["compass_drift"], "text": "It follows it."}
     content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves, "not_testable": []}
     content |= {"separated_by": "a swing", "why": "", "negligible": [], "hypotheses": []}
-    for name, draw, unit in (("a", diagnosis.of_mooring, "m/s"), ("b", diagnosis.of_calibration, "kn")):
+    for name, draw, unit in (("a", diagnosis.draw_mooring, "m/s"), ("b", diagnosis.draw_calibration, "kn")):
         path = tmp_path / name / "diagnosis.png"
         path.parent.mkdir()
         page = saved(lambda draw=draw, path=path: draw(path, content))
@@ -273,14 +273,14 @@ def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
         for one in made_of
     ]
     content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": turns}
-    page = saved(lambda: diagnosis.of_mooring(tmp_path / "d.png", content))
+    page = saved(lambda: diagnosis.draw_mooring(tmp_path / "d.png", content))
     check_page(tmp_path / "d.png", page)
     first, second, held_out = page.axes
     for axes, reach in ((first, 3.0), (second, 1.0)):
         (line,) = (one for one in axes.lines if one.get_color() == BLACK)
         np.testing.assert_allclose(line.get_ydata(), np.linspace(-reach, reach, 12))
     assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed, by\ndepth", "composed, by tilt"]
-    said = captions.of_diagnosis(content)
+    said = diagnosis_caption(content)
     assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "held-out data" in said
 
 
@@ -296,7 +296,7 @@ def test_panels_of_a_diagnosis_keep_their_size_whatever_the_names_are(tmp_path, 
     curves = [residuals(("heading", "speed", "time")[k % 3], 5.0, 355.0) | {"compared": name} for k in range(panels)]
     ranked = [{"effect": name, "score": 3.0**k} for k in range(rows)]
     content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": curves, "hypotheses": ranked}
-    page = saved(lambda: diagnosis.of_calibration(tmp_path / "d.png", content))
+    page = saved(lambda: diagnosis.draw_calibration(tmp_path / "d.png", content))
     check_page(tmp_path / "d.png", page)
     sizes = [(axes.bbox.width, axes.bbox.height) for axes in page.axes]
     assert min(wide for wide, _ in sizes) >= 0.45 * page.bbox.width
@@ -328,7 +328,7 @@ def test_a_warning_while_drawing_ends_a_process_that_a_test_starts():
 
 
 @pytest.mark.parametrize("covariate", ["heading", "time", "speed"])
-@pytest.mark.parametrize("draw", [diagnosis.of_mooring, diagnosis.of_calibration])
+@pytest.mark.parametrize("draw", [diagnosis.draw_mooring, diagnosis.draw_calibration])
 def test_nothing_is_drawn_where_there_are_no_data(tmp_path, draw, covariate):
     """Bins from 5 to 95 and from 265 to 355: neither band nor effect spans the 170 between."""
     scale = {"heading": 1.0, "time": 86400.0, "speed": 0.01}[covariate]
@@ -336,8 +336,8 @@ def test_nothing_is_drawn_where_there_are_no_data(tmp_path, draw, covariate):
     curve["centre"] = (scale * np.r_[5.0:96.0:18.0, 265.0:356.0:18.0]).tolist()
     content = {"verdict": "explained", "findings": [], "unexplained": None, "curves": [curve]}
     (axes,) = saved(lambda: draw(tmp_path / "d.png", content)).axes
-    drawn = scale / {"time": 86400.0 if draw is diagnosis.of_mooring else 3600.0}.get(covariate, 1.0)
-    begin = drawn * 5.0 if covariate == "time" and draw is diagnosis.of_calibration else 0.0
+    drawn = scale / {"time": 86400.0 if draw is diagnosis.draw_mooring else 3600.0}.get(covariate, 1.0)
+    begin = drawn * 5.0 if covariate == "time" and draw is diagnosis.draw_calibration else 0.0
     bars = [(bar.get_x() + begin, bar.get_x() + begin + bar.get_width()) for bar in axes.patches]
     assert len(bars) == 12 and not any(high > drawn * 121.0 and low < drawn * 239.0 for low, high in bars)
     (effect,) = (line for line in axes.lines if line.get_color() == BLACK)
@@ -452,15 +452,17 @@ def test_sticks_and_ways_are_the_mean_currents():
     time_s = START_S + 3600.0 * np.arange(96.0)
     east = np.full(96, 0.514444 + 0.0j)
     gap = np.where(np.arange(96) < 24, np.nan, 1j * east.real)
-    shown = archive_currents.Currents(50.0, archive_currents.Flow(time_s, east), archive_currents.Flow(time_s, gap))
-    drawn = currents.averaged(shown, archive_currents.Flow(np.zeros(0), np.zeros(0, complex)))
+    shown = archive_currents.BinCurrents(
+        50.0, archive_currents.CurrentSeries(time_s, east), archive_currents.CurrentSeries(time_s, gap)
+    )
+    drawn = timeseries.average_currents(shown, archive_currents.CurrentSeries(np.zeros(0), np.zeros(0, complex)))
     assert drawn.hours == 1.0 and set(drawn.means) == {"recorded", "corrected"}
-    ways = currents.ways(drawn)
+    ways = timeseries.displacements(drawn)
     assert ways["recorded"][-1] == pytest.approx(3 * 44448.0, rel=1e-4) and len(ways["recorded"]) == 73
     assert ways["corrected"][-1] == pytest.approx(3j * 44448.0, rel=1e-4)
     before, after = shown.mean
     assert before == pytest.approx(0.514444) and after == pytest.approx(0.514444j)
-    assert archive_currents.span_of_means(np.array([0.0, 400 * 86400.0])) == 24.0
+    assert archive_currents.averaging_hours(np.array([0.0, 400 * 86400.0])) == 24.0
 
 
 def test_the_bin_that_is_shown_is_the_nearest_with_enough_samples(tmp_path, moorings):
@@ -468,7 +470,7 @@ def test_the_bin_that_is_shown_is_the_nearest_with_enough_samples(tmp_path, moor
     one = moorings["unfolded"].product
     quality = np.ones((SAMPLES, 3), dtype=np.int8)
     quality[: SAMPLES // 5, 0] = BAD
-    with archive_files.new(tmp_path / "c.nc") as nc:
+    with archive_files.create_netcdf(tmp_path / "c.nc") as nc:
         nc.createDimension("TIME", SAMPLES)
         nc.createDimension("BIN", 3)
         nc.createVariable("TIME", "f8", "TIME")[:] = one.record.time_s / 86400.0 + 7305.0
@@ -476,7 +478,7 @@ def test_the_bin_that_is_shown_is_the_nearest_with_enough_samples(tmp_path, moor
             values = np.broadcast_to(10.0 * k + np.arange(3.0), (SAMPLES, 3))
             nc.createVariable(name, "f8", ("TIME", "BIN"))[:] = values
             nc.createVariable(f"{name}_QC", "i1", ("TIME", "BIN"))[:] = quality
-    shown = archive_currents.of_product(tmp_path / "c.nc")
+    shown = archive_currents.read_bin_currents(tmp_path / "c.nc")
     assert shown.depth_m == 41.0 and shown.mean == (21.0 + 31.0j, 1.0 + 11.0j)
     np.testing.assert_allclose(shown.recorded.time_s, one.record.time_s, atol=1e-5)
 
@@ -557,8 +559,8 @@ def test_directions_are_compared_at_the_pair_s_own_sample(moorings):
 
 def test_strip_of_a_short_record_has_no_empty_slices():
     time_s = KINDS["two days"][2].time_s
-    assert np.histogram(time_s, timeline.slices(time_s))[0][:-1].all()
-    assert np.diff(timeline.slices(SMALL.time_s))[0] <= 86400.0
+    assert np.histogram(time_s, timeseries.time_slices(time_s))[0][:-1].all()
+    assert np.diff(timeseries.time_slices(SMALL.time_s))[0] <= 86400.0
 
 
 def test_kinds_of_headings():
@@ -567,7 +569,7 @@ def test_kinds_of_headings():
     heading[3] = np.nan
     silent = six.record.heading_deg.copy()
     silent[4] = np.nan
-    kinds = timeline.kinds(
+    kinds = timeseries.classify_samples(
         replace(
             six,
             record=replace(six.record, heading_deg=silent),

@@ -14,7 +14,7 @@ from compasslib.archive.calibrations import Page
 from compasslib.calibrations import FIGURES, budget, platform, result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration, DeviationTable
-from compasslib.plots import calibrations, compass
+from compasslib.plots import calibrations, deviation
 from compasslib.plots import calibrations as plots_certificate
 from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
 
@@ -50,7 +50,7 @@ def page(case: str) -> Page:
 def test_every_figure_of_every_outcome_is_a_whole_page_and_the_same_twice(tmp_path, case, figure):
     paths = [tmp_path / f"{k}.png" for k in (1, 2)]
     for path in paths:
-        calibrations.draw(figure, path, page(case))
+        calibrations.draw_figure(figure, path, page(case))
     assert paths[0].read_bytes() == paths[1].read_bytes()
     image = imread(paths[0])
     width_in = WIDE_IN if figure == "certificate" else WIDTH_IN  # a certificate is a page of its own
@@ -79,7 +79,7 @@ def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_cal
         "covariance": np.eye(6).tolist(),
     }
     content = {"deployments": records, "effects": [effect], "rejected": [], "sigma_between": 0.0} | shared
-    figure = drawn(lambda: compass.draw("coefficients", tmp_path / "a.png", content))
+    figure = drawn(lambda: deviation.draw_shared("coefficients", tmp_path / "a.png", content))
     panels = [axes for axes in figure.axes if axes.get_visible()]
     assert len(panels) == 6 and all(a.bbox.width >= 0.3 * figure.bbox.width for a in panels)
     assert all(a.bbox.height >= max(0.3, 0.12 * count) * DPI for a in panels)
@@ -91,7 +91,7 @@ def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_cal
 @pytest.mark.parametrize("figure", FIGURES)
 @pytest.mark.parametrize("case", CASES)
 def test_panels_of_a_calibration_keep_their_size(tmp_path, case, figure):
-    panels = drawn(lambda: calibrations.draw(figure, tmp_path / "a.png", page(case))).axes
+    panels = drawn(lambda: calibrations.draw_figure(figure, tmp_path / "a.png", page(case))).axes
     assert all(min(axes.bbox.size) >= 0.8 * DPI for axes in panels)
     headings = [axes for axes in panels if axes.get_xlim() == (0.0, 360.0)]
     for axes in headings:  # the locator gives ticks beyond the limits too
@@ -115,7 +115,7 @@ def drawn(draw) -> Figure:
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(tmp_path, case):
-    figure = drawn(lambda: calibrations.certificate(tmp_path / "a.png", page(case)))
+    figure = drawn(lambda: calibrations.draw_certificate(tmp_path / "a.png", page(case)))
     figure.draw_without_rendering()
     boxes = [
         text.get_window_extent()
@@ -145,5 +145,5 @@ def test_a_kind_without_curves_still_has_its_figures(tmp_path):
     made = Calibration(kind="two_heads", model="offset", n=100, coverage=9, table=table)
     for case, made_so in enumerate((made, Calibration(kind="two_heads", model="offset", n=100, coverage=9))):
         for figure in FIGURES:
-            calibrations.draw(figure, tmp_path / f"{case}{figure}.png", shown(made_so))
+            calibrations.draw_figure(figure, tmp_path / f"{case}{figure}.png", shown(made_so))
             assert (tmp_path / f"{case}{figure}.png").stat().st_size > 5000

@@ -26,16 +26,16 @@ from sea import cruise
 from two_heads_files import cast
 
 from compasslib import effects, report
-from compasslib.archive import calibrations, pictures
+from compasslib.archive import calibrations, files
 from compasslib.archive.files import write_json
 from compasslib.calibrations import result, two_heads
 from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
 from compasslib.inference.finding import Finding as Found
-from compasslib.plots import heads
-from compasslib.report import answer, chart, figures, found, mooring, words
-from compasslib.report.section import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped
+from compasslib.plots import instruments
+from compasslib.report import chart, explanation, mooring, sections, words
+from compasslib.report.sections import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped_section
 from tests.world.package import Sea
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
@@ -245,7 +245,7 @@ def heeling(*alternatives: str) -> Found:
 
 
 def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
-    (told,) = found.findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
+    (told,) = explanation.report_findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
     facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
     assert (told.title, told.text, facts["Could also be"]) == (
         *("Heeling", "It heels."),
@@ -262,14 +262,14 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
     where = CovariateRange("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
     left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
     told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
-    *_, last = found.findings(told, product=True)
+    *_, last = explanation.report_findings(told, product=True)
     assert (last.title, last.text) == ("Unexplained", "Nothing fits.") and ("Size", "2.0° rms") in last.facts
-    assert found.cannot_tell(told)[:3] == (
+    assert explanation.describe_limits(told)[:3] == (
         "What would decide: A swing.",
         "What would decide: Wider headings.",
         "Not testable: stuck tilt. No other sensor.",
     )
-    assert answer.what_was_found(told).replace(words.SPACE, " ") == (
+    assert explanation.describe_findings(told).replace(words.SPACE, " ") == (
         "found beyond the fitted deviation: the compass tilts over iron along its own vertical (heeling, probability "
         ">99 %); a mismatch of 2.0° rms that is unexplained"
     )
@@ -277,15 +277,15 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
 
 def test_every_effect_stands_in_the_answer_as_a_clause_of_physics_and_its_name_in_brackets():
     for effect in effects.SIDES:
-        (clause,) = found.named({"effect": effect, "alternatives": []})
+        (clause,) = explanation.candidate_names({"effect": effect, "alternatives": []})
         begun, name = clause.rstrip(")").split(" (")
         assert name == words.plain(effect) and len(begun.split()) > 2 and begun != name
     many = {**diagnosis("ambiguous", heeling("temperature", "pressure", "sextantal", "octantal")), "unexplained": None}
-    told = answer.what_was_found(many)
+    told = explanation.describe_findings(many)
     assert told.endswith("depends on pressure (pressure) or one of 2 others")
     composed = {"acts_on": "field_down", "driver": "tilt", "form": "quadratic"}
     several = {"effect": "composed", "alternatives": ["pressure"], "composition": composed, "probability": 0.6}
-    assert found.named(several | {"alternatives_probability": {"pressure": 0.35}}) == [
+    assert explanation.candidate_names(several | {"alternatives_probability": {"pressure": 0.35}}) == [
         "a magnetic field along the instrument's vertical changing with the square of the tilt "
         f"(probability 60{words.SPACE}%)",
         f"the iron beside the compass, or the compass, depends on pressure (pressure, probability 35{words.SPACE}%)",
@@ -302,7 +302,7 @@ def test_what_cannot_be_tested_is_one_sentence_a_reason():
         {"effect": "stuck_tilt", "why": "too short"},
     ]
     tried = [{"effect": "stuck_tilt", "score": 1.0, "rms_effect_deg": 0.5, "probability": 0.5}]
-    told = found.cannot_tell(
+    told = explanation.describe_limits(
         {"verdict": "explained", "separated_by": None, "not_testable": closed, "hypotheses": tried}
     )
     assert told == (
@@ -314,9 +314,9 @@ def test_what_cannot_be_tested_is_one_sentence_a_reason():
 
 def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
     tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "probability": 0.012}]
-    (table,) = found.hypotheses({"hypotheses": tried})
+    (table,) = explanation.hypotheses_table({"hypotheses": tried})
     assert table.rows == (("current veer", "12.3", "0.50° rms", "0.01"),)
-    assert found.hypotheses(diagnosis("consistent")) == ()
+    assert explanation.hypotheses_table(diagnosis("consistent")) == ()
 
 
 def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
@@ -327,7 +327,7 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
     calibrations.write(page=result.to_json("heads", made, {}, {}), made=made, **files)
     write_json(there / "diagnosis.json", diagnosis("explained", heeling()))
     for figure in ("difference", "tilt_check", "along_time"):
-        getattr(heads, figure)(there / f"figures/{figure}.png", made, "heads")
+        getattr(instruments, f"draw_{figure}")(there / f"figures/{figure}.png", made, "heads")
     section = report.gather(tmp_path, attributes={}, moorings={}, calibrations=["heads"]).calibrations.sections[0]
     assert section.verdict == "explained" and section.findings[0].title == "Heeling"
     assert set(made.details["cannot_tell"]) < set(section.cannot_tell)
@@ -339,12 +339,12 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
 
 def test_a_large_fleet_has_small_pictures_of_its_currents(done, tmp_path, monkeypatch):
     """Small ones lead to the whole ones, and all other figures are linked; a mooring more costs kilobytes."""
-    monkeypatch.setattr(figures, "MOST_SECTIONS", 3)
+    monkeypatch.setattr(report, "MAX_SECTIONS", 3)
     sites = {"M1": {"latitude": 60.0, "longitude": 5.0, "water_depth_m": 500.0, "start": "2007-09-04T00:00:00Z"}}
     sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {}, "roles": ["top", "deep"]}
     one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
     (section,) = one.moorings.sections
-    assert one.small and [figure.width for figure in section.first] == [pictures.SMALL_PIXELS] * 3
+    assert one.small and [figure.width for figure in section.first] == [files.SMALL_PIXELS] * 3
     assert all(not figure.data and figure.href for figure in (*section.found, *section.figures))
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
     assert any("the currents are small pictures" in " ".join(one.text.split()) for one in few.all("p"))
@@ -353,7 +353,9 @@ def test_a_large_fleet_has_small_pictures_of_its_currents(done, tmp_path, monkey
 
 
 def test_a_mooring_that_was_stopped_has_its_reason_where_the_answers_stand(tmp_path):
-    made = written(tmp_path / "r.html", [stopped("mooring", "M", "raw/top.000: expected a PD0 file", ("", "Verdict"))])
+    made = written(
+        tmp_path / "r.html", [stopped_section("mooring", "M", "raw/top.000: expected a PD0 file", ("", "Verdict"))]
+    )
     assert "M stopped There are no results" in " ".join(made.all("li")[0].text.split())
 
 
@@ -363,7 +365,7 @@ def test_a_damaged_figure_is_one_line(done, tmp_path):
     whole = (done / "results/M1/figures/scatter.png").read_bytes()
     (folder / "scatter.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; run the cruise again"):
-        figures.of_folder(folder.parent, tmp_path, {}, small=False)
+        sections.collect_figures(folder.parent, tmp_path, {}, small=False)
 
 
 @given(

@@ -15,7 +15,7 @@ from sea import cruise
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from compasslib import deviation
-from compasslib.archive import netcdf
+from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 from compasslib.pipeline import process as processing
 from compasslib.stages import correct
@@ -47,7 +47,7 @@ def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mo
     said: list[str] = []
     there = processing.process_mooring(processed, mooring, tmp_path / "new/here", say=said.append)
     assert there == tmp_path / "new/here" and any("headings corrected" in line for line in said)
-    assert bool(netcdf.read_json(there / "assessment.json")["refuted"]) is refuted
+    assert bool(read_json(there / "assessment.json")["refuted"]) is refuted
     files = {path.relative_to(there) for path in there.rglob("*") if path.is_file()}
     elsewhere = {Path(f"work/calibrations/bench/{file}") for file in ("calibration.json", "table.csv", "points.csv")}
     results = processed / "results"

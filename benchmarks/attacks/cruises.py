@@ -17,6 +17,7 @@ import pandas as pd
 import yaml
 
 from compasslib.archive import netcdf, summary
+from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 
@@ -412,7 +413,7 @@ def run(cruise: Cruise, into: Path) -> Outcome:
         return Outcome(refused=str(error))
     names = cruise.settings.get("reference") or []
     roles = [cruise.settings["compromised"], *([names] if isinstance(names, str) else names)]
-    row = summary.row("M", made, roles)
+    row = summary.summary_row("M", made, roles)
     warnings = tuple(filter(None, str(row["warnings"]).split(" | ")))
     findings = tuple(str(row["effects"]).split())
     product = netcdf.read_corrected(made / "corrected.nc")
@@ -446,7 +447,7 @@ def _declination(cruise: Cruise, time_s: np.ndarray) -> np.ndarray:
 
 def keep_declination(cruise: Cruise, made: Path) -> None:
     """Keep the declination of the untouched run, the model's."""
-    field = netcdf.read_json(made / "work/field.json")
+    field = read_json(made / "work/field.json")
     kept = {key: list(field[key]) for key in ("time_s", "declination_deg")}
     (cruise.bases / f"{cruise.base}.declination.json").write_text(json.dumps(kept))
 

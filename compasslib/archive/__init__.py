@@ -9,7 +9,7 @@ A job that fails leaves what stood there before:
 ...     path = Path(folder, "fit.json")
 ...     files.write_json(path, {"B": 0.1 + 0.2})
 ...     try:
-...         with files.replacing(path) as half_written:
+...         with files.atomic_write(path) as half_written:
 ...             _ = half_written.write_text("{")
 ...             raise KeyboardInterrupt
 ...     except KeyboardInterrupt:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.archive.files import MAKE_ANEW, read_json, replacing, write_json
+from compasslib.archive.files import RERUN, atomic_write, read_json, write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.errors import InputError
@@ -87,7 +87,7 @@ def named(paths: Sequence[str | Path]) -> dict[str, Any]:
 
 
 def _write_csv(path: str | Path, names: Sequence[str], columns: Sequence[Floats], forms: Sequence[str]) -> None:
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(names)
         for row in zip(*columns, strict=True):
@@ -110,6 +110,6 @@ def _read_csv(path: str | Path) -> dict[str, Floats]:
             str(path),
             expected="a table that this program wrote",
             found=f"{type(error).__name__}: {error}",
-            advice=MAKE_ANEW,
+            advice=RERUN,
         ) from error
     return dict(zip(names, columns, strict=True))

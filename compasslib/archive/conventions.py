@@ -11,9 +11,9 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.archive import layout, provenance
+from compasslib.archive import provenance, variables
 from compasslib.archive.attributes import NOT_GIVEN
-from compasslib.archive.files import opened
+from compasslib.archive.files import open_netcdf
 from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
@@ -21,7 +21,7 @@ CF, ACDD = "cf:1.8", "acdd:1.3"
 PRODUCT = "corrected.nc"  # the file that claims ACDD and OceanSITES beside CF
 NOT_ASKED = 1  # the checker's weight of what is merely suggested
 # The CF table has no name for these: its orientation is from true north, and it knows no deviation and no declination.
-UNNAMED = tuple(name for name, variable in layout.CORRECTED.items() if not variable.standard_name)
+UNNAMED = tuple(name for name, variable in variables.CORRECTED.items() if not variable.standard_name)
 UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_name' for name in UNNAMED}
 
 
@@ -59,7 +59,7 @@ def remarks(path: str | Path) -> list[str]:
 
 def not_given(path: str | Path) -> list[str]:
     """Return the global attributes of corrected.nc that the conventions ask for and the YAML files do not give."""
-    with opened(path) as nc:
+    with open_netcdf(path) as nc:
         return [name for name in nc.ncattrs() if str(nc.getncattr(name)) == NOT_GIVEN]
 
 
@@ -191,7 +191,7 @@ def oceansites_remarks(path: str | Path) -> list[str]:
     Raises:
         InputError: the file is absent or damaged.
     """
-    with opened(path) as nc:
+    with open_netcdf(path) as nc:
         data = [name for name in nc.variables if _is_data(nc, name)]
         found = [*_attributes(nc), *_extent(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
         found += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
@@ -250,7 +250,9 @@ def _names(nc: netCDF4.Dataset) -> Remarks:
             yield f"variable {name} is not named in capitals"
         if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
             yield f"{name}:standard_name is not {NAMES[name]}"
-        if "TIME" in [other for other in variable.dimensions if other != layout.BEAM.name][1:]:  # CF 2.4: to the left
+        if (
+            "TIME" in [other for other in variable.dimensions if other != variables.BEAM.name][1:]
+        ):  # CF 2.4: to the left
             yield f"{name}: TIME is not the first of its dimensions"
         if not _attribute(variable, "long_name"):
             yield f"{name}:long_name is missing"

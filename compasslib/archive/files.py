@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
+import io
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,10 +18,10 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.archive.layout import BEAM, BIN, FILL, Variable
+from compasslib.archive.variables import BEAM, BIN, FILL, Variable
 from compasslib.errors import InputError, Passing
 
-MAKE_ANEW = "run the cruise again, which makes it anew, or restore it from a copy"  # a result that cannot be read
+RERUN = "run the cruise again, which makes it anew, or restore it from a copy"  # a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
 CHUNK = 4096  # samples
@@ -27,7 +29,7 @@ CACHE_BYTES = 4 * 2**20  # of chunks a variable that wait to be compressed; the 
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """Give a temporary name beside a file that takes the file's place once the block has ended well.
 
     Args:
@@ -61,7 +63,7 @@ def write_json(path: str | Path, data: object) -> None:
         TypeError: something else is among the data.
     """
     text = json.dumps(_jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
@@ -74,7 +76,7 @@ def read_json(path: str | Path) -> Any:
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise _unusable(path, "a JSON file", error) from error
+        raise _damaged(path, "a JSON file", error) from error
 
 
 def _jsonable(value: Any) -> Any:
@@ -90,24 +92,26 @@ def _jsonable(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _unusable(path: str | Path, expected: str, error: Exception) -> InputError:
-    advice = MAKE_ANEW
+def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
+    advice = RERUN
     return Passing(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
 
 
 @contextmanager
-def new(path: str | Path, form: Literal["NETCDF4", "NETCDF4_CLASSIC"] = "NETCDF4") -> Iterator[netCDF4.Dataset]:
+def create_netcdf(
+    path: str | Path, form: Literal["NETCDF4", "NETCDF4_CLASSIC"] = "NETCDF4"
+) -> Iterator[netCDF4.Dataset]:
     """Give an empty netCDF file to fill, which takes its place once the block has ended well.
 
     Args:
         form: netCDF-4, or its classic model.
     """
-    with replacing(path) as temporary, netCDF4.Dataset(temporary, "w", format=form) as nc:
+    with atomic_write(path) as temporary, netCDF4.Dataset(temporary, "w", format=form) as nc:
         yield nc
 
 
 @contextmanager
-def opened(path: str | Path) -> Iterator[netCDF4.Dataset]:
+def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
     """Open a netCDF file of the results for reading.
 
     Raises:
@@ -120,7 +124,7 @@ def opened(path: str | Path) -> Iterator[netCDF4.Dataset]:
     except (OSError, RuntimeError, LookupError, AttributeError, ValueError) as error:
         if not _from_netcdf(error):
             raise
-        raise _unusable(path, "a whole netCDF file that this program wrote", error) from error
+        raise _damaged(path, "a whole netCDF file that this program wrote", error) from error
 
 
 def _from_netcdf(error: Exception) -> bool:
@@ -132,7 +136,7 @@ def _from_netcdf(error: Exception) -> bool:
     return isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
 
 
-def put(
+def write_variable(
     nc: netCDF4.Dataset,
     variable: Variable,
     values: ArrayLike,
@@ -152,13 +156,13 @@ def put(
     values = np.asarray(values)
     if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and an unsigned one holds no -1
         values = np.where(np.isfinite(values), values, variable.fill)
-    made = nc[variable.name] if variable.name in nc.variables else _created(nc, variable, level)
+    made = nc[variable.name] if variable.name in nc.variables else _create_variable(nc, variable, level)
     made[... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)] = (
         values
     )
 
 
-def _created(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
+def _create_variable(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
     chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
     made = nc.createVariable(
         variable.name,
@@ -174,7 +178,7 @@ def _created(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -
     return made
 
 
-def put_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
+def write_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
     """Write the numbers of the bins.
 
     Args:
@@ -182,18 +186,18 @@ def put_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
         looks_up: whether they go upwards.
     """
     away = {"positive": "up" if looks_up else "down"}
-    put(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
+    write_variable(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
 
 
-def put_beams(nc: netCDF4.Dataset, beams: int) -> None:
+def write_beams(nc: netCDF4.Dataset, beams: int) -> None:
     """Write the numbers of the beams, where there are any."""
     if beams:
         nc.createDimension(BEAM.name, beams)
-        put(nc, BEAM, np.arange(1, beams + 1))
+        write_variable(nc, BEAM, np.arange(1, beams + 1))
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredVariable:
     """A variable of a file, whose rows are read when they are asked for."""
 
     path: str
@@ -205,7 +209,7 @@ class Stored:
         Raises:
             InputError: the file is absent or damaged.
         """
-        with opened(self.path) as nc:
+        with open_netcdf(self.path) as nc:
             values = np.asarray(nc[self.name][which] if nc[self.name].ndim < 3 else nc[self.name][:, which])
         values = np.moveaxis(values, 0, 2) if values.ndim == 3 else values
         if values.dtype.kind == "f":
@@ -213,7 +217,7 @@ class Stored:
         return values
 
 
-def get(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
+def read_variable(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
     """Return the values of a variable: numbers as float64 with NaN where they are missing, flags as they are.
 
     Args:
@@ -233,8 +237,8 @@ def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
     Raises:
         InputError: the file is absent, damaged or something else.
     """
-    with opened(path) as nc:
-        return [get(nc, name) for name in names]
+    with open_netcdf(path) as nc:
+        return [read_variable(nc, name) for name in names]
 
 
 def read_attribute(path: str | Path, name: str) -> str:
@@ -243,5 +247,55 @@ def read_attribute(path: str | Path, name: str) -> str:
     Raises:
         InputError: the file is absent, damaged or something else.
     """
-    with opened(path) as nc:
+    with open_netcdf(path) as nc:
         return str(nc.getncattr(name))
+
+
+# Figures as data URIs with a palette, for a page; made beside the figures by the job that draws.
+
+PICTURES = "work/pictures.json"  # in the folder of a mooring's results
+COLOURS = 256  # of the palette: a third of the bytes, and nothing that a reader would see
+SMALL_PIXELS, SMALL_COLOURS = 350, 16  # width and palette of what stands for a figure on a page of many
+SMALL_FIGURES = ("sticks", "progressive", "roses")  # that have such a picture
+Picture = tuple[str, tuple[int, int]]  # data URI; width and height, pixels
+
+
+def embed_png(path: str | Path, *, small: bool = False) -> Picture:
+    """Return a PNG with a palette as a data URI, and its size; the same file gives the same text.
+
+    Raises:
+        InputError: it is not a whole one.
+    """
+    from PIL import Image  # only where a picture is made
+
+    try:
+        with Image.open(path) as image:
+            whole = image.convert("RGB")
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(str(path), expected="a whole PNG", found=error, advice=RERUN) from error
+    if small:
+        whole = whole.resize((SMALL_PIXELS, round(SMALL_PIXELS * whole.height / whole.width)), Image.Resampling.BOX)
+    colours, method = (SMALL_COLOURS, Image.Quantize.MEDIANCUT) if small else (COLOURS, Image.Quantize.FASTOCTREE)
+    reduced = whole.quantize(colours, method, dither=Image.Dither.NONE)
+    buffer = io.BytesIO()
+    reduced.save(buffer, "PNG", compress_level=6)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}", reduced.size
+
+
+def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
+    """Write the pictures of figures, by the names of their files; small ones beside them.
+
+    Raises:
+        InputError: one of them is not a whole PNG.
+    """
+    named = {Path(figure).stem: figure for figure in figures}
+    made = {"whole": {name: embed_png(figure) for name, figure in named.items()}}
+    made["small"] = {name: embed_png(named[name], small=True) for name in SMALL_FIGURES if name in named}
+    write_json(path, made)
+
+
+def read_pictures(folder: Path, *, small: bool = False) -> dict[str, Picture]:
+    """Return the pictures that stand beside the figures of a mooring; none where none were made."""
+    path = folder / PICTURES
+    made = read_json(path)["small" if small else "whole"] if path.exists() else {}
+    return {name: (uri, (width, height)) for name, (uri, (width, height)) in made.items()}

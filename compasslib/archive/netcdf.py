@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.archive import layout
+from compasslib.archive import variables
 from compasslib.archive.attributes import (
     Attributes,
     Site,
@@ -23,37 +23,18 @@ from compasslib.archive.attributes import (
     sensor_attributes,
 )
 from compasslib.archive.files import (
-    Stored,
-    get,
-    new,
-    opened,
-    put,
-    put_beams,
-    put_bins,
+    StoredVariable,
+    create_netcdf,
+    open_netcdf,
     read_attribute,
-    read_json,
-    replacing,
-    write_json,
+    read_variable,
+    write_beams,
+    write_bins,
+    write_variable,
 )
-from compasslib.archive.layout import Variable, quality_of
+from compasslib.archive.variables import Variable, quality_variable
 from compasslib.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Pairs, Record, Rows
 from compasslib.types import Floats
-
-__all__ = [
-    "Site",
-    "read_corrected",
-    "read_counts",
-    "read_json",
-    "read_pairs",
-    "read_profiles",
-    "read_record",
-    "read_warnings",
-    "replacing",
-    "write_corrected",
-    "write_json",
-    "write_pairs",
-    "write_record",
-]
 
 
 def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -61,23 +42,25 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
 
     Not compressed, as it is read five times; it stays smaller than most raw files.
     """
-    with new(path) as nc:
+    with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.8", "title": "record of one instrument"} | plain(attributes or {}))
         for name, size in zip(("TIME", "BIN"), record.east.shape, strict=True):
             nc.createDimension(name, size)
-        put_bins(nc, record.east.shape[1], record.looks_up)
+        write_bins(nc, record.east.shape[1], record.looks_up)
         for field in fields(Record):
             value = getattr(record, field.name)
-            if field.name in layout.RECORD:
-                put(nc, layout.RECORD[field.name], value, level=0)
-            elif field.name not in layout.NOT_STORED:
+            if field.name in variables.RECORD:
+                write_variable(nc, variables.RECORD[field.name], value, level=0)
+            elif field.name not in variables.NOT_STORED:
                 nc.setncattr(field.name, json.dumps(value, default=lambda number: number.item()))
         for name, series in record.channels.items():
-            put(nc, layout.channel(name, record.channel_units.get(name, "1")), series, level=0)
-        put_beams(nc, _beams(record))
+            write_variable(nc, variables.channel_variable(name, record.channel_units.get(name, "1")), series, level=0)
+        write_beams(nc, _beams(record))
         for name, profile in record.profiles.items():
             values = _beams_first(profile[:])
-            put(nc, layout.profile(name, values.dtype.str[1:], values.ndim == 3), values, level=0)
+            write_variable(
+                nc, variables.profile_variable(name, values.dtype.str[1:], values.ndim == 3), values, level=0
+            )
 
 
 def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
@@ -100,14 +83,18 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
         InputError: the file is absent, damaged or something else.
     """
     bins = None if velocities else 0
-    with opened(path) as nc:
+    with open_netcdf(path) as nc:
         # The ranges first: they shrink to a row before the velocities come.
-        arrays = {"bin_range_m": _shared(get(nc, layout.RECORD["bin_range_m"].name, bins))}
-        arrays |= {name: get(nc, one.name, bins) for name, one in layout.RECORD.items() if name not in arrays}
-        others = {field.name for field in fields(Record)} - set(layout.RECORD) - layout.NOT_STORED
+        arrays = {"bin_range_m": _shared(read_variable(nc, variables.RECORD["bin_range_m"].name, bins))}
+        arrays |= {
+            name: read_variable(nc, one.name, bins) for name, one in variables.RECORD.items() if name not in arrays
+        }
+        others = {field.name for field in fields(Record)} - set(variables.RECORD) - variables.NOT_STORED
         rest = {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
         rest["channels"] = {
-            name.removeprefix(layout.CHANNEL): get(nc, name) for name in nc.variables if name.startswith(layout.CHANNEL)
+            name.removeprefix(variables.CHANNEL): read_variable(nc, name)
+            for name in nc.variables
+            if name.startswith(variables.CHANNEL)
         }
     return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
 
@@ -118,8 +105,10 @@ def read_profiles(path: str | Path) -> dict[str, Rows]:
     Raises:
         InputError: the file is absent, damaged or something else.
     """
-    with opened(path) as nc:
-        return {key: Stored(str(path), name) for key, name in layout.PROFILES.items() if name in nc.variables}
+    with open_netcdf(path) as nc:
+        return {
+            key: StoredVariable(str(path), name) for key, name in variables.PROFILES.items() if name in nc.variables
+        }
 
 
 def _shared(bin_range_m: Floats) -> Floats:
@@ -145,14 +134,14 @@ def read_warnings(path: str | Path) -> list[str]:
     return warnings
 
 
-def taken_out(paths: Iterable[str | Path]) -> dict[str, float]:
+def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
     """Return by record the degrees that were taken out of its headings and velocities, apart where they differ.
 
     Records of an older version know one number, or none, which is 0.
     """
     found: dict[str, float] = {}
     for path in map(Path, paths):
-        with opened(path) as nc:
+        with open_netcdf(path) as nc:
             heading = float(json.loads(getattr(nc, "heading_bias_deg", "0")))
             velocity = json.loads(getattr(nc, "velocity_bias_deg", "null"))
         if velocity in (None, heading):
@@ -168,23 +157,23 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
     Args:
         pairs: any pairs, also none.
     """
-    with new(path) as nc:
+    with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.8", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
         nc.setncattr("warnings", json.dumps(pairs.warnings))
         if pairs.expected_m_s is not None:
             nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
         nc.setncattr("water_turned_for_good_deg", pairs.veer_deg)
         nc.createDimension("TIME", len(pairs))
-        for name, variable in layout.PAIRS.items():
-            put(nc, variable, getattr(pairs, name))
-        for name, variable in layout.PAIRS_PERHAPS.items():
+        for name, variable in variables.PAIRS.items():
+            write_variable(nc, variable, getattr(pairs, name))
+        for name, variable in variables.PAIRS_PERHAPS.items():
             if (column := getattr(pairs, name)) is not None:
-                put(nc, variable, column)
+                write_variable(nc, variable, column)
         if pairs.reference_names:
             flags = np.arange(len(pairs.reference_names), dtype=np.int8)
             meanings = " ".join(pairs.reference_names)
-            nc[layout.REFERENCE_INDEX].setncatts({"flag_values": flags, "flag_meanings": meanings})
-        put(nc, layout.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
+            nc[variables.REFERENCE_INDEX].setncatts({"flag_values": flags, "flag_meanings": meanings})
+        write_variable(nc, variables.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
 
 
 def read_pairs(path: str | Path) -> Pairs:
@@ -193,12 +182,14 @@ def read_pairs(path: str | Path) -> Pairs:
     Raises:
         InputError: the file is absent, damaged or something else.
     """
-    with opened(path) as nc:
-        there = {name: each for name, each in layout.PAIRS_PERHAPS.items() if each.name in nc.variables}
-        values: dict[str, Any] = {name: get(nc, variable.name) for name, variable in (layout.PAIRS | there).items()}
+    with open_netcdf(path) as nc:
+        there = {name: each for name, each in variables.PAIRS_PERHAPS.items() if each.name in nc.variables}
+        values: dict[str, Any] = {
+            name: read_variable(nc, variable.name) for name, variable in (variables.PAIRS | there).items()
+        }
         errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
         expected = None if errors is None else (float(errors[0]), float(errors[1]))
-        names = nc[layout.REFERENCE_INDEX].flag_meanings.split() if "reference_index" in there else []
+        names = nc[variables.REFERENCE_INDEX].flag_meanings.split() if "reference_index" in there else []
         warnings = tuple(json.loads(nc.getncattr("warnings")))
         values |= {"warnings": warnings, "expected_m_s": expected, "reference_names": tuple(names)}
         return Pairs(**values, veer_deg=float(getattr(nc, "water_turned_for_good_deg", 0.0)))
@@ -238,17 +229,19 @@ def write_corrected(
         attributes=whole.instrument | dict(attributes or {}),
         processing=processing or {},
     )
-    of_sensor = dict.fromkeys(layout.SENSED, sensor_attributes(attributes, whole.looks_up) | whole.recorded_in)
-    of_model = dict.fromkeys(layout.BY_DECLINATION, declination_attributes(attributes, whole.time_s, whole.declination))
+    of_sensor = dict.fromkeys(variables.SENSED, sensor_attributes(attributes, whole.looks_up) | whole.recorded_in)
+    of_model = dict.fromkeys(
+        variables.BY_DECLINATION, declination_attributes(attributes, whole.time_s, whole.declination)
+    )
     end = 0
-    with new(path, "NETCDF4_CLASSIC") as nc:
+    with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(attributes)
         _put_coordinates(nc, whole, site)
         for piece in pieces:
             begin, end = end, end + len(piece.record.time_s)
             for name, column in _columns(piece, whole).items():
                 told = of_sensor.get(name, {}) | of_model.get(name, {})
-                _put_placed(nc, _of_beams(layout.CORRECTED[name], column[0]), column, told, slice(begin, end))
+                _put_placed(nc, _of_beams(variables.CORRECTED[name], column[0]), column, told, slice(begin, end))
 
 
 @dataclass(frozen=True)
@@ -290,7 +283,7 @@ def _seen(pieces: Iterable[Corrected]) -> _Whole:
         nominal_depth=len(set(instrument)) == 1,
         headings=(recorded, corrected),
         declination=(declination[0], declination[-1]) if declination else (np.nan, np.nan),
-        measured=(*perhaps, *(layout.PROFILES[name] for name in record.profiles)),
+        measured=(*perhaps, *(variables.PROFILES[name] for name in record.profiles)),
         beams=_beams(record),
         recorded_in={"recorded_in": record.recorded_in} if record.recorded_in else {},
         instrument={"serial_number": record.serial_number} if record.serial_number else {},
@@ -316,43 +309,43 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> Corrected:
         InputError: the file is absent, damaged or something else.
     """
     bins = None if velocities else 0
-    with opened(path) as nc:
+    with open_netcdf(path) as nc:
         return Corrected(
             record=_record_of(nc, bins),
-            heading_corrected_deg=get(nc, "HEADING_CORRECTED"),
-            heading_uncertainty_deg=get(nc, "HEADING_CORRECTED_UNCERTAINTY"),
-            heading_corrected_quality=get(nc, "HEADING_CORRECTED_QC"),
-            deviation_deg=get(nc, "DEVIATION"),
-            branch_probability=get(nc, "BRANCH_PROBABILITY"),
-            declination_deg=get(nc, "DECLINATION"),
-            east=get(nc, "UCUR", bins),
-            north=get(nc, "VCUR", bins),
-            east_recorded=get(nc, "UCUR_RECORDED", bins),
-            north_recorded=get(nc, "VCUR_RECORDED", bins),
-            velocity_uncertainty=get(nc, "UCUR_UNCERTAINTY", bins),
-            velocity_quality=get(nc, "UCUR_QC", bins),
+            heading_corrected_deg=read_variable(nc, "HEADING_CORRECTED"),
+            heading_uncertainty_deg=read_variable(nc, "HEADING_CORRECTED_UNCERTAINTY"),
+            heading_corrected_quality=read_variable(nc, "HEADING_CORRECTED_QC"),
+            deviation_deg=read_variable(nc, "DEVIATION"),
+            branch_probability=read_variable(nc, "BRANCH_PROBABILITY"),
+            declination_deg=read_variable(nc, "DECLINATION"),
+            east=read_variable(nc, "UCUR", bins),
+            north=read_variable(nc, "VCUR", bins),
+            east_recorded=read_variable(nc, "UCUR_RECORDED", bins),
+            north_recorded=read_variable(nc, "VCUR_RECORDED", bins),
+            velocity_uncertainty=read_variable(nc, "UCUR_UNCERTAINTY", bins),
+            velocity_quality=read_variable(nc, "UCUR_QC", bins),
         )
 
 
 def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
-    time_s = np.round((get(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
+    time_s = np.round((read_variable(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
     unknown = np.full(time_s.shape, np.nan)
     looks_up = nc["HEADING"].getncattr("sensor_orientation") == "upward"
-    depth = get(nc, "INSTRUMENT_DEPTH")
+    depth = read_variable(nc, "INSTRUMENT_DEPTH")
     return Record(
         time_s=time_s,
-        east=get(nc, "UCUR_RECORDED", bins),
-        north=get(nc, "VCUR_RECORDED", bins),
-        bin_range_m=(1.0 if looks_up else -1.0) * (depth[:, None] - get(nc, "DEPTH", bins)),
-        heading_deg=get(nc, "HEADING"),
-        pitch_deg=get(nc, "PITCH"),
-        roll_deg=get(nc, "ROLL"),
-        pressure_dbar=get(nc, "PRES") if "PRES" in nc.variables else unknown,
+        east=read_variable(nc, "UCUR_RECORDED", bins),
+        north=read_variable(nc, "VCUR_RECORDED", bins),
+        bin_range_m=(1.0 if looks_up else -1.0) * (depth[:, None] - read_variable(nc, "DEPTH", bins)),
+        heading_deg=read_variable(nc, "HEADING"),
+        pitch_deg=read_variable(nc, "PITCH"),
+        roll_deg=read_variable(nc, "ROLL"),
+        pressure_dbar=read_variable(nc, "PRES") if "PRES" in nc.variables else unknown,
         depth_m=depth,
-        temperature_c=get(nc, "TEMPERATURE") if "TEMPERATURE" in nc.variables else unknown,
+        temperature_c=read_variable(nc, "TEMPERATURE") if "TEMPERATURE" in nc.variables else unknown,
         supply_voltage=unknown,
-        quality=get(nc, "UCUR_RECORDED_QC", bins),
-        heading_quality=get(nc, "HEADING_QC"),
+        quality=read_variable(nc, "UCUR_RECORDED_QC", bins),
+        heading_quality=read_variable(nc, "HEADING_QC"),
         looks_up=looks_up,
         direction_reference="true",
     )
@@ -387,7 +380,7 @@ def _columns(product: Corrected, whole: _Whole) -> Columns:
     for name, profile in record.profiles.items():
         values = profile[:]
         flags = _kept(record.quality, values, MISSING) if values.dtype.kind == "f" else None
-        columns[layout.PROFILES[name]] = (_beams_first(values), flags)
+        columns[variables.PROFILES[name]] = (_beams_first(values), flags)
     return columns
 
 
@@ -403,8 +396,8 @@ def _kept(flags: Flags, values: Floats, absent: int) -> Flags:
 
 def _judged(name: str, values: Floats, nominal: bool = False) -> Flags:
     """Return flags by the valid range alone, for what no earlier stage has flagged."""
-    low, high = layout.CORRECTED[name].valid or (-np.inf, np.inf)
-    flags = np.where((values >= low) & (values <= high), layout.NOMINAL if nominal else PROBABLY_GOOD, BAD)
+    low, high = variables.CORRECTED[name].valid or (-np.inf, np.inf)
+    flags = np.where((values >= low) & (values <= high), variables.NOMINAL if nominal else PROBABLY_GOOD, BAD)
     return np.where(np.isfinite(values), flags, MISSING).astype(np.int8)
 
 
@@ -413,19 +406,19 @@ def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
     bins = max(whole.bins, 1)  # only one dimension may have no length in the classic model, and that is TIME
     for dimension, size in (("TIME", len(whole.time_s)), ("BIN", bins), ("NAME_LENGTH", len(name))):
         nc.createDimension(dimension, size)
-    put(nc, layout.TIME, whole.time_s / 86400.0 + DAYS_1950_TO_1970)
-    put_bins(nc, bins, whole.looks_up)
-    put_beams(nc, whole.beams)
-    put(nc, layout.LATITUDE, site.latitude)
-    put(nc, layout.LONGITUDE, site.signed_longitude())
-    put(nc, layout.STATION, name)
+    write_variable(nc, variables.TIME, whole.time_s / 86400.0 + DAYS_1950_TO_1970)
+    write_bins(nc, bins, whole.looks_up)
+    write_beams(nc, whole.beams)
+    write_variable(nc, variables.LATITUDE, site.latitude)
+    write_variable(nc, variables.LONGITUDE, site.signed_longitude())
+    write_variable(nc, variables.STATION, name)
 
 
 def _of_beams(variable: Variable, values: NDArray[Any]) -> Variable:
     """Return a variable of counts without the dimension of beams where a value is one for all of them."""
     return (
-        replace(variable, dimensions=layout.BINS)
-        if variable.dimensions == layout.BEAMS and values.ndim == 2
+        replace(variable, dimensions=variables.BINS)
+        if variable.dimensions == variables.BEAMS and values.ndim == 2
         else variable
     )
 
@@ -435,12 +428,12 @@ def _put_placed(
 ) -> None:
     """Write a piece of one variable and of its flags, with where it was measured."""
     values, flags = column
-    coordinates = layout.COORDINATES[variable.dimensions]
+    coordinates = variables.COORDINATES[variable.dimensions]
     placed = {} if variable.name in coordinates.split() else {"coordinates": coordinates}
-    quality = quality_of(variable)
+    quality = quality_variable(variable)
     ancillary = variable.ancillary if flags is None else (quality.name, *variable.ancillary)
     described = replace(variable, ancillary=ancillary, also={**variable.also, **placed, **told})
-    put(nc, described, values, level=4, rows=rows)
+    write_variable(nc, described, values, level=4, rows=rows)
     if flags is not None:
         flagged = replace(quality, also={**quality.also, "coordinates": coordinates})
-        put(nc, flagged, flags, level=4, rows=rows)
+        write_variable(nc, flagged, flags, level=4, rows=rows)

@@ -1,16 +1,20 @@
-"""One row a mooring: what was corrected, how well, and what a person should know."""
+"""Summaries of a mooring's results: its row of summary.csv, and the current of one bin before and after."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib.archive import netcdf
-from compasslib.archive.files import read_series
+from compasslib.archive.files import atomic_write, open_netcdf, read_json, read_series, read_variable
+from compasslib.archive.netcdf import DAYS_1950_TO_1970
+from compasslib.records import BAD, Pairs
+from compasslib.types import Complexes, Floats
 
 COLUMNS = (
     "name",
@@ -29,7 +33,7 @@ COLUMNS = (
 STOPPED = "stopped"  # the verdict of a mooring without results, as its files cannot be used
 
 
-def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
+def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
     """Return a mooring's row; shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
 
     Args:
@@ -37,7 +41,7 @@ def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> di
     """
     folder = Path(folder)
     files = ("deviation.json", "assessment.json", "diagnosis.json")
-    fit, verdict, found = (netcdf.read_json(folder / file) for file in files)
+    fit, verdict, found = (read_json(folder / file) for file in files)
     heading, deviation = read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
     corrected = np.isfinite(heading)
     return {
@@ -51,16 +55,18 @@ def row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> di
         "folded": fit["folded"],
         "verdict": found["verdict"],
         "effects": " ".join(finding["effect"] for finding in found["findings"]),
-        "warnings": " | ".join([*_warnings(folder, roles, fit, found, verdict), *_of_records(records(folder, roles))]),
+        "warnings": " | ".join(
+            [*_warnings(folder, roles, fit, found, verdict), *_record_warnings(record_paths(folder, roles))]
+        ),
     }
 
 
-def row_of_stopped(name: str, why: str) -> dict[str, Any]:
+def stopped_row(name: str, why: str) -> dict[str, Any]:
     """Return the row of a mooring that was stopped: no numbers, the verdict ``stopped`` and the reason as a warning."""
     return dict.fromkeys(COLUMNS, None) | {"name": name, "verdict": STOPPED, "warnings": why}
 
 
-def records(folder: Path, roles: Iterable[str] | None) -> list[Path]:
+def record_paths(folder: Path, roles: Iterable[str] | None) -> list[Path]:
     """Return the records of a mooring's instruments, in the order of their names.
 
     Args:
@@ -71,15 +77,15 @@ def records(folder: Path, roles: Iterable[str] | None) -> list[Path]:
     return [folder / f"work/{role}.nc" for role in sorted(roles)]
 
 
-def write(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
+def write_summary(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write summary.csv."""
-    with netcdf.replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
+def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the rows as a person reads them on a terminal."""
     shown = COLUMNS[:8]
     lines = [shown, *(["" if r[c] is None else str(r[c]) for c in shown] for r in rows)]
@@ -94,7 +100,7 @@ def _warnings(
     found: Mapping[str, Any],
     verdict: Mapping[str, Any],
 ) -> list[str]:
-    field = netcdf.read_json(folder / "work/field.json")
+    field = read_json(folder / "work/field.json")
     reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
     pairs = netcdf.read_pairs(folder / "overlap.nc").warnings
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
@@ -102,7 +108,7 @@ def _warnings(
     return [*first, *fit["warnings"], *field["warnings"]]
 
 
-def _of_records(paths: Iterable[Path]) -> list[str]:
+def _record_warnings(paths: Iterable[Path]) -> list[str]:
     return [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
 
 
@@ -119,3 +125,97 @@ def _unexplained(found: Mapping[str, Any]) -> list[str]:
 
 def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(float(value), digits)
+
+
+# The current of one bin.
+
+MIN_SAMPLE_SHARE = 0.9  # of the samples that the fullest bin has: the nearest such bin is shown
+HOUR_S = 3600.0
+AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # over which a mean may go
+MAX_MEANS = 420
+
+
+@dataclass(frozen=True)
+class CurrentSeries:
+    """A current along time, east + i north, m/s; NaN where it is missing."""
+
+    time_s: Floats  # (n,)
+    velocity: Complexes  # (n,)
+
+
+@dataclass(frozen=True)
+class BinCurrents:
+    """The current of one bin by the recorded and by the corrected heading."""
+
+    depth_m: float  # median of the bin's; NaN where no bin has a sample
+    recorded: CurrentSeries
+    corrected: CurrentSeries
+
+    @property
+    def mean(self) -> tuple[complex, complex]:
+        """Return the means, recorded and corrected, m/s, over the samples that have both; over all where none has."""
+        before, after = self.recorded.velocity, self.corrected.velocity
+        both = np.isfinite(before) & np.isfinite(after)
+        return _mean(before[both] if both.any() else before), _mean(after[both])
+
+
+def read_bin_currents(path: str | Path) -> BinCurrents:
+    """Return the current of the bin nearest to the instrument of those with nearly as many samples as the fullest.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    with open_netcdf(path) as nc:
+        time_s = (read_variable(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0
+        count = np.sum(read_variable(nc, "UCUR_RECORDED_QC") < BAD, axis=0)
+        if not count.any():
+            nothing = CurrentSeries(time_s, np.full(time_s.shape, complex(np.nan, np.nan)))
+            return BinCurrents(float("nan"), nothing, nothing)
+        shown = int(np.argmax(count >= MIN_SAMPLE_SHARE * count.max()))
+        flows = [
+            _current_series(time_s, *(read_variable(nc, name)[:, shown] for name in (*pair, f"{pair[0]}_QC")))
+            for pair in COMPONENTS
+        ]
+        depth = read_variable(nc, "DEPTH")[:, shown]
+    return BinCurrents(
+        float(np.median(depth[np.isfinite(depth)])) if np.isfinite(depth).any() else float("nan"), *flows
+    )
+
+
+COMPONENTS = (("UCUR_RECORDED", "VCUR_RECORDED"), ("UCUR", "VCUR"))
+
+
+def reference_current(pairs: Pairs) -> CurrentSeries:
+    """Return what the reference measured at the overlaps."""
+    return CurrentSeries(pairs.time_s, pairs.lower_east + 1j * pairs.lower_north)
+
+
+def averaging_hours(time_s: Floats) -> float:
+    """Return over how many hours means go, so that a record has a few hundred of them.
+
+    Args:
+        time_s: increasing times, perhaps none.
+    """
+    hours = (time_s[-1] - time_s[0]) / HOUR_S if len(time_s) else 0.0
+    return float(next((span for span in AVERAGING_HOURS if hours <= MAX_MEANS * span), AVERAGING_HOURS[-1]))
+
+
+def average(flow: CurrentSeries, begin_s: float, hours: float, count: int) -> Complexes:
+    """Return the means of a current over equal spans, (count,); NaN where a span has none."""
+    there = np.isfinite(flow.velocity)
+    place = np.floor((flow.time_s[there] - begin_s) / (hours * HOUR_S)).astype(int)
+    inside = (place >= 0) & (place < count)
+    number = np.bincount(place[inside], minlength=count)
+    velocity = flow.velocity[there][inside]
+    sums = [np.bincount(place[inside], part, count) for part in (velocity.real, velocity.imag)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(number > 0, (sums[0] + 1j * sums[1]) / number, complex(np.nan, np.nan))
+
+
+def _current_series(time_s: Floats, east: Floats, north: Floats, quality: Floats) -> CurrentSeries:
+    return CurrentSeries(time_s, np.where(quality < BAD, east + 1j * north, complex(np.nan, np.nan)))
+
+
+def _mean(velocity: Complexes) -> complex:
+    there = velocity[np.isfinite(velocity)]
+    return complex(there.mean()) if there.size else complex(np.nan, np.nan)

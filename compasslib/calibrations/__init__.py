@@ -36,20 +36,19 @@ class Kind:
     """Where a kind of calibration is made and drawn."""
 
     module: str  # of this room; its calibrate(files, settings) returns the Calibration
-    plots: str = ""  # module of compasslib/plots that draws the kind's own figures
-    figures: tuple[str, ...] = ()  # its own: functions (path, calibration, name) of that module
+    figures: tuple[
+        str, ...
+    ] = ()  # its own: drawn by draw_NAME(path, calibration, name) of plots.instruments, or .calibrations for a swing
     by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
     formats: tuple[str, ...] = ("table",)  # of its files, the usual one first
 
 
 KINDS: dict[str, Kind] = {
     "platform": Kind("platform"),
-    "magnetometer": Kind("magnetometer", "magnetometer", ("magnetometer",), formats=("table", "mmp_acm")),
-    "swing": Kind("swing", "swing", ("swing",), formats=("table", "nmea0183")),
-    "declination": Kind(
-        "declination", "declination", ("series", "disturbance"), by_heading=False, formats=("iaga2002",)
-    ),
-    "two_heads": Kind("two_heads", "heads", ("difference", "tilt_check", "along_time"), formats=("pd0",)),
+    "magnetometer": Kind("magnetometer", ("magnetometer",), formats=("table", "mmp_acm")),
+    "swing": Kind("swing", ("swing",), formats=("table", "nmea0183")),
+    "declination": Kind("declination", ("series", "disturbance"), by_heading=False, formats=("iaga2002",)),
+    "two_heads": Kind("two_heads", ("difference", "tilt_check", "along_time"), formats=("pd0",)),
 }
 FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
 

@@ -26,6 +26,7 @@ from compasslib.errors import InputError
 
 FAILED, INTERRUPTED = 1, 130
 FORMS = ("csv", "mat", "pd0", "oceansites")  # of compass export
+MODULES = {"correct": "check", "explain": "results", "verify": "results"}  # of commands that share one
 AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 
 
@@ -43,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, _interrupted)  # as by Ctrl-C, so that nothing half made is left
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal without the sign of degree
     try:
-        status: int = import_module(f"compasslib.cli.{asked.command}").run(asked)
+        module = import_module(f"compasslib.cli.{MODULES.get(asked.command, asked.command)}")
+        status: int = getattr(module, asked.command)(asked)
         sys.stdout.flush()
     except InputError as error:
         return _failed(f"error: {error}", FAILED)

@@ -1,4 +1,4 @@
-"""``compass check``: opens every listed file, prints what each mooring has, and every problem; runs nothing."""
+"""``compass check`` opens every listed file and prints every problem; ``compass correct`` corrects one mooring here."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib import calibrations as calibrations
 from compasslib import earthfield, readers
-from compasslib.cli import gathered
+from compasslib.cli.results import print_warnings, split_warnings
 from compasslib.config import compasses, identity
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
@@ -24,7 +24,7 @@ from compasslib.config.schema import Covariate, Instrument, Mooring
 from compasslib.declination import Applied, applied
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
-from compasslib.pipeline.process import Wildcards, read_settings
+from compasslib.pipeline.process import Wildcards, process_mooring, read_settings
 from compasslib.preparation import overlap
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
@@ -63,7 +63,7 @@ class Inspection:
     serials: Mapping[str, str] = field(default_factory=dict)  # that the files state, by instrument
 
 
-def run(asked: Namespace) -> int:
+def check(asked: Namespace) -> int:
     """Print what each mooring and calibration has, then all warnings and problems; return 1 where there is one.
 
     Raises:
@@ -74,9 +74,9 @@ def run(asked: Namespace) -> int:
     planned = plan.plan(cruise, Path())
     problems = [str(each) for first in refused for each in (first, *first.others)]
     jobs: list[tuple[Callable[[str, plan.Plan], Inspection], str]] = [
-        *((_mooring, name) for name in cruise.moorings),
-        *((_parts, file) for file in cruise.refused_files),
-        *((_calibration, name) for name in cruise.calibrations),
+        *((_inspect_mooring, name) for name in cruise.moorings),
+        *((_inspect_parts, file) for file in cruise.refused_files),
+        *((_inspect_calibration, name) for name in cruise.calibrations),
     ]
     if cruise.options.demonstration:
         print("the demonstration's raw files are made by the run: not opened")
@@ -92,7 +92,7 @@ def run(asked: Namespace) -> int:
     problems += identity.problems(cruise, {name: found.serials for name, found in inspections.items()})
     for line in compasses.suggestions(cruise.moorings):
         print(line)
-    gathered.tell(warnings, sys.stdout)
+    print_warnings(warnings, sys.stdout)
     for line in problems:
         print(f"error: {line}", file=sys.stderr)
     print(_summary(cruise, bool(refused), inspections, len(problems)))
@@ -101,11 +101,11 @@ def run(asked: Namespace) -> int:
 
 def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection], n: int) -> str:
     """Say what a run would use: nothing where the configuration has mistakes, else all whose files can be read."""
-    problems = _counted(n, "problem")
+    problems = _plural(n, "problem")
     names = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
     if refused:
         return f"cannot run, {problems}"
-    everything = " and ".join(_counted(len(each), noun) for each, noun in names if each) or "nothing to run"
+    everything = " and ".join(_plural(len(each), noun) for each, noun in names if each) or "nothing to run"
     stopped = [name for name, found in inspections.items() if not found.usable]
     return f"{everything}: can run, {problems}" + (f" (stopped: {', '.join(stopped)})" if stopped else "")
 
@@ -115,7 +115,7 @@ def _inspect(job: Callable[[str, plan.Plan], Inspection], name: str, planned: pl
         return job(name, planned)
 
 
-def _mooring(name: str, planned: plan.Plan) -> Inspection:
+def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
     rules = planned.moorings
     mooring, used = planned.cruise.moorings[name], rules.roles([name])[name]
     records: dict[str, Record] = {}
@@ -123,22 +123,22 @@ def _mooring(name: str, planned: plan.Plan) -> Inspection:
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
         try:
             record = records[role] = read.record_of(**read_settings(rules, Wildcards(name, role)) | {"series": {}})
-            rows.append(_row(role, _part(role, mooring), mooring.instruments[role], record))
+            rows.append(_row(role, _role(role, mooring), mooring.instruments[role], record))
             match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(Wildcards(name, role)))
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
-    series, unusable = _covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
+    series, unusable = _inspect_covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
     lines, problems = [_title(name, mooring), *_table(rows), *series], problems + unusable
     usable = records.keys() >= set(used) and not unusable
     if usable:
-        pairs = _of_pairs(name, rules, [records[role] for role in used])
+        pairs = _inspect_pairs(name, rules, [records[role] for role in used])
         lines, problems, warnings = [*lines, *pairs.lines], [*problems, *pairs.problems], [*pairs.warnings]
     of_records = (f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings)
     serials = {role: record.serial_number for role, record in records.items() if record.serial_number}
     return Inspection(tuple(lines), tuple(problems), (*of_records, *warnings), usable, serials)
 
 
-def _parts(file: str, planned: plan.Plan) -> Inspection:
+def _inspect_parts(file: str, planned: plan.Plan) -> Inspection:
     """Open the instruments and series of a mooring file that is not valid as a whole."""
     instruments, series = config.valid_parts(Path(), file)
     problems, rows = list[str](), [HEAD]
@@ -149,11 +149,11 @@ def _parts(file: str, planned: plan.Plan) -> Inspection:
             rows.append(_row(name, "", instrument, record))
         except InputError as error:
             problems.append(f"{file}: instruments.{name}: {error}")
-    lines, unusable = _covariates(file, series, (-np.inf, np.inf))
+    lines, unusable = _inspect_covariates(file, series, (-np.inf, np.inf))
     return Inspection((f"{file}: not valid yet", *_table(rows), *lines), (*problems, *unusable), usable=False)
 
 
-def _covariates(
+def _inspect_covariates(
     where: str, series: Mapping[str, Covariate], deployment: tuple[float, float]
 ) -> tuple[list[str], list[str]]:
     """Open covariates; return a line for each, and the problems."""
@@ -169,13 +169,13 @@ def _covariates(
             problems.append(f"{where}: covariates.{name}: {error}")
             continue
         span = " to ".join(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]])
-        lines.append(f"  {name}: {covariate.format}, {_counted(len(time_s), 'value')}, {span}")
+        lines.append(f"  {name}: {covariate.format}, {_plural(len(time_s), 'value')}, {span}")
         if time_s[0] > deployment[1] or time_s[-1] < deployment[0]:
             problems.append(f"{where}: covariates.{name}: no value inside the deployment; correct its files")
     return lines, problems
 
 
-def _calibration(name: str, planned: plan.Plan) -> Inspection:
+def _inspect_calibration(name: str, planned: plan.Plan) -> Inspection:
     rules, job = planned.calibrations, Wildcards(calibration=name)
     try:
         settings = calibrations.resolve_settings(rules.settings(job))
@@ -183,11 +183,11 @@ def _calibration(name: str, planned: plan.Plan) -> Inspection:
     except InputError as error:
         return Inspection((), (f"{CALIBRATIONS}/{name}.yaml: {error}",), usable=False)
     unusable = [f"{CALIBRATIONS}/{name}.yaml: no coefficients: {made.why}"] if made.why else []
-    line = f"{name}: {rules.kind(job)}, {_counted(len(rules.raw_files(job)), 'file')}, {made.n} points"
+    line = f"{name}: {rules.kind(job)}, {_plural(len(rules.raw_files(job)), 'file')}, {made.n} points"
     return Inspection((line,), tuple(unusable))
 
 
-def _part(role: str, mooring: Mooring) -> str:
+def _role(role: str, mooring: Mooring) -> str:
     return "affected" if role == mooring.compromised else "reference" if role in mooring.reference else "not used"
 
 
@@ -252,7 +252,7 @@ def _directions(record: Record, inside: Applied | None) -> str:
     return f"magnetic; declination {inside if inside.differs else format(inside.heading, '+.2f')} removed"
 
 
-def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Inspection:
+def _inspect_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Inspection:
     job, problems = Wildcards(name), []
     try:
         along = earthfield.along_time(**rules.place_and_declination(job))
@@ -264,7 +264,7 @@ def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Ins
     asked = overlap.Rules(**rules.pairing_rules(job) | {"predict": False})
     for role, reference in zip(rules.roles([name])[name][1:], records[1:], strict=True):
         pairs = overlap.find(records[0], [reference], along, asked)
-        lines.append(f"  with {role}: {_pairs(pairs)}")
+        lines.append(f"  with {role}: {_describe_pairs(pairs)}")
         if len(pairs):
             warnings += [f"{name} with {role}: {text}" for text in pairs.warnings]
         else:
@@ -273,7 +273,7 @@ def _of_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Ins
     return Inspection(tuple(lines), tuple(problems), tuple(warnings))
 
 
-def _pairs(pairs: Pairs) -> str:
+def _describe_pairs(pairs: Pairs) -> str:
     if not len(pairs):
         return "no pairs"
     days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
@@ -286,5 +286,31 @@ def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:
     return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def _counted(n: int, noun: str) -> str:
+def _plural(n: int, noun: str) -> str:
     return f"{n} {noun}{'s' * (n != 1)}"
+
+
+# compass correct: one mooring in this process, without Snakemake.
+
+
+def correct(asked: Namespace) -> int:
+    """Correct a mooring, saying on stderr what each stage found and the warnings last; print where the results are.
+
+    Args:
+        asked: ``cruise``, ``mooring`` and ``into``, the folder of the results or None.
+
+    Raises:
+        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
+    """
+    folder = Path(asked.into or Path(asked.cruise) / "corrected" / asked.mooring)
+    warnings: list[str] = []
+
+    def say(text: str) -> None:
+        lines, more = split_warnings(text)
+        warnings.extend(more)
+        print(*lines, sep="\n", file=sys.stderr, flush=True)
+
+    process_mooring(asked.cruise, asked.mooring, folder, say)
+    print_warnings(warnings)
+    print(folder)
+    return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
+from compasslib.archive import calibrations as archive
 from compasslib.archive.attributes import DATES
-from compasslib.archive.files import get, opened
-from compasslib.cli import changes, diff_calibrations, folders, versions
-from compasslib.cli.changes import SAME, coefficients, degrees, effects, from_to, table
+from compasslib.archive.files import open_netcdf, read_variable
+from compasslib.calibrations.result import DeviationTable
+from compasslib.cli import results
+from compasslib.cli.changelog import changelog_reasons
 from compasslib.pipeline import reasons
 from compasslib.report import words
 from compasslib.types import Floats
 
-HEADER = (
+MOORING_HEADER = (
     *("mooring", "true heading, rms", "largest", "in OLD's 1σ: median, 95 %, largest", "corrected", "flags"),
     *("verdict", "effects", "coefficients", "also changed"),
 )
@@ -31,10 +33,10 @@ CHANGES = {
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
 INCOMPLETE = 1
 Row = Callable[[Path | None, Path | None], tuple[str, ...]]
-NEEDED = ("TIME", "HEADING_CORRECTED", "DECLINATION")
+REQUIRED_VARIABLES = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Follow from what stands in columns of its own.
 TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
-SHOWN = (
+EXPECTED_ATTRIBUTES = (
     *(*DATES, "history", "software_version", "product_version"),
     *("correction_method", "correction_coefficients", "effects"),
 )
@@ -57,7 +59,7 @@ class MooringRun:
         return heading
 
 
-def run(asked: Namespace) -> int:
+def diff(asked: Namespace) -> int:
     """Print a table of moorings and one of calibrations, those in which something changed, or that nothing did.
 
     Args:
@@ -66,14 +68,14 @@ def run(asked: Namespace) -> int:
     Raises:
         InputError: there are no results, or one of their files is damaged.
     """
-    old, new = (folders.results(place) for place in (asked.old, asked.new))
-    moorings = _rows(old.moorings, new.moorings, _row)
-    calibrations = _rows(old.calibrations, new.calibrations, diff_calibrations.row)
-    changed = [(HEADER, moorings), (diff_calibrations.HEADER, calibrations)]
+    old, new = (results.find_results(place) for place in (asked.old, asked.new))
+    moorings = _rows(old.moorings, new.moorings, _mooring_row)
+    calibrations = _rows(old.calibrations, new.calibrations, _calibration_row)
+    changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]
     sections = [table(*one) for one in changed if any(one[1].values())]
     sections += _settings(old.moorings, new.moorings, moorings)
-    sections += _reasons(old.moorings, new.moorings, moorings)
-    sections += diff_calibrations.reasons(old.calibrations, new.calibrations, calibrations)
+    sections += _mooring_reasons(old.moorings, new.moorings, moorings)
+    sections += _calibration_reasons(old.calibrations, new.calibrations, calibrations)
     print("\n\n".join(sections) or _nothing(moorings, calibrations))
     return INCOMPLETE if any(len(row) == 1 for rows in (moorings, calibrations) for row in rows.values()) else 0
 
@@ -91,23 +93,25 @@ def _settings(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[st
     return ["\n".join(["Settings and raw files that differ:", *lines])] if lines else []
 
 
-def _reasons(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
+def _mooring_reasons(
+    old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
+) -> list[str]:
     """Return for each pair of versions what in the changelog may have changed the moorings."""
     changed: dict[tuple[str, str], set[str]] = {}
     for name, row in rows.items():
-        if len(row) == len(HEADER) - 1:
+        if len(row) == len(MOORING_HEADER) - 1:
             sides = _software(old.get(name) or next(iter(old.values()))), _software(new[name])
-            cells = dict(zip(HEADER[1:], row, strict=True))
+            cells = dict(zip(MOORING_HEADER[1:], row, strict=True))
             named = {what for column, what in CHANGES.items() if cells[column] != SAME}
             named |= {"uncertainty"} if SIGMA in cells["also changed"] else set()
             changed.setdefault(sides, set()).update(named)
     return [
-        "\n".join(lines) for sides, named in changed.items() if named and (lines := versions.reasons(*sides, named))
+        "\n".join(lines) for sides, named in changed.items() if named and (lines := changelog_reasons(*sides, named))
     ]
 
 
 def _software(folder: Path) -> str:
-    with opened(folder / "corrected.nc") as nc:
+    with open_netcdf(folder / "corrected.nc") as nc:
         return str(getattr(nc, "software_version", ""))
 
 
@@ -117,40 +121,50 @@ def _nothing(moorings: Mapping[str, Any], calibrations: Mapping[str, Any]) -> st
     return f"nothing changed: {words.listed(compared)} compared"
 
 
-def _row(old: Path | None, new: Path | None) -> tuple[str, ...]:
+def _mooring_row(old: Path | None, new: Path | None) -> tuple[str, ...]:
     """Return a mooring's cells; none where nothing changed, a single one where the two cannot be compared."""
-    return changes.row((old, new), folders.NEEDED, lambda a, b: _compared(_read(a), _read(b)))
+    return _compare_row(
+        (old, new), results.MOORING_FILES, lambda a, b: _compare_moorings(_read_mooring(a), _read_mooring(b))
+    )
 
 
-def _read(folder: Path) -> MooringRun:
-    with opened(folder / "corrected.nc") as nc:
-        series = {name: get(nc, name) for name in dict.fromkeys([*NEEDED, *nc.variables])}
-        attributes = {name: nc.getncattr(name) for name in nc.ncattrs() if name not in SHOWN}
-    files = (folders.content(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment"))
+def _read_mooring(folder: Path) -> MooringRun:
+    with open_netcdf(folder / "corrected.nc") as nc:
+        series = {name: read_variable(nc, name) for name in dict.fromkeys([*REQUIRED_VARIABLES, *nc.variables])}
+        attributes = {name: nc.getncattr(name) for name in nc.ncattrs() if name not in EXPECTED_ATTRIBUTES}
+    files = (results.read_content(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment"))
     return MooringRun(series, attributes, *files)
 
 
-def _compared(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
-    turned = _turned(old, new)
-    share = from_to(words.percent(_share(old)), words.percent(_share(new)))
+def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
+    turned = _heading_change(old, new)
+    share = from_to(words.percent(_corrected_share(old)), words.percent(_corrected_share(new)))
     found = (
         from_to(old.diagnosis["verdict"], new.diagnosis["verdict"]),
         from_to(effects(old.diagnosis), effects(new.diagnosis)),
     )
     fitted = coefficients(old.deviation, new.deviation)
     shown = {"assessment": turned[0], "diagnosis": "".join(found).replace(2 * SAME, SAME), "deviation": fitted}
-    others = _variables(old, new, turned[0]) + _attributes(old, new)
+    others = _changed_variables(old, new, turned[0]) + _changed_attributes(old, new)
     others += [f"{file}.json" for file, said in shown.items() if said == SAME and _file(old, file) != _file(new, file)]
-    return (*turned, _in_sigmas(old, new), share, _flags(old, new), *found, fitted, ", ".join(others) or SAME)
+    return (
+        *turned,
+        _change_in_sigmas(old, new),
+        share,
+        _flag_changes(old, new),
+        *found,
+        fitted,
+        ", ".join(others) or SAME,
+    )
 
 
-def _file(run: MooringRun, name: str) -> Any:
-    return getattr(run, name)
+def _file(diff: MooringRun, name: str) -> Any:
+    return getattr(diff, name)
 
 
-def _turned(old: MooringRun, new: MooringRun) -> tuple[str, str]:
+def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
     """Return rms and largest turn of the true heading where both have one."""
-    here, there = _common(old, new)
+    here, there = _common_samples(old, new)
     turn = angles.difference(new.true_deg[there], old.true_deg[here])
     turn = turn[np.isfinite(turn)]
     if not turn.size:
@@ -161,15 +175,15 @@ def _turned(old: MooringRun, new: MooringRun) -> tuple[str, str]:
     return degrees(float(np.sqrt(np.mean(turn**2)))), degrees(float(np.max(np.abs(turn))))
 
 
-def _common(old: MooringRun, new: MooringRun) -> tuple[Any, Any]:
+def _common_samples(old: MooringRun, new: MooringRun) -> tuple[Any, Any]:
     """Return where the samples of one time are in both."""
     _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
     return here, there
 
 
-def _in_sigmas(old: MooringRun, new: MooringRun) -> str:
+def _change_in_sigmas(old: MooringRun, new: MooringRun) -> str:
     """Return the turns over what OLD stated as 1σ: who used it relied on that; both rest on the same data."""
-    here, there = _common(old, new)
+    here, there = _common_samples(old, new)
     turn = np.abs(angles.difference(new.true_deg[there], old.true_deg[here]))
     stated = np.asarray(old.series.get(SIGMA, np.full(old.series["TIME"].shape, np.nan)))[here]
     known = np.isfinite(turn) & (stated > 0.0)
@@ -181,11 +195,11 @@ def _in_sigmas(old: MooringRun, new: MooringRun) -> str:
     return ", ".join(words.significant(x, 2) for x in (*np.quantile(ratio, [0.5, 0.95]).tolist(), float(ratio.max())))
 
 
-def _flags(old: MooringRun, new: MooringRun) -> str:
+def _flag_changes(old: MooringRun, new: MooringRun) -> str:
     """Return how many samples have another flag, and the commonest changes."""
     if FLAG not in old.series or FLAG not in new.series:
         return SAME if FLAG not in {*old.series, *new.series} else "none on one side"
-    here, there = _common(old, new)
+    here, there = _common_samples(old, new)
     before, after = old.series[FLAG][here], new.series[FLAG][there]
     steps, count = np.unique(np.stack([before, after])[:, before != after], axis=1, return_counts=True)
     most = np.argsort(-count, kind="stable")[:3]
@@ -193,12 +207,12 @@ def _flags(old: MooringRun, new: MooringRun) -> str:
     return f"{count.sum()} of {len(here)} ({', '.join(listed)})" if count.size else SAME
 
 
-def _share(run: MooringRun) -> float:
-    corrected = np.isfinite(run.series["HEADING_CORRECTED"])
+def _corrected_share(diff: MooringRun) -> float:
+    corrected = np.isfinite(diff.series["HEADING_CORRECTED"])
     return float(corrected.mean()) if corrected.size else 0.0
 
 
-def _variables(old: MooringRun, new: MooringRun, turned: str) -> list[str]:
+def _changed_variables(old: MooringRun, new: MooringRun, turned: str) -> list[str]:
     """Return the variables of corrected.nc that differ, those left out that turn with the heading."""
     names = dict.fromkeys([*old.series, *new.series])
     differing = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
@@ -208,7 +222,7 @@ def _variables(old: MooringRun, new: MooringRun, turned: str) -> list[str]:
     return [name for name in differing if name not in follow]
 
 
-def _attributes(old: MooringRun, new: MooringRun) -> list[str]:
+def _changed_attributes(old: MooringRun, new: MooringRun) -> list[str]:
     keys = dict.fromkeys([*old.attributes, *new.attributes])
     return [f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))]
 
@@ -218,3 +232,205 @@ def _equal(one: Any, other: Any) -> bool:
         return False
     one, other = np.asarray(one), np.asarray(other)
     return one.shape == other.shape and bool(np.array_equal(one, other, equal_nan=one.dtype.kind == "f"))
+
+
+# Calibrations.
+
+CALIBRATION_HEADER = (
+    "calibration",
+    "deviation, rms",
+    "largest",
+    "uncertainty",
+    "verdict",
+    "effects",
+    "coefficients",
+    "also changed",
+)
+# Follow from what stands in columns of its own, or name the software.
+EXPECTED_KEYS = ("model", "coefficients", "covariance", "uncertainty", "software", "date_created")
+
+
+@dataclass(frozen=True)
+class CalibrationRun:
+    """What one run says of one calibration."""
+
+    content: Mapping[str, Any]  # calibration.json
+    table: DeviationTable
+    diagnosis: Mapping[str, Any]  # empty where a kind is not diagnosed
+
+
+def _calibration_row(old: Path | None, new: Path | None) -> tuple[str, ...]:
+    """Return a calibration's cells; none where nothing changed, a single one where the two cannot be compared.
+
+    Args:
+        old: folder of its results, None where there is none.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    return _compare_row(
+        (old, new),
+        results.CALIBRATION_FILES,
+        lambda a, b: _compare_calibrations(_read_calibration(a), _read_calibration(b)),
+    )
+
+
+def _calibration_reasons(
+    old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
+) -> list[str]:
+    """Return for each pair of versions what in the changelog may have changed the calibrations.
+
+    Args:
+        old: folders of results by name.
+        rows: what changed, as ``row`` gives it.
+    """
+    changed: dict[tuple[str, str], set[str]] = {}
+    for name, _calibration_row in rows.items():
+        if len(_calibration_row) == len(CALIBRATION_HEADER) - 1 and any(cell != SAME for cell in _calibration_row[:-1]):
+            earlier = old.get(name) or next(iter(old.values()))  # one folder against its copy of another name
+            one, other = (results.read_content(side / "calibration.json") for side in (earlier, new[name]))
+            sides = str(one.get("software", "")), str(other.get("software", ""))
+            changed.setdefault(sides, set()).add(f"calibration:{other['kind']}")
+    return ["\n".join(lines) for sides, named in changed.items() if (lines := changelog_reasons(*sides, named))]
+
+
+def _read_calibration(folder: Path) -> CalibrationRun:
+    file = folder / "diagnosis.json"
+    found = results.read_content(file) if file.is_file() else {}
+    return CalibrationRun(
+        results.read_content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), found
+    )
+
+
+def _compare_calibrations(old: CalibrationRun, new: CalibrationRun) -> tuple[str, ...]:
+    found = (from_to(_verdict(old), _verdict(new)), from_to(_effects(old), _effects(new)))
+    sure = from_to(*(words.degrees(one.content["uncertainty"]["expanded_deg"], 2) for one in (old, new)))
+    fitted = coefficients(_calibration_fit(old.content), _calibration_fit(new.content))
+    keys = dict.fromkeys([*old.content, *new.content])
+    others = [key for key in keys if key not in EXPECTED_KEYS and old.content.get(key) != new.content.get(key)]
+    alike = all(cell == SAME for cell in found)
+    others += ["diagnosis.json"] if alike and old.diagnosis != new.diagnosis else []
+    return (*_deviation_change(old.table, new.table), sure, *found, fitted, ", ".join(others) or SAME)
+
+
+def _deviation_change(old: DeviationTable, new: DeviationTable) -> tuple[str, str]:
+    """Return rms and largest change of the deviation at the headings that both tables have."""
+    _, here, there = np.intersect1d(old.heading_deg, new.heading_deg, return_indices=True)
+    change = angles.difference(new.deviation_deg[there], old.deviation_deg[here])
+    change = change[np.isfinite(change)]
+    if not change.size:
+        nowhere = "none in both" if old.heading_deg.size or new.heading_deg.size else SAME
+        return nowhere, nowhere
+    if not change.any():
+        return SAME, SAME
+    return degrees(float(np.sqrt(np.mean(change**2)))), degrees(float(np.max(np.abs(change))))
+
+
+def _verdict(run: CalibrationRun) -> str:
+    return str(run.diagnosis["verdict"]) if run.diagnosis else "none"
+
+
+def _effects(run: CalibrationRun) -> str:
+    return effects(run.diagnosis) if run.diagnosis else "none"
+
+
+def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the coefficients that there are as those of a mooring's fit; a kind may have the first of them alone."""
+    known = {letter: value for letter, value in (content["coefficients"] or {}).items() if value is not None}
+    sigma = np.array(content["covariance"] or np.zeros((len(known), len(known))), dtype=float)[
+        : len(known), : len(known)
+    ]
+    return {"method": content["model"], "coefficients": known, "covariance": np.nan_to_num(sigma).tolist()}
+
+
+# Cells that are alike, angles, coefficients, and the table.
+
+SAME = "same"
+MIN_CHANGE_IN_SIGMAS = 0.01  # of a coefficient's standard deviation: below lies what a solver leaves
+
+
+def from_to(old: str, new: str) -> str:
+    """Return one cell."""
+    return SAME if old == new else f"{old} → {new}"
+
+
+def degrees(value: float) -> str:
+    """Return the size of a change.
+
+    Args:
+        value: degrees.
+    """
+    return f"{words.significant(value, 3)}°" if value >= 0.01 else "below 0.01°"
+
+
+def effects(diagnosis: Mapping[str, Any]) -> str:
+    """Return the effects that were found.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+    """
+    return ", ".join(one["effect"] for one in diagnosis["findings"]) or "none"
+
+
+def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """Return how the configured fit's coefficients changed, as configured; by its methods where these differ.
+
+    Args:
+        old: method, coefficients and covariance of a fit.
+    """
+    before, after = old["coefficients"], new["coefficients"]
+    if old["method"] != new["method"]:
+        return f"{old['method']} → {new['method']}"
+    if before == after:
+        return SAME
+    if not (before and after):
+        return "none → fitted" if after else "fitted → none"
+    known = old["covariance"] or new["covariance"]
+    sigma = np.sqrt(np.diag(known)) if known else np.zeros(len(after))
+    change = [(letter, value - before[letter], s) for (letter, value), s in zip(after.items(), sigma, strict=True)]
+    worth = [_coefficient_change(*each) for each in change if abs(each[1]) > MIN_CHANGE_IN_SIGMAS * each[2]]
+    return ", ".join(worth) or f"below {MIN_CHANGE_IN_SIGMAS} of their 1σ"
+
+
+def _coefficient_change(letter: str, change: float, sigma: float) -> str:
+    """Return a coefficient's change, and how many of OLD's 1σ it is."""
+    return f"{letter} {_signed(change)}" + (f" ({abs(change) / sigma:.2g}σ)" if sigma > 0.0 else "")
+
+
+def _compare_row(
+    folders_of: tuple[Path | None, Path | None], needed: Sequence[str], cells: Callable[[Path, Path], tuple[str, ...]]
+) -> tuple[str, ...]:
+    """Return one line's cells; none where nothing changed, a single one where the two cannot be compared.
+
+    Args:
+        folders_of: the results of the earlier and of the later run, None where there are none.
+        needed: files that either must hold.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    old, new = folders_of
+    if lacking := results.explain_missing(old, new, needed):
+        return (lacking,)
+    assert old is not None and new is not None  # for the checker of types
+    with results.check_version(old):
+        found = cells(old, new)
+    return found if any(cell != SAME for cell in found) else ()
+
+
+def _signed(change: float) -> str:
+    return f"{change:+.2g}".replace("-", words.MINUS)
+
+
+def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
+    """Return the rows beneath the header; a row of one cell runs across the columns.
+
+    Args:
+        rows: cells by name; none where nothing changed.
+    """
+    lines = [header, *((name, *(_compare_row or ("nothing changed",))) for name, _compare_row in rows.items())]
+    columns = zip(*(line for line in lines if len(line) == len(header)), strict=True)
+    widths = [max(len(cell) for cell in column) for column in columns]
+    widths[0] = max(len(line[0]) for line in lines)
+    padded = ([cell.ljust(width) for cell, width in zip(line, widths, strict=False)] for line in lines)
+    return "\n".join("  ".join(cells).rstrip() for cells in padded)

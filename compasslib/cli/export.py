@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import glob
+import io
 import itertools
+import shutil
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.archive import export, provenance
-from compasslib.archive.files import HALF_WRITTEN, opened, read_series, replacing, write_json
+from compasslib.archive import provenance, variables
+from compasslib.archive.files import HALF_WRITTEN, atomic_write, open_netcdf, read_attribute, read_series, write_json
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
-from compasslib.cli import folders, gathered
+from compasslib.cli import results
 from compasslib.config import cruise as config
 from compasslib.declination import applied
 from compasslib.errors import InputError
@@ -40,7 +44,7 @@ VELOCITIES = (
 WITHOUT = "Ensembles outside the deployment or without a corrected heading: velocities -32768, heading 655.35 degrees."
 
 
-def run(asked: Namespace) -> int:
+def export(asked: Namespace) -> int:
     """Write the files of one form and print their names.
 
     Args:
@@ -49,32 +53,32 @@ def run(asked: Namespace) -> int:
     Raises:
         InputError: there are no results, a file is there already, or the raw files are not those of the results.
     """
-    source = folders.of_mooring(asked.cruise, asked.mooring) / "corrected.nc"
+    source = results.mooring_folder(asked.cruise, asked.mooring) / "corrected.nc"
     into = Path(asked.into or Path(asked.cruise) / "export")
     for file in FORMS[asked.to](asked, source, into):
         print(file)
     return 0
 
 
-def _csv(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    (table,) = _free(into, f"{source.parent.resolve().name}.csv")
-    export.to_csv(source, table, _note(table))
-    return [table, _note(table)]
+def _export_csv(asked: Namespace, source: Path, into: Path) -> list[Path]:
+    (table,) = _available_files(into, f"{source.parent.resolve().name}.csv")
+    write_csv(source, table, _note_path(table))
+    return [table, _note_path(table)]
 
 
-def _mat(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    (file,) = _free(into, f"{source.parent.resolve().name}.mat")
-    export.to_mat(source, file)
+def _export_mat(asked: Namespace, source: Path, into: Path) -> list[Path]:
+    (file,) = _available_files(into, f"{source.parent.resolve().name}.mat")
+    write_mat(source, file)
     return [file]
 
 
-def _oceansites(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    (file,) = _free(into, export.oceansites_name(source))
-    export.to_oceansites(source, file)
+def _export_oceansites(asked: Namespace, source: Path, into: Path) -> list[Path]:
+    (file,) = _available_files(into, oceansites_name(source))
+    write_oceansites(source, file)
     return [file]
 
 
-def _free(into: Path, *names: str) -> list[Path]:
+def _available_files(into: Path, *names: str) -> list[Path]:
     """Return files to write, none of which is there, and clear away the halves of an export that was killed.
 
     A file gets its name after its note, the first file after all others: while that is missing, others with a note are
@@ -84,7 +88,9 @@ def _free(into: Path, *names: str) -> list[Path]:
         InputError: one is there.
     """
     files = [into / name for name in names]
-    if taken := next((one for one in files if one.exists() and (files[0].exists() or not _note(one).exists())), None):
+    if taken := next(
+        (one for one in files if one.exists() and (files[0].exists() or not _note_path(one).exists())), None
+    ):
         advice = "name another folder with --into, or move that file away"
         raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
     for name, dots in itertools.product(names, (".", "..")):  # a half may be written by way of one of its own
@@ -93,30 +99,30 @@ def _free(into: Path, *names: str) -> list[Path]:
     return files
 
 
-def _note(file: Path) -> Path:
+def _note_path(file: Path) -> Path:
     return file.with_name(f"{file.name}.json")
 
 
-def _pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
+def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     """Write each raw file with corrected headings, and beside it what it was and what became of it."""
     loaded = config.load(Path(asked.cruise))
     product = _Product(asked.mooring, source, plan.plan(loaded, Path()).moorings)
-    files = _free(into, *_names(asked.mooring, product.files))
-    targets = [*files, *map(_note, files)]
+    files = _available_files(into, *_corrected_names(asked.mooring, product.files))
+    targets = [*files, *map(_note_path, files)]
     flagged: list[str] = []
     with ExitStack() as whole:
-        halves = [whole.enter_context(replacing(file)) for file in targets]
+        halves = [whole.enter_context(atomic_write(file)) for file in targets]
         for file, half, beside in zip(product.files, halves, halves[len(files) :], strict=False):
             became = rewrite.rewrite(loaded.root / file, half, product.turn)
             write_json(beside, product.note(file, became, half))
             if became.flagged:
                 flagged.append(f"{file}: {became.flagged} ensembles have no corrected heading and were flagged")
         product.refuse_missing()
-    gathered.tell(flagged)
+    results.print_warnings(flagged)
     return targets
 
 
-def _names(mooring: str, files: Sequence[str]) -> list[str]:
+def _corrected_names(mooring: str, files: Sequence[str]) -> list[str]:
     """Return the names of corrected files, numbered where two raw ones have the same."""
     paths = [Path(file) for file in files]
     alike = len({path.name for path in paths}) < len(paths)
@@ -150,7 +156,7 @@ class _Product:
         self._time_s = np.round((time - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
         self._found = np.zeros(len(time), dtype=bool)
         self._hashes = {file: provenance.sha256(rules.cruise.root / file) for file in self.files}
-        with opened(source) as nc:
+        with open_netcdf(source) as nc:
             history = str(nc.getncattr("history"))
         if other := next((file for file, known in self._hashes.items() if known not in history), None):
             found, advice = "one that the results were not made from", "run the cruise again"
@@ -204,8 +210,122 @@ class _Product:
 
 
 FORMS: dict[str, Callable[[Namespace, Path, Path], list[Path]]] = {
-    "csv": _csv,
-    "mat": _mat,
-    "pd0": _pd0,
-    "oceansites": _oceansites,
+    "csv": _export_csv,
+    "mat": _export_mat,
+    "pd0": _export_pd0,
+    "oceansites": _export_oceansites,
 }
+
+
+# The forms.
+
+PIECE = 4096  # samples that are written at once
+CSV_FORMAT = "%.7g"  # float32 holds as many
+DATENUM_1950 = 712_224.0  # MATLAB's datenum of 1950-01-01
+PREAMBLE = b"MATLAB 5.0 MAT-file, by compass export".ljust(116)  # scipy's tells the time of writing
+CONSTANT_VARIABLES = ("LATITUDE", "LONGITUDE", variables.STATION.name, variables.BIN.name, variables.BEAM.name)
+
+
+def write_oceansites(source: Path, target: Path) -> None:
+    """Copy corrected.nc under another name.
+
+    Raises:
+        Passing: it cannot be written.
+    """
+    with atomic_write(target) as temporary:
+        shutil.copyfile(source, temporary)
+
+
+def oceansites_name(source: Path) -> str:
+    """Return the file name that OceanSITES has for corrected.nc.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    return f"{read_attribute(source, 'id')}.nc"
+
+
+def write_csv(source: Path, table: Path, sidecar: Path) -> None:
+    """Write a row a sample and bin, empty where a value is missing; units and meanings go into a JSON file.
+
+    Args:
+        source: corrected.nc.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    import pandas as pd  # 0.4 s: only who asks for a table waits for it
+
+    with open_netcdf(source) as nc, atomic_write(table) as temporary:
+        with temporary.open("w", encoding="utf-8", newline="") as stream:
+            for begin in range(0, max(len(nc.dimensions["TIME"]), 1), PIECE):
+                rows = pd.DataFrame(dict(_csv_columns(nc, slice(begin, begin + PIECE))))
+                rows.to_csv(stream, index=False, header=begin == 0, float_format=CSV_FORMAT, lineterminator="\n")
+        write_json(sidecar, _csv_metadata(nc))
+
+
+def write_mat(source: Path, target: Path) -> None:
+    """Write structures of MATLAB: data, units, long_name, and attributes of the whole file; NaN where missing.
+
+    Args:
+        source: corrected.nc.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    from scipy.io import savemat
+
+    with open_netcdf(source) as nc:
+        data = {name: _filled_values(nc, name) for name in nc.variables}
+        data["DATENUM"] = np.asarray(data["TIME"]) + DATENUM_1950
+        told = {key: {n: str(getattr(v, key, "1")) for n, v in nc.variables.items()} for key in ("units", "long_name")}
+        told["units"]["DATENUM"], told["long_name"]["DATENUM"] = "days", "TIME as MATLAB's datenum, UTC"
+        attributes = {name: nc.getncattr(name) for name in nc.ncattrs()}
+    stream = io.BytesIO()
+    everything = {"data": data, **told, "attributes": attributes}
+    savemat(stream, everything, long_field_names=True, do_compression=True, oned_as="column")
+    with atomic_write(target) as temporary:
+        temporary.write_bytes(PREAMBLE + stream.getvalue()[len(PREAMBLE) :])
+
+
+def _csv_columns(nc: netCDF4.Dataset, some: slice) -> Iterator[tuple[str, Any]]:
+    """Give the columns of some samples, a value a sample and bin."""
+    bins = len(nc.dimensions["BIN"])
+    time = np.round((nc["TIME"][some] - DAYS_1950_TO_1970) * 86400e3).astype("datetime64[ms]")
+    yield "TIME", np.repeat(np.char.add(np.datetime_as_string(time, unit="ms"), "Z"), bins)
+    yield "BIN", np.tile(nc["BIN"][:], len(time))
+    for name, variable in nc.variables.items():
+        if variable.dimensions == variables.SERIES and name != "TIME":
+            yield name, np.repeat(_filled_values(nc, name, some), bins)
+        elif variable.dimensions == variables.BINS:
+            yield name, _filled_values(nc, name, some).ravel()
+        elif variable.dimensions == variables.BEAMS:
+            each = _filled_values(nc, name, (slice(None), some))
+            yield from ((f"{name}_{beam}", one.ravel()) for beam, one in zip(nc["BEAM"][:], each, strict=True))
+
+
+def _filled_values(nc: netCDF4.Dataset, name: str, which: Any = ...) -> Any:
+    """Return what a variable holds, NaN where a number is missing; flags as they are, text as text."""
+    values: NDArray[Any] = np.asarray(nc[name][which])
+    if values.dtype.kind == "S":
+        return values.tobytes().decode()
+    fill = getattr(nc[name], "_FillValue", None)
+    if fill is None:
+        return values
+    known = values if values.dtype.kind == "f" else values.astype(np.float32)
+    return np.where(values == fill, known.dtype.type(np.nan), known)
+
+
+def _csv_metadata(nc: netCDF4.Dataset) -> dict[str, Any]:
+    """Return what stands in no column: units and meanings by column, what holds for all rows, global attributes."""
+    columns = {
+        name: variable for name, variable in nc.variables.items() if name not in CONSTANT_VARIABLES or name == "BIN"
+    }
+    meanings = {name: {key: getattr(v, key) for key in v.ncattrs() if key[0] != "_"} for name, v in columns.items()}
+    meanings["TIME"] |= {"units": "ISO 8601, UTC"}
+    return {
+        "rows": "a row a sample and bin; empty: missing; NAME_1, NAME_2 ...: by beam",
+        "columns": meanings,
+        "for_all_rows": {name: _filled_values(nc, name) for name in CONSTANT_VARIABLES[:3]},
+        "attributes": {name: nc.getncattr(name) for name in nc.ncattrs()},
+    }

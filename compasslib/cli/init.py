@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib import readers
 from compasslib.calibrations.swing import observations
-from compasslib.cli import gathered
+from compasslib.cli.results import print_warnings
 from compasslib.config import draft
 from compasslib.config.draft import Drafted, Mooring, Place, Roles
 from compasslib.config.schema import KNOWN_SERIES
@@ -72,7 +72,7 @@ class Contents:
     left: list[str] = field(default_factory=list)  # what has no place, and why
 
 
-def run(asked: Namespace) -> int:
+def init(asked: Namespace) -> int:
     """Write the drafts, say what a person must decide, and return 0.
 
     Raises:
@@ -92,12 +92,12 @@ def run(asked: Namespace) -> int:
     ]
     left = [f"left out: {line}" for line in contents.left]
     if not texts:
-        gathered.tell(left)
+        print_warnings(left)
         raise InputError(", ".join(asked.files), expected="exports of instruments", found="none", advice="name others")
     config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if moorings else "[]")}
     _write(root, _links(paths, root), texts, {} if (root / "config/config.yaml").exists() else config)
     _say(root, texts)
-    gathered.tell(left)
+    print_warnings(left)
     return 0
 
 

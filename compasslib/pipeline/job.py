@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from compasslib.archive import provenance
-from compasslib.archive.files import replacing
+from compasslib.archive.files import atomic_write
 from compasslib.errors import InputError
 from compasslib.pipeline import ledger, stopped
 from compasslib.threads import single_threaded
@@ -88,7 +88,7 @@ def _recorded(snakemake: Any, record: Path) -> Iterator[None]:
     yield
     ledger.unchanged(before)
     made = provenance.of_job(snakemake, read)
-    with replacing(record) as temporary:
+    with atomic_write(record) as temporary:
         temporary.write_text(json.dumps(made, indent=1, default=str) + "\n")
     raw = {path: seen for path, seen in before.items() if not path.startswith(f"{ledger.RESULTS}/")}
     ledger.remember(raw | {path: (ledger.signature(path), digest) for path, digest in made["wrote"].items()})

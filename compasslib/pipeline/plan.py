@@ -285,10 +285,8 @@ class Calibrations:
         return calibrations.figure_names(kind)
 
     def figure_modules(self, wildcards: Any) -> tuple[str, ...]:
-        """Return the library files behind the figures of one calibration, its own kind's only."""
-        kind = self.kind(wildcards)
-        own = [f"compasslib.plots.{KINDS[kind].plots}"] if KINDS[kind].figures else []
-        return provenance.sources(self.scripts / "calibration_figures.py", *own)
+        """Return the library files behind the figures of one calibration."""
+        return provenance.sources(self.scripts / "calibration_figures.py")
 
     def of_kind(self, kind: str) -> list[str]:
         """Return the calibrations of one kind."""

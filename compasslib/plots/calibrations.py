@@ -1,4 +1,4 @@
-"""Figures of a calibration: the deviation with the curves that were compared, its residuals, a certificate.
+"""Figures of a calibration: the deviation with the curves that were compared, its residuals, a swing, a certificate.
 
 They draw what a kind has: the points recorded_deg with deviation_deg and residual_deg, a table, the detail ``models``.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,27 @@ from matplotlib.patches import Patch
 
 from compasslib import angles, compass
 from compasslib.archive.calibrations import Page
-from compasslib.calibrations import KINDS, MODELS
-from compasslib.calibrations.result import LETTERS
+from compasslib.calibrations import MODELS
+from compasslib.calibrations.result import LETTERS, Calibration
+from compasslib.calibrations.swing import adjustment
 from compasslib.deviation import von_appen
+from compasslib.plots import instruments
 from compasslib.plots.curves import beside
-from compasslib.plots.page import BLACK, GREEN, GREY, ORANGE, PURPLE, SKY, WIDE_IN, degrees, empty, legend, page
+from compasslib.plots.page import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    WIDE_IN,
+    degrees,
+    empty,
+    legend,
+    page,
+)
 from compasslib.types import Floats
 
 COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE}
@@ -35,21 +50,21 @@ MOST_BARS = 100  # points that still have a bar of their own
 RECORDED, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
 
 
-def draw(figure: str, path: str | Path, shown: Page) -> None:
+def draw_figure(figure: str, path: str | Path, shown: Page) -> None:
     """Draw one figure of a calibration.
 
     Args:
         figure: a name of ``calibrations.FIGURES``, or of the kind's own in ``calibrations.KINDS``.
     """
-    common = {"deviation": deviation, "residuals": residuals, "certificate": certificate}
+    common = {"deviation": draw_deviation, "residuals": draw_residuals, "certificate": draw_certificate}
     if figure in common:
         common[figure](path, shown)
         return
-    own = import_module(f"compasslib.plots.{KINDS[shown.content['kind']].plots}")
-    getattr(own, figure)(path, shown.calibration, shown.content["name"])
+    draw = draw_swing if figure == "swing" else getattr(instruments, f"draw_{figure}")
+    draw(path, shown.calibration, shown.content["name"])
 
 
-def deviation(path: str | Path, shown: Page) -> None:
+def draw_deviation(path: str | Path, shown: Page) -> None:
     """Draw what was observed, the curve with its 95 % band, and the other curves that were tried."""
     with page(path, 3.9) as figure:
         legend(figure, deviation_panel(figure.subplots(), shown), columns=1)
@@ -72,7 +87,7 @@ def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
     return handles
 
 
-def residuals(path: str | Path, shown: Page) -> None:
+def draw_residuals(path: str | Path, shown: Page) -> None:
     """Draw what the curve leaves at each reading, with the expanded uncertainty beside it."""
     with page(path, 2.6) as figure:
         axes = figure.subplots()
@@ -91,7 +106,7 @@ def residuals(path: str | Path, shown: Page) -> None:
         legend(figure, [readings, Line2D([], [], **EDGE, label="expanded uncertainty (k = 2)")])
 
 
-def certificate(path: str | Path, shown: Page) -> None:
+def draw_certificate(path: str | Path, shown: Page) -> None:
     """Draw one page to keep with the instrument: curve, table, coefficients, uncertainty, date and place."""
     title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
     text, high = writing(shown), CURVE_IN
@@ -331,3 +346,60 @@ def _table(shown: Page) -> list[str]:
 
 def _number(value: float | None, form: str) -> str:
     return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)
+
+
+# A swing.
+
+TWO_SIGMA = adjustment.TWO_SIGMA
+STEP_DEG = 1.0
+FULL = (0.0, 360.0)
+MOST_POINTS = 2000
+MINUS = "\N{MINUS SIGN}"
+
+
+def draw_swing(path: str | Path, result: Calibration, name: str) -> None:
+    """Draw what was seen on a swing, the curve with its interval, and the limit of the norm."""
+    with page(path, 3.2) as figure:
+        _swing_curve(figure.subplots(), result)
+        if result.table is not None:
+            legend(figure, _swing_handles(result))
+
+
+def _swing_curve(axes: Axes, result: Calibration) -> None:
+    degrees(axes.xaxis, FULL)
+    axes.set(xlabel="Recorded heading γ (°)", ylabel="Deviation β − γ (°)")
+    shown = result.points.get("deviation_deg")
+    if result.table is None or shown is None:
+        empty(axes, "no curve")
+        return
+    heading = np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
+    columns = von_appen.design(heading)
+    curve = columns @ result.coefficients
+    half = TWO_SIGMA * np.sqrt(np.einsum("ij,jk,ik->i", columns, result.covariance, columns))
+    few = slice(None, None, 1 + len(shown) // MOST_POINTS)
+    size = 2.0 if len(shown) > 100 else 4.0
+    axes.fill_between(heading, curve - half, curve + half, color=BLUE, alpha=0.2, linewidth=0)
+    axes.plot(result.points["recorded_deg"][few], shown[few], "o", color="#333333", markersize=size, markeredgewidth=0)
+    axes.plot(heading, curve, color=BLUE)
+    for limit in (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG):
+        axes.axhline(limit, color=VERMILION, linewidth=0.8, linestyle="--")
+    _swing_limits(axes, np.concatenate([curve - half, curve + half, *np.percentile(shown, [[1.0], [99.0]])]))
+
+
+def _swing_limits(axes: Axes, values: Floats) -> None:
+    low, high = min(float(values.min()), -adjustment.LIMIT_DEG), max(float(values.max()), adjustment.LIMIT_DEG)
+    margin = 0.06 * (high - low)
+    axes.set_ylim(low - margin, high + margin)
+    axes.yaxis.set_major_formatter(lambda x, _: f"{x:g}".replace("-", MINUS))
+    axes.axhline(0.0, color=GREY, linewidth=0.5)
+
+
+def _swing_handles(result: Calibration) -> list[Any]:
+    drift = result.details.get("drift")
+    seen = "courses corrected for drift" if drift else "true headings"
+    return [
+        Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=seen),
+        Line2D([], [], color=BLUE, label="fitted series"),
+        Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 % of the fit"),
+        Line2D([], [], color=VERMILION, linewidth=0.8, linestyle="--", label="4° (ISO 25862)"),
+    ]

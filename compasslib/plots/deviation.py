@@ -1,20 +1,24 @@
-"""How much a compass deviates, as fitted to a mooring (von Appen 2015, Figs 6 and 7)."""
+"""How much a compass deviates, and how well currents agree before and after (von Appen 2015, Figs 6 to 9)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import ListedColormap, LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import NDArray
 
+from compasslib import angles, compass
 from compasslib.deviation import model
 from compasslib.deviation.model import Fit
 from compasslib.plots import curves
@@ -23,14 +27,19 @@ from compasslib.plots.page import (
     BLACK,
     BLUE,
     GREEN,
+    GREY,
+    MAGNETIC,
+    TRUE,
     VERMILION,
+    Rows,
     degrees,
     empty,
     legend,
     page,
+    signed,
     span_of,
 )
-from compasslib.records import Pairs
+from compasslib.records import Corrected, Pairs
 from compasslib.types import Floats
 
 STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
@@ -43,7 +52,7 @@ RING: dict[str, Any] = {**POINT, "color": BLACK, "markerfacecolor": "white", "ma
 CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
 
 
-def deviation(path: str | Path, pairs: Pairs, fit: Fit) -> None:
+def draw_deviation(path: str | Path, pairs: Pairs, fit: Fit) -> None:
     """Draw deviation against correct heading, and recorded against correct heading both ways (von Appen's Figs 6, 7).
 
     Axes hold the curve and 98 % of the pairs.
@@ -165,3 +174,204 @@ def _deviation_handles(pairs: Pairs, fit: Fit, curve: DeviationByHeading | None)
         handles.append(Patch(**BAND, label="95 % band of the fit"))
     text = "correction by lookup table" if fit.method == "von_appen" else "correction, exact inverse"
     return [*handles, Line2D([], [], **RING, label=text)]
+
+
+# Agreement of current directions before and after.
+
+HEXAGONS = 40  # across a panel: 9 degrees each
+COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # its palest end is lost on white
+BAR: dict[str, Any] = {"aspect": 40, "location": "top", "pad": 0.02, "label": "Pairs per hexagon"}
+
+
+def draw_scatter(path: str | Path, pairs: Pairs, product: Corrected) -> None:
+    """Draw the affected against the reference current direction, before and after.
+
+    These are all pairs, the fit's own; the assessment judges on pairs that the fit has not seen.
+
+    Args:
+        pairs: overlapping measurements, perhaps none.
+        product: the corrected record, perhaps without corrected headings.
+    """
+    lower, upper, corrected = curves.directions(pairs, product)
+    begin = emptiest(lower)
+    with page(path, 2.7) as figure:
+        panels = figure.subplots(1, 2, sharey=True)
+        drawn = [
+            _hexagons(panels[0], "recorded", (lower, upper), begin),
+            _hexagons(panels[1], "corrected", (lower, corrected), begin),
+        ]
+        panels[0].set_ylabel(f"Affected, towards {TRUE}")
+        figure.supxlabel(f"Reference, towards {TRUE}", fontsize=8.0)
+        _count_bar(figure, panels, [hexagons for hexagons in drawn if hexagons is not None])
+
+
+def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -> PolyCollection | None:
+    """Draw one direction against another, counted in hexagons; None where there is nothing to draw."""
+    known = np.isfinite(xy[0]) & np.isfinite(xy[1])
+    limits = (begin, begin + 360.0)
+    axes.set_title(title)
+    if not known.any():
+        empty(axes, "no pairs")
+        return None
+    off = angles.difference(xy[1], xy[0])[known]
+    axes.set_title(
+        f"{title}, n = {off.size}\nmean {signed(float(angles.wrap180(angles.mean(off))))}°, rms {angles.rms(off):.1f}°"
+    )
+    lower, upper = (placed(angle[known], begin) for angle in xy)
+    hexagons = axes.hexbin(
+        lower, upper, gridsize=HEXAGONS, extent=(*limits, *limits), mincnt=1, cmap=COUNTS, linewidths=0.1
+    )
+    axes.plot(limits, limits, color=BLACK, linewidth=0.8)
+    for axis in (axes.xaxis, axes.yaxis):
+        degrees(axis, limits)
+    axes.set_aspect("equal")
+    return hexagons
+
+
+def _count_bar(figure: Figure, panels: Sequence[Axes], counted: Sequence[PolyCollection]) -> None:
+    """Give all panels the same colours for the same counts."""
+    if not counted:
+        return
+    most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
+    for hexagons in counted:
+        hexagons.set_norm(LogNorm(1.0, most))
+    ticks, text = LogLocator(subs=(1.0, 2.0, 5.0)), FuncFormatter(lambda count, _: f"{count:g}")
+    figure.colorbar(counted[0], ax=panels, ticks=ticks, format=text, **BAR).minorticks_off()
+
+
+# A compass that several records share.
+
+SHARED_FIGURES = ("coefficients", "curve")
+WITHIN = 1.96
+LETTERS = "ABCDE"
+SHARED_COLUMNS = 2
+NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the records' names, and the least height of a panel
+IRON = (("P_nT", "c"), ("Q_nT", "f"))  # of B and C
+
+
+def draw_shared(figure: str, path: str | Path, content: Mapping[str, Any]) -> None:
+    """Draw one of FIGURES."""
+    {"coefficients": draw_shared_coefficients, "curve": draw_shared_curve}[figure](path, content)
+
+
+def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Draw what each record shows of the iron, with its 95 % interval, beside what the compass has."""
+    deployments = [one for one in content["deployments"] if one["coefficients"]]
+    effects = content["effects"]
+    panels = [*"BCDE", *((one, k) for one in effects for k in range(len(one["values"])))]
+    rows = -(-len(panels) // SHARED_COLUMNS)
+    names = Rows([one["name"] for one in deployments], NAMES_IN)
+    with page(path, rows * (0.65 + max(names.height_in, LEAST_IN)) + 0.6) as figure:
+        for axes, panel in zip(
+            figure.subplots(rows, SHARED_COLUMNS, squeeze=False, sharey=True).flat, panels, strict=False
+        ):
+            if isinstance(panel, str):
+                _shared_iron(axes, panel, deployments, content, names)
+            else:
+                _shared_effect(axes, names, *panel)
+            axes.locator_params(axis="x", nbins=3)
+        names.name(figure.axes[0])
+        for axes in figure.axes[len(panels) :]:
+            axes.set_visible(False)
+        handles = [Line2D([], [], color=BLUE, marker="o", markersize=3, label="a record alone")]
+        legend(
+            figure, [*handles, *_rejected_handle(content), Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")]
+        )
+
+
+def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Draw the deviation by correct heading of each record, and of the compass in the middle of their fields."""
+    deployments = [one for one in content["deployments"] if one["coefficients"]]
+    heading = np.arange(0.0, 360.5, 2.0)
+    with page(path, 2.8) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(f"Correct heading {MAGNETIC}")
+        axes.set_ylabel("Deviation (°)")
+        degrees(axes.xaxis, (0.0, 360.0))
+        if not deployments:
+            empty(axes, "no record determines the compass")
+            return
+        for one in deployments:
+            values = np.array([one["coefficients"][letter] for letter in LETTERS])
+            values[0] = 0.0
+            axes.plot(
+                heading, _exact_deviation(values, heading), color=BLUE if one["fits"] else VERMILION, linewidth=0.8
+            )
+        if content["coefficients"]:
+            middle, spread = _shared_curve(content, deployments, heading)
+            axes.fill_between(
+                heading, middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN, alpha=0.25, lw=0
+            )
+            axes.plot(heading, middle, color=GREEN)
+        axes.axhline(0.0, color=GREY, linewidth=0.5)
+        handles = [Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, A left out")]
+        legend(figure, [*handles, *_rejected_handle(content), Line2D([], [], color=GREEN, label="the compass, 95 %")])
+
+
+def _rejected_handle(content: Mapping[str, Any]) -> list[Line2D]:
+    """Return the entry of the legend for records that do not fit, none where all do."""
+    return [Line2D([], [], color=VERMILION, label="one that does not fit")] if content["rejected"] else []
+
+
+def _shared_iron(
+    axes: Axes, letter: str, deployments: list[dict[str, Any]], content: Mapping[str, Any], names: Rows
+) -> None:
+    """Draw B and C as iron in nT, D and E as they are."""
+    hard = letter in "BC"
+    axes.set_title(f"{letter} times H (µT)" if hard else letter)
+    for k, one in zip(names.places, deployments, strict=True):
+        unit = one["horizontal_nT"] / 1000.0 if hard else 1.0
+        value, sigma = one["coefficients"][letter] * unit, one["sigma"][letter] * unit
+        axes.errorbar(
+            value, k, xerr=WITHIN * sigma, color=BLUE if one["fits"] else VERMILION, marker="o", markersize=3, lw=1.0
+        )
+        if content["coefficients"]:
+            middle, spread = (x / (1000.0 if hard else 1.0) for x in _shared_coefficient(letter, one, content))
+            axes.fill_betweenx([k - 0.35, k + 0.35], middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN,
+                               alpha=0.25, lw=0)  # fmt: skip
+
+
+def _shared_coefficient(letter: str, one: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
+    """Return what the compass makes of a coefficient at a record's place, iron that varies between them included."""
+    names = list(content["coefficients"])
+    weight = np.zeros(len(names))
+    if letter in "BC":
+        iron, induced = IRON["BC".index(letter)]
+        weight[names.index(iron)], weight[names.index(induced)] = 1.0, one["vertical_nT"]
+    else:
+        weight[names.index(letter)] = 1.0
+    values, covariance = np.array(list(content["coefficients"].values())), np.array(content["covariance"])
+    between = content["sigma_between"] if letter in "BC" else 0.0
+    return float(weight @ values), float(np.sqrt(weight @ covariance @ weight + between**2))
+
+
+def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -> None:
+    unit = "°" if effect["units"][k] == "degrees" else effect["units"][k]
+    name, parameter = effect["effect"].replace("_", " "), effect["parameters"][k].split("_")[0]
+    axes.set_title(f"{name}, {parameter} ({unit})")
+    value, sigma = effect["values"][k], effect["sigma"][k]
+    axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, color=GREEN, alpha=0.25, lw=0)
+    place = dict(zip(names.names, names.places, strict=True))
+    for name, one in effect["each"].items():
+        axes.errorbar(
+            one["values"][k], place[name], xerr=WITHIN * one["sigma"][k], color=BLUE, marker="o", markersize=3, lw=1.0
+        )
+
+
+def _shared_curve(
+    content: Mapping[str, Any], deployments: list[dict[str, Any]], heading: Floats
+) -> tuple[Floats, Floats]:
+    """Return the deviation of the compass in the mean field and its standard error, (n,) each."""
+    fitting = [one for one in deployments if one["fits"]] or deployments
+    level, down = (float(np.mean([one[name] for one in fitting])) for name in ("horizontal_nT", "vertical_nT"))
+    design = np.zeros((5, 6))
+    design[1, [0, 2]] = design[2, [1, 3]] = 1.0 / level, down / level
+    design[3, 4] = design[4, 5] = 1.0
+    values = design @ np.array(list(content["coefficients"].values()))
+    covariance = design @ np.array(content["covariance"]) @ design.T
+    slope = compass.gradient(values, heading)
+    return _exact_deviation(values, heading), np.sqrt(np.einsum("in,ij,jn->n", slope, covariance, slope))
+
+
+def _exact_deviation(values: Floats, heading: Floats) -> Floats:
+    return angles.difference(heading, compass.recorded_heading(values, heading))

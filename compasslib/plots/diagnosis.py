@@ -41,7 +41,7 @@ EFFECT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
 BAND: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
 
 
-def of_mooring(path: str | Path, found: Mapping[str, Any]) -> None:
+def draw_mooring(path: str | Path, found: Mapping[str, Any]) -> None:
     """Draw a mooring's diagnosis.
 
     Args:
@@ -51,7 +51,7 @@ def of_mooring(path: str | Path, found: Mapping[str, Any]) -> None:
     _draw(path, found, curves, (NAMES, UNITS), _simultaneous(sum(len(curve["centre"]) for curve in curves)))
 
 
-def of_calibration(path: str | Path, found: Mapping[str, Any]) -> None:
+def draw_calibration(path: str | Path, found: Mapping[str, Any]) -> None:
     """Draw a calibration's diagnosis, and its hypotheses.
 
     Args:

@@ -31,7 +31,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, Multi
 from PIL import Image
 
 from compasslib import angles
-from compasslib.archive.files import replacing
+from compasslib.archive.files import atomic_write
 from compasslib.types import Floats
 
 Limits = tuple[float, float]
@@ -100,7 +100,7 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
         figure.set_layout_engine("none")
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=DEFLATE)
 
 

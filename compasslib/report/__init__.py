@@ -21,17 +21,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compasslib.archive import netcdf, provenance
+from compasslib.archive import provenance
+from compasslib.archive.files import atomic_write
 from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
-from compasslib.report import calibration, chart, compass, figures, mooring, results, section, words
-from compasslib.report.results import MooringResults
-from compasslib.report.section import Overview, ReportSection
+from compasslib.report import calibration, chart, mooring, words
+from compasslib.report.sections import (
+    MAX_SECTIONS,
+    MooringResults,
+    Overview,
+    ReportSection,
+    read_calibration,
+    read_mooring,
+    read_summary,
+    stopped_section,
+)
 
 MOORINGS = "All moorings; rms: direction of the current minus the reference's, on pairs held out from the fit"
 CALIBRATIONS = "All calibrations"
 NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
-NO_COMPASSES = Overview(compass.CAPTION, compass.HEADER, ())
+NO_COMPASSES = Overview(calibration.COMPASS_CAPTION, calibration.COMPASS_HEADER, ())
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
@@ -79,17 +88,17 @@ def gather(
         InputError: a file of the results is absent or damaged.
     """
     root = Path(root)
-    rows = results.rows(root / "summary.csv") if moorings else {}
-    small = len(moorings) + len(calibrations) > figures.MOST_SECTIONS
+    rows = read_summary(root / "summary.csv") if moorings else {}
+    small = len(moorings) + len(calibrations) > MAX_SECTIONS
     sections, stations = [], []
     for name, site in moorings.items():  # one after the other: a record of each is in memory
         if name in stopped["moorings"]:
             stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
             continue
-        one = results.of_mooring(name, root, rows[name], site["roles"])
-        sections.append(mooring.section(one, root, site, small=small))
+        one = read_mooring(name, root, rows[name], site["roles"])
+        sections.append(mooring.mooring_section(one, root, site, small=small))
         stations.append(_station(one, site))
-    others = [calibration.section(results.of_calibration(name, root), root, small=small) for name in calibrations]
+    others = [calibration.calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
     sections = [*_stopped("mooring", stopped["moorings"], mooring.HEADER), *sections]
     others = [*_stopped("calibration", stopped["calibrations"], calibration.HEADER), *others]
     named = [str(attributes[key]) for key in ("project",) if key in attributes]
@@ -99,7 +108,9 @@ def gather(
         moorings=Overview(MOORINGS, mooring.HEADER, sections),
         calibrations=Overview(CALIBRATIONS, calibration.HEADER, others),
         compasses=Overview(
-            compass.CAPTION, compass.HEADER, [compass.section(name, root, small=small) for name in compasses]
+            calibration.COMPASS_CAPTION,
+            calibration.COMPASS_HEADER,
+            [calibration.compass_section(name, root, small=small) for name in compasses],
         ),
         software=provenance.software(),
         date=provenance.date_created(),
@@ -119,7 +130,7 @@ def write(path: str | Path, report: Report) -> None:
     style = (TEMPLATES / "style.css").read_text(encoding="utf-8")
     known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()  # the one style that a browser may use
     text = made.get_template("report.html").render(report=report, style=style, style_hash=known)
-    with netcdf.replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
@@ -130,7 +141,7 @@ def log_line(path: str | Path, report: Report) -> str:
 
 
 def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> list[ReportSection]:
-    return [section.stopped(part, name, why, header) for name, why in reasons.items()]
+    return [stopped_section(part, name, why, header) for name, why in reasons.items()]
 
 
 def _station(one: MooringResults, site: Mapping[str, Any]) -> chart.Station:

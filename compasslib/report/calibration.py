@@ -1,4 +1,4 @@
-"""One calibration's results -> its section of the report."""
+"""One calibration's results -> its section of the report; the section of a compass that several records share."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from compasslib.archive.files import read_json
 from compasslib.calibrations import MODELS
-from compasslib.report import answer, figures, found, words
-from compasslib.report.captions import of_diagnosis
-from compasslib.report.results import CalibrationResults
-from compasslib.report.section import ReportSection, ReportTable
+from compasslib.report import explanation, sections, words
+from compasslib.report.sections import CalibrationResults, ReportSection, ReportTable
 
 HEADER = (
     "Calibration",
@@ -35,17 +34,17 @@ LETTERS = ("A", "B", "C", "D", "E")
 AXES = ("x", "y", "z")
 
 
-def section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSection:
+def calibration_section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSection:
     """Return one calibration's section.
 
     Args:
         small: whether the page has too many sections for whole pictures.
     """
     content, diagnosis = results.content, results.diagnosis
-    drawn = figures.of_folder(results.folder, root, captions(content, diagnosis), small=small)
-    findings = found.findings(diagnosis, product=False) if diagnosis else ()
+    drawn = sections.collect_figures(results.folder, root, calibration_captions(content, diagnosis), small=small)
+    findings = explanation.report_findings(diagnosis, product=False) if diagnosis else ()
     beside = ("diagnosis",) if findings else ()
-    links = tuple((f, figures.relative(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
+    links = tuple((f, sections.relative_link(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
     return ReportSection(
         name=results.name,
         anchor=f"calibration-{results.name}",
@@ -54,19 +53,23 @@ def section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSe
         facts=_facts(content),
         found=tuple(drawn.pop(name) for name in beside if name in drawn),
         findings=findings,
-        cannot_tell=(*_cannot_tell(content), *(found.cannot_tell(diagnosis) if diagnosis else ())),
+        cannot_tell=(*_cannot_tell(content), *(explanation.describe_limits(diagnosis) if diagnosis else ())),
         warnings=tuple(content["warnings"]),
         first=tuple(drawn.values()),
-        tables=(*_tables(content), *(found.hypotheses(diagnosis) if diagnosis else ()), *_deviations(results)),
+        tables=(
+            *_tables(content),
+            *(explanation.hypotheses_table(diagnosis) if diagnosis else ()),
+            *_deviations(results),
+        ),
         links=links,
         cells=_cells(results),
     )
 
 
 def _summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> tuple[str, ...]:
-    beyond = f"; {answer.what_was_found(diagnosis)}" if diagnosis else ""
+    beyond = f"; {explanation.describe_findings(diagnosis)}" if diagnosis else ""
     reasons = [diagnosis.get("why", "")] if diagnosis and diagnosis["verdict"] == "insufficient" else []
-    later = (*(words.sentence(why) for why in reasons if why), *_texts(content))
+    later = (*(words.sentence(why) for why in reasons if why), *_nested_texts(content))
     if content["why"]:
         return (words.sentence(f"no curve was fitted: {content['why']}"), *later)
     expanded = content["uncertainty"]["expanded_deg"]
@@ -76,13 +79,13 @@ def _summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) ->
     return (f"{readings}{sure}{beyond}.", *later)
 
 
-def _texts(content: Mapping[str, Any]) -> Iterator[str]:
+def _nested_texts(content: Mapping[str, Any]) -> Iterator[str]:
     """Give the sentences that a kind says about itself, wherever they stand in the file."""
     for key, value in content.items():
         if key == "text" and isinstance(value, str) and value:
             yield words.sentence(value)
         elif isinstance(value, Mapping):
-            yield from _texts(value)
+            yield from _nested_texts(value)
 
 
 def _facts(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -236,30 +239,36 @@ def _cells(results: CalibrationResults) -> tuple[str, ...]:
 # What each figure of a calibration shows, in words and numbers.
 
 
-def captions(content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> dict[str, Callable[[], str]]:
+def calibration_captions(
+    content: Mapping[str, Any], diagnosis: Mapping[str, Any] | None
+) -> dict[str, Callable[[], str]]:
     """Return the texts by the figures' names, each made where it is asked for.
 
     Args:
         diagnosis: diagnosis.json; None where there is none.
     """
     texts = {
-        "deviation": lambda: _deviation(content),
-        "residuals": lambda: _residuals(content),
-        "certificate": lambda: _certificate(content),
-        "magnetometer": lambda: _magnetometer(content),
-        "swing": lambda: _swing(content),
-        "difference": lambda: f"Heading of the first minus the second instrument against heading. {_offset(content)}",
+        "deviation": lambda: _deviation_caption(content),
+        "residuals": lambda: _residuals_caption(content),
+        "certificate": lambda: _certificate_caption(content),
+        "magnetometer": lambda: _magnetometer_caption(content),
+        "swing": lambda: _swing_caption(content),
+        "difference": lambda: (
+            f"Heading of the first minus the second instrument against heading. {_offset_caption(content)}"
+        ),
         "tilt_check": lambda: (
             f"Tilts of the two instruments, turned onto each other. {(content.get('frame') or {}).get('text', '')}"
         ),
-        "series": lambda: f"Declination along time, observed and by the field model. {_constant(content)}",
-        "disturbance": lambda: _disturbance(content),
-        "along_time": lambda: f"Headings of both instruments along time and their difference. {_offset(content)}",
+        "series": lambda: f"Declination along time, observed and by the field model. {_constant_caption(content)}",
+        "disturbance": lambda: _disturbance_caption(content),
+        "along_time": lambda: (
+            f"Headings of both instruments along time and their difference. {_offset_caption(content)}"
+        ),
     }
-    return texts | ({"diagnosis": lambda: of_diagnosis(diagnosis)} if diagnosis else {})
+    return texts | ({"diagnosis": lambda: explanation.diagnosis_caption(diagnosis)} if diagnosis else {})
 
 
-def _deviation(content: Mapping[str, Any]) -> str:
+def _deviation_caption(content: Mapping[str, Any]) -> str:
     if not content["coefficients"]:
         return f"Deviation against recorded heading: {content['n']} readings, no curve."
     letters = ", ".join(f"{k} {words.number(x, 2)}" for k, x in content["coefficients"].items())
@@ -269,13 +278,13 @@ def _deviation(content: Mapping[str, Any]) -> str:
     )
 
 
-def _residuals(content: Mapping[str, Any]) -> str:
+def _residuals_caption(content: Mapping[str, Any]) -> str:
     rms = content["residual_rms_deg"]
     left = f"they are {words.degrees(rms, 2)} rms" if rms is not None else "there are none, for want of a curve"
     return f"Residuals of {words.plural(content['n'], 'reading')} against recorded heading: {left}."
 
 
-def _certificate(content: Mapping[str, Any]) -> str:
+def _certificate_caption(content: Mapping[str, Any]) -> str:
     expanded = content["uncertainty"]["expanded_deg"]
     sure = (
         f"expanded uncertainty {words.degrees(expanded, 2)} (k = 2)" if expanded else "no uncertainty could be stated"
@@ -284,7 +293,7 @@ def _certificate(content: Mapping[str, Any]) -> str:
     return f"Certificate on one page: {what}; {sure}. All its numbers stand in the tables here."
 
 
-def _magnetometer(content: Mapping[str, Any]) -> str:
+def _magnetometer_caption(content: Mapping[str, Any]) -> str:
     left = content.get("modulus_residual_percent") or {}
     text = "Magnetometer readings before and after taking out hard and soft iron."
     if left.get("after") is None:
@@ -293,26 +302,114 @@ def _magnetometer(content: Mapping[str, Any]) -> str:
     return f"{text} The modulus of the field scatters by {before} % before and {after} % after."
 
 
-def _swing(content: Mapping[str, Any]) -> str:
+def _swing_caption(content: Mapping[str, Any]) -> str:
     water = (content.get("drift") or {}).get("text", "")
     verdict = (content.get("iso_25862") or {}).get("text", "")
     text = f"The swing: courses against compass headings, {words.plural(content['n'], 'sample')}."
     return " ".join(part for part in (text, water, verdict) if part)
 
 
-def _offset(content: Mapping[str, Any]) -> str:
+def _offset_caption(content: Mapping[str, Any]) -> str:
     if content.get("offset_deg") is None:
         return "No offset was found."
     return f"The offset is {words.with_sigma(content['offset_deg'], content.get('offset_sigma_deg'), '°')} (1σ)."
 
 
-def _constant(content: Mapping[str, Any]) -> str:
+def _constant_caption(content: Mapping[str, Any]) -> str:
     value, sigma = content.get("constant_deg"), content.get("constant_sigma_deg")
     return f"The constant between them is {words.with_sigma(value, sigma, '°')} (1σ)."
 
 
-def _disturbance(content: Mapping[str, Any]) -> str:
+def _disturbance_caption(content: Mapping[str, Any]) -> str:
     storms = content.get("storms") or []
     largest = max((one["range_deg"] for one in storms), default=None)
     range_ = f", the largest of {words.degrees(largest, 2)} from end to end" if storms else ""
     return f"What level and quiet day leave along time: {words.plural(len(storms), 'storm')}{range_}."
+
+
+# A compass that several records share.
+
+COMPASS_CAPTION = "All compasses that several records share"
+COMPASS_HEADER = ("Name", "Verdict", "Records", "Not the same", "Iron between deployments", "Effects")
+COMPASS_FILES = ("compass.json", "diagnosis.json", "figures", "logs")
+COMPASS_CAPTIONS: Mapping[str, Callable[[], str]] = {
+    "coefficients": lambda: "What each record shows of the iron, with its 95 % interval, beside what the compass has.",
+    "curve": lambda: "Deviation by correct heading: each record's, and the compass's in the mean field, 95 % band.",
+}
+UNITS = {"P_nT": "nT", "Q_nT": "nT"}
+
+
+def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
+    """Return one compass's section.
+
+    Args:
+        small: whether the page has too many sections for whole pictures.
+
+    Raises:
+        InputError: a file of its results is absent or damaged.
+    """
+    folder = root / "compasses" / name
+    content, diagnosis = read_json(folder / "compass.json"), read_json(folder / "diagnosis.json")
+    drawn = sections.collect_figures(folder, root, COMPASS_CAPTIONS, small=small)
+    return ReportSection(
+        name=name,
+        anchor=f"compass-{name}",
+        verdict=diagnosis["verdict"],
+        summary=(_compass_summary(content, diagnosis), words.sentence(diagnosis["why"])),
+        facts=(("iron that varies between deployments", _iron_between(content)),),
+        findings=explanation.report_findings(diagnosis, product=False),
+        cannot_tell=explanation.describe_limits(diagnosis),
+        warnings=tuple(f"{one['name']}: {words.sentence(one['why'])}" for one in content["rejected"]),
+        tables=tuple(_compass_tables(content)),
+        first=tuple(drawn.values()),
+        links=tuple(
+            (file, sections.relative_link(folder / file, root)) for file in COMPASS_FILES if (folder / file).exists()
+        ),
+        cells=_compass_cells(name, content, diagnosis),
+    )
+
+
+def _compass_summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> str:
+    """Return the answer in a sentence: whose records they are, who does not belong, what they share."""
+    kept = [one["name"] for one in content["deployments"] if one["fits"]]
+    records = f"{words.plural(len(content['deployments']), 'record')}, of one compass: {words.listed(kept) or 'none'}"
+    odd = [one["name"] for one in content["rejected"]]
+    return f"{records}{f'; not the same: {words.listed(odd)}' * bool(odd)}; {explanation.describe_findings(diagnosis)}."
+
+
+def _iron_between(content: Mapping[str, Any]) -> str:
+    size = content["sigma_between"]
+    return "unknown" if size is None else f"{words.number(size, 0)} nT in each direction (1σ)"
+
+
+def _compass_tables(content: Mapping[str, Any]) -> list[ReportTable]:
+    header = ("Record", "B", "C", "D", "E", "Probability that it is this compass")
+    rows = [
+        (one["name"], *_record_coefficients(one), _probability(one["probability_same"]))
+        for one in content["deployments"]
+    ]
+    tables = [ReportTable("What each record tells alone", header, tuple(rows))]
+    if content["coefficients"]:
+        spread = [row[k] ** 0.5 for k, row in enumerate(content["covariance"])]
+        iron = [
+            (name.removesuffix("_nT"), words.with_sigma(value, sigma, f" {UNITS[name]}" if name in UNITS else ""))
+            for (name, value), sigma in zip(content["coefficients"].items(), spread, strict=True)
+        ]
+        tables.append(ReportTable("The iron that they share", ("", "Value"), tuple(iron)))
+    return tables
+
+
+def _record_coefficients(one: Mapping[str, Any]) -> list[str]:
+    if not one["coefficients"]:
+        return [words.UNKNOWN] * 4
+    return [words.with_sigma(one["coefficients"][k], one["sigma"][k], "") for k in "BCDE"]
+
+
+def _probability(value: float | None) -> str:
+    return words.UNKNOWN if value is None else words.percent(value)
+
+
+def _compass_cells(name: str, content: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
+    effects = ", ".join(words.plain(one["effect"]) for one in diagnosis["findings"])
+    odd = ", ".join(one["name"] for one in content["rejected"])
+    return (name, diagnosis["verdict"], str(len(content["deployments"])), odd, _iron_between(content), effects)

@@ -1,17 +1,17 @@
-"""One mooring's results -> its section of the report."""
+"""One mooring's results -> its section of the report, and what each of its figures shows."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from compasslib import angles
-from compasslib.report import answer, compass, figures, found, words
-from compasslib.report.captions import captions
-from compasslib.report.results import Headings, MooringResults
-from compasslib.report.section import ReportSection, ReportTable
+from compasslib.archive import summary
+from compasslib.report import explanation, sections, words
+from compasslib.report.explanation import diagnosis_caption
+from compasslib.report.sections import HeadingSummary, MooringResults, ReportSection, ReportTable
 
 CURRENTS = ("sticks", "progressive", "roses")
 OF_PAIRS = ("diagnosis", "deviation", "scatter")  # empty where there is neither a pair nor a curve
@@ -23,52 +23,56 @@ FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "asse
 LETTERS = ("A", "B", "C", "D", "E")
 
 
-def section(results: MooringResults, root: Path, site: Mapping[str, Any], *, small: bool) -> ReportSection:
+def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any], *, small: bool) -> ReportSection:
     """Return one mooring's section.
 
     Args:
         site: latitude, longitude, water_depth_m, instruments (role and what it is).
         small: whether the page has too many sections for whole pictures.
     """
-    drawn = figures.of_folder(results.folder, root, captions(results), small=small)
+    drawn = sections.collect_figures(results.folder, root, mooring_captions(results), small=small)
     if not (results.fit["n_pairs"] or results.product["coefficients"]):
         drawn = {name: one for name, one in drawn.items() if name not in OF_PAIRS}
-    findings = found.findings(results.diagnosis, product=True)
+    findings = explanation.report_findings(results.diagnosis, product=True)
     beside = ("diagnosis",) if findings else ()  # else it stands with the other figures
     return ReportSection(
         name=results.name,
         anchor=f"mooring-{results.name}",
         verdict=results.diagnosis["verdict"],
-        summary=sentences(results),
-        to_do=answer.to_do(results),
+        summary=summary_sentences(results),
+        to_do=explanation.list_actions(results),
         facts=_facts(results, site),
         first=tuple(drawn.pop(name) for name in CURRENTS if name in drawn),
         found=tuple(drawn.pop(name) for name in beside if name in drawn),
         findings=findings,
-        cannot_tell=found.cannot_tell(results.diagnosis),
+        cannot_tell=explanation.describe_limits(results.diagnosis),
         warnings=tuple(warning for warning in results.row["warnings"].split(" | ") if warning),
         figures=tuple(drawn.values()),
         tables=(
-            *_agreement(results.assessment),
-            *_coefficients(results.fit),
-            *found.hypotheses(results.diagnosis),
-            *_inputs(results.inputs),
+            *_agreement_table(results.assessment),
+            *_coefficients_table(results.fit),
+            *explanation.hypotheses_table(results.diagnosis),
+            *_inputs_table(results.inputs),
         ),
-        links=tuple((file, figures.relative(results.folder / file, root)) for file in FILES),
+        links=tuple((file, sections.relative_link(results.folder / file, root)) for file in FILES),
         cells=_cells(results),
     )
 
 
-def sentences(results: MooringResults) -> tuple[str, ...]:
+def summary_sentences(results: MooringResults) -> tuple[str, ...]:
     """Return what comes first of one mooring: the answer, how far it is from the reference, and why not more."""
-    first, fit = answer.answer(results), results.fit["why"]
+    first, fit = explanation.summarize(results), results.fit["why"]
     searched = results.diagnosis.get("why", "") if results.diagnosis["verdict"] == "insufficient" else ""
     reasons = [fit, "" if fit and fit in searched else searched]
-    texts = (first, answer.agreement(results.assessment), *(words.sentence(why) for why in reasons if why not in first))
-    return (*(text for text in texts if text), *compass.carried(results.fit))
+    texts = (
+        first,
+        explanation.describe_agreement(results.assessment),
+        *(words.sentence(why) for why in reasons if why not in first),
+    )
+    return (*(text for text in texts if text), *shared_sentence(results.fit))
 
 
-def _water(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
+def _water_facts(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
     """Return how far the water at the reference's depth is expected to be from what stands for it, if that is known."""
     if not errors:
         return []
@@ -90,11 +94,11 @@ def _facts(results: MooringResults, site: Mapping[str, Any]) -> tuple[tuple[str,
         ("Deployment", words.days({"from": site["start"], "to": site["end"]})),
         *((f"{role} instrument", text) for role, text in site["instruments"].items()),
         ("Make and number", instrument or "not given"),
-        ("Method", made_with(results.fit)),
-        *counted(head),
-        *sure(head),
-        *_water(results.assessment.get("water_error_m_s")),
-        ("The compass can show", _range(results.product)),
+        ("Method", describe_method(results.fit)),
+        *count_facts(head),
+        *uncertainty_facts(head),
+        *_water_facts(results.assessment.get("water_error_m_s")),
+        ("The compass can show", _recorded_range(results.product)),
         ("Declination", _pair("{} to {}", head.declination_deg, digits=2)),
         (
             "Made by",
@@ -104,7 +108,7 @@ def _facts(results: MooringResults, site: Mapping[str, Any]) -> tuple[tuple[str,
     return tuple(facts)
 
 
-def counted(head: Headings) -> list[tuple[str, str]]:
+def count_facts(head: HeadingSummary) -> list[tuple[str, str]]:
     """Return how many samples are corrected, doubtful and not corrected."""
 
     def share(n: int) -> str:
@@ -117,7 +121,7 @@ def counted(head: Headings) -> list[tuple[str, str]]:
     ]
 
 
-def sure(head: Headings) -> list[tuple[str, str]]:
+def uncertainty_facts(head: HeadingSummary) -> list[tuple[str, str]]:
     """Return how uncertain the corrected headings are, and how far they were turned."""
     return [
         ("Uncertainty of the heading (1σ)", _pair("median {}, 95th percentile {}", head.sigma_deg)),
@@ -129,7 +133,7 @@ def _pair(form: str, pair: tuple[float, float], digits: int = 1) -> str:
     return form.format(*(words.degrees(x, digits) for x in pair)) if math.isfinite(pair[0]) else words.UNKNOWN
 
 
-def made_with(fit: Mapping[str, Any]) -> str:
+def describe_method(fit: Mapping[str, Any]) -> str:
     """Return by which method a product was made, and with which effects.
 
     Args:
@@ -137,7 +141,7 @@ def made_with(fit: Mapping[str, Any]) -> str:
     """
     text = words.METHODS.get(fit["method"], fit["method"])
     applied = fit["applied"]
-    if not _other(fit):
+    if not _uses_other_compass(fit):
         return text
     product = words.METHODS.get(applied["method"], applied["method"])
     text += f"; the product is made by the {product}"
@@ -147,7 +151,7 @@ def made_with(fit: Mapping[str, Any]) -> str:
     return f"{text} with what was found on its side ({effects})" if effects else text
 
 
-def _other(fit: Mapping[str, Any]) -> bool:
+def _uses_other_compass(fit: Mapping[str, Any]) -> bool:
     """Tell whether the product is made by another compass than the configured fit's."""
     applied = fit["applied"]
     return bool(applied["fit"]) and bool(
@@ -155,7 +159,7 @@ def _other(fit: Mapping[str, Any]) -> bool:
     )
 
 
-def _range(fit: Mapping[str, Any]) -> str:
+def _recorded_range(fit: Mapping[str, Any]) -> str:
     if not fit["recorded_range_deg"]:
         return words.UNKNOWN
     low, high = fit["recorded_range_deg"]
@@ -165,7 +169,7 @@ def _range(fit: Mapping[str, Any]) -> str:
     return f"{begin} to {end} only{', each for two correct headings' if fit['folded'] else ''}"
 
 
-def _agreement(assessment: Mapping[str, Any]) -> tuple[ReportTable, ...]:
+def _agreement_table(assessment: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     """Return the table of agreement on held-out pairs; none where there is no pair."""
     rows = [("Before", assessment["before"]), ("Before, where corrected", assessment["before_where_corrected"])]
     rows.append(("After", assessment["after"]))
@@ -174,10 +178,10 @@ def _agreement(assessment: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     days = words.significant(assessment["held_out"]["block_days"], 2)
     caption = f"Direction of the current minus the reference's, each pair held out from the fit (blocks of {days} days)"
     header = ("", "Pairs", "Mean", "Rms", "Median absolute", "Vector correlation")
-    return (ReportTable(caption, header, tuple((name, *_compared(one)) for name, one in rows)),)
+    return (ReportTable(caption, header, tuple((name, *_agreement_cells(one)) for name, one in rows)),)
 
 
-def _compared(one: Mapping[str, Any]) -> tuple[str, ...]:
+def _agreement_cells(one: Mapping[str, Any]) -> tuple[str, ...]:
     if not one["n"]:
         return (words.count(0), *(words.UNKNOWN,) * 4)
     rms = words.with_sigma(one["rms_deg"], one["rms_deg_sigma"], "°")
@@ -186,29 +190,29 @@ def _compared(one: Mapping[str, Any]) -> tuple[str, ...]:
     return (words.count(one["n"]), mean, rms, median, correlated)
 
 
-def _coefficients(fit: Mapping[str, Any]) -> tuple[ReportTable, ...]:
+def _coefficients_table(fit: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     if not fit["coefficients"]:
         return ()
     method = words.METHODS.get(fit["method"], fit["method"])
     columns = [(f"As configured ({method})", fit["coefficients"], fit["covariance"])]
     applied = fit["applied"]
-    if _other(fit):
+    if _uses_other_compass(fit):
         block = (applied["compasses"] or [{"compass": None}])[0]["compass"] or applied["fit"]
         columns.append(("Of the product (exact compass)", block["coefficients"], block["covariance"]))
     unit = "°" if fit["unit"] == "degrees" else ""
     units = [unit, ""]  # the product's compass is the exact one, whose coefficients have no unit
-    rows = tuple((name, *_lettered(c, v, u)) for (name, c, v), u in zip(columns, units, strict=False))
+    rows = tuple((name, *_coefficient_cells(c, v, u)) for (name, c, v), u in zip(columns, units, strict=False))
     kind = "" if unit else ", dimensionless"
     pairs = f"{words.plural(fit['n_pairs'], 'pair')}, worth {words.number(fit['n_effective'], 0)} independent ones"
     return (ReportTable(f"Coefficients of the deviation ± 1σ{kind} ({pairs})", ("", *LETTERS), rows),)
 
 
-def _lettered(coefficients: Mapping[str, float], covariance: Any, unit: str) -> tuple[str, ...]:
+def _coefficient_cells(coefficients: Mapping[str, float], covariance: Any, unit: str) -> tuple[str, ...]:
     sigmas = [math.sqrt(covariance[k][k]) if covariance else None for k in range(len(LETTERS))]
     return tuple(words.with_sigma(coefficients[k], sigma, unit) for k, sigma in zip(LETTERS, sigmas, strict=True))
 
 
-def _inputs(inputs: Mapping[str, Mapping[str, int]]) -> tuple[ReportTable, ...]:
+def _inputs_table(inputs: Mapping[str, Mapping[str, int]]) -> tuple[ReportTable, ...]:
     """Return one table of what was read, skipped and flagged, a column an instrument; zeros stand in its caption."""
     names = dict.fromkeys(name for counts in inputs.values() for name in counts)
     seen = [name for name in names if any(counts.get(name) for counts in inputs.values())]
@@ -237,4 +241,105 @@ def _cells(results: MooringResults) -> tuple[str, ...]:
         *(words.degrees(float(row[key]) if row[key] else None) for key in keys),
         "yes" if row["folded"] == "True" else "no",
         words.count(len([warning for warning in row["warnings"].split(" | ") if warning])),
+    )
+
+
+def shared_sentence(fit: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the sentence on whose data carry a mooring's compass, none where only its own do.
+
+    Args:
+        fit: content of deviation.json.
+    """
+    shared = fit.get("shared")
+    return (words.sentence(shared["text"]),) if shared else ()
+
+
+# Captions.
+
+
+def mooring_captions(results: MooringResults) -> dict[str, Callable[[], str]]:
+    """Return the texts by the figures' names, each made where it is asked for."""
+    return {
+        "sticks": lambda: _sticks_caption(results),
+        "progressive": lambda: (
+            f"Where water would go that moved as the current at {_depth(results)} in its means of "
+            f"{_averaging_period(results)}, over those that all lines have; north is up."
+        ),
+        "roses": lambda: _roses_caption(results),
+        "deviation": lambda: _deviation_caption(results),
+        "scatter": lambda: _scatter_caption(results),
+        "timeline": lambda: _timeline_caption(results),
+        "diagnosis": lambda: diagnosis_caption(results.diagnosis),
+    }
+
+
+def _depth(results: MooringResults) -> str:
+    return f"{words.number(results.currents.depth_m, 0)}{words.SPACE}m"
+
+
+def _averaging_period(results: MooringResults) -> str:
+    hours = summary.averaging_hours(results.currents.recorded.time_s)
+    return words.plural(int(hours), "hour") if hours <= 24.0 else words.plural(int(hours / 24.0), "day")
+
+
+def _sticks_caption(results: MooringResults) -> str:
+    before, after = (words.current(mean) for mean in results.currents.mean)
+    if before == words.UNKNOWN:
+        return "No bin has a current to show."
+    text = (
+        f"The current at {_depth(results)}: each stick is a mean of {_averaging_period(results)}, from its date towards"
+    )
+    told = f"{text} where the water goes, north up. On average {before} by the recorded heading"
+    return f"{told}, {after} by the corrected one." if after != words.UNKNOWN else f"{told}; none is corrected."
+
+
+def _roses_caption(results: MooringResults) -> str:
+    head = results.headings
+    spans = [f"Nine in ten recorded headings lie {_format_span(head.recorded_span_deg)}"]
+    spans += [f"nine in ten corrected ones {_format_span(head.corrected_span_deg)}"] if head.corrected else []
+    return (
+        f"How often the current at {_depth(results)} and the instrument point each way; the reference's current at the "
+        f"pairs. {', '.join(spans)}."
+    )
+
+
+def _deviation_caption(results: MooringResults) -> str:
+    fit = results.product
+    if not fit["coefficients"]:
+        return f"No curve was fitted. {words.sentence(results.fit['why'])}".strip()
+    turn = "two correct ones" if fit["folded"] else "one correct one"
+    points = words.plural(fit["n_pairs"], "pair") if fit["n_pairs"] else "no pair of this mooring"
+    return (
+        "Above the deviation by the correct heading β, below recorded heading γ by correct one and back: the "
+        f"{words.METHODS.get(fit['method'], fit['method'])} with its 95 % band, and {points}. Each recorded heading "
+        f"stands for {turn}."
+    )
+
+
+def _format_span(span: tuple[float, float]) -> str:
+    if not math.isfinite(span[0]):
+        return "nowhere"
+    return f"from {words.degrees(span[0], 0)} clockwise to {words.degrees(span[1], 0)}"
+
+
+def _scatter_caption(results: MooringResults) -> str:
+    if not results.assessment["before"]["n"]:
+        return "There are no pairs: no reference measured near enough to compare."
+    return (
+        "Direction of the current at the affected instrument against the reference's, of all pairs, by the recorded "
+        "and by the corrected heading; on the line they agree."
+    )
+
+
+def _timeline_caption(results: MooringResults) -> str:
+    head = results.headings
+    if not head.n:
+        return "The record along time: there is no sample inside the deployment."
+    shares = [words.percent(k / head.n) for k in (head.corrected, head.doubtful, head.n - head.corrected)]
+    attributes = head.attributes
+    span = {"from": attributes["time_coverage_start"], "to": attributes["time_coverage_end"]}
+    sigma = f" The uncertainty is {words.degrees(head.sigma_deg[0])} (1σ, median)." if head.corrected else ""
+    return (
+        f"Recorded and corrected heading, share of samples and depth from {words.days(span)}: {shares[0]} corrected "
+        f"({shares[1]} doubtful), {shares[2]} not corrected.{sigma}"
     )

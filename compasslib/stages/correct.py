@@ -8,6 +8,8 @@ from typing import Any
 
 from compasslib import earthfield
 from compasslib.archive import netcdf, provenance
+from compasslib.archive.attributes import Site
+from compasslib.archive.files import read_json, write_json
 from compasslib.deviation import assessment, correction
 from compasslib.inference import covariates, product
 from compasslib.preparation import several
@@ -36,9 +38,9 @@ def correct(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    own, along = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
+    own, along = netcdf.read_record(record), earthfield.from_json(read_json(field))
     whole = replace(own, profiles=netcdf.read_profiles(record))
-    made_by = product.from_json(netcdf.read_json(deviation))
+    made_by = product.from_json(read_json(deviation))
     at = product.compass_along_record(made_by, own, along, covariates.logged_series(own, observatory))
     made = correction.in_pieces(
         whole,
@@ -52,7 +54,7 @@ def correct(
     netcdf.write_corrected(
         corrected,
         made,
-        site=netcdf.Site(**site),
+        site=Site(**site),
         attributes=attributes,
         processing=provenance.processing(made_by, along, sources),
     )
@@ -61,7 +63,7 @@ def correct(
 
 def compare(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[str], None]) -> None:
     """Write which form predicts best; no other stage waits for it."""
-    made_by = product.from_json(netcdf.read_json(deviation))
+    made_by = product.from_json(read_json(deviation))
     compared = assessment.compare_forms(several.together(netcdf.read_pairs(pairs)), made_by.fit)
-    netcdf.write_json(forms, {"forms": compared})
+    write_json(forms, {"forms": compared})
     say(assessment.forms_line(mooring, compared))

@@ -30,11 +30,11 @@ def summary(
         stopped: why others have no results, by name, of ``moorings`` and of ``calibrations``.
     """
     results = Path(summary).parent
-    rows = [table.row(name, results / name, used) for name, used in roles.items()]
-    rows += [table.row_of_stopped(name, why) for name, why in stopped["moorings"].items()]
+    rows = [table.summary_row(name, results / name, used) for name, used in roles.items()]
+    rows += [table.stopped_row(name, why) for name, why in stopped["moorings"].items()]
     rows.sort(key=lambda row: order.index(row["name"]))
-    table.write(summary, rows)
-    say(table.table(rows))
+    table.write_summary(summary, rows)
+    say(table.format_table(rows))
     say(f"{summary}: {len(rows)} mooring{'s' * (len(rows) != 1)}")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from compasslib import deviation as deviations
 from compasslib import earthfield
 from compasslib.archive import netcdf
+from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import assessment as assessments
 from compasslib.deviation import constant, exact
@@ -60,19 +61,19 @@ def diagnose(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(netcdf.read_json(field))
-    configured = netcdf.read_json(fit)
+    near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(read_json(field))
+    configured = read_json(fit)
     fitted = deviations.from_json(configured)
     with_sharing = {**options, "share": bool(summary)}
     made = judged(
         near, along, configured, fitted, record=record, references=references, observatory=observatory, wide=wide,
         options=with_sharing,
     )  # fmt: skip
-    netcdf.write_json(diagnosis, made.diagnosis.to_json())
-    netcdf.write_json(deviation, configured | {"applied": made.product.to_json(), "shared": None})
-    netcdf.write_json(assessment, made.assessment)
+    write_json(diagnosis, made.diagnosis.to_json())
+    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": None})
+    write_json(assessment, made.assessment)
     if summary:
-        netcdf.write_json(summary, _summary(mooring, near, fitted, along, made.diagnosis))
+        write_json(summary, _summary(mooring, near, fitted, along, made.diagnosis))
     say(f"{made.diagnosis.log_line(mooring)}\n{assessments.log_line(mooring, made.assessment)}")
 
 
@@ -100,7 +101,7 @@ def judged(
     own = netcdf.read_record(record, velocities=False)  # they are a third of the memory
     fixed = None
     if not options["constant_confirmed"]:
-        biases = netcdf.taken_out((record, *references))
+        biases = netcdf.read_applied_declinations((record, *references))
         fixed = constant.of_fit(fitted, near, float(np.mean(along.declination_deg)), biases)
 
     def search(some: Pairs) -> Diagnosis:
@@ -169,14 +170,14 @@ def share(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    told, configured = joint.read_returned(netcdf.read_json(joined), mooring), netcdf.read_json(fit)
+    told, configured = joint.read_returned(read_json(joined), mooring), read_json(fit)
     if told is None:
-        netcdf.write_json(diagnosis, netcdf.read_json(alone[0]))
-        netcdf.write_json(deviation, netcdf.read_json(alone[1]))
-        netcdf.write_json(assessment, netcdf.read_json(alone[2]))
+        write_json(diagnosis, read_json(alone[0]))
+        write_json(deviation, read_json(alone[1]))
+        write_json(assessment, read_json(alone[2]))
         say(f"{mooring}: no other record of its compass belongs to it; as it is alone")
         return
-    near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(netcdf.read_json(field))
+    near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(read_json(field))
     before = deviations.from_json(configured)
     fitted, own = before, netcdf.read_record(record, velocities=False)
     if before.method != "von_appen":
@@ -204,9 +205,9 @@ def share(
         with_effects=with_effects,
     )
     text = carried_by(told, before, fitted)
-    netcdf.write_json(diagnosis, made.diagnosis.to_json())
-    netcdf.write_json(deviation, configured | {"applied": made.product.to_json(), "shared": told.block(text)})
-    netcdf.write_json(assessment, made.assessment)
+    write_json(diagnosis, made.diagnosis.to_json())
+    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": told.block(text)})
+    write_json(assessment, made.assessment)
     lines = text, made.diagnosis.log_line(mooring), assessments.log_line(mooring, made.assessment)
     say("\n".join([f"{mooring}: {lines[0]}", *lines[1:]]))
 
@@ -255,11 +256,11 @@ def join(
         spheres: by the names of moorings and calibrations.
         min_effect_deg: visible size of a shared effect below which it does not matter.
     """
-    moored = [netcdf.read_json(path) for path in summaries]
-    calibrated = [netcdf.read_json(path) for path in calibrations]
+    moored = [read_json(path) for path in summaries]
+    calibrated = [read_json(path) for path in calibrations]
     records = [joint_compass.mooring_member(one, spheres[one["name"]]) for one in moored]
     records += [joint_compass.calibration_member(one, spheres[one["name"]]) for one in calibrated]
     page, found = joint.join_compass(name, records, min_effect_deg)
-    netcdf.write_json(joined, page)
-    netcdf.write_json(diagnosis, found.to_json())
+    write_json(joined, page)
+    write_json(diagnosis, found.to_json())
     say(joint.log_line(page, found))

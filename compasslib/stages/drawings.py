@@ -8,7 +8,7 @@ from pathlib import Path
 from compasslib.archive import calibrations as archive
 from compasslib.archive.files import read_json
 from compasslib.plots import calibrations as plots
-from compasslib.plots import compass
+from compasslib.plots import deviation
 from compasslib.plots import diagnosis as hypotheses
 
 
@@ -18,13 +18,13 @@ def calibration_figures(
     """Draw each figure of its kind, by its file's name."""
     page = archive.read(calibration=calibration, table=table, points=points)
     for figure in figures:
-        plots.draw(Path(figure).stem, figure, page)
+        plots.draw_figure(Path(figure).stem, figure, page)
     say(f"{name}: {len(figures)} figures")
 
 
 def diagnosis_figure(name: str, /, *, diagnosis: str, figure: str, say: Callable[[str], None]) -> None:
     """Draw where the mismatch lives, before and after, and the ranked hypotheses."""
-    hypotheses.of_calibration(figure, read_json(diagnosis))
+    hypotheses.draw_calibration(figure, read_json(diagnosis))
     say(f"{name}: figure of the diagnosis")
 
 
@@ -36,5 +36,5 @@ def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Ca
     """
     content = read_json(joined)
     for figure in figures:
-        compass.draw(Path(figure).stem, figure, content)
+        deviation.draw_shared(Path(figure).stem, figure, content)
     say(f"{name}: {len(figures)} figures")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from compasslib.archive import currents, netcdf
-from compasslib.archive import pictures as small
+from compasslib.archive import netcdf, summary
+from compasslib.archive.files import read_json, write_pictures
 from compasslib.inference import product as products
-from compasslib.plots import agreement, curves, timeline
-from compasslib.plots import currents as water
+from compasslib.plots import curves
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
+from compasslib.plots import timeseries as water
 from compasslib.preparation import several
 
 
@@ -28,16 +28,16 @@ def figures(
 ) -> None:
     """Draw each figure, by its file's name, and write small ones for the page."""
     both, corrected = several.together(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
-    shown, reference = currents.of_product(product), currents.of_reference(both)
-    averaged = water.averaged(shown, reference)
+    shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
+    averaged = water.average_currents(shown, reference)
     headings = {"recorded": curves.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     to = {Path(figure).stem: figure for figure in figures}
-    water.sticks(to["sticks"], averaged)
-    water.progressive(to["progressive"], averaged)
-    water.roses(to["roses"], shown, reference, headings)
-    hypotheses.of_mooring(to["diagnosis"], netcdf.read_json(diagnosis))
-    curve.deviation(to["deviation"], both, products.from_json(netcdf.read_json(deviation)).fit)
-    agreement.scatter(to["scatter"], both, corrected)
-    timeline.timeline(to["timeline"], corrected, both)
-    small.write(pictures, figures)
+    water.draw_sticks(to["sticks"], averaged)
+    water.draw_progressive(to["progressive"], averaged)
+    water.draw_roses(to["roses"], shown, reference, headings)
+    hypotheses.draw_mooring(to["diagnosis"], read_json(diagnosis))
+    curve.draw_deviation(to["deviation"], both, products.from_json(read_json(deviation)).fit)
+    curve.draw_scatter(to["scatter"], both, corrected)
+    water.draw_timeline(to["timeline"], corrected, both)
+    write_pictures(pictures, figures)
     say(f"{mooring}: {len(figures)} figures")

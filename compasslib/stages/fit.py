@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from compasslib import deviation, earthfield
 from compasslib.archive import netcdf
+from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.preparation import several
 
@@ -18,9 +19,9 @@ def fit(
     Args:
         tilt: whether pitch and roll enter.
     """
-    dip_ratio = tilt * earthfield.dip_ratio(earthfield.from_json(netcdf.read_json(field)))
+    dip_ratio = tilt * earthfield.dip_ratio(earthfield.from_json(read_json(field)))
     fitted = deviation.fit(method, several.together(netcdf.read_pairs(pairs)), dip_ratio=dip_ratio)
-    netcdf.write_json(fit, deviation.described(fitted, netcdf.read_record(record, velocities=False)))
+    write_json(fit, deviation.described(fitted, netcdf.read_record(record, velocities=False)))
     say(deviation.log_line(mooring, fitted))
 
 
@@ -32,8 +33,8 @@ def carry(
     Args:
         pairs: they are held against it; nothing is fitted to them.
     """
-    own, there = netcdf.read_record(record), earthfield.from_json(netcdf.read_json(field))
-    elsewhere = netcdf.read_json(calibration)
+    own, there = netcdf.read_record(record), earthfield.from_json(read_json(field))
+    elsewhere = read_json(calibration)
     carried = at_mooring.carry_to_mooring(elsewhere, there, own, several.together(netcdf.read_pairs(pairs)))
-    netcdf.write_json(fit, deviation.described(carried, own) | at_mooring.origin(elsewhere, there))
+    write_json(fit, deviation.described(carried, own) | at_mooring.origin(elsewhere, there))
     say(deviation.log_line(mooring, carried))

@@ -8,6 +8,7 @@ from typing import Any
 
 from compasslib import earthfield
 from compasslib.archive import netcdf, provenance
+from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination
 from compasslib.preparation import overlap as rules_of_pairs
 from compasslib.preparation import several
@@ -38,8 +39,8 @@ def overlap(
         InputError: an observatory's file cannot be read, or a date lies outside the model of the field.
     """
     along = declination.with_observatory_warnings(earthfield.along_time(**place), observatory, place)
-    netcdf.write_json(field, vars(along))
-    along = earthfield.from_json(netcdf.read_json(field))  # what every later stage reads
+    write_json(field, vars(along))
+    along = earthfield.from_json(read_json(field))  # what every later stage reads
     say(earthfield.log_line(mooring, along))
     above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
     # Named from the mooring's own folder, so that the file is the same wherever that stands.

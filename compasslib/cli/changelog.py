@@ -12,7 +12,14 @@ from compasslib.archive.provenance import PROJECT
 from compasslib.report import words
 
 CHANGELOG = PROJECT / "CHANGELOG.md"
-KINDS = ("headings", "flags", "uncertainty", "coefficients", "verdict", "calibration")  # what an entry can change
+KINDS_OF_CHANGE = (
+    "headings",
+    "flags",
+    "uncertainty",
+    "coefficients",
+    "verdict",
+    "calibration",
+)  # what an entry can change
 WIDTH = 100
 
 _SECTION = re.compile(r"^## (\S+).*$", re.MULTILINE)
@@ -30,7 +37,7 @@ class ChangelogEntry:
     changes: frozenset[str]  # of KINDS, or calibration:KIND; none where it changes no result
 
 
-def entries(text: str) -> list[ChangelogEntry]:
+def parse_changelog(text: str) -> list[ChangelogEntry]:
     """Return the entries of a changelog, newest first.
 
     Args:
@@ -47,7 +54,7 @@ def entries(text: str) -> list[ChangelogEntry]:
     return found
 
 
-def reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
+def changelog_reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
     """Return lines that say by what software two results were made, and what in it may be the reason of the change.
 
     Args:
@@ -59,19 +66,21 @@ def reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None =
     if old == new:
         return []
     sides = [f"OLD by {old or 'software that is not named'}", f"NEW by {new or 'software that is not named'}"]
-    why = _why(old, new, frozenset(changed), changelog or CHANGELOG)
+    why = _matching_entries(old, new, frozenset(changed), changelog or CHANGELOG)
     wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
     return [*sides, why[0], *(line for entry in why[1:] for line in wrapper.wrap(entry))]
 
 
-def _why(old: str, new: str, changed: frozenset[str], changelog: Path) -> list[str]:
+def _matching_entries(old: str, new: str, changed: frozenset[str], changelog: Path) -> list[str]:
     known = [match for side in (old, new) if (match := _SOFTWARE.fullmatch(side))]
     if len(known) < 2:
         return ["the versions are not known, so that no entry of the changelog can be named"]
     if not changelog.is_file():
         return ["the changelog is not beside this installation; the checkout of the newer version has it"]
     low, high = sorted(_number(match[1]) for match in known)
-    between = [entry for entry in entries(changelog.read_text(encoding="utf-8")) if _lies(entry, low, high)]
+    between = [
+        entry for entry in parse_changelog(changelog.read_text(encoding="utf-8")) if _is_between(entry, low, high)
+    ]
     matching = [entry for entry in between if _touches(entry, changed)]
     what = words.listed(sorted(changed))
     if not matching:
@@ -80,7 +89,7 @@ def _why(old: str, new: str, changed: frozenset[str], changelog: Path) -> list[s
     return [first, *(f"{entry.version}: {entry.text}" for entry in matching)]
 
 
-def _lies(entry: ChangelogEntry, low: tuple[int, ...], high: tuple[int, ...]) -> bool:
+def _is_between(entry: ChangelogEntry, low: tuple[int, ...], high: tuple[int, ...]) -> bool:
     """Tell whether an entry came after one version, and not after the other; between commits of one version any may."""
     at = _number(entry.version)
     return low < at <= high or low == at == high

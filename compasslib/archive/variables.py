@@ -2,7 +2,8 @@
 
 The names of corrected.nc and overlap.nc are a contract. Standard names are those of the CF table and are left out where
 it has none: it knows an orientation from north, but no heading from magnetic north, no deviation and no declination.
-Flags are those of OceanSITES reference table 2.
+Flags are those of OceanSITES reference table 2. ``python -m compasslib.archive.variables`` prints the table of
+docs/reference/product.md.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Variable:
         return attributes
 
 
-def quality_of(variable: Variable) -> Variable:
+def quality_variable(variable: Variable) -> Variable:
     """Return the flag variable that belongs to a variable.
 
     Args:
@@ -86,7 +87,7 @@ NOT_STORED = {"echo_range_m", "channels", "profiles"}  # of a record: used up at
 CHANNEL = "CHANNEL_"  # what their names begin with
 
 
-def channel(name: str, unit: str) -> Variable:
+def channel_variable(name: str, unit: str) -> Variable:
     """Return the variable of what else was logged."""
     return Variable(f"{CHANNEL}{name}", f"{name.replace('_', ' ')}, as logged or given", unit)
 
@@ -103,8 +104,8 @@ RECORD = {
     "depth_m": Variable("INSTRUMENT_DEPTH", "depth of the instrument", "m", "depth", also=SEA_LEVEL),
     "temperature_c": Variable("TEMPERATURE", "temperature", "degree_Celsius", "sea_water_temperature"),
     "supply_voltage": Variable("SUPPLY_VOLTAGE", "supply voltage, counts or volts", "1"),
-    "quality": replace(quality_of(Variable("VELOCITY", "")), dimensions=BINS),
-    "heading_quality": quality_of(Variable("HEADING", "")),
+    "quality": replace(quality_variable(Variable("VELOCITY", "")), dimensions=BINS),
+    "heading_quality": quality_variable(Variable("HEADING", "")),
 }
 
 # ----------------------------------------------------------------------------------------------- pairs, by their fields
@@ -380,7 +381,7 @@ BY_DECLINATION = ("DECLINATION", "HEADING_TRUE", "UCUR", "VCUR", "UCUR_RECORDED"
 SENSED = ("HEADING", "PITCH", "ROLL", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED", *PERHAPS)
 
 
-def profile(name: str, kind: str, beams: bool) -> Variable:
+def profile_variable(name: str, kind: str, beams: bool) -> Variable:
     """Return the variable of one of a record's ``profiles``, between two stages.
 
     Args:
@@ -393,3 +394,28 @@ def profile(name: str, kind: str, beams: bool) -> Variable:
         bits = {**own.also, "_Unsigned": "true"}
         return replace(own, dtype="i1", fill=None, valid=None, dimensions=dimensions, also=bits)
     return replace(own, dtype=kind, dimensions=dimensions)
+
+
+# Table of the documentation.
+
+TABLE_HEAD = ("| variable | dimensions | unit | what it is |", "|---|---|---|---|")
+COORDINATE_VARIABLES = (TIME, BIN, BEAM, LATITUDE, LONGITUDE, STATION)
+
+
+def format_table() -> str:
+    """Return the variables as Markdown, a row each."""
+    rows = [*map(_row, COORDINATE_VARIABLES), *(_row(one, one.name in FLAGGED) for one in CORRECTED.values())]
+    return "\n".join([*TABLE_HEAD, *rows, ""])
+
+
+def _row(variable: Variable, flagged: bool = False) -> str:
+    said = [f"{variable.long_name}.", variable.comment]
+    said += [f"From {variable.reference}." if variable.reference in (TRUE, MAGNETIC) else ""]
+    said += [f"`{variable.standard_name}`." if variable.standard_name else ""]
+    said += ["*Flagged.*" if flagged else "", "*If measured.*" if variable.name in PERHAPS else ""]
+    what, dimensions = " ".join(filter(None, said)), ", ".join(variable.dimensions) or "-"
+    return f"| `{variable.name}` | {dimensions} | {variable.units or '-'} | {what} |"
+
+
+if __name__ == "__main__":
+    print(format_table(), end="")

@@ -1,0 +1,300 @@
+"""Where the results of moorings are and whether they are whole; ``compass explain`` and ``compass verify``."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from argparse import Namespace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import chdir, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+from compasslib.archive import summary, verification
+from compasslib.archive.files import RERUN, read_json
+from compasslib.archive.provenance import PROJECT
+from compasslib.config import cruise
+from compasslib.config.schema import RESERVED
+from compasslib.errors import InputError
+from compasslib.pipeline import guard, plan
+from compasslib.report import explanation, mooring, sections
+from compasslib.report.explanation import diagnosis_caption
+from compasslib.report.sections import MooringResults, ReportedFinding
+
+MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
+REQUIRED_KEYS = {
+    "deviation.json": ("method", "coefficients", "covariance", "n_pairs", "folded", "why", "warnings", "applied"),
+    "diagnosis.json": ("verdict", "findings", "unexplained", "separated_by", "not_testable", "why"),
+    "assessment.json": ("before", "after"),
+    "calibration.json": ("kind", "model", "coefficients", "covariance", "uncertainty", "why"),
+    "work/field.json": ("warnings",),
+}
+CALIBRATION_FILES = ("calibration.json", "table.csv")
+
+
+def mooring_folder(cruise: str, mooring: str) -> Path:
+    """Return the folder of one mooring's results.
+
+    Args:
+        mooring: a name in it, or the folder itself.
+
+    Raises:
+        InputError: there is no such folder.
+    """
+    for folder in (Path(cruise) / "results" / mooring, Path(cruise) / "corrected" / mooring, Path(mooring)):
+        if folder.is_dir():
+            return folder
+    find_results = Path(cruise) / "results"
+    there = ", ".join(_moorings(find_results)) if find_results.is_dir() else "no folder results"
+    advice = "write the name of a mooring that was run, and --cruise FOLDER where it is not in this one"
+    raise InputError(mooring, expected=f"a mooring with results in {cruise}", found=there or "none", advice=advice)
+
+
+@dataclass(frozen=True)
+class ResultFolders:
+    """The folders of results by the names of moorings and calibrations."""
+
+    moorings: Mapping[str, Path]
+    calibrations: Mapping[str, Path]
+
+
+def find_results(place: str) -> ResultFolders:
+    """Return the folders of results.
+
+    Args:
+        place: a cruise, a folder of results, or the folder of one mooring or calibration.
+
+    Raises:
+        InputError: there is none.
+    """
+    root = Path(place)
+    alone = {root.resolve().name: root}
+    if (root / CALIBRATION_FILES[0]).is_file():
+        return ResultFolders({}, alone)
+    if any((root / file).is_file() for file in MOORING_FILES):
+        return ResultFolders(alone, {})
+    for folder in (root / "results", root):
+        found = ResultFolders(_moorings(folder), _calibrations(folder))
+        if found.moorings or found.calibrations:
+            return found
+    missing_files = "no results in it" if root.is_dir() else "no such folder"
+    advice = "name a cruise that was run, its folder results, or a copy of that"
+    raise InputError(place, expected="a folder with results", found=missing_files, advice=advice)
+
+
+def _calibrations(root: Path) -> dict[str, Path]:
+    return {path.name: path for path in sorted((root / "calibrations").glob("*")) if path.is_dir()}
+
+
+def _moorings(root: Path) -> dict[str, Path]:
+    folders = sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else []
+    marks = ("work", "logs", *MOORING_FILES)
+    own = [path for path in folders if path.name not in RESERVED]
+    return {path.name: path for path in own if any((path / mark).exists() for mark in marks)}
+
+
+def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[str]:
+    """Return which files a whole run would have left and this one has not.
+
+    Args:
+        folder: one mooring's results, or one calibration's.
+    """
+    return [file for file in needed if not (folder / file).is_file()]
+
+
+def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = MOORING_FILES) -> str:
+    """Return why two results cannot be compared, nothing where they can.
+
+    Args:
+        old: one folder, None where there is none.
+        needed: files that both must have.
+    """
+    for folder, which in ((old, "OLD"), (new, "NEW")):
+        if folder is None:
+            return f"not in {which}"
+        if files := missing_files(folder, needed):
+            return f"{which} is incomplete: no {files[0]}"
+    return ""
+
+
+def refuse_incomplete(folder: Path) -> None:
+    """Refuse results that a run did not finish.
+
+    Raises:
+        InputError: a file is missing.
+    """
+    if files := missing_files(folder):
+        found, advice = f"no {files[0]}", "run the cruise to its end"
+        raise InputError(str(folder), expected="all results of a mooring", found=found, advice=advice)
+
+
+@contextmanager
+def check_version(folder: Path) -> Iterator[None]:
+    """Turn what is missing deep in a file of the results into one line.
+
+    Raises:
+        InputError: the block asks for what a file does not hold.
+    """
+    try:
+        yield
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        found, advice = f"{type(error).__name__}: {error}", "run the cruise again"
+        raise InputError(str(folder), expected="results of this version", found=found, advice=advice) from error
+
+
+def read_content(file: Path) -> dict[str, Any]:
+    """Return what a JSON file of the results holds.
+
+    Args:
+        file: one of those of ``KEYS``.
+
+    Raises:
+        InputError: it is no JSON, or lacks a key that every run writes.
+    """
+    read = read_json(file)
+    keys = next(keys for name, keys in REQUIRED_KEYS.items() if file.match(name))
+    absent = [key for key in keys if not isinstance(read, dict) or key not in read]
+    if absent:
+        raise InputError(str(file), expected=f"the key {absent[0]}", found="none", advice=RERUN)
+    return dict(read)
+
+
+# Warnings of a command: kept while it works, and printed together at its end, where a person still sees them.
+
+WARNING_MARK = ": warning: "  # as the lines of the stages' logs have it
+
+
+def split_warnings(said: str) -> tuple[list[str], list[str]]:
+    """Return the lines of a log that are no warnings, and the warnings, without the word."""
+    lines = said.splitlines()
+    return [line for line in lines if WARNING_MARK not in line], [
+        line.replace(WARNING_MARK, ": ", 1) for line in lines if WARNING_MARK in line
+    ]
+
+
+def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> None:
+    """Print warnings, each once.
+
+    Args:
+        stream: stderr where absent.
+    """
+    once = list(dict.fromkeys(warnings))
+    if once:
+        print(f"{len(once)} warning{'s' * (len(once) != 1)}:", *once, sep="\n  ", file=stream or sys.stderr, flush=True)
+
+
+# compass explain: the diagnosis of one mooring in words, from its results.
+
+WIDTH, INDENT = 100, "  "
+
+
+def explain(asked: Namespace) -> int:
+    """Print what is known of a mooring's compass.
+
+    Args:
+        asked: ``cruise`` and ``mooring``, a name in it or a folder of results.
+
+    Raises:
+        InputError: there are no results, or not all of them.
+    """
+    folder = mooring_folder(asked.cruise, asked.mooring).resolve()
+    refuse_incomplete(folder)
+    with check_version(folder):
+        lines = explanation_lines(_read_mooring(folder))
+    print("\n".join(lines))
+    return 0
+
+
+def _read_mooring(folder: Path) -> MooringResults:
+    for file in (name for name in MOORING_FILES if name in REQUIRED_KEYS):
+        read_content(folder / file)
+    row = summary.summary_row(folder.name, folder)
+    return sections.read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
+
+
+def explanation_lines(read: MooringResults) -> list[str]:
+    """Return the lines."""
+    head = read.headings
+    facts = [
+        ("Method", mooring.describe_method(read.fit)),
+        *mooring.count_facts(head),
+        *mooring.uncertainty_facts(head),
+    ]
+    warnings = [warning for warning in read.row["warnings"].split(" | ") if warning]
+    lines = [f"{read.name}: {read.diagnosis['verdict']}", *_wrap(mooring.summary_sentences(read))]
+    lines += ["", *_wrap(f"{name}: {value}" for name, value in facts)]
+    for finding in explanation.report_findings(read.diagnosis, product=True):
+        lines += ["", *_finding_lines(finding)]
+    if (figure := read.folder / "figures/diagnosis.png").exists():
+        lines += ["", f"Drawn in {figure}", *_wrap([diagnosis_caption(read.diagnosis)])]
+    for title, sentences in (
+        ("Limits of this record", explanation.describe_limits(read.diagnosis)),
+        ("Warnings", warnings),
+    ):
+        lines += ["", title, *_wrap(sentences)] if sentences else []
+    return lines
+
+
+def _finding_lines(finding: ReportedFinding) -> list[str]:
+    facts = [f"{name}: {value}" for name, value in finding.facts]
+    numbers = [": ".join(row) for row in finding.parameters.rows] if finding.parameters else []
+    return [f"Found: {finding.title}", *_wrap([finding.text, *facts, *numbers])]
+
+
+def _wrap(sentences: Iterable[str]) -> list[str]:
+    """Return sentences each with its own indented lines."""
+    wrapper = textwrap.TextWrapper(WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT)
+    return [line for sentence in sentences for line in wrapper.wrap(sentence)]
+
+
+# compass verify: a cruise's files against its manifest, and removal of what is configured no more.
+
+
+def verify(asked: Namespace) -> int:
+    """Print what differs from the manifest; with ``clear``, what is configured no more, and delete it where asked.
+
+    Args:
+        asked: ``cruise``, ``clear`` and ``yes``.
+
+    Raises:
+        InputError: something differs, there is no manifest, or the configuration cannot be read that tells what to
+            clear.
+    """
+    if not Path(asked.cruise).is_dir():
+        advice = "name the folder of a cruise"
+        raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
+    with chdir(asked.cruise):
+        return _clear(asked.yes) if asked.clear else _verify()
+
+
+def _verify() -> int:
+    try:
+        configured = _configured_files()
+    except InputError as error:  # an archive may stand without its raw files
+        configured = None
+        print(f"what is configured no more cannot be told: {error}", file=sys.stderr)
+    verification.verify(Path(), configured, print)
+    return 0
+
+
+def _clear(confirmed: bool) -> int:
+    guard.refuse_links([])
+    if confirmed:
+        guard.alone()
+    configured = _configured_files()
+    results = verification.Results(Path(), configured)
+    word = "removed" if confirmed else "would be removed"
+    lines = [f"{word}: {file}" for file in results.former]
+    lines += [f"kept: {file}, which no job wrote as it is" for file in results.foreign(configured)]
+    if confirmed:
+        results.clear()
+    more = "; add --yes to remove them" if results.former and not confirmed else ""
+    print(
+        *map(verification.escaped, lines), f"{len(results.former)} files of what is configured no more{more}", sep="\n"
+    )
+    return 0
+
+
+def _configured_files() -> list[str]:
+    return plan.plan(cruise.load(Path()), PROJECT / "workflow/scripts").configured()

@@ -1,0 +1,467 @@
+"""Figures of one kind of calibration each: magnetometer, two heads on a frame, an observatory's declination."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from compasslib import angles, compass
+from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.two_heads.motion import down, lean, tilt_angles
+from compasslib.deviation import von_appen
+from compasslib.plots.page import (
+    BLACK,
+    BLUE,
+    CORRECTED,
+    DAY_S,
+    GREEN,
+    GREY,
+    MAGNETIC,
+    ORANGE,
+    RECORDED,
+    SKY,
+    VERMILION,
+    Limits,
+    dates,
+    degrees,
+    empty,
+    legend,
+    page,
+    signed,
+)
+from compasslib.statistics import blocks
+from compasslib.types import Floats
+
+TURN_DEG = np.arange(0.0, 361.0, 1.0)
+SECTOR_DEG, MIN_IN_SECTOR = 10.0, 3
+DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0}
+BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
+
+
+def draw_magnetometer(path: str | Path, calibration: Calibration, name: str) -> None:
+    """Draw readings before and after, the modulus against the heading, and what to add to a recorded heading."""
+    if not calibration.points:
+        with page(path, 1.0) as figure:
+            empty(figure.subplots(), "nothing fitted")
+        return
+    points, rows = calibration.points, ["ab", "cc"]
+    if "recorded_deg" in points or calibration.table is not None:  # the correction needs the dip, or headings
+        rows += ["dd"]
+    with page(path, 2.2 * len(rows)) as figure:
+        panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
+        if calibration.details["field_is"] == "horizontal":
+            _draw_level_plane(panels[0], calibration)
+            _draw_third_axis(panels[1], calibration)
+        else:
+            _draw_plane(panels[0], calibration, ("x", "y"))
+            _draw_plane(panels[1], calibration, ("x", "z"))
+        _draw_modulus(panels[2], calibration)
+        if len(panels) > 3:
+            _draw_correction(panels[3], calibration)
+        _magnetometer_legend(figure, calibration)
+
+
+def _draw_level_plane(axes: Axes, calibration: Calibration) -> None:
+    """Draw the levelled field of a platform that turns about the vertical, q = X - iY as the compass sees it."""
+    points, size = calibration.points, calibration.details["field_in_file_unit"]
+    q = points["modulus"] * angles.phasor(points["recorded_deg"])
+    after = points["modulus_corrected"] * angles.phasor(points["corrected_deg"])
+    for field, colour in ((q, RECORDED), (after, CORRECTED)):
+        axes.plot(field.real, -field.imag, **DOT, color=colour, alpha=_alpha(len(q)))
+    fitted = size * compass.level_field(calibration.exact, TURN_DEG)
+    for field, colour in ((fitted, VERMILION), (size * angles.phasor(TURN_DEG), BLACK)):
+        axes.plot(field.real, -field.imag, color=colour, linewidth=1.0)
+    _square(axes)
+    axes.set(xlabel="Forward (file's unit)", ylabel="Starboard (file's unit)")
+
+
+def _draw_third_axis(axes: Axes, calibration: Calibration) -> None:
+    points = calibration.points
+    if "z" not in points:
+        empty(axes, "no z")
+        return
+    axes.plot(points["recorded_deg"], points["z"], **DOT, color=RECORDED, alpha=_alpha(len(points["z"])))
+    degrees(axes.xaxis, (0.0, 360.0))
+    axes.set(xlabel="Recorded heading γ (°)", ylabel="z (file's unit)")
+
+
+def _square(axes: Axes) -> None:
+    axes.axhline(0.0, color=BLACK, linewidth=0.4)
+    axes.axvline(0.0, color=BLACK, linewidth=0.4)
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def _draw_plane(axes: Axes, calibration: Calibration, names: tuple[str, str]) -> None:
+    """Draw the readings in a plane, with the outline of the fitted ellipsoid and of the sphere it becomes."""
+    points = calibration.points
+    for ending, colour in (("", RECORDED), ("_corrected", CORRECTED)):
+        axes.plot(*(points[k + ending] for k in names), **DOT, color=colour, alpha=_alpha(len(points["x"])))
+    for outline, colour in zip(_outlines(calibration.details, names), (VERMILION, BLACK), strict=True):
+        axes.plot(*outline, color=colour, linewidth=1.0)
+    _square(axes)
+    axes.set(xlabel=f"{names[0]} (file's unit)", ylabel=f"{names[1]} (file's unit)")
+
+
+def _outlines(details: Mapping[str, Any], names: tuple[str, str]) -> tuple[Floats, Floats]:
+    """Return the silhouettes in a plane of the ellipsoid b + F S u, |u| = 1, and of the sphere F u, (2, m) each."""
+    index = ["xyz".index(name) for name in names]
+    size, centre, rows = details["field_in_file_unit"], np.array(details["hard_iron"])[index], details["soft_iron"]
+    soft = np.array([[float(i == j) if s is None else s for j, s in enumerate(row)] for i, row in enumerate(rows)])
+    circle = np.stack(angles.sin_cos(TURN_DEG))
+    return centre[:, None] + size * np.linalg.cholesky((soft @ soft.T)[np.ix_(index, index)]) @ circle, size * circle
+
+
+def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
+    """Draw the modulus over its mean, against the heading where there is one."""
+    points, details = calibration.points, calibration.details
+    axes.axhline(0.0, color=BLACK, linewidth=0.7)
+    axes.set_ylabel(f"{details['field_is'].capitalize()} modulus\noff its mean (%)")
+    for column, heading, colour in (
+        ("modulus", "recorded_deg", RECORDED),
+        ("modulus_corrected", "corrected_deg", CORRECTED),
+    ):
+        off = 100.0 * (points[column] / points[column].mean() - 1.0)
+        along = points.get(heading, np.arange(len(off), dtype=float))
+        axes.plot(along, off, **DOT, color=colour, alpha=_alpha(len(off)))
+        if heading in points:
+            axes.plot(*_means_by_sector(along, off), color=colour)
+    if "recorded_deg" in points:
+        degrees(axes.xaxis, (0.0, 360.0))
+        axes.set_xlabel("Heading, recorded or corrected (°)")
+    else:
+        axes.set_xlabel("Reading")
+
+
+def _means_by_sector(heading: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return the mean of the values in each sector that holds enough."""
+    sector = (heading // SECTOR_DEG).astype(int)
+    count = np.bincount(sector, minlength=36)
+    mean = np.bincount(sector, values, minlength=36) / np.maximum(count, 1)
+    return SECTOR_DEG * (np.arange(36) + 0.5), np.where(count >= MIN_IN_SECTOR, mean, np.nan)
+
+
+def _draw_correction(axes: Axes, calibration: Calibration) -> None:
+    """Draw what to add to a recorded heading: readings, exact curve with its 95 % band, five-term series."""
+    points, table = calibration.points, calibration.table
+    if "recorded_deg" in points:
+        recorded, deviation = points["recorded_deg"], points["deviation_deg"]
+        axes.plot(recorded, deviation, **DOT, color=CORRECTED, alpha=_alpha(len(recorded)))
+    if table is not None:
+        heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
+        heading[-1] = 360.0
+        axes.fill_between(heading, value - 1.96 * sigma, value + 1.96 * sigma, **BAND)
+        axes.plot(heading, value, color=GREEN)
+        series = von_appen.predict(calibration.coefficients, TURN_DEG)
+        axes.plot(TURN_DEG, series, color=BLACK, linestyle=(0, (2.5, 1.5)), linewidth=1.0)
+    axes.axhline(0.0, color=BLACK, linewidth=0.7)
+    degrees(axes.xaxis, (0.0, 360.0))
+    axes.set(xlabel="Recorded heading γ (°)", ylabel="Deviation β − γ (°)")
+
+
+def _alpha(n: int) -> float:
+    return float(np.clip(12.0 / np.sqrt(max(n, 1)), 0.12, 0.8))
+
+
+def _magnetometer_legend(figure: Figure, calibration: Calibration) -> None:
+    handles: list[Any] = [
+        Line2D([], [], **DOT | {"markersize": 4.0}, color=RECORDED, label="before"),
+        Line2D([], [], **DOT | {"markersize": 4.0}, color=CORRECTED, label="after"),
+        Line2D([], [], color=VERMILION, linewidth=1.0, label=f"fitted {calibration.model}"),
+        Line2D([], [], color=BLACK, linewidth=1.0, label="without iron"),
+    ]
+    if calibration.table is not None:
+        dashed = Line2D([], [], color=BLACK, linestyle=(0, (2.5, 1.5)), linewidth=1.0, label="five-term series")
+        handles += [
+            Line2D([], [], color=GREEN, label="exact correction"),
+            Patch(**BAND, label="95 % band"),
+            dashed,
+        ]
+    legend(figure, handles)
+
+
+# Two heads on one frame.
+
+MAX_POINTS = 8_000
+WITHIN = 1.96
+BLOCKS = 40
+POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0, "color": GREY}
+SHOWN: dict[str, Any] = POINT | {"markersize": 3.0}  # in a legend
+MEAN: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
+SAMPLES, BLOCK_MEANS = "single samples", "block means"
+
+
+def draw_difference(path: str | Path, found: Calibration, name: str) -> None:
+    """Draw what b must add to agree with a, by b's recorded heading, and what the series leaves of it."""
+    with page(path, 4.4) as figure:
+        panels = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
+        if not found.points or found.table is None:
+            _empty(panels)
+            return
+        heading, thin = found.points["recorded_b_deg"], _thin(found)
+        panels[0].plot(heading[thin], found.points["deviation_deg"][thin], **POINT)
+        panels[1].plot(heading[thin], found.points["residual_deg"][thin], **POINT)
+        _draw_offset_curve(panels[0], found)
+        _draw_sector_means(panels[1], found)
+        _set_limits(panels[0], found.points["deviation_deg"], panels[0].lines[-1].get_ydata())
+        _set_limits(panels[1], found.points["residual_deg"])
+        panels[0].set_ylabel("Deviation of b\nagainst a (°)")
+        panels[1].set_ylabel("Residual (°)")
+        panels[1].set_xlabel("Recorded heading of b (° magnetic)")
+        degrees(panels[1].xaxis, (0.0, 360.0))
+        figure.align_ylabels(panels)
+        terms = f"fit of {found.model.split(': ')[-1]}" if found.coefficients.size else "offset only"
+        curve = Line2D([], [], color=GREEN, label=terms)
+        legend(figure, [Line2D([], [], label=SAMPLES, **SHOWN), curve, Patch(label="95 % of the curve", **BAND)])
+
+
+def draw_tilt_check(path: str | Path, found: Calibration, name: str) -> None:
+    """Draw b's tilts against a's, turned into b's body by one rotation, and the angle that is left along time."""
+    with page(path, 4.2) as figure:
+        panels = figure.subplot_mosaic([["pitch", "roll"], ["left", "left"]], height_ratios=(2.0, 1.0))
+        if "frame" not in found.details:
+            _empty(list(panels.values()))
+            return
+        turned = _turned_tilts(found)
+        for key, here in (("pitch", turned[0]), ("roll", turned[1])):
+            _draw_tilts(panels[key], key, here, found)
+        _draw_along_time(panels["left"], found, found.points["tilt_residual_deg"])
+        panels["left"].set_ylim(bottom=0.0)
+        panels["left"].set_ylabel("Angle between\nverticals (°)")
+        one = Line2D([], [], color=BLACK, linewidth=0.8, label="equal")
+        mean = Line2D([], [], label=BLOCK_MEANS, **MEAN)
+        legend(figure, [Line2D([], [], label=SAMPLES, **SHOWN), one, mean])
+
+
+def draw_along_time(path: str | Path, found: Calibration, name: str) -> None:
+    """Draw the offset between the heads along time, and how the frame turned."""
+    with page(path, 4.8) as figure:
+        panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
+        if not found.points or "frame" not in found.details:
+            _empty(panels)
+            return
+        offset = found.details["offset_deg"]
+        # Without the heading-dependent part: what is left should be level.
+        _draw_along_time(panels[0], found, offset - found.points["residual_deg"])
+        handles = [Line2D([], [], label=SAMPLES, **SHOWN), Line2D([], [], label=BLOCK_MEANS, **MEAN)]
+        handles.append(_draw_offset(panels[0], offset, found.details["offset_sigma_deg"], "headings", BLUE))
+        if found.details["offset_from_tilts_deg"] is not None:
+            near = offset + float(angles.difference(found.details["offset_from_tilts_deg"], offset))
+            handles.append(_draw_offset(panels[0], near, found.details["offset_from_tilts_sigma_deg"], "tilts", ORANGE))
+        panels[0].set_xlabel("")
+        panels[0].set_ylabel("Offset of b\nfrom a (°)")
+        thin, days = _thin(found), found.points["time_s"] / DAY_S
+        for key, colour in (("a", BLUE), ("b", VERMILION)):
+            panels[1].plot(days[thin], found.points[f"recorded_{key}_deg"][thin], **{**POINT, "color": colour})
+            handles.append(Line2D([], [], **{**SHOWN, "color": colour}, label=f"head {key}"))
+        degrees(panels[1].yaxis, (0.0, 360.0))
+        panels[1].set_ylabel(f"Recorded heading\n{MAGNETIC}")
+        _by_clock(panels[1])
+        figure.align_ylabels(panels)
+        legend(figure, handles, columns=1)
+
+
+def _empty(panels: Any) -> None:
+    for axes in panels:
+        empty(axes)
+
+
+def _thin(found: Calibration) -> slice:
+    return slice(None, None, max(1, len(found.points["time_s"]) // MAX_POINTS))
+
+
+def _draw_offset_curve(axes: Axes, found: Calibration) -> None:
+    """Draw the series between the table's headings by its own coefficients, the band by the table's."""
+    assert found.table is not None
+    fine = np.arange(0.0, 360.5, 1.0)
+    heading = np.append(found.table.heading_deg, 360.0)
+    sigma = np.interp(fine, heading, np.append(found.table.sigma_deg, found.table.sigma_deg[0]))
+    terms = np.isfinite(found.coefficients)
+    value = von_appen.design(fine)[:, : terms.size][:, terms] @ found.coefficients[terms]
+    value = np.where(np.isfinite(sigma), value, np.nan)
+    axes.fill_between(fine, value - WITHIN * sigma, value + WITHIN * sigma, **BAND)
+    axes.plot(fine, value, color=GREEN)
+
+
+def _draw_sector_means(axes: Axes, found: Calibration) -> None:
+    kept = found.points["kept"] > 0
+    residual = found.points["residual_deg"][kept]
+    sector = (found.points["recorded_b_deg"][kept] / 10.0).astype(int)
+    # A stretch of time counts once in a sector: samples that follow each other are not independent.
+    visit = np.unique(36 * blocks.in_time(found.points["time_s"], BLOCKS)[kept] + sector, return_inverse=True)
+    means = np.bincount(visit[1], residual) / np.bincount(visit[1])
+    place = visit[0] - 36 * (visit[0] // 36)
+    count = np.bincount(place, minlength=36)
+    there = count >= 3
+    mean, square = (np.bincount(place, x, 36)[there] / count[there] for x in (means, means**2))
+    error = WITHIN * np.sqrt(np.maximum(square - mean**2, 0.0) / (count[there] - 1.0))
+    style = {**MEAN, "markersize": 3.0, "elinewidth": 0.8}
+    axes.errorbar(10.0 * np.flatnonzero(there) + 5.0, mean, yerr=error, **style)
+    axes.axhline(0.0, color=GREEN, linewidth=0.8)
+
+
+def _set_limits(axes: Axes, points: Floats, line: Any = ()) -> None:
+    """Hold 99 % of the points and the whole line."""
+    low, high = np.percentile(points, (0.5, 99.5))
+    curve = np.asarray(line, dtype=float)
+    curve = curve[np.isfinite(curve)]
+    low, high = min([low, *curve]), max([high, *curve])
+    room = max(0.08 * (high - low), 0.2)
+    axes.set_ylim(low - room, high + room)
+
+
+def _turned_tilts(found: Calibration) -> tuple[Floats, Floats]:
+    there = down(lean(found.points["pitch_a_deg"], found.points["roll_a_deg"]))
+    turned = there @ np.array(found.details["frame"]["rotation"]).T
+    return tilt_angles(turned[:, 0] + 1j * turned[:, 1])
+
+
+def _draw_tilts(axes: Axes, key: str, turned: Floats, found: Calibration) -> None:
+    own, thin = found.points[f"{key}_b_deg"], _thin(found)
+    axes.plot(turned[thin], own[thin], **POINT)
+    low, high = np.percentile(np.concatenate([turned, own]), (0.2, 99.8))
+    room = max(0.06 * (high - low), 0.1)
+    ends = (low - room, high + room)
+    axes.plot(ends, ends, color=BLACK, linewidth=0.8)
+    axes.set(xlim=ends, ylim=ends, aspect="equal")
+    axes.set_xlabel(f"{key.capitalize()} of a, turned (°)")
+    axes.set_ylabel(f"{key.capitalize()} of b (°)")
+
+
+def _draw_along_time(axes: Axes, found: Calibration, values: Floats) -> None:
+    time, thin = found.points["time_s"], _thin(found)
+    axes.plot(time[thin] / DAY_S, values[thin], **POINT)
+    kept = found.points["kept"] > 0
+    stretch = blocks.in_time(time, BLOCKS)
+    for k in np.unique(stretch[kept]):
+        mine = kept & (stretch == k)
+        axes.plot(time[mine].mean() / DAY_S, values[mine].mean(), **MEAN)
+    _set_limits(axes, values)
+    _by_clock(axes)
+
+
+def _draw_offset(axes: Axes, value: float, sigma: float, source: str, colour: str) -> Line2D:
+    axes.axhspan(value - WITHIN * sigma, value + WITHIN * sigma, color=colour, alpha=0.25, linewidth=0)
+    label = f"offset by {source}: {signed(value, '.2f')}° ± {WITHIN * sigma:.2f}° (95 %)"
+    return axes.axhline(value, color=colour, linewidth=1.0, label=label)
+
+
+def _by_clock(axes: Axes) -> None:
+    dates(axes)
+    axes.set_xlabel("b's clock (UTC)")
+
+
+# An observatory's declination.
+
+WITHIN = 1.96
+GAP = 3.0  # times the usual step at which a line is broken
+MAX_DAYS = 10  # of a longer record the quiet day would be a smear
+ZOOM_DAYS = 3.0  # of a longer record the days around its largest storm are drawn too
+LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
+STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
+
+
+def draw_series(path: str | Path, found: Calibration, name: str) -> None:
+    """Draw the declination with the model, the model plus the constant, and the quiet day on top of it."""
+    quiet = found.details["quiet_day"] if found.points else None
+    with page(path, 4.8 if quiet else 3.2) as figure:
+        top, *below = figure.subplots(2 if quiet else 1, 1, squeeze=False, height_ratios=(1.5, 1.0) if quiet else None)[
+            :, 0
+        ]
+        if not found.points:
+            empty(top)
+            return
+        points, constant = found.points, found.details["constant_deg"]
+        _draw_line(top, points, points["declination_deg"], **LINE)
+        _draw_line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
+        shown = bool(quiet) and found.details["days"] <= MAX_DAYS
+        if shown:
+            _draw_line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
+        _draw_line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
+        _finish(top, found, "Declination (° east)")
+        for axes in below:
+            _draw_quiet_day(axes, found.details["quiet_day"])
+        model = found.model.removesuffix(" plus a constant")
+        sigma = WITHIN * found.details["constant_sigma_deg"]
+        handles: list[Artist] = [
+            Line2D([], [], label="observed", **LINE),
+            Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
+            Line2D([], [], color=GREEN, label=f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"),
+        ]
+        handles += [Line2D([], [], color=SKY, label="with the quiet-day variation")] if shown else []
+        legend(figure, handles + _storm_handle(found), columns=1)
+
+
+def draw_disturbance(path: str | Path, found: Calibration, name: str) -> None:
+    """Draw what constant, slow level and quiet day leave, with the band of 95 % of its calm hours."""
+    with page(path, 4.4) as figure:
+        panels = figure.subplots(2, 1)
+        if not found.points:
+            for axes in panels:
+                empty(axes)
+            return
+        points = found.points
+        _draw_line(panels[0], points, points["residual_deg"], **LINE)
+        _draw_line(panels[0], points, points["level_deg"] - found.details["constant_deg"], color=ORANGE, linewidth=1.2)
+        _draw_line(panels[1], points, points["disturbance_deg"], **LINE)
+        calm = points["disturbance_deg"][points["storm"] == 0.0]
+        half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
+        panels[1].axhspan(-half, half, **BAND)
+        _finish(panels[0], found, "Observed minus model\nand constant (°)")
+        _finish(panels[1], found, "Without slow level\nand quiet day (°)", _around_the_largest(found))
+        figure.align_ylabels(panels)
+        handles: list[Artist] = [Line2D([], [], label="observed, 10-minute means or samples", **LINE)]
+        handles.append(Line2D([], [], color=ORANGE, label="slow level"))
+        handles.append(Patch(label=f"95 % range of calm hours: ±{half:.2f}°", **BAND))
+        legend(figure, handles + _storm_handle(found), columns=1)
+
+
+def _draw_quiet_day(axes: Axes, quiet: Mapping[str, Any]) -> None:
+    axes.plot(np.arange(24) + 0.5, np.array(quiet["by_hour_deg"]), color=SKY, marker="o", markersize=3)
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
+
+
+def _draw_line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any) -> None:
+    """Draw a series along time, broken at gaps."""
+    time = points["time_s"]
+    step = np.diff(time)
+    ends = np.flatnonzero(step > GAP * np.median(step)) + 1
+    axes.plot(np.insert(time, ends, time[ends]) / DAY_S, np.insert(values, ends, np.nan), **look)
+
+
+def _finish(axes: Axes, found: Calibration, label: str, window: Limits | None = None) -> None:
+    for storm in found.details["storms"]:
+        axes.axvspan(*(_day(storm[end]) for end in ("from", "to")), **STORM)
+    axes.set_ylabel(label)
+    axes.margins(x=0.01)
+    if window:
+        axes.set_xlim(window)
+    dates(axes)
+
+
+def _day(stamp: str) -> float:
+    return float(np.datetime64(stamp.removesuffix("Z"), "s").astype(float)) / DAY_S
+
+
+def _storm_handle(found: Calibration) -> list[Artist]:
+    storms = found.details["storms"]
+    if not storms:
+        return []
+    largest = max(storms, key=lambda one: one["range_deg"])
+    return [Patch(label=f"storm: {len(storms)}, largest range {largest['range_deg']:.1f}°", **STORM)]
+
+
+def _around_the_largest(found: Calibration) -> Limits | None:
+    storms = found.details["storms"]
+    if not storms or np.ptp(found.points["time_s"]) < 3.0 * ZOOM_DAYS * DAY_S:
+        return None
+    largest = max(storms, key=lambda one: one["range_deg"])
+    return _day(largest["from"]) - ZOOM_DAYS / 2.0, _day(largest["to"]) + ZOOM_DAYS / 2.0

@@ -1,0 +1,312 @@
+"""The record and its currents before and after the correction: headings, sticks, progressive vectors, roses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, StepPatch
+from matplotlib.projections.polar import PolarAxes
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.archive.summary import HOUR_S, BinCurrents, CurrentSeries, average, averaging_hours
+from compasslib.plots import curves
+from compasslib.plots.curves import emptiest, placed
+from compasslib.plots.page import (
+    BLACK,
+    CORRECTED,
+    DAY_S,
+    GREEN,
+    MAGNETIC,
+    PURPLE,
+    RECORDED,
+    REFERENCE,
+    SKY,
+    dates,
+    degrees,
+    empty,
+    legend,
+    page,
+)
+from compasslib.records import PROBABLY_BAD, Corrected, Pairs
+from compasslib.types import Complexes, Floats
+
+DRAWN = 12_000  # samples; of a longer record every second, third, ... is drawn
+POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
+SLICES = 60  # of the strip, where the record is too short for days
+GUESS = 0.75  # a branch less probable is drawn as a guess
+SURE, DOUBTFUL, GUESSED, UNCORRECTED = 0, 1, 2, 3
+KINDS = {
+    SURE: ("corrected (flags 1, 2)", CORRECTED),
+    DOUBTFUL: (f"doubtful (flag 3), probability ≥ {GUESS:g}", SKY),
+    GUESSED: (f"doubtful (flag 3), probability < {GUESS:g}", PURPLE),
+    UNCORRECTED: ("not corrected (flag 4)", BLACK),
+}
+
+
+def draw_timeline(path: str | Path, product: Corrected, pairs: Pairs) -> None:
+    """Draw recorded and corrected headings, how sure they are, and the instrument's depth, along time.
+
+    Args:
+        product: the corrected record, perhaps without corrected headings.
+        pairs: overlapping measurements, perhaps none.
+    """
+    time_s = product.record.time_s
+    with page(path, 5.6) as figure:
+        panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
+        if not len(time_s):
+            for axes in panels:
+                empty(axes)
+            return
+        kind = classify_samples(product)
+        _draw_headings(panels[0], panels[1], product, kind)
+        _draw_strip(panels[2], product, pairs, kind)
+        _draw_depth(panels[3], product)
+        dates(panels[3], (float(time_s[0]), float(time_s[-1])))
+        legend(figure, _timeline_handles(kind, pairs), columns=1)
+        figure.align_ylabels(panels)
+
+
+def classify_samples(product: Corrected) -> NDArray[np.int_]:
+    """Return what became of each sample's heading, (n,): SURE, DOUBTFUL, GUESSED or LOST; -1 without one."""
+    with np.errstate(invalid="ignore"):
+        guessed = product.branch_probability < GUESS
+    flagged = product.heading_corrected_quality >= PROBABLY_BAD
+    kind = np.where(flagged, np.where(guessed, GUESSED, DOUBTFUL), SURE)
+    kind = np.where(np.isfinite(product.heading_corrected_deg), kind, UNCORRECTED)
+    return np.where(np.isfinite(product.record.heading_deg), kind, -1)
+
+
+def _draw_headings(above: Axes, below: Axes, product: Corrected, kind: NDArray[np.int_]) -> None:
+    """Draw the recorded and the corrected heading on the same turn."""
+    record, corrected = product.record, product.heading_corrected_deg
+    begin = emptiest(np.concatenate([record.heading_deg, corrected]))
+    some = np.arange(len(kind)) % (1 + len(kind) // DRAWN) == 0
+    day = record.time_s / DAY_S
+    for here, colour in ((kind != UNCORRECTED, RECORDED), (kind == UNCORRECTED, BLACK)):
+        above.plot(day[here & some], placed(record.heading_deg[here & some], begin), color=colour, **POINT)
+    _draw_band(below, day[some], placed(corrected[some], begin), product.heading_uncertainty_deg[some], begin)
+    for k in (SURE, DOUBTFUL, GUESSED):
+        here = (kind == k) & some
+        below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
+    for axes, name, drawn in ((above, "Recorded", record.heading_deg), (below, "Corrected", corrected)):
+        degrees(axes.yaxis, (begin, begin + 360.0))
+        axes.set_ylabel(f"{name} heading\n{MAGNETIC}")
+        if not np.isfinite(drawn).any():
+            axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
+
+
+def _draw_band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float) -> None:
+    """Draw one standard deviation to either side, what leaves the turn on the other side too."""
+    for turn in (-360.0, 0.0, 360.0):
+        low, high = heading - sigma + turn, heading + sigma + turn
+        seen = (high > begin) & (low < begin + 360.0)  # of the other turns few reach into this one
+        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[seen]
+        # Axes.vlines masks every line by itself and takes ten times as long.
+        axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
+
+
+def _draw_strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_]) -> None:
+    """Draw the share of each kind day by day, and above it the days on which the reference overlaps."""
+    edges = time_slices(product.record.time_s)
+    counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
+    tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
+    bottom = np.zeros(len(edges) - 1)
+    for top, (_, colour) in zip(tops, KINDS.values(), strict=True):
+        _draw_step(axes, edges, bottom, top, colour)
+        bottom = top
+    overlaps = np.histogram(pairs.time_s, edges)[0] > 0
+    _draw_step(axes, edges, 112.0, np.where(overlaps, 135.0, 112.0), GREEN)
+    axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
+
+
+def _draw_step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str) -> None:
+    # Axes.stairs looks for its limits step by step, which here are set anyway.
+    axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
+
+
+def time_slices(time_s: Floats) -> Floats:
+    """Return the edges of days, or of shorter slices where the record is short, seconds.
+
+    Args:
+        time_s: increasing times, (n,), n > 0.
+    """
+    first, last = float(time_s[0]), float(time_s[-1])
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    width = min(DAY_S, max((last - first) / SLICES, 2.0 * step))
+    return first + width * np.arange(int((last - first) / width) + 2)
+
+
+def _draw_depth(axes: Axes, product: Corrected) -> None:
+    """Draw the instrument's depth, downwards, broken where samples are missing."""
+    time_s, depth = product.record.time_s, product.record.depth_m
+    axes.set_ylabel("Depth\n(m)")
+    if not np.isfinite(depth).any():
+        axes.annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        return
+    step = np.diff(time_s, prepend=time_s[0])
+    gaps = np.flatnonzero(step > 5.0 * np.median(step))
+    day = np.insert(time_s / DAY_S, gaps, np.nan)
+    axes.plot(day, np.insert(depth, gaps, np.nan), color="#444444", linewidth=0.7)
+    shallow, deep = float(np.nanmin(depth)), float(np.nanmax(depth))
+    half = max(0.55 * (deep - shallow), 5.0)
+    axes.set_ylim((shallow + deep) / 2.0 + half, (shallow + deep) / 2.0 - half)
+
+
+def _timeline_handles(kind: NDArray[np.int_], pairs: Pairs) -> list[Artist]:
+    """Explain the kinds that occur, and the overlaps where there are any."""
+    handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
+    if (kind >= 0).any() and (kind != UNCORRECTED).any():
+        handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
+        handles[0].set_label("recorded")
+        handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="one standard deviation"))
+    return [*handles, *([Patch(color=GREEN, label="reference overlaps")] if len(pairs) else [])]
+
+
+# Currents.
+
+COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
+LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}
+LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it
+CM, KM = 100.0, 1e-3
+STICK: dict[str, Any] = {
+    "angles": "uv", "scale_units": "y", "scale": 1.0, "units": "inches", "width": 0.007,
+    "headwidth": 0.0, "headlength": 0.0, "headaxislength": 0.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class AveragedCurrents:
+    """Currents as means over equal spans of time."""
+
+    begin_s: float
+    hours: float
+    means: Mapping[str, Complexes]  # (n,) each, m/s; NaN where a span has none; those that have any
+
+    @property
+    def middle_s(self) -> Floats:
+        """Return the middle of each span, (n,)."""
+        count = len(next(iter(self.means.values()), ()))
+        return self.begin_s + self.hours * HOUR_S * (np.arange(count) + 0.5)
+
+
+def average_currents(shown: BinCurrents, reference: CurrentSeries) -> AveragedCurrents:
+    """Return recorded and corrected current, and the reference's where it overlaps, as means of the same spans."""
+    time_s = shown.recorded.time_s
+    hours = averaging_hours(time_s)
+    begin_s = float(time_s[0]) if len(time_s) else 0.0
+    count = int((time_s[-1] - begin_s) / (hours * HOUR_S)) + 1 if len(time_s) else 0
+    flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
+    means = {name: average(flow, begin_s, hours, count) for name, flow in flows.items()}
+    return AveragedCurrents(begin_s, hours, {name: mean for name, mean in means.items() if np.isfinite(mean).any()})
+
+
+def draw_sticks(path: str | Path, drawn: AveragedCurrents) -> None:
+    """Draw each mean current as a stick from its time towards where the water goes, north up."""
+    with page(path, 0.55 + 0.95 * max(len(drawn.means), 1)) as figure:
+        panels = figure.subplots(max(len(drawn.means), 1), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+        if not drawn.means:
+            empty(panels[0])
+            return
+        north = CM * np.concatenate([[0.0], *(mean.imag for mean in drawn.means.values())])
+        low, high = float(np.nanmin(north)), float(np.nanmax(north))
+        room = max(0.05 * (high - low), 0.5)
+        for axes, (name, mean) in zip(panels, drawn.means.items(), strict=True):
+            there = np.isfinite(mean)
+            u, v = CM * mean[there].real, CM * mean[there].imag
+            axes.quiver(drawn.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=COLOURS[name], **STICK)
+            axes.axhline(0.0, color=COLOURS[name], linewidth=0.5)
+            axes.set_ylabel(f"{name.capitalize()}\n(cm/s)")
+            axes.set_ylim(low - room, high + room)
+            axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+        half_s = drawn.hours * HOUR_S / 2.0
+        dates(panels[-1], (drawn.middle_s[0] - half_s, drawn.middle_s[-1] + half_s))
+        figure.align_ylabels(panels)
+
+
+def draw_progressive(path: str | Path, drawn: AveragedCurrents) -> None:
+    """Draw where water would go that moved as the means say, over the spans that all of them have."""
+    paths = displacements(drawn)
+    every = KM * np.concatenate([*paths.values(), [0.0]])
+    wide, high = float(np.ptp(every.real)), float(np.ptp(every.imag))
+    with page(path, 0.9 + 2.7 * float(np.clip(high / max(wide, 1e-9), 0.4, 1.1))) as figure:
+        axes = figure.subplots()
+        if not paths:
+            empty(axes)
+            return
+        for name, way in paths.items():
+            axes.plot(KM * way.real, KM * way.imag, **LINES[name])
+            axes.plot(KM * way.real[-1], KM * way.imag[-1], "o", color=COLOURS[name], markersize=4)
+        axes.plot(0.0, 0.0, "k+", markersize=7)
+        axes.set(xlabel="East (km)", ylabel="North (km)")
+        axes.set_aspect("equal", adjustable="datalim")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        handles = [Line2D([], [], **LINES[name], label=name) for name in paths]
+        begin = Line2D([], [], color="k", marker="+", linestyle="", label="begin")
+        legend(figure, [*handles, begin], columns=4)
+
+
+def displacements(drawn: AveragedCurrents) -> dict[str, Complexes]:
+    """Return the way from the begin, (k,) metres east + i north, over the spans that all have."""
+    both = np.all([np.isfinite(mean) for mean in drawn.means.values()], axis=0)
+    steps = {name: mean[both] * drawn.hours * HOUR_S for name, mean in drawn.means.items()}
+    return {name: np.concatenate([[0.0], np.cumsum(step)]) for name, step in steps.items()}
+
+
+def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, headings: Mapping[str, Floats]) -> None:
+    """Draw how often the current goes each way, and how often the instrument headed each way, before and after.
+
+    Args:
+        headings: ``recorded`` and ``corrected`` ones, (n,) degrees each.
+    """
+    flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
+    towards = {name: angles.direction(flow.velocity.real, flow.velocity.imag) for name, flow in flows.items()}
+    handles: dict[str, Any] = {name: Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()}
+    handles["reference"] = Patch(color=REFERENCE, alpha=0.5, linewidth=0, label="reference")
+    with page(path, 2.45) as figure:
+        seen: set[str] = set()
+        for k, (title, series) in enumerate((("Current towards", towards), ("Heading (magnetic)", headings))):
+            known = {name: angle for name, angle in series.items() if np.isfinite(angle).any()}
+            _draw_rose(figure, k, title, known)
+            seen |= set(known)
+        legend(figure, [handle for name, handle in handles.items() if name in seen], columns=3)
+
+
+def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floats]) -> None:
+    """Draw the share of each sector of 10 degrees as its radius."""
+    axes = figure.add_subplot(1, 2, place + 1, projection="polar")
+    assert isinstance(axes, PolarAxes)
+    axes.set_theta_zero_location("N")
+    axes.set_theta_direction(-1)
+    for name in sorted(series, key=list(COLOURS).index, reverse=True):
+        _draw_outline(axes, curves.sectors(series[name], 0.0), COLOURS[name], filled=name == "reference")
+    axes.set_xticks(np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False), ["N", "E", "S", "W"])
+    axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+    axes.yaxis.set_major_formatter("{x:.0f} %")
+    axes.grid(linewidth=0.4)
+    quarters = np.sum([curves.sectors(x, 0.0) for x in series.values()] or [np.zeros(36)], axis=0).reshape(4, -1)
+    axes.set_rlabel_position(45.0 + 90.0 * float(np.argmin(quarters.max(axis=1))))  # where nothing hides its numbers
+    axes.set_xlabel(f"{title}\n(% per 10°)")
+    if not series:
+        axes.set_yticks([])
+        axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
+
+
+def _draw_outline(axes: Axes, shares: Floats, colour: str, *, filled: bool) -> None:
+    edges = np.linspace(0.0, 2.0 * np.pi, len(shares) + 1)
+    around, radius = np.repeat(edges, 2)[1:-1], np.repeat(shares, 2)
+    if filled:
+        axes.fill(around, radius, color=colour, alpha=0.5, linewidth=0)
+    else:
+        axes.plot(np.append(around, around[0]), np.append(radius, radius[0]), color=colour, linewidth=1.2)

@@ -1,0 +1,300 @@
+"""What the report says, before it is HTML: results as read from files, figures, and the parts of a section.
+
+Texts are plain; whatever stands in them is escaped when the page is made.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from compasslib import angles
+from compasslib.archive import files, netcdf, summary
+from compasslib.archive.files import Picture, open_netcdf, read_json, read_variable
+from compasslib.records import PROBABLY_BAD
+from compasslib.types import Floats
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A small table; the first column names its rows."""
+
+    caption: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the results."""
+
+    title: str
+    caption: str  # what it shows, in words and numbers
+    href: str  # the file, relative to the page
+    data: str = ""  # the picture itself as a data URI; empty where it is only linked
+    width: int = 0  # pixels of the data
+    height: int = 0
+
+
+@dataclass(frozen=True)
+class ReportedFinding:
+    """One effect that was found, or what stays unexplained."""
+
+    title: str
+    text: str
+    facts: tuple[tuple[str, str], ...]
+    parameters: ReportTable | None = None
+
+
+@dataclass(frozen=True)
+class ReportSection:
+    """One mooring, compass or calibration."""
+
+    name: str
+    anchor: str
+    verdict: str  # a word of search.wording.VERDICTS, or empty
+    summary: tuple[str, ...]  # sentences; the first is the answer, and stands on the top of the page too
+    facts: tuple[tuple[str, str], ...]
+    to_do: tuple[str, ...] = ()  # sentences: what is left to the reader
+    first: tuple[Figure, ...] = ()  # what is looked for first: currents before and after
+    found: tuple[Figure, ...] = ()  # beside the findings
+    findings: tuple[ReportedFinding, ...] = ()
+    cannot_tell: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = ()  # all others
+    tables: tuple[ReportTable, ...] = ()
+    links: tuple[tuple[str, str], ...] = ()  # text, address relative to the page
+    cells: tuple[str, ...] = ()  # its row in the overview
+
+
+def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> ReportSection:
+    """Return the section of a mooring or calibration that has no results."""
+    known = {"Verdict": "stopped", "Warnings": "1"}
+    return ReportSection(
+        name=name,
+        anchor=f"{part}-{name}",
+        verdict="stopped",
+        summary=(f"There are no results, as a file cannot be used: {why.rstrip('.')}.",),
+        facts=(),
+        to_do=("Mend or replace that file and run again; what is done already is not done twice.",),
+        links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
+        cells=(name, *(known.get(column, "") for column in header[1:])),
+    )
+
+
+@dataclass(frozen=True)
+class Overview:
+    """All moorings, compasses or calibrations, and the table that holds them against each other."""
+
+    caption: str
+    header: tuple[str, ...]
+    sections: Sequence[ReportSection]
+
+    @property
+    def table(self) -> ReportTable:
+        """Return one row each."""
+        return ReportTable(self.caption, self.header, tuple(one.cells for one in self.sections))
+
+
+# Results of one mooring or calibration, as far as its section needs them.
+
+SHOWN_ATTRIBUTES = (
+    "instrument",
+    "serial_number",
+    "software_version",
+    "date_created",
+    "time_coverage_start",
+    "time_coverage_end",
+)
+
+
+@dataclass(frozen=True)
+class HeadingSummary:
+    """The headings of one product in a few numbers."""
+
+    n: int  # samples
+    recorded: int
+    corrected: int
+    doubtful: int  # corrected, flagged 3
+    sigma_deg: tuple[float, float]  # median and 95th percentile of the uncertainty; NaN where none is corrected
+    largest_deviation_deg: float
+    recorded_span_deg: tuple[float, float]  # where nine in ten lie
+    corrected_span_deg: tuple[float, float]
+    declination_deg: tuple[float, float]
+    attributes: dict[str, Any]  # those of NAMED that the file has
+
+
+@dataclass(frozen=True)
+class MooringResults:
+    """What the files of one mooring hold, as far as the report needs it."""
+
+    name: str
+    folder: Path
+    row: Mapping[str, str]  # of summary.csv
+    fit: Mapping[str, Any]  # deviation.json
+    diagnosis: Mapping[str, Any]
+    assessment: Mapping[str, Any]
+    headings: HeadingSummary
+    currents: summary.BinCurrents  # of the bin that is shown
+    inputs: Mapping[str, Mapping[str, int]]  # counts of each instrument
+
+    @property
+    def product(self) -> Mapping[str, Any]:
+        """Return the fit that the product was made by, which is the one in the figures."""
+        applied = self.fit["applied"]
+        block: Mapping[str, Any] = applied["fit"] or self.fit
+        return block
+
+
+def read_summary(table: str | Path) -> dict[str, dict[str, str]]:
+    """Return the rows of summary.csv by mooring."""
+    with Path(table).open(newline="", encoding="utf-8") as stream:
+        return {row["name"]: row for row in csv.DictReader(stream)}
+
+
+def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | None = None) -> MooringResults:
+    """Return what the files of one mooring hold.
+
+    Args:
+        roles: its instruments, see ``summary.records``.
+    """
+    folder = root / name
+    fit, diagnosis, assessment = (
+        read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
+    )
+    inputs = {path.stem: netcdf.read_counts(path) for path in summary.record_paths(folder, roles)}
+    product = folder / "corrected.nc"
+    shown = summary.read_bin_currents(product)
+    return MooringResults(name, folder, row, fit, diagnosis, assessment, _summarize_headings(product), shown, inputs)
+
+
+@dataclass(frozen=True)
+class CalibrationResults:
+    """What the files of one calibration hold, as far as the report needs it."""
+
+    name: str
+    folder: Path
+    content: Mapping[str, Any]  # calibration.json
+    table: tuple[tuple[str, ...], ...]  # rows of table.csv
+    diagnosis: Mapping[str, Any] | None
+
+
+def read_calibration(name: str, root: Path) -> CalibrationResults:
+    """Return what the files of one calibration hold."""
+    folder = root / "calibrations" / name
+    with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
+        read_summary = tuple(tuple(row) for row in csv.reader(stream))[1:]
+    searched = folder / "diagnosis.json"
+    diagnosis = read_json(searched) if searched.exists() else None
+    return CalibrationResults(name, folder, read_json(folder / "calibration.json"), read_summary, diagnosis)
+
+
+def _summarize_headings(path: str | Path) -> HeadingSummary:
+    """Return the headings of a corrected.nc; its profiles are not read."""
+    with open_netcdf(path) as nc:
+        recorded, corrected, sigma, deviation, declination = (
+            read_variable(nc, name)
+            for name in ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "DECLINATION")
+        )
+        flags = read_variable(nc, "HEADING_CORRECTED_QC")
+        attributes = {name: nc.getncattr(name) for name in SHOWN_ATTRIBUTES if name in nc.ncattrs()}
+    there = np.isfinite(corrected)
+    return HeadingSummary(
+        n=len(recorded),
+        recorded=int(np.isfinite(recorded).sum()),
+        corrected=int(there.sum()),
+        doubtful=int(np.sum(there & (flags == PROBABLY_BAD))),
+        sigma_deg=_percentiles(sigma[there], (50.0, 95.0)),
+        largest_deviation_deg=float(np.max(np.abs(deviation[there]))) if there.any() else float("nan"),
+        recorded_span_deg=heading_span(recorded),
+        corrected_span_deg=heading_span(corrected),
+        declination_deg=_percentiles(declination[np.isfinite(declination)], (0.0, 100.0)),
+        attributes=attributes,
+    )
+
+
+def heading_span(heading_deg: Floats) -> tuple[float, float]:
+    """Return the two headings between which nine in ten lie, clockwise, about their circular mean; NaN where none is.
+
+    Args:
+        heading_deg: (n,) degrees, NaN left out.
+    """
+    finite = heading_deg[np.isfinite(heading_deg)]
+    middle = angles.mean(finite)
+    low, high = _percentiles(angles.difference(finite, middle), (5.0, 95.0))
+    return float(angles.wrap360(middle + low)), float(angles.wrap360(middle + high))
+
+
+def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]:
+    if not values.size:
+        return float("nan"), float("nan")
+    low, high = np.percentile(values, at)
+    return float(low), float(high)
+
+
+# Figures inside the page: with a palette, and on a page of many sections small and few.
+
+MAX_SECTIONS = 50  # whose figures stand in the page whole; those of a thousand moorings would be 400 MB
+NO_PICTURE: Picture = ("", (0, 0))
+TITLES = {
+    "sticks": "Currents along time",
+    "progressive": "Progressive vectors",
+    "roses": "Directions before and after",
+    "diagnosis": "What the residual shows",
+    "deviation": "Deviation of the compass",
+    "scatter": "Direction against the reference",
+    "timeline": "Headings along time",
+    "residuals": "Residuals of the curve",
+    "certificate": "Certificate",
+    "magnetometer": "Magnetometer readings before and after",
+    "swing": "The swing",
+    "difference": "Difference of the two compasses",
+    "tilt_check": "Tilts of the two instruments",
+    "along_time": "Both compasses along time",
+    "series": "Declination of the observatory",
+    "disturbance": "Disturbances of the field",
+}
+LINKED = ("certificate",)  # a page to keep with the instrument, whose numbers stand in the tables
+
+
+def collect_figures(
+    folder: Path, root: Path, captions: Mapping[str, Callable[[], str]], *, small: bool
+) -> dict[str, Figure]:
+    """Return the figures of one mooring or calibration by name, in the order of ``TITLES``, others after them.
+
+    Args:
+        folder: its results; the figures are the PNG files of its folder ``figures``.
+        captions: what each figure shows, by its name.
+        small: whether the page has too many sections for whole pictures.
+    """
+    order = {name: k for k, name in enumerate(TITLES)}
+    paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
+    made = files.read_pictures(folder, small=small)
+    return {
+        path.stem: _caption_figure(path, root, captions.get(path.stem), _picture(path, made, small)) for path in paths
+    }
+
+
+def relative_link(path: Path, root: Path) -> str:
+    """Return the address of a file of the results from the page."""
+    return quote(path.relative_to(root).as_posix())
+
+
+def _picture(path: Path, made: Mapping[str, Picture], small: bool) -> Picture:
+    if path.stem in made:
+        return made[path.stem]
+    if path.stem in LINKED or small:
+        return NO_PICTURE
+    return files.embed_png(path)
+
+
+def _caption_figure(path: Path, root: Path, caption: Callable[[], str] | None, shown: Picture) -> Figure:
+    title = TITLES.get(path.stem, path.stem.replace("_", " ").capitalize())
+    picture, size = shown
+    return Figure(title, caption() if caption else "", relative_link(path, root), picture, *size)
