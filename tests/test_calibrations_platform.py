@@ -205,7 +205,7 @@ def test_a_refused_calibration_is_written_too(tmp_path):
 def test_a_damaged_table_is_one_line(tmp_path):
     (tmp_path / "table.csv").write_text("recorded_deg\nx\n")
     with pytest.raises(InputError, match="expected a table that this program wrote"):
-        calibrations.read_table(tmp_path / "table.csv")
+        calibration_files.read_table(tmp_path / "table.csv")
 
 
 def test_details_of_a_kind_cannot_hide_what_every_kind_has(tmp_path):

@@ -78,13 +78,13 @@ def deviation(b: float, c: float, heading: float) -> float:
 @given(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(0.0, 360.0), st.floats(60.001, 119.999))
 def test_two_headings_give_b_and_c(b, c, first, apart):
     headings = (first, first + apart)
-    found = adjustment.from_two_headings(KNOWN, *((h, deviation(b, c, h)) for h in headings))
+    found = adjustment.residual_from_two_headings(KNOWN, *((h, deviation(b, c, h)) for h in headings))
     assert found == pytest.approx((b, c), abs=1e-9)
 
 
 def test_two_headings_too_near_are_refused():
     with pytest.raises(InputError, match="expected two headings 60 to 120 degrees apart, found 30 degrees"):
-        adjustment.from_two_headings(KNOWN, (350.0, 1.0), (20.0, 1.0))
+        adjustment.residual_from_two_headings(KNOWN, (350.0, 1.0), (20.0, 1.0))
 
 
 def test_one_heading_corrects_what_lies_across_it():
@@ -92,7 +92,7 @@ def test_one_heading_corrects_what_lies_across_it():
     b, c, x, y = 3.0, -2.0, 4.0, -1.5
     for true_heading in (10.0, 80.0, 200.0, 300.0):
         compass = true_heading - deviation(b, c, true_heading)
-        found = adjustment.from_one_heading(KNOWN, (b - x, c + y), compass, true_heading - compass)
+        found = adjustment.residual_by_lushnikov(KNOWN, (b - x, c + y), compass, true_heading - compass)
         sine, cosine = angles.sin_cos(true_heading)
         assert found["B"] * sine + found["C"] * cosine == pytest.approx(b * sine + c * cosine, abs=1e-9)
         assert found["theta_2"] == pytest.approx((b - x) * cosine - (c + y) * sine, abs=1e-9)
@@ -112,7 +112,7 @@ def test_nullifying():  # MM section 7.2, point 7
     c = adjustment.magnets_for("C", -3.0)
     assert (c.lie, c.courses_deg, c.settle_deg) == ("transversal", (3.0, 177.0), (0.0, 180.0))
     assert c.red_towards == "to port"
-    found = adjustment.plan(np.array([0.2, 6.0, -3.0, 0.5, 0.1]), 15.0)
+    found = adjustment.plan_magnets(np.array([0.2, 6.0, -3.0, 0.5, 0.1]), 15.0)
     assert found["largest_deg"]["none"] > 4.0 > found["largest_deg"]["B"]
     assert found["text"].startswith("Nullify B:")
     without = von_appen.design(np.arange(0.0, 360.0, 15.0)) @ [0.2, 0.0, -3.0, 0.5, 0.1]

@@ -97,8 +97,8 @@ def test_narrow_headings_carry_an_offset_only(narrow):
 def test_87_degrees_do_not_carry_five_coefficients_nor_three():
     heading = np.linspace(272.0, 359.0, 2000)
     covered = heads_frame.covered_sectors(heading)
-    assert heads_frame.inflations(covered, 3).max() > 50.0
-    assert heads_frame.inflations(covered, 5).max() > 10_000.0
+    assert heads_frame.variance_inflation(covered, 3).max() > 50.0
+    assert heads_frame.variance_inflation(covered, 5).max() > 10_000.0
     assert heads_frame.stretches_deg(covered) == "270° to 360°"
 
 
@@ -107,13 +107,15 @@ def test_how_many_terms_an_arc_carries(width, terms):
     rng = np.random.default_rng(3)
     n = 4000
     heading = 20.0 + width * rng.random(n)
-    fitted = heads_frame.fit_frame(np.arange(float(n)), np.mod(heading, 360.0), rng.normal(0.0, 1.0, n), np.zeros(n))
+    fitted = heads_frame.fit_difference(
+        np.arange(float(n)), np.mod(heading, 360.0), rng.normal(0.0, 1.0, n), np.zeros(n)
+    )
     assert fitted.terms == terms
     assert ("D and E are refused" in fitted.refused) == (terms < 5)
 
 
 def test_full_coverage_inflates_nothing():
-    assert heads_frame.inflations(np.full(36, True), 5) == pytest.approx(np.ones(5))
+    assert heads_frame.variance_inflation(np.full(36, True), 5) == pytest.approx(np.ones(5))
 
 
 def test_the_band_of_a_short_series_widens_away_from_the_headings(tmp_path):
@@ -278,7 +280,7 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
 
 @pytest.mark.parametrize("draw", [figures.draw_difference, figures.draw_tilt_check, figures.draw_along_time])
 def test_figures(draw, full, narrow, tmp_path):
-    for name, found in (("full", full), ("narrow", narrow), ("none", heads._nothing(0, "no time shared", ()))):
+    for name, found in (("full", full), ("narrow", narrow), ("none", heads._no_calibration(0, "no time shared", ()))):
         draw(tmp_path / f"{name}.png", found, name)
         assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
 

@@ -61,13 +61,12 @@ MODELS = {  # words for the curves along the heading
 
 
 def figure_names(kind: str) -> list[str]:
-    """Return the names of a kind's figures."""
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
 
 @single_threaded()
 def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Return the result of one calibration.
+    """Calibrate a compass from raw files.
 
     Args:
         files: raw files in the order of the YAML file.
@@ -86,7 +85,7 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
 
 
 def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings with ``field`` and ``declination_deg``, as every kind takes them.
+    """Add ``field`` and ``declination_deg`` to settings, as every kind takes them.
 
     The field is a mapping of horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are
     given, else None. The declination is the number given, else that of the field, else None.
@@ -98,12 +97,12 @@ def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
         InputError: the date lies outside the model of the earth's field.
     """
     given = settings.get("declination", "auto")
-    field = _field(settings, beyond=given not in (None, "auto"))
+    field = _field_at_place(settings, beyond=given not in (None, "auto"))
     by_model = None if field is None else field["declination_deg"]
     return {**settings, "field": field, "declination_deg": by_model if given in (None, "auto") else given}
 
 
-def _field(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | None:
+def _field_at_place(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | None:
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
         return None

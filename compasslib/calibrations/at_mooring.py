@@ -20,30 +20,37 @@ from compasslib.types import Floats
 
 METHOD = "calibration"
 HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
-FARTHEST = 36.0  # chi-square of four coefficients: by chance once in four million
-LEAST_CONTRADICTION_DEG = 5.0
-LEAST_NOISE_DEG, MOST_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
+MAX_CHI_SQUARE = 36.0  # chi-square of four coefficients: by chance once in four million
+MIN_CONTRADICTION_DEG = 5.0
+MIN_NOISE_DEG, MAX_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
 
 
 def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> Fit:
-    """Return the exact compass of a calibration as it is at a mooring; without coefficients where that is unknown.
+    """Carry the exact compass of a calibration into a mooring's field; no coefficients where that is unknown.
 
     Args:
         field: the earth's field along the deployment.
         record: the affected instrument.
         pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
     """
-    why = _unusable(content)
-    if why:
-        return Fit(METHOD, len(pairs), why=f"calibration {content['name']}: {why}")
-    there = _carry(content, field)
-    noise = Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, LEAST_NOISE_DEG, MOST_NOISE_DEG)))
-    fit = Fit(METHOD, len(pairs), there.coefficients, there.covariance, noise=noise, warnings=_warnings(content, there))
+    missing = _missing_part(content)
+    if missing:
+        return Fit(METHOD, len(pairs), why=f"calibration {content['name']}: {missing}")
+    transferred = _transfer(content, field)
+    noise = Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, MIN_NOISE_DEG, MAX_NOISE_DEG)))
+    fit = Fit(
+        METHOD,
+        len(pairs),
+        transferred.coefficients,
+        transferred.covariance,
+        noise=noise,
+        warnings=_warnings(content, transferred),
+    )
     return evaluate_on_record(fit, record, pairs)
 
 
 def evaluate_on_record(fit: Fit, record: Record, pairs: Pairs) -> Fit:
-    """Return a compass known beforehand with what the record shows of it; nothing is fitted.
+    """Evaluate a compass known beforehand on the record of a mooring; nothing is fitted.
 
     Args:
         fit: coefficients, covariance and noise.
@@ -58,27 +65,27 @@ def evaluate_on_record(fit: Fit, record: Record, pairs: Pairs) -> Fit:
         residual_rms_deg=angles.rms(off),
         recorded_range_deg=compass.recorded_range(fit.coefficients),
         folded=not compass.turns_full_circle(fit.coefficients),
-        heading_density=_density(fit.coefficients, record),
+        heading_density=_heading_density(fit.coefficients, record),
     )
 
 
 def contradiction(fit: Fit, pairs: Pairs) -> str:
-    """Return why a calibration cannot be that of the compass that the pairs show; nothing where it can.
+    """Say why a calibration cannot be of the compass that the pairs show; empty where it can.
 
     A constant between the two is no reason: mounts and mean veers make one.
 
     Args:
         fit: the calibration as carried to the mooring.
     """
-    own = exact.fit(pairs)
-    if not (fit.fitted and own.fitted):
+    fitted = exact.fit(pairs)
+    if not (fit.fitted and fitted.fitted):
         return ""
-    iron, both = slice(1, 5), fit.covariance[:5, :5] + own.covariance[:5, :5]
-    off = own.coefficients[iron] - fit.coefficients[iron]
-    by_chance = float(off @ np.linalg.solve(both[iron, iron], off))
-    turned = [compass.recorded_heading(np.append(0.0, one.coefficients[iron]), HEADINGS_DEG) for one in (own, fit)]
+    iron, both = slice(1, 5), fit.covariance[:5, :5] + fitted.covariance[:5, :5]
+    off = fitted.coefficients[iron] - fit.coefficients[iron]
+    chi_square = float(off @ np.linalg.solve(both[iron, iron], off))
+    turned = [compass.recorded_heading(np.append(0.0, each.coefficients[iron]), HEADINGS_DEG) for each in (fitted, fit)]
     size = angles.rms(angles.difference(*turned))
-    if by_chance < FARTHEST or size < LEAST_CONTRADICTION_DEG:
+    if chi_square < MAX_CHI_SQUARE or size < MIN_CONTRADICTION_DEG:
         return ""
     return (
         f"it differs from the compass that the overlap with the reference shows by {size:.0f}° rms, more than the "
@@ -87,21 +94,21 @@ def contradiction(fit: Fit, pairs: Pairs) -> str:
 
 
 def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
-    """Return what deviation.json says of where the model comes from.
+    """Describe for deviation.json where the model comes from.
 
     Args:
         field: the earth's field along the deployment.
     """
     source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
-    if not _unusable(content):
-        there = _carry(content, field)
-        ends = {"if_all_hard": there.if_all_hard, "if_all_induced": there.if_all_induced}
+    if not _missing_part(content):
+        transferred = _transfer(content, field)
+        ends = {"if_all_hard": transferred.if_all_hard, "if_all_induced": transferred.if_all_induced}
         source |= {"coefficients": content["exact"]["coefficients"]}
         source |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
     return {"calibration": source}
 
 
-def _unusable(content: Mapping[str, Any]) -> str:
+def _missing_part(content: Mapping[str, Any]) -> str:
     if content["exact"] is None:
         return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
     if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():
@@ -111,7 +118,7 @@ def _unusable(content: Mapping[str, Any]) -> str:
     return ""
 
 
-def _carry(content: Mapping[str, Any], field: EarthField) -> Transferred:
+def _transfer(content: Mapping[str, Any], field: EarthField) -> Transferred:
     given, home = content["exact"], content["place"]["field"]
     covariance = np.array(given["covariance"], dtype=float)
     # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
@@ -121,8 +128,8 @@ def _carry(content: Mapping[str, Any], field: EarthField) -> Transferred:
     return transfer.carry([given["coefficients"][k] for k in LETTERS], covariance, at_home, away)
 
 
-def _density(coefficients: Floats, record: Record) -> Floats:
-    """Return how often each correct heading occurs by the record alone, both roots counted where there are two."""
+def _heading_density(coefficients: Floats, record: Record) -> Floats:
+    """Histogram the correct headings of the record alone, both roots counted where there are two."""
     recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
     roots = compass.inverse(coefficients, recorded)
     count = np.histogram(roots[np.isfinite(roots)], likelihood.CELLS, (0.0, 360.0))[0]

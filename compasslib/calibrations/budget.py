@@ -55,7 +55,7 @@ ROWS: dict[str, Row] = {
 
 
 def sources(given: Mapping[str, float | None], budget: str | None = None) -> tuple[Source, ...]:
-    """Return the rows of a budget, standard uncertainties.
+    """List the rows of a budget as standard uncertainties.
 
     Args:
         given: row -> degrees, as ``ROWS`` describes them; None where absent.
@@ -65,52 +65,35 @@ def sources(given: Mapping[str, float | None], budget: str | None = None) -> tup
     return tuple(_source(name, *value) for name, value in rows.items() if value is not None)
 
 
-def absent(made: tuple[Source, ...]) -> list[str]:
-    """Return the rows that a budget does not have."""
-    return [name for name in ROWS if name not in {source.name for source in made}]
+def absent(rows: tuple[Source, ...]) -> list[str]:
+    """List the rows that a budget does not have."""
+    return [name for name in ROWS if name not in {source.name for source in rows}]
 
 
 def residual(scatter_deg: float, dof: int) -> Source:
-    """Return the row that the fit itself makes.
-
-    Args:
-        scatter_deg: standard deviation of a reading about the curve, widened for few readings.
-        dof: degrees of freedom behind it.
-    """
+    """Make the row of the fit itself from the scatter of a reading about the curve, widened for few readings."""
     return Source(FIT_RESIDUAL, scatter_deg, f"scatter about the curve, {dof} degrees of freedom, by Student's t")
 
 
-def combined(made: tuple[Source, ...]) -> float:
-    """Return the combined standard uncertainty, degrees; 0 of no rows.
-
-    Args:
-        made: rows, taken as independent.
-    """
-    return float(np.sqrt(sum(source.standard_deg**2 for source in made)))
+def combined(rows: tuple[Source, ...]) -> float:
+    """Combine independent rows into one standard uncertainty, degrees; 0 of no rows."""
+    return float(np.sqrt(sum(source.standard_deg**2 for source in rows)))
 
 
-def common(made: tuple[Source, ...]) -> float:
-    """Return the combined standard uncertainty of the rows that may turn all headings alike, degrees.
-
-    Args:
-        made: rows; those of a single reading, the fit's residual and the maker's accuracy, are left out.
-    """
-    return combined(tuple(source for source in made if source.name not in (FIT_RESIDUAL, MAKER_ACCURACY)))
+def common(rows: tuple[Source, ...]) -> float:
+    """Combine the rows that may turn all headings alike, degrees: not those of a single reading."""
+    return combined(tuple(source for source in rows if source.name not in (FIT_RESIDUAL, MAKER_ACCURACY)))
 
 
-def expanded(made: tuple[Source, ...]) -> float:
-    """Return the expanded uncertainty, degrees.
-
-    Args:
-        made: rows, taken as independent.
-    """
-    return COVERAGE_FACTOR * combined(made)
+def expanded(rows: tuple[Source, ...]) -> float:
+    """Compute the expanded uncertainty (k = 2) of independent rows, degrees."""
+    return COVERAGE_FACTOR * combined(rows)
 
 
 def _value(name: str, given: Mapping[str, float | None], budget: str | None) -> tuple[float, bool] | None:
-    own, printed = given.get(name), ROWS[name].le_menn_deg
-    if own is not None:
-        return own, False
+    stated, printed = given.get(name), ROWS[name].le_menn_deg
+    if stated is not None:
+        return stated, False
     return (printed, True) if budget == LE_MENN and printed is not None else None
 
 
@@ -121,7 +104,7 @@ def _source(name: str, value_deg: float, printed: bool) -> Source:
 
 
 def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
-    """Return a warning where a curve leaves nothing of the readings, as where one column was computed from the other.
+    """Warn where a curve leaves nothing of the readings, as where one column was computed from the other.
 
     Args:
         residual_rms_deg: what it leaves, None or NaN where there is no curve.

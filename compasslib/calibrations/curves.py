@@ -21,12 +21,12 @@ from compasslib.types import Floats
 SECTOR_DEG = 10.0
 CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
 # A curve that is vaguer than this anywhere on the circle, in scatters of one reading, is not determined.
-LOOSEST = 3.0
+MAX_VAGUENESS = 3.0
 POLYNOMIAL_DEGREE = 6
-FARTHEST_DEG = 10.0  # rms residual beyond which a curve is not one of these readings
-FEWEST_TO_CHOOSE = 3  # degrees of freedom; fewer choose by chance
+MAX_RESIDUAL_DEG = 10.0  # rms residual beyond which a curve is not one of these readings
+MIN_DOF_TO_SELECT = 3  # degrees of freedom; fewer choose by chance
 EXPANDED_SHARE = 0.9545  # what two standard deviations of a normal distribution hold
-BETTER_BY = 2.0  # standard errors
+MIN_GAIN_SIGMAS = 2.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -80,29 +80,21 @@ class FittedCurve:
 
     @property
     def score_deg(self) -> float:
-        """Return the rms error on points that were left out."""
+        """The rms error on points that were left out."""
         return angles.rms(self.left_out_deg)
 
     def deviation(self, recorded_deg: ArrayLike) -> Floats:
-        """Return the deviation at recorded headings, degrees; NaN where it is not a single one.
-
-        Args:
-            recorded_deg: recorded headings, (n,), degrees.
-        """
+        """Evaluate the deviation at recorded headings, (n,) degrees; NaN where it is not a single one."""
         return self.form.deviation(self.coefficients, np.asarray(recorded_deg, dtype=float))
 
     def sigma(self, recorded_deg: ArrayLike) -> Floats:
-        """Return the standard uncertainty of the deviation that the coefficients make, degrees.
-
-        Args:
-            recorded_deg: recorded headings, (n,), degrees.
-        """
+        """Compute the standard uncertainty of the deviation by the coefficients, (n,) degrees."""
         by = self.form.gradient(self.coefficients, np.asarray(recorded_deg, dtype=float))
         return np.sqrt(np.einsum("ni,ij,nj->n", by, self.covariance, by))
 
 
 def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: ArrayLike | None = None) -> Points:
-    """Return observed deviations, none of which jumps by 360 degrees beside the others.
+    """Compute observed deviations, continuous about their mean: none jumps by 360 degrees.
 
     Args:
         recorded_deg: recorded headings, (n,), degrees.
@@ -116,16 +108,12 @@ def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: 
 
 
 def count_sectors(recorded_deg: ArrayLike) -> int:
-    """Return how many sectors of ten degrees, of 36, hold a recorded heading.
-
-    Args:
-        recorded_deg: recorded headings, (n,), degrees.
-    """
+    """Count the sectors of ten degrees, of 36, that hold a recorded heading."""
     return len(np.unique(np.floor(angles.wrap360(recorded_deg) / SECTOR_DEG)))
 
 
 def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSquares:
-    """Return the weighted least-squares coefficients.
+    """Solve a weighted linear least-squares problem.
 
     Args:
         columns: of the design, (n, k).
@@ -139,68 +127,61 @@ def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSqu
     return LeastSquares(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
 
 
-def max_leakage(seen: Points) -> float:
-    """Return how much of a quadrantal deviation that is left out would appear in A, B or C, at most."""
-    columns = von_appen.design(seen.recorded_deg)
+def max_leakage(points: Points) -> float:
+    """Bound how much of a quadrantal deviation would appear in A, B or C where it is left out."""
+    columns = von_appen.design(points.recorded_deg)
     return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
 
 
 def student_widening(dof: int) -> float:
-    """Return by how much a standard deviation estimated from few readings is to be widened.
+    """Compute the factor by which a standard deviation estimated with few degrees of freedom is widened.
 
     Two widened standard deviations are Student's interval of 95.45 %, so that k = 2 holds what it says (GUM, annex G).
-
-    Args:
-        dof: degrees of freedom.
     """
     from scipy.special import stdtrit  # only where something is fitted
 
     return float(stdtrit(dof, (1.0 + EXPANDED_SHARE) / 2.0)) / 2.0
 
 
-def fit_curve(form: CurveForm, seen: Points) -> FittedCurve | str:
-    """Return the curve of a form through points, or the reason why there is none.
-
-    Args:
-        seen: the points, each at a heading of its own.
-    """
+def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
+    """Fit a form to points, each at a heading of its own; the reason where it cannot be fitted."""
     needed = len(form.letters)
-    if len(seen) <= needed:
-        return f"{len(form.letters)} coefficients need at least {needed + 1} headings, there are {len(seen)}"
-    solution = form.solve(seen)
+    if len(points) <= needed:
+        return f"{len(form.letters)} coefficients need at least {needed + 1} headings, there are {len(points)}"
+    solution = form.solve(points)
     if solution is None:
         return "no curve of this form passes near the points"
-    if _vagueness(form, seen, solution) > LOOSEST or np.max(solution.leverage) > 1.0 - 1e-6:
+    if _vagueness(form, points, solution) > MAX_VAGUENESS or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
-    curve = _curve(form, seen, solution)
+    curve = _evaluate_fit(form, points, solution)
     off = angles.rms(curve.residual_deg)
-    return curve if off <= FARTHEST_DEG else f"it misses the readings by {off:.0f} degrees rms"
+    return curve if off <= MAX_RESIDUAL_DEG else f"it misses the readings by {off:.0f} degrees rms"
 
 
 def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
-    """Return the curve to use: the first, unless another one predicts left-out points better.
+    """Select the first curve, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
     better. One with fewer is not taken: it is contained in the first, and its uncertainty would forget what it leaves
-    out. Where hardly a degree of freedom is left nothing is chosen.
+    out. Where hardly a degree of freedom is left nothing is selected.
 
     Args:
         curves: fitted to the same points, the preferred one first.
     """
     best = curves[0]
-    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= FEWEST_TO_CHOOSE):
+    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= MIN_DOF_TO_SELECT):
         gain = best.left_out_deg**2 - other.left_out_deg**2
         same = len(other.form.letters) == len(best.form.letters)
-        needed = 0.0 if same else BETTER_BY * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+        needed = 0.0 if same else MIN_GAIN_SIGMAS * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
         best = other if float(np.mean(gain)) > needed else best
     return best
 
 
-def _curve(form: CurveForm, seen: Points, solution: LeastSquares) -> FittedCurve:
-    dof = len(seen) - len(form.letters)
+def _evaluate_fit(form: CurveForm, points: Points, solution: LeastSquares) -> FittedCurve:
+    dof = len(points) - len(form.letters)
     variance = student_widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
     # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
-    slope = -1.0 / form.steepness(solution.coefficients, seen) if form.steepness else np.ones(len(seen))
+    slope = -1.0 / form.steepness(solution.coefficients, points) if form.steepness else np.ones(len(points))
     residual = slope * solution.residual_deg
     return FittedCurve(
         form=form,
@@ -209,7 +190,7 @@ def _curve(form: CurveForm, seen: Points, solution: LeastSquares) -> FittedCurve
         residual_deg=residual,
         left_out_deg=residual / (1.0 - solution.leverage),
         dof=dof,
-        scatter_deg=student_widening(dof) * float(np.sqrt(_mean_square(residual, seen.weight) * len(seen) / dof)),
+        scatter_deg=student_widening(dof) * float(np.sqrt(_mean_square(residual, points.weight) * len(points) / dof)),
     )
 
 
@@ -217,10 +198,10 @@ def _mean_square(residual_deg: Floats, weight: Floats) -> float:
     return float(np.sum(weight * residual_deg**2) / np.sum(weight))
 
 
-def _vagueness(form: CurveForm, seen: Points, solution: LeastSquares) -> float:
-    """Return the curve's largest standard error on the circle over the scatter of one reading."""
+def _vagueness(form: CurveForm, points: Points, solution: LeastSquares) -> float:
+    """Compute the curve's largest standard error on the circle over the scatter of one reading."""
     by = form.around(solution.coefficients)
-    variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(seen.weight)
+    variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(points.weight)
     return float(np.sqrt(np.max(variance)))
 
 
@@ -229,7 +210,7 @@ def _series(name: str, letters: str, source: str, design: Callable[[Floats], Flo
         name=name,
         letters=letters,
         source=source,
-        solve=lambda seen: least_squares(design(seen.recorded_deg), seen.deviation_deg, seen.weight),
+        solve=lambda points: least_squares(design(points.recorded_deg), points.deviation_deg, points.weight),
         deviation=lambda coefficients, recorded: design(recorded) @ coefficients,
         gradient=lambda coefficients, recorded: design(recorded),
         around=lambda coefficients: design(CIRCLE_DEG),
@@ -237,16 +218,12 @@ def _series(name: str, letters: str, source: str, design: Callable[[Floats], Flo
 
 
 def _powers(recorded_deg: Floats) -> Floats:
-    """Return powers of the recorded heading over 180 degrees, about south; eq. (7) as it stands cannot be solved."""
+    """Compute powers of the recorded heading over 180 degrees, about south; eq. (7) itself is ill-conditioned."""
     return np.vander(angles.wrap360(recorded_deg) / 180.0 - 1.0, POLYNOMIAL_DEGREE + 1, increasing=True)
 
 
 def published_polynomial(curve: FittedCurve) -> list[float]:
-    """Return A to G of eq. (7), degrees over powers of degrees.
-
-    Args:
-        curve: of the form ``POLYNOMIAL``.
-    """
+    """Convert a curve of the form ``POLYNOMIAL`` to A to G of eq. (7), degrees over powers of degrees."""
     powers = np.polynomial.Polynomial(curve.coefficients, [0.0, 360.0], [-1.0, 1.0]).convert().coef
     return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops the last ones that are 0
 
@@ -257,7 +234,6 @@ POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _p
 
 
 def curve_to_json(curve: FittedCurve) -> dict[str, Any]:
-    """Return one fitted form for calibration.json."""
     coefficients = published_polynomial(curve) if curve.form is POLYNOMIAL else curve.coefficients.tolist()
     return {
         "coefficients": dict(zip(curve.form.letters, coefficients, strict=True)),
@@ -273,16 +249,12 @@ EXACT_TOLERANCE = 1e-9
 MIN_SLOPE = 0.3  # a smaller slope, near a fold, says nothing of the correct heading's error
 
 
-def fit_exact_compass(seen: Points) -> LeastSquares | None:
-    """Return A to E of the exact compass by least squares of the recorded heading; None where none comes near.
-
-    Args:
-        seen: observed deviations, at least five.
-    """
-    correct = seen.recorded_deg + seen.deviation_deg
-    coefficients = _exact_start(seen, correct)
+def fit_exact_compass(points: Points) -> LeastSquares | None:
+    """Fit A to E of the exact compass to the recorded heading; None where the iteration diverges."""
+    correct = points.recorded_deg + points.deviation_deg
+    coefficients = _exact_start(points, correct)
     for _ in range(EXACT_STEPS):
-        step = _exact_step(coefficients, seen, correct)
+        step = _exact_step(coefficients, points, correct)
         coefficients = coefficients + step.coefficients
         if np.max(np.abs(step.coefficients)) < EXACT_TOLERANCE:
             return replace(step, coefficients=coefficients)
@@ -292,48 +264,30 @@ def fit_exact_compass(seen: Points) -> LeastSquares | None:
 
 
 def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    """Return the deviation at recorded headings, degrees; NaN for a compass that cannot turn full circle.
-
-    Args:
-        coefficients: A to E, dimensionless, (5,).
-        recorded_deg: recorded headings, (n,), degrees.
-    """
+    """Compute the deviation of an exact compass at recorded headings, degrees; NaN where it cannot turn full circle."""
     return angles.difference(_only_root(coefficients, recorded_deg), recorded_deg)
 
 
 def exact_gradient(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    """Return the derivative of the deviation by A to E, (n, 5) degrees per unit.
-
-    Args:
-        coefficients: A to E, dimensionless, (5,).
-        recorded_deg: recorded headings, (n,), degrees.
-    """
+    """Compute the derivative of the deviation by A to E, (n, 5) degrees per unit."""
     root = _only_root(coefficients, recorded_deg)
     # The correct heading that keeps the reading: d beta = -d gamma / (d gamma / d beta).
     return -(compass.gradient(coefficients, root) / compass.slope(coefficients, root)).T
 
 
-def recorded_slope(coefficients: Floats, seen: Points) -> Floats:
-    """Return d recorded / d correct heading at each point, not nearer to 0 than it can be used, (n,).
-
-    Args:
-        coefficients: A to E, dimensionless, (5,).
-    """
-    slope = compass.slope(coefficients, seen.recorded_deg + seen.deviation_deg)
+def recorded_slope(coefficients: Floats, points: Points) -> Floats:
+    """Compute d recorded / d correct heading at each point, bounded away from 0, (n,)."""
+    slope = compass.slope(coefficients, points.recorded_deg + points.deviation_deg)
     return np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), MIN_SLOPE)
 
 
 def exact_circle_design(coefficients: Floats) -> Floats:
-    """Return the weighted derivative of the recorded heading by A to E all round, (m, 5) degrees per unit.
-
-    Args:
-        coefficients: A to E, dimensionless, (5,).
-    """
+    """Compute the weighted derivative of the recorded heading by A to E all round, (m, 5) degrees per unit."""
     return compass.gradient(coefficients, CIRCLE_DEG).T * np.sqrt(_exact_weight(coefficients, CIRCLE_DEG))[:, None]
 
 
 def _exact_weight(coefficients: Floats, correct_deg: Floats) -> Floats:
-    """Return the weight of a recorded heading, (n,): bench and compass err alike, the bench's times the slope."""
+    """Compute the weight of a recorded heading, (n,): bench and compass err alike, the bench's times the slope."""
     return 2.0 / (1.0 + compass.slope(coefficients, correct_deg) ** 2)
 
 
@@ -343,20 +297,20 @@ def _only_root(coefficients: Floats, recorded_deg: Floats) -> Floats:
     return compass.inverse(coefficients, recorded_deg)[:, 0]
 
 
-def _exact_start(seen: Points, correct: Floats) -> Floats:
+def _exact_start(points: Points, correct: Floats) -> Floats:
     """Solve sin D = A cos D + B sin g + C cos g + D sin(b + g) + E cos(b + g), which is Im(e^{-ig} q) = 0."""
-    sine, cosine = angles.sin_cos(seen.recorded_deg)
-    sine_sum, cosine_sum = angles.sin_cos(seen.recorded_deg + correct)
-    sine_off, cosine_off = angles.sin_cos(seen.deviation_deg)
+    sine, cosine = angles.sin_cos(points.recorded_deg)
+    sine_sum, cosine_sum = angles.sin_cos(points.recorded_deg + correct)
+    sine_off, cosine_off = angles.sin_cos(points.deviation_deg)
     columns = np.stack([cosine_off, sine, cosine, sine_sum, cosine_sum], axis=-1)
-    return least_squares(columns, sine_off, seen.weight).coefficients
+    return least_squares(columns, sine_off, points.weight).coefficients
 
 
-def _exact_step(coefficients: Floats, seen: Points, correct: Floats) -> LeastSquares:
-    """Return the Gauss-Newton step, with the residual of the recorded heading before it."""
-    off = angles.difference(seen.recorded_deg, compass.recorded_heading(coefficients, correct))
+def _exact_step(coefficients: Floats, points: Points, correct: Floats) -> LeastSquares:
+    """Compute the Gauss-Newton step, with the residual of the recorded heading before it."""
+    off = angles.difference(points.recorded_deg, compass.recorded_heading(coefficients, correct))
     columns = compass.gradient(coefficients, correct).T
-    return replace(least_squares(columns, off, seen.weight * _exact_weight(coefficients, correct)), residual_deg=off)
+    return replace(least_squares(columns, off, points.weight * _exact_weight(coefficients, correct)), residual_deg=off)
 
 
 EXACT = CurveForm(

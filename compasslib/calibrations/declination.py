@@ -5,17 +5,16 @@ No compass is calibrated: A is what must be added to the model's declination, B 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.calibrations import observatory
-from compasslib.calibrations.observatory import DAY_S, FieldComparison, Storm
+from compasslib.calibrations.observatory import DAY_S, FieldComparison
 from compasslib.calibrations.result import Calibration, DeviationTable, Source
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002
@@ -26,14 +25,28 @@ KIND = "declination"
 STORM_DEG = 0.5  # rms over three hours from which a disturbance is listed as a storm
 FARTHEST_DEG = 0.5  # between header and YAML
 CONSTANT_HOW = "blocks of 27 days; under 135 days a middle latitude's spread of daily levels, assumed"
-CANNOT_TELL = (
+AMBIGUITY = (
     "A holds the field of the rocks, the error of IGRF and an error of the observatory's azimuth mark: one series does "
     "not tell them apart."
 )
+CRUST_NT = 600.0  # field of rocks that is accepted; assumed, most stations have under 300
+SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is reported
+IMPOSSIBLE_NT = 5000.0  # no rocks under an observatory
+EXPLAINED, SUSPECTED = 3.0, 6.0  # times smaller that the misfit becomes without the mistake
+MOST_LIKELY = 3
+BLOCK_S, YEAR_S = 27 * DAY_S, 365.25 * DAY_S
+FARTHEST_KM = 2000.0  # over which storms are hardly alike any more
+DEGREE_KM = 111.2
+COVERED = 0.5  # of a deployment
+NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.1  # of a variation about zero: its declination, its horizontal field
+ADVICE = "correct the file's columns, units or place, or take the observatory's own file"
+EXCHANGES = {"X and Y": (1, 0, 2), "X and Z": (2, 1, 0), "Y and Z": (0, 2, 1)}
+TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred times too small": 100.0,
+        "a hundred times too large": 0.01, "a thousand times too small": 1000.0}  # fmt: skip
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Return the constant between an observatory's declination and the model's, with its quiet day and its storms.
+    """Estimate the constant between an observatory's declination and the model's, its quiet day and its storms.
 
     Args:
         files: IAGA-2002 files of one observatory.
@@ -45,41 +58,39 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             that of the place.
     """
     series = iaga2002.read(files)
-    warnings = [*series.warnings, *_moved(series, settings)]
+    place, header = observatory.place_of(series, settings), (series.latitude, series.longitude)
+    warnings = [*series.warnings]
+    if np.any(np.abs(angles.difference(place, header)) > FARTHEST_DEG):
+        warnings.append("the file has the station at {:g} N {:g} E; the YAML's place counts".format(*header))
     if why := observatory.refusal(series):
-        return Calibration(KIND, "none", 0, 0, details=_header(series, settings), why=why, warnings=tuple(warnings))
+        return Calibration(KIND, "none", 0, 0, details=_header(series, place), why=why, warnings=tuple(warnings))
     field = observatory.field_of(series, settings, str(files[0]))
-    warnings += check_field(series, observatory.place_of(series, settings))
+    warnings += check_field(series, place)
     compared = observatory.compare(series, field, limit_deg=STORM_DEG)
     if compared.spikes:
         warnings.append(
             f"{compared.spikes} values stand alone and far off: a spike, or a storm of less than three hours"
         )
-    by_model = field.source == "IGRF"
+    covariance = np.full((5, 5), np.nan)
+    covariance[0, 0] = compared.constant_sigma_deg**2
     return Calibration(
         kind=KIND,
-        model=f"{'IGRF' if by_model else 'the given declination'} plus a constant",
+        model=f"{'IGRF' if field.source == 'IGRF' else 'the given declination'} plus a constant",
         n=len(compared.time_s),
         coverage=0,
         coefficients=np.append(compared.constant_deg, np.full(4, np.nan)),
-        covariance=_covariance(compared.constant_sigma_deg),
+        covariance=covariance,
         residual_rms_deg=angles.rms(compared.residual_deg - compared.constant_deg),
         sources=_sources(compared),
         table=_table(compared, float(settings.get("table_step_deg", 10.0))),
         points=_points(compared),
-        details=_header(series, settings) | _details(compared, series, field),
+        details=_header(series, place) | _details(compared, series, field),
         warnings=(*warnings, *field.warnings),
     )
 
 
-def _covariance(sigma_deg: float) -> Floats:
-    result = np.full((5, 5), np.nan)
-    result[0, 0] = sigma_deg**2
-    return result
-
-
 def _table(compared: FieldComparison, step_deg: float) -> DeviationTable:
-    """Return the same constant at every heading: what a heading made true by the model lacks, whatever it is."""
+    """Tabulate the same constant at every heading: what a heading made true by the model lacks."""
     heading = np.arange(0.0, 360.0, step_deg)
     alike = np.ones(len(heading))
     return DeviationTable(heading, compared.constant_deg * alike, compared.constant_sigma_deg * alike)
@@ -108,12 +119,11 @@ def _points(compared: FieldComparison) -> dict[str, Floats]:
     }
 
 
-def _header(series: FieldSeries, settings: Mapping[str, Any]) -> dict[str, Any]:
-    latitude, longitude = observatory.place_of(series, settings)
+def _header(series: FieldSeries, place: tuple[float, float]) -> dict[str, Any]:
     return {
         "station": series.station,
-        "latitude": _known(latitude),
-        "longitude": _known(longitude),
+        "latitude": _known(place[0]),
+        "longitude": _known(place[1]),
         "elevation_m": _known(series.elevation_m),
         "date": _stamp(float(np.mean(series.time_s[[0, -1]])))[:10],
         "definitive": series.definitive,
@@ -122,7 +132,16 @@ def _header(series: FieldSeries, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _details(compared: FieldComparison, series: FieldSeries, field: EarthField) -> dict[str, Any]:
-    curve = compared.curve_deg if compared.quiet_days else None
+    off_deg = angles.difference(series.declination_deg, compared.observed_deg[0])
+    curve, quiet_day = compared.curve_deg, None
+    if compared.quiet_days:
+        amplitude_deg = float(np.ptp(curve)) / 2.0
+        by_hour = curve - np.mean(curve)
+        quiet_day = {"days": compared.quiet_days, "amplitude_deg": amplitude_deg, "by_hour_deg": by_hour}
+    storms = [
+        {"from": _stamp(x.begin_s), "to": _stamp(x.end_s), "range_deg": x.range_deg, "rms_deg": x.rms_deg}
+        for x in compared.storms
+    ]
     return {
         "constant_deg": compared.constant_deg,
         "constant_sigma_deg": compared.constant_sigma_deg,
@@ -130,38 +149,11 @@ def _details(compared: FieldComparison, series: FieldSeries, field: EarthField) 
         "days": compared.days,
         "from": _stamp(series.time_s[0]),
         "to": _stamp(series.time_s[-1]),
-        "range_deg": float(np.ptp(angles.difference(series.declination_deg, compared.observed_deg[0])[_seen(series)])),
-        "quiet_day": None
-        if curve is None
-        else {
-            "days": compared.quiet_days,
-            "amplitude_deg": float(np.ptp(curve)) / 2.0,
-            "by_hour_deg": curve - np.mean(curve),
-        },
-        "storms": [_storm(storm) for storm in compared.storms],
-        "cannot_tell": [CANNOT_TELL],
+        "range_deg": float(np.ptp(off_deg[np.isfinite(off_deg)])),
+        "quiet_day": quiet_day,
+        "storms": storms,
+        "cannot_tell": [AMBIGUITY],
     }
-
-
-def _storm(storm: Storm) -> dict[str, Any]:
-    return {
-        "from": _stamp(storm.begin_s),
-        "to": _stamp(storm.end_s),
-        "range_deg": storm.range_deg,
-        "rms_deg": storm.rms_deg,
-    }
-
-
-def _moved(series: FieldSeries, settings: Mapping[str, Any]) -> list[str]:
-    here = np.array(observatory.place_of(series, settings))
-    apart = np.abs(angles.difference(here, (series.latitude, series.longitude)))
-    if not np.any(apart > FARTHEST_DEG):
-        return []
-    return [f"the file has the station at {series.latitude:g} N {series.longitude:g} E; the YAML's place counts"]
-
-
-def _seen(series: FieldSeries) -> NDArray[np.bool_]:
-    return np.isfinite(series.declination_deg)
 
 
 def _known(value: float) -> float | None:
@@ -170,22 +162,6 @@ def _known(value: float) -> float | None:
 
 def _stamp(time_s: float) -> str:
     return f"{np.datetime64(round(time_s), 's')}Z"
-
-
-CRUST_NT = 600.0  # field of rocks that is accepted; assumed, most stations have under 300
-SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is reported
-IMPOSSIBLE_NT = 5000.0  # no rocks under an observatory
-EXPLAINED, SUSPECTED = 3.0, 6.0  # times smaller that the misfit becomes without the mistake
-MOST_LIKELY = 3
-BLOCK_S, YEAR_S = 27 * DAY_S, 365.25 * DAY_S
-FARTHEST_KM = 2000.0  # over which storms are hardly alike any more
-DEGREE_KM = 111.2
-COVERED = 0.5  # of a deployment
-NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.1  # of a variation about zero: its declination, its horizontal field
-ADVICE = "correct the file's columns, units or place, or take the observatory's own file"
-PAIRS = (("X", "Y"), ("X", "Z"), ("Y", "Z"))
-TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred times too small": 100.0,
-        "a hundred times too large": 0.01, "a thousand times too small": 1000.0}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -202,7 +178,7 @@ class FieldMedian:
 
 
 def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    """Return warnings of a field that is not the model's at its place.
+    """Warn where an observatory's field is not the model's at its place.
 
     Args:
         place: latitude and longitude, degrees; there is no warning where they are not known.
@@ -212,12 +188,14 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
     """
     if not np.isfinite(place).all():
         return []
-    found = {key: text for one in reversed(list(_medians(series, place))) for key, text in _warnings(one).items()}
-    return list(reversed(found.values()))
+    warnings = {
+        key: text for month in reversed(list(_medians(series, place))) for key, text in _field_warnings(month).items()
+    }
+    return list(reversed(warnings.values()))
 
 
 def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
-    """Return the field at a mooring with warnings about the observatory that is given beside it.
+    """Add warnings about the observatory of a mooring to the mooring's field.
 
     Args:
         files: IAGA-2002 files of the observatory, perhaps none.
@@ -229,30 +207,34 @@ def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], pl
     if not files:
         return field
     series = iaga2002.read(files)
-    found = check_field(series, (series.latitude, series.longitude))
+    warnings = check_field(series, (series.latitude, series.longitude))
     return replace(
         field,
         warnings=(
             *field.warnings,
-            *found,
-            *_far(series, (place["latitude"], place["longitude"])),
-            *_covers(series, field),
+            *warnings,
+            *_distance_warning(series, (place["latitude"], place["longitude"])),
+            *_coverage_warning(series, field),
         ),
     )
 
 
 def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldMedian]:
-    """Yield the middle field of every month of every file."""
+    """Yield the median field of each month of each file."""
     file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
     stretch = np.stack([file, np.floor(series.time_s / BLOCK_S).astype(np.intp)])
-    for one in np.unique(stretch, axis=1).T:
-        part = np.all(stretch == one[:, None], axis=0)
+    for number in np.unique(stretch, axis=1).T:
+        part = np.all(stretch == number[:, None], axis=0)
         declination = series.declination_deg[part]
-        horizontal, vertical = (_median(column[part]) for column in (series.horizontal_nT, series.vertical_nT))
+        declination = declination[np.isfinite(declination)]
+        horizontal, vertical = (
+            float(np.nanmedian(column)) if np.isfinite(column).any() else float("nan")
+            for column in (series.horizontal_nT[part], series.vertical_nT[part])
+        )
         yield FieldMedian(
-            where=series.files[one[0]] if series.files else series.station,
+            where=series.files[number[0]] if series.files else series.station,
             time_s=float(np.median(series.time_s[part])),
-            declination_deg=_median_angle(declination[np.isfinite(declination)]),
+            declination_deg=_median_angle(declination),
             horizontal_nT=horizontal,
             vertical_nT=vertical,
             latitude=place[0],
@@ -260,185 +242,152 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
         )
 
 
-def _median(column: Floats) -> float:
-    return float(np.nanmedian(column)) if np.isfinite(column).any() else float("nan")
-
-
 def _median_angle(declination_deg: Floats) -> float:
-    """Return the middle of angles that are known, NaN of none."""
+    """Compute the median of known angles, NaN of none."""
     if not len(declination_deg):
         return float("nan")
     first = declination_deg[0]
     return float(angles.wrap180(first + np.median(angles.difference(declination_deg, first))))
 
 
-def _warnings(seen: FieldMedian) -> dict[tuple[str, ...], str]:
-    """Return the warning of one stretch, by its file and its mistakes, after refusing what cannot be a declination."""
-    misfit = _misfit(seen)
+def _field_warnings(median: FieldMedian) -> dict[tuple[str, ...], str]:
+    """Name the likely mistakes of one month's field; refuse what cannot be a declination."""
+    misfit = _misfit(median)
     across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
-    if worst <= SUSPECT_NT or not np.isfinite(seen.declination_deg):
+    if worst <= SUSPECT_NT or not np.isfinite(median.declination_deg):
         return {}
-    named = _likely_mistakes(seen, worst / (EXPLAINED if worst > CRUST_NT else SUSPECTED))
+    named = _likely_mistakes(median, worst / (EXPLAINED if worst > CRUST_NT else SUSPECTED))
     sure = named if worst > CRUST_NT else []
     if across > IMPOSSIBLE_NT or (sure and across > min(CRUST_NT, worst / EXPLAINED)):
-        expected = f"about {_expected(seen)}, as IGRF has"
-        raise InputError(seen.where, expected=expected, found=_found(seen, named), advice=ADVICE)
+        expected = f"about {_describe_model(median)}, as IGRF has"
+        raise InputError(median.where, expected=expected, found=_describe_field(median, named), advice=ADVICE)
     if worst <= CRUST_NT and not (named and len(misfit) > 1):
         return {}
     unnamed = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
-    text = f"{seen.where}: {_found(seen, named or [unnamed])}, where IGRF has {_expected(seen)}"
-    return {(seen.where, *named): text}
+    text = f"{median.where}: {_describe_field(median, named or [unnamed])}, where IGRF has {_describe_model(median)}"
+    return {(median.where, *named): text}
 
 
-def _misfit(seen: FieldMedian) -> dict[str, float]:
-    """Return by how much each component that is known is off the model, nT."""
-    declination, horizontal, vertical = _model(seen)
-    off_deg = angles.difference(seen.declination_deg, declination)
+def _misfit(median: FieldMedian) -> dict[str, float]:
+    """Compute the distance of each known component from the model, nT."""
+    declination, horizontal, vertical = _model_field(median)
+    off_deg = angles.difference(median.declination_deg, declination)
     off = {
         "across": horizontal * angles.DEGREE * float(np.abs(angles.chord(off_deg))),
-        "H": abs(seen.horizontal_nT - horizontal),
-        "Z": abs(seen.vertical_nT - vertical),
+        "H": abs(median.horizontal_nT - horizontal),
+        "Z": abs(median.vertical_nT - vertical),
     }
     return {name: value for name, value in off.items() if np.isfinite(value)}
 
 
-def _model(seen: FieldMedian) -> tuple[float, float, float]:
-    declination, horizontal, vertical = earthfield.igrf(seen.latitude, seen.longitude, [seen.time_s])
+def _model_field(median: FieldMedian) -> tuple[float, float, float]:
+    declination, horizontal, vertical = earthfield.igrf(median.latitude, median.longitude, [median.time_s])
     return float(declination[0]), float(horizontal[0]), float(vertical[0])
 
 
-def _likely_mistakes(seen: FieldMedian, below: float) -> list[str]:
-    """Return the mistakes without which the field is the model's, the likeliest first."""
-    known, fits = set(_misfit(seen)), {text: _misfit(undo(seen)) for text, undo in _mistakes(seen).items()}
+def _likely_mistakes(median: FieldMedian, below: float) -> list[str]:
+    """List the mistakes without which the field is the model's, the likeliest first."""
+    known, fits = set(_misfit(median)), {text: _misfit(undone) for text, undone in _corrections(median).items()}
     sizes = [(max(misfit.values()), text) for text, misfit in fits.items() if set(misfit) == known]
-    found = sorted((size, text) for size, text in sizes if size < min(below, CRUST_NT))
-    if not found and below >= CRUST_NT / EXPLAINED:
-        found = _of_another_year(seen, below)
-    if not found and _without_baseline(seen):
+    likely = sorted((size, text) for size, text in sizes if size < min(below, CRUST_NT))
+    if not likely and below >= CRUST_NT / EXPLAINED:
+        likely = _other_year(median, below)
+    declination, horizontal, _ = _model_field(median)
+    about_zero = abs(median.declination_deg) < NO_BASELINE_DEG < abs(declination)
+    if not likely and (about_zero or median.horizontal_nT < NO_BASELINE_SHARE * horizontal):
         return ["a variation about zero: the baseline is missing"]
-    best = found[0][0] if found else 0.0
-    return [text for size, text in found if size <= max(2.0 * best, SUSPECT_NT)][:MOST_LIKELY]
+    best = likely[0][0] if likely else 0.0
+    return [text for size, text in likely if size <= max(2.0 * best, SUSPECT_NT)][:MOST_LIKELY]
 
 
-def _mistakes(seen: FieldMedian) -> Mapping[str, Correction]:
-    """Return what undoes each mistake, by what to say of it."""
-    minutes = 60.0 * seen.declination_deg
-    units = {
-        f"D looks like degrees, {minutes:+.2f}, where IAGA-2002 has minutes of arc: multiply it by 60": 60.0,
-        "D looks like radians, where IAGA-2002 has minutes of arc": 60.0 / angles.DEGREE,
-        "D looks like tenths of a minute of arc": 0.1,
-        "D looks like seconds of arc, where IAGA-2002 has minutes": 1.0 / 60.0,
-    }
-    return (
-        {text: _times(by) for text, by in units.items()}
-        | {
-            "the sign of D (or of Y) looks exchanged, IAGA-2002 counts east positive": _declination(lambda d: -d),
-            "the signs of X and Y look exchanged, or D counts from south": _declination(lambda d: d + 180.0),
-            "the sign of X looks exchanged": _declination(lambda d: 180.0 - d),
-        }
-        | {f"the columns {a} and {b} look exchanged": _exchanged("XYZ".index(a), "XYZ".index(b)) for a, b in PAIRS}
-        | {"the columns H and Z look exchanged": _horizontal_and_vertical}
-        | {f"{'XYZ'[k]} looks {text}": _scaled(k, by) for k in range(3) for text, by in TENS.items()}
-        | {f"H looks {text}": _scaled_horizontal(by) for text, by in TENS.items()}
-        | {"the sign of Z looks exchanged, it counts downward": _scaled(2, -1.0)}
-        | {text: _at_place(seen, there) for text, there in _places(seen).items()}
-    )
+def _corrections(median: FieldMedian) -> dict[str, FieldMedian]:
+    """Undo each mistake that parses, by what to say of it."""
+    degrees = median.declination_deg
+    sine, cosine = (float(x) for x in angles.sin_cos(degrees))
+    xyz = np.array([median.horizontal_nT * cosine, median.horizontal_nT * sine, median.vertical_nT])
 
+    def with_declination(declination_deg: float) -> FieldMedian:
+        return replace(median, declination_deg=float(angles.wrap180(declination_deg)))
 
-def _times(by: float) -> Correction:
-    return _declination(lambda declination: by * declination)
+    def with_vector(vector: Floats) -> FieldMedian:
+        north, east, down = (float(x) for x in vector)
+        declination, horizontal = float(angles.wrap180(angles.direction(east, north))), float(np.hypot(north, east))
+        return replace(median, declination_deg=declination, horizontal_nT=horizontal, vertical_nT=down)
 
+    def scaled(k: int, by: float) -> FieldMedian:
+        return with_vector(xyz * np.where(np.arange(3) == k, by, 1.0))
 
-def _declination(undo: Callable[[float], float]) -> Correction:
-    return lambda one: replace(one, declination_deg=float(angles.wrap180(undo(one.declination_deg))))
-
-
-def _exchanged(a: int, b: int) -> Correction:
-    order = np.arange(3)
-    order[[a, b]] = order[[b, a]]
-    return lambda one: _of_vector(one, _vector(one)[order])
-
-
-def _of_vector(one: FieldMedian, vector: Floats) -> FieldMedian:
-    north, east, down = (float(x) for x in vector)
-    declination = float(angles.wrap180(angles.direction(east, north)))
-    return replace(one, declination_deg=declination, horizontal_nT=float(np.hypot(north, east)), vertical_nT=down)
-
-
-def _vector(one: FieldMedian) -> Floats:
-    sine, cosine = (float(x) for x in angles.sin_cos(one.declination_deg))
-    return np.array([one.horizontal_nT * cosine, one.horizontal_nT * sine, one.vertical_nT])
-
-
-def _horizontal_and_vertical(one: FieldMedian) -> FieldMedian:
-    return replace(one, horizontal_nT=abs(one.vertical_nT), vertical_nT=one.horizontal_nT)
-
-
-def _scaled(k: int, by: float) -> Correction:
-    return lambda one: _of_vector(one, _vector(one) * np.where(np.arange(3) == k, by, 1.0))
-
-
-def _scaled_horizontal(by: float) -> Correction:
-    return lambda one: replace(one, horizontal_nT=by * one.horizontal_nT)
-
-
-def _at_place(seen: FieldMedian, there: tuple[float, float]) -> Correction:
-    return lambda one: replace(one, latitude=there[0], longitude=there[1])
-
-
-def _places(seen: FieldMedian) -> dict[str, tuple[float, float]]:
-    latitude, longitude = seen.latitude, float(angles.wrap180(seen.longitude))
-    every = {
+    latitude, longitude = median.latitude, float(angles.wrap180(median.longitude))
+    places = {
         "the longitude's sign looks exchanged, east is positive": (latitude, -longitude),
         "the latitude's sign looks exchanged, north is positive": (-latitude, longitude),
         "latitude and longitude look exchanged": (longitude, latitude),
         "the latitude looks like a colatitude": (90.0 - latitude, longitude),
     }
-    return {text: there for text, there in every.items() if abs(there[0]) <= 90.0}
+    looks_like_degrees = f"D looks like degrees, {60.0 * degrees:+.2f}, where IAGA-2002 has minutes of arc"
+    corrections = {
+        f"{looks_like_degrees}: multiply it by 60": with_declination(60.0 * degrees),
+        "D looks like radians, where IAGA-2002 has minutes of arc": with_declination(60.0 / angles.DEGREE * degrees),
+        "D looks like tenths of a minute of arc": with_declination(0.1 * degrees),
+        "D looks like seconds of arc, where IAGA-2002 has minutes": with_declination(1.0 / 60.0 * degrees),
+        "the sign of D (or of Y) looks exchanged, IAGA-2002 counts east positive": with_declination(-degrees),
+        "the signs of X and Y look exchanged, or D counts from south": with_declination(degrees + 180.0),
+        "the sign of X looks exchanged": with_declination(180.0 - degrees),
+        "the columns H and Z look exchanged": replace(
+            median, horizontal_nT=abs(median.vertical_nT), vertical_nT=median.horizontal_nT
+        ),
+        "the sign of Z looks exchanged, it counts downward": scaled(2, -1.0),
+    }
+    for names, order in EXCHANGES.items():
+        corrections[f"the columns {names} look exchanged"] = with_vector(xyz[list(order)])
+    for text, by in TENS.items():
+        corrections |= {f"{name} looks {text}": scaled(k, by) for k, name in enumerate("XYZ")}
+        corrections[f"H looks {text}"] = replace(median, horizontal_nT=by * median.horizontal_nT)
+    for text, (north, east) in places.items():
+        if abs(north) <= 90.0:
+            corrections[text] = replace(median, latitude=north, longitude=east)
+    return corrections
 
 
-def _of_another_year(seen: FieldMedian, below: float) -> list[tuple[float, str]]:
-    """Return the year whose field the series has, where all of it fits far better there."""
-    if not np.isfinite(seen.horizontal_nT + seen.vertical_nT):
+def _other_year(median: FieldMedian, below: float) -> list[tuple[float, str]]:
+    """Name the year whose field the series has, where all of it fits far better there."""
+    if not np.isfinite(median.horizontal_nT + median.vertical_nT):
         return []
     years = np.arange(earthfield.FIRST_YEAR, earthfield.LAST_YEAR)
     times = (years + 0.5 - 1970.0) * YEAR_S
-    off = [max(_misfit(replace(seen, time_s=float(time_s))).values()) for time_s in times]
+    off = [max(_misfit(replace(median, time_s=float(time_s))).values()) for time_s in times]
     best = int(np.argmin(off))
     if off[best] >= min(below, SUSPECT_NT):
         return []
     return [(off[best], f"the field is that of about {years[best]}: the dates look wrong")]
 
 
-def _without_baseline(seen: FieldMedian) -> bool:
-    declination, horizontal, _ = _model(seen)
-    about_zero = abs(seen.declination_deg) < NO_BASELINE_DEG < abs(declination)
-    return about_zero or seen.horizontal_nT < NO_BASELINE_SHARE * horizontal
-
-
-def _expected(seen: FieldMedian) -> str:
-    declination, horizontal, vertical = _model(seen)
+def _describe_model(median: FieldMedian) -> str:
+    declination, horizontal, vertical = _model_field(median)
     return (
-        f"D {declination:+.1f} degrees, H {horizontal:.0f} nT, Z {vertical:+.0f} nT at {seen.latitude:g} N "
-        f"{seen.longitude:g} E in {np.datetime64(int(seen.time_s), 's').astype('datetime64[Y]')}"
+        f"D {declination:+.1f} degrees, H {horizontal:.0f} nT, Z {vertical:+.0f} nT at {median.latitude:g} N "
+        f"{median.longitude:g} E in {np.datetime64(int(median.time_s), 's').astype('datetime64[Y]')}"
     )
 
 
-def _found(seen: FieldMedian, named: Sequence[str]) -> str:
+def _describe_field(median: FieldMedian, named: Sequence[str]) -> str:
     horizontal, vertical = (
         f", {name} {value:{form}} nT" if np.isfinite(value) else ""
-        for name, value, form in (("H", seen.horizontal_nT, ".0f"), ("Z", seen.vertical_nT, "+.0f"))
+        for name, value, form in (("H", median.horizontal_nT, ".0f"), ("Z", median.vertical_nT, "+.0f"))
     )
     why = f" ({'; or '.join(named)})" if named else ""
-    return f"D {seen.declination_deg:+.2f} degrees{horizontal}{vertical}{why}"
+    return f"D {median.declination_deg:+.2f} degrees{horizontal}{vertical}{why}"
 
 
-def _far(series: FieldSeries, place: tuple[float, float]) -> list[str]:
+def _distance_warning(series: FieldSeries, place: tuple[float, float]) -> list[str]:
     there = np.array([series.latitude, series.longitude])
     if not np.isfinite(there).all():
         return []
-    one, other = (_upward(*where) for where in (there, place))
-    apart = DEGREE_KM * float(angles.argument(complex(one @ other, float(np.linalg.norm(np.cross(one, other))))))
+    (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, place]))
+    station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
+    apart = DEGREE_KM * float(
+        angles.argument(complex(station @ other, float(np.linalg.norm(np.cross(station, other)))))
+    )
     if apart <= FARTHEST_KM:
         return []
     return [
@@ -447,13 +396,8 @@ def _far(series: FieldSeries, place: tuple[float, float]) -> list[str]:
     ]
 
 
-def _upward(latitude: float, longitude: float) -> Floats:
-    (sine, cosine), (east, front) = (angles.sin_cos(angle) for angle in (latitude, longitude))
-    return np.array([cosine * front, cosine * east, sine], dtype=float)
-
-
-def _covers(series: FieldSeries, field: EarthField) -> list[str]:
-    """Say where most of a deployment is without the observatory: there its disturbance counts as none."""
+def _coverage_warning(series: FieldSeries, field: EarthField) -> list[str]:
+    """Warn where most of a deployment lies outside the series: there its disturbance counts as none."""
     days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
     first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
     covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
@@ -463,6 +407,3 @@ def _covers(series: FieldSeries, field: EarthField) -> list[str]:
         f"the observatory {series.station} has a declination on {100.0 * covered:.0f} % of the deployment's days: "
         "elsewhere the disturbance of the field counts as none"
     ]
-
-
-Correction = Callable[[FieldMedian], FieldMedian]

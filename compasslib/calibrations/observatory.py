@@ -35,14 +35,14 @@ from compasslib.types import Floats
 
 Flags = NDArray[np.bool_]
 DAY_S, HOUR_S = 86400.0, 3600.0
-FULL = 0.5  # share of the samples that a mean needs
+MIN_SHARE = 0.5  # share of the samples that a mean needs
 MONTH_DAYS = 27  # a rotation of the sun
 Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
 WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows that are farther apart are storms of their own
-BESIDES = 0.5  # of the limit: what a window must hold besides its largest value, else that one is a spike
-HALF, QUARTER, MOST_STRETCHES = 0.5, 0.25, 12  # of the largest; more stretches than these are no storm but a habit
-ORDINARY, FEWEST_DAYS = 3.0, 5  # times the record's own middle disturbance that a storm must exceed, if it has days
+MIN_WITHOUT_LARGEST = 0.5  # of the limit: what a window must hold besides its largest value, else that one is a spike
+HALF, QUARTER, MAX_STRETCHES = 0.5, 0.25, 12  # of the largest; more stretches than these are no storm but a habit
+STORM_FACTOR, MIN_DAYS = 3.0, 5  # times the record's own middle disturbance that a storm must exceed, if it has days
 
 
 @dataclass(frozen=True)
@@ -57,32 +57,29 @@ class Storm:
 
 
 def means(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
-    """Return times and declinations averaged over steps, those with too few samples left out; coarser ones as they are.
+    """Average declinations over steps, those with too few samples left out; coarser series are returned as they are.
 
     Args:
         step_s: seconds.
     """
     known = np.isfinite(series.declination_deg)
     time_s, declination = series.time_s[known], series.declination_deg[known]
-    own = float(np.median(np.diff(series.time_s))) if len(series) > 1 else step_s
-    if own > FULL * step_s or not len(time_s):
+    interval_s = float(np.median(np.diff(series.time_s))) if len(series) > 1 else step_s
+    if interval_s > MIN_SHARE * step_s or not len(time_s):
         return time_s, declination
     number = np.floor(time_s / step_s)
     slots, which, count = np.unique(number, return_inverse=True, return_counts=True)
     middle = declination[0]
     mean = middle + np.bincount(which, angles.difference(declination, middle)) / count
-    full = count * own >= FULL * step_s
+    full = count * interval_s >= MIN_SHARE * step_s
     return (slots[full] + 0.5) * step_s, angles.wrap180(mean[full])
 
 
 def departure(series: FieldSeries, time_s: Floats) -> Floats:
-    """Return how far magnetic north stood from its slow course at given instants, (n,) degrees, NaN where unknown.
+    """Compute the departure of magnetic north from its slow course at given instants, (n,) degrees, NaN where unknown.
 
     Hourly means of the declination minus the median of the 27 days around: storms and daily variation remain, the
     secular variation and the rocks' constant go. That is the covariate of ``field_disturbance``.
-
-    Args:
-        time_s: (n,), UTC seconds.
     """
     known = np.flatnonzero(np.isfinite(series.declination_deg))
     first = series.declination_deg[known[0]] if len(known) else 0.0
@@ -90,33 +87,30 @@ def departure(series: FieldSeries, time_s: Floats) -> Floats:
 
 
 def lengthening(series: FieldSeries, time_s: Floats) -> Floats:
-    """Return the same of the horizontal field along magnetic north, over its own strength, (n,) degrees.
+    """Compute the departure of the horizontal field along magnetic north over its strength, (n,) degrees.
 
     Elsewhere, where magnetic north points otherwise, it is across the needle.
-
-    Args:
-        time_s: (n,), UTC seconds.
     """
     off = _from_slow_course(series.time_s, series.horizontal_nT, time_s)
     return np.asarray(off / (np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0) / angles.DEGREE)
 
 
-def _from_slow_course(every_s: Floats, every: Floats, time_s: Floats) -> Floats:
-    """Return hourly means of a series minus the median of the 27 days around, (n,), NaN where unknown."""
-    known = np.isfinite(every)
-    own, off = every_s[known], every[known]
-    if not len(own):
+def _from_slow_course(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
+    """Compute hourly means of a series minus the median of the 27 days around, (n,), NaN where unknown."""
+    known = np.isfinite(values)
+    known_s, off = series_s[known], values[known]
+    if not len(known_s):
         return np.full(len(time_s), np.nan)
-    first, last = (np.searchsorted(own, time_s + side) for side in (-HOUR_S / 2.0, HOUR_S / 2.0))
+    first, last = (np.searchsorted(known_s, time_s + side) for side in (-HOUR_S / 2.0, HOUR_S / 2.0))
     total = np.concatenate([[0.0], np.cumsum(off)])
-    step = float(np.median(np.diff(own))) if len(own) > 1 else HOUR_S
-    enough = (last - first) >= max(FULL * HOUR_S / step, 1.0)
+    step = float(np.median(np.diff(known_s))) if len(known_s) > 1 else HOUR_S
+    enough = (last - first) >= max(MIN_SHARE * HOUR_S / step, 1.0)
     mean = np.where(enough, (total[last] - total[first]) / np.maximum(last - first, 1), np.nan)
-    return np.asarray(mean - _slow_course(own, off, time_s))
+    return np.asarray(mean - _slow_course(known_s, off, time_s))
 
 
 def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
-    """Return what the files of an observatory give a mooring's search: across and along its magnetic north, degrees.
+    """Compute a mooring's covariates from an observatory: across and along its magnetic north, (n,) degrees each.
 
     Args:
         files: IAGA-2002 files of one observatory.
@@ -130,7 +124,7 @@ def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Flo
 
 
 def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:
-    """Return a daily curve at given instants, (n,) degrees, 0 where it is not known.
+    """Interpolate a daily curve at given instants, (n,) degrees, 0 where it is not known.
 
     Args:
         curve_deg: (24,) at the half hours of UTC.
@@ -143,12 +137,7 @@ def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:
 
 
 def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
-    """Return the median of the hourly means by hour of the day, (24,), about its median; NaN where an hour is missing.
-
-    Args:
-        off: (n,), degrees.
-        chosen: which count, (n,).
-    """
+    """Compute the median of the hourly means by hour of the day, (24,), about its median; NaN where one is missing."""
     hours, which = np.unique(np.floor(time_s[chosen] / HOUR_S), return_inverse=True)
     if not len(hours):
         return np.full(24, np.nan)
@@ -161,27 +150,19 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
 
 
 def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
-    """Return first and last instant of the strongest disturbance; of the record where it is disturbed throughout.
-
-    Args:
-        off_deg: (n,), degrees.
-    """
+    """Find the first and last instant of the strongest disturbance; of the record where it is disturbed throughout."""
     size, _ = three_hour_rms(time_s, off_deg)
     at = np.flatnonzero(size >= HALF * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
-    one = next(group for group in groups if np.argmax(size) in group)
-    if len(groups) > MOST_STRETCHES or not size.max():
+    strongest = next(group for group in groups if np.argmax(size) in group)
+    if len(groups) > MAX_STRETCHES or not size.max():
         return float(time_s[0]), float(time_s[-1])
-    clear = one[np.abs(off_deg[one]) >= QUARTER * np.abs(off_deg[one]).max()]
+    clear = strongest[np.abs(off_deg[strongest]) >= QUARTER * np.abs(off_deg[strongest]).max()]
     return float(time_s[clear[0]]), float(time_s[clear[-1]])
 
 
 def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
-    """Return the rms of the three hours around each mean, and the same without its largest value, (n,) each.
-
-    Args:
-        off_deg: (n,), degrees.
-    """
+    """Compute the rms of the three hours around each mean, and the same without its largest value, (n,) each."""
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
     slot = np.rint((time_s - time_s[0]) / step).astype(np.intp)
     half = max(int(WINDOW_S / step) // 2, 1)
@@ -191,7 +172,7 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     windows = np.lib.stride_tricks.sliding_window_view(grid, 2 * half + 1)[gaps]
     count = np.sum(np.isfinite(windows), axis=1)
     total, most = np.nansum(windows, axis=1), np.nanmax(windows, axis=1)
-    full = count >= FULL * (2 * half + 1)
+    full = count >= MIN_SHARE * (2 * half + 1)
     return (
         np.where(full, np.sqrt(total / count), 0.0),
         np.where(full, np.sqrt(np.maximum(total - most, 0.0) / np.maximum(count - 1, 1)), 0.0),
@@ -201,22 +182,22 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
 def storms(
     time_s: Floats, off: Floats, limit_deg: float
 ) -> tuple[Flags, list[tuple[float, float, float, float]], float, int]:
-    """Return the disturbed means, each storm's measures, the ordinary disturbance, and the number of spikes.
+    """Find the disturbed means, each storm's measures, the ordinary disturbance, and the number of spikes.
 
     Args:
         off: what level and quiet day leave, (n,), degrees.
         limit_deg: rms over three hours from which a disturbance is a storm.
     """
-    size, besides = three_hour_rms(time_s, off)
-    ordinary = float(np.median(size)) if np.ptp(time_s) >= FEWEST_DAYS * DAY_S else 0.0
-    limit = max(limit_deg, ORDINARY * ordinary)
-    core = (size >= limit) & (besides >= BESIDES * limit)
+    size, without_largest = three_hour_rms(time_s, off)
+    ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
+    limit = max(limit_deg, STORM_FACTOR * ordinary)
+    core = (size >= limit) & (without_largest >= MIN_WITHOUT_LARGEST * limit)
     spikes = int(np.sum((size >= limit) & ~core & (np.abs(off) >= limit)))
-    stormy = _grown(time_s, core, WINDOW_S / 2.0)
-    at = np.flatnonzero(stormy & (np.abs(off) >= BESIDES * limit))
+    stormy = _dilate(time_s, core, WINDOW_S / 2.0)
+    at = np.flatnonzero(stormy & (np.abs(off) >= MIN_WITHOUT_LARGEST * limit))
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []
     half = float(np.median(np.diff(time_s))) / 2.0
-    storms = [
+    measures = [
         (
             time_s[g[0]] - half,
             time_s[g[-1]] + half,
@@ -225,20 +206,20 @@ def storms(
         )
         for g in groups
     ]
-    return stormy, storms, ordinary, spikes
+    return stormy, measures, ordinary, spikes
 
 
-def measured(series: FieldSeries, model: EarthField, measures: Measures) -> Storm:
-    """Return a storm with the range of the samples in it."""
+def make_storm(series: FieldSeries, model: EarthField, measures: Measures) -> Storm:
+    """Make a storm of its measures and the range of the samples in it."""
     begin_s, end_s, rms_deg, worst_deg = measures
     inside = (series.time_s >= begin_s) & (series.time_s <= end_s)
     off = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))[inside]
     return Storm(begin_s, end_s, float(np.nanmax(off) - np.nanmin(off)), rms_deg, worst_deg)
 
 
-def _slow_course(own_s: Floats, off: Floats, time_s: Floats) -> Floats:
-    """Return the running median of daily medians over 27 days at given instants."""
-    days, begins = np.unique(np.floor(own_s / DAY_S), return_index=True)
+def _slow_course(series_s: Floats, off: Floats, time_s: Floats) -> Floats:
+    """Interpolate the running median of daily medians over 27 days."""
+    days, begins = np.unique(np.floor(series_s / DAY_S), return_index=True)
     levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
     reach = MONTH_DAYS // 2
     ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
@@ -246,8 +227,8 @@ def _slow_course(own_s: Floats, off: Floats, time_s: Floats) -> Floats:
     return np.interp(time_s, (days + 0.5) * DAY_S, course)
 
 
-def _grown(time_s: Floats, core: Flags, reach_s: float) -> Flags:
-    """Return the means within a reach of those of the core."""
+def _dilate(time_s: Floats, core: Flags, reach_s: float) -> Flags:
+    """Dilate the core in time."""
     at = time_s[core]
     if not len(at):
         return core
@@ -257,16 +238,16 @@ def _grown(time_s: Floats, core: Flags, reach_s: float) -> Flags:
 
 
 BIN_S = 600.0  # means of samples that are closer; noise of single minutes averages out
-LEAST_HOURS = 12
-NEAR_DAYS, FEWEST_NEAR = 4, 5  # the slow level of a day: median of so many days around, if so many are there
-FEWEST_DAYS = 5  # for a median day
-QUIETEST = 0.2  # share of the days that make the quiet-day curve
+MIN_HOURS = 12
+NEAR_DAYS, MIN_NEAR = 4, 5  # the slow level of a day: median of so many days around, if so many are there
+MIN_DAYS = 5  # for a median day
+QUIET_SHARE = 0.2  # share of the days that make the quiet-day curve
 WHOLE_DAY = 0.9  # share of a day that a quiet one needs
-BLOCK_DAYS, FEWEST_BLOCKS = 27, 5  # a rotation of the sun
+BLOCK_DAYS, MIN_BLOCKS = 27, 5  # a rotation of the sun
 WHOLE_YEAR_DAYS = 330
 # Standard deviation of one day's mean about the year's, its part by disturbance, and that of a season's. Set by the
 # years 1980 and 2003 of Eskdalemuir, on which the benchmark measures the coverage too: that is no independent check.
-DAY_LEVEL_DEG, OF_DISTURBANCE, SEASON_DEG = 0.016, 0.4, 0.006
+DAY_LEVEL_DEG, DISTURBANCE_SHARE, SEASON_DEG = 0.016, 0.4, 0.006
 
 
 @dataclass(frozen=True)
@@ -305,7 +286,7 @@ class FieldComparison:
 
 
 def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
-    """Return the model's declination along a series, or the number that stands in its place.
+    """Evaluate the model's declination along a series, or the number that stands in its place.
 
     Args:
         settings: ``latitude`` and ``longitude`` where the header lacks them, ``declination`` (auto or degrees east).
@@ -330,7 +311,7 @@ def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> Ea
 
 
 def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
-    """Return latitude and longitude, degrees: as the settings have them, else as the header has them.
+    """Look up latitude and longitude, degrees: in the settings, else in the header.
 
     Args:
         settings: ``latitude`` and ``longitude``, or None.
@@ -340,15 +321,15 @@ def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, f
 
 
 def refusal(series: FieldSeries) -> str:
-    """Return why a series is too short to be compared with a model, or nothing."""
+    """Say why a series is too short to be compared with a model; empty where it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
-    if hours >= LEAST_HOURS:
+    if hours >= MIN_HOURS:
         return ""
-    return f"the series has a declination in {hours} hours; {LEAST_HOURS} are needed"
+    return f"the series has a declination in {hours} hours; {MIN_HOURS} are needed"
 
 
 def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> FieldComparison:
-    """Return the comparison of a series with the field's model.
+    """Separate a series minus the field's model into level, quiet day and storms.
 
     Args:
         series: of an observatory, with some declinations.
@@ -359,12 +340,12 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
     off = angles.difference(observed, by_model)
     first = _rough_curve(time_s, off)
     levels, days = _levels(time_s, off - daily_curve_at(first, time_s))
-    level = _slow(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
+    level = _running_level(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
     rough = off - level - daily_curve_at(first, time_s)
     quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - daily_curve_at(curve, time_s)
-    stormy, found, ordinary, spikes = storms(time_s, disturbed, limit_deg)
+    stormy, measures, ordinary, spikes = storms(time_s, disturbed, limit_deg)
     each = _daily_means(time_s, off - daily_curve_at(curve - np.mean(curve), time_s), stormy)
     return FieldComparison(
         time_s=time_s,
@@ -375,7 +356,7 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
         quiet_days=len(np.unique(np.floor(time_s[quiet] / DAY_S))),
         disturbed_deg=disturbed,
         stormy=stormy,
-        storms=tuple(measured(series, model, one) for one in found),
+        storms=tuple(make_storm(series, model, each) for each in measures),
         ordinary_deg=ordinary,
         spikes=spikes,
         constant_deg=float(np.median(each)),
@@ -385,9 +366,9 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
 
 
 def _rough_curve(time_s: Floats, off: Floats) -> Floats:
-    """Return the median day of all days about their medians, (24,); NaN where they are few."""
+    """Compute the median day of all days about their medians, (24,); NaN where they are few."""
     days, which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
-    if len(days) < FEWEST_DAYS:
+    if len(days) < MIN_DAYS:
         return np.full(24, np.nan)
     begins = np.searchsorted(which, np.arange(len(days)))
     middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
@@ -395,7 +376,7 @@ def _rough_curve(time_s: Floats, off: Floats) -> Floats:
 
 
 def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
-    """Return the level of each day, the median of its calm half, and the days' numbers."""
+    """Compute the level of each day, the median of its calm half, and the days' numbers."""
     number = np.floor(time_s / DAY_S)
     change = np.abs(np.diff(off, prepend=off[0], append=off[-1]))
     hour = np.unique(np.floor(time_s / HOUR_S), return_inverse=True)[1]
@@ -407,24 +388,24 @@ def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
 
 
 def _daily_means(time_s: Floats, off: Floats, stormy: Flags) -> Floats:
-    """Return the mean of each day, storms left out where a day is more than one, (d,)."""
+    """Average each day, storms left out where a day is more than one, (d,)."""
     which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)[1]
     calm = ~stormy | (np.bincount(which, ~stormy) == 0)[which]
     return np.bincount(which[calm], off[calm]) / np.bincount(which[calm])
 
 
-def _slow(levels: Floats, days: Floats) -> Floats:
-    """Return the median of the days around each day; of all days where too few are around."""
+def _running_level(levels: Floats, days: Floats) -> Floats:
+    """Compute the running median of the levels of days; the median of all where too few are around."""
     result = np.full(len(days), np.median(levels))
     ends = np.searchsorted(days, days + NEAR_DAYS, side="right")
     for k, (a, b) in enumerate(zip(np.searchsorted(days, days - NEAR_DAYS), ends, strict=True)):
-        if b - a >= FEWEST_NEAR:
+        if b - a >= MIN_NEAR:
             result[k] = np.median(levels[a:b])
     return result
 
 
 def _quiet_days(time_s: Floats, rough: Floats, stormy: Flags) -> Flags:
-    """Return which means lie on the quietest days: whole ones without a storm."""
+    """Select the means of the quietest days: whole ones without a storm."""
     number = np.floor(time_s / DAY_S)
     days, which, count = np.unique(number, return_inverse=True, return_counts=True)
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
@@ -433,15 +414,15 @@ def _quiet_days(time_s: Floats, rough: Floats, stormy: Flags) -> Flags:
         return np.zeros(len(time_s), dtype=bool)
     about = rough - (np.bincount(which, rough) / count)[which]
     size = np.where(whole, np.bincount(which, about**2) / count, np.inf)
-    quietest = np.argsort(size)[: max(int(QUIETEST * len(days)), 1)]
+    quietest = np.argsort(size)[: max(int(QUIET_SHARE * len(days)), 1)]
     return np.isin(which, quietest[np.isfinite(size[quietest])])
 
 
 def _sigma(each_day: Floats, days: Floats, disturbed: Floats, limit_deg: float) -> float:
-    """Return the standard error of the constant: from blocks of days, or by an assumed spread where there are few."""
-    spread = np.hypot(DAY_LEVEL_DEG, OF_DISTURBANCE * min(angles.rms(disturbed), limit_deg))
+    """Estimate the standard error of the constant: from blocks of days, or by an assumed spread where there are few."""
+    spread = np.hypot(DAY_LEVEL_DEG, DISTURBANCE_SHARE * min(angles.rms(disturbed), limit_deg))
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
-    if blocks[-1] + 1 < FEWEST_BLOCKS:
+    if blocks[-1] + 1 < MIN_BLOCKS:
         return float(np.hypot(spread / np.sqrt(len(days)), SEASON_DEG))
     each = np.array([np.median(each_day[blocks == k]) for k in range(blocks[-1] + 1)])
     season = SEASON_DEG if np.ptp(days) < WHOLE_YEAR_DAYS else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.calibrations import budget, curves
 from compasslib.calibrations.budget import Source
-from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve, Points
+from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.errors import InputError
 from compasslib.readers import delimited
@@ -23,13 +23,33 @@ QUARTER_DEG = 90.0  # a constant from which an instrument that stood turned is l
 LARGE_DEG = 5.0  # a constant that benches and mounts are set better than
 DECLINATION_DEG, ALIKE_DEG = 2.0, 0.5  # least that is told from a constant, and how near that is then
 STEP_DEG = 2.0  # of a constant from the distance of two settings
-POOR_DEG, EXPLAINED = 3.0, 3.0  # rms about the curve from which a mistake is looked for, and how much it must explain
-EVEN, FEWEST_EVEN = 0.02, 8  # scatter of the distances of headings that were set, over their mean
+POOR_DEG, MIN_RATIO = 3.0, 3.0  # rms about the curve from which a mistake is looked for, and how much it must explain
+EVEN, MIN_EVEN = 0.02, 8  # scatter of the distances of headings that were set, over their mean
 UNITS = {"gon": 400.0, "radians": 360.0 * angles.DEGREE, "compass points": 32.0, "tens of degrees": 36.0}  # in a turn
+FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE)
+SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
+MIN_HEADINGS = 16  # fewer leave the third and fourth harmonics too little room
+WIDE_GAP_DEG = 90.0
+MAX_LEAKAGE = 0.5  # of a quadrantal deviation, in A, B or C where it is left out
+OUTLYING, OUTLYING_DEG = 6.0, 1.0  # medians of the left-out residuals, and at least so far
+SWING = "swing 16 to 24 headings all round the circle"
+MAX_ANGLE_DEG = 720.0  # an angle beyond two turns is in another unit
+ADVICE = "correct columns in the calibration's file"
+
+
+@dataclass(frozen=True)
+class BenchReadings:
+    """What was read, (n,) each, magnetic."""
+
+    reference_deg: Floats
+    recorded_deg: Floats
+
+    def __len__(self) -> int:
+        return len(self.reference_deg)
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Return the calibration on a bench.
+    """Calibrate a compass on a bench.
 
     Args:
         files: CSV files with the magnetic reference direction and the recorded heading, degrees.
@@ -41,69 +61,67 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         InputError: a file cannot be read, a column is absent or is not in degrees, headings run against each other, or
             a constant of a quarter turn and more is not settled by ``mounting_deg``.
     """
-    columns, notes = _read_columns(files, settings, required=ROLES)
-    _check_degrees(columns, files)
+    columns, notes = _read_columns(files, settings)
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
     mounting = settings.get("mounting_deg")
     reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
     read = BenchReadings(reference, columns["recorded_deg"][known])
     rows = budget.sources(settings.get("uncertainty") or {}, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
-    found = calibrate_readings("platform", read, rows, table_step_deg=step)
+    fitted = calibrate_readings("platform", read, rows, table_step_deg=step)
     where = ", ".join(str(file) for file in files)
-    _refuse_mistaken(found, BenchReadings(*(columns[role][known] for role in ROLES)), where)
+    _refuse_mistaken(fitted, BenchReadings(*(columns[role][known] for role in ROLES)), where)
     if mounting is None:
-        _refuse_turned(found, where)
-    constant = [] if mounting is not None else _constant_reasons(found, read, settings.get("declination_deg"))
-    misfits = [*constant, *_exchanged(read)]
-    return replace(
-        found,
-        details={**found.details, "doubts": misfits},
-        warnings=(*notes, *_left_out(int(np.sum(~known))), *found.warnings, *misfits, *_missing(rows)),
-    )
+        _refuse_turned(fitted, where)
+    constant = [] if mounting is not None else _constant_reasons(fitted, read, settings.get("declination_deg"))
+    misfits = [*constant]
+    if _even(read.recorded_deg) and not _even(read.reference_deg):
+        misfits.append(
+            "recorded_deg goes in even steps and reference_deg does not: where the columns are exchanged, every "
+            "deviation has the wrong sign"
+        )
+    warnings = [*notes]
+    if not known.all():
+        warnings.append(f"{int(np.sum(~known))} lines without both headings are left out")
+    warnings += [*fitted.warnings, *misfits]
+    if absent := budget.absent(rows):
+        holds = "only the scatter about the curve" if not rows else "the other rows only"
+        warnings.append(f"the budget has no row {', '.join(absent)}: the expanded uncertainty holds {holds}")
+    return replace(fitted, details={**fitted.details, "doubts": misfits}, warnings=tuple(warnings))
 
 
-def _refuse_mistaken(found: Calibration, read: BenchReadings, where: str) -> None:
+def _refuse_mistaken(fitted: Calibration, read: BenchReadings, where: str) -> None:
     """Refuse readings that a curve misses and that one mistake explains: another unit, or another sense of turning."""
-    missed = np.inf if found.model == "none" else found.residual_rms_deg
-    if missed < POOR_DEG or len(read) < FEWEST_EVEN:
+    missed = np.inf if fitted.model == "none" else fitted.residual_rms_deg
+    if missed < POOR_DEG or len(read) < MIN_EVEN:
         return
-    each = {text: _missed(undone) for text, undone in _mistakes(read)}
-    best = min(each, key=lambda text: each[text])
-    if each[best] < min(missed, 90.0) / EXPLAINED:
+    residuals = {}
+    for text, undone in _corrections(read).items():
+        curve = curves.fit_curve(SMITH, curves.deviation_points(undone.recorded_deg, undone.reference_deg))
+        residuals[text] = float("inf") if isinstance(curve, str) else angles.rms(curve.residual_deg)
+    best = min(residuals, key=lambda text: residuals[text])
+    if residuals[best] < min(missed, 90.0) / MIN_RATIO:
         advice = "correct the columns; headings are degrees, clockwise"
         raise InputError(where, expected="headings that a deviation curve can join", found=best, advice=advice)
 
 
-def _mistakes(read: BenchReadings) -> list[tuple[str, BenchReadings]]:
+def _corrections(read: BenchReadings) -> dict[str, BenchReadings]:
+    """Undo each mistake of the columns, by what to say of it."""
     reference, recorded = read.reference_deg, read.recorded_deg
-    tried = [
-        ("headings that run against each other: one column counts anticlockwise", BenchReadings(-reference, recorded))
-    ]
+    against = "headings that run against each other: one column counts anticlockwise"
+    corrections = {against: BenchReadings(-reference, recorded)}
     for unit, turn in UNITS.items():
         by = 360.0 / turn
-        both = np.nanmax(np.abs([reference, recorded])) <= turn
-        tried += [
-            (f"reference_deg in {unit}, as it looks", BenchReadings(by * reference, recorded)),
-            (f"recorded_deg in {unit}, as it looks", BenchReadings(reference, by * recorded)),
-            *(
-                [(f"both columns in {unit}, as they look", BenchReadings(by * reference, by * recorded))]
-                if both
-                else []
-            ),
-        ]
-    return tried
+        corrections[f"reference_deg in {unit}, as it looks"] = BenchReadings(by * reference, recorded)
+        corrections[f"recorded_deg in {unit}, as it looks"] = BenchReadings(reference, by * recorded)
+        if np.nanmax(np.abs([reference, recorded])) <= turn:
+            both = BenchReadings(by * reference, by * recorded)
+            corrections[f"both columns in {unit}, as they look"] = both
+    return corrections
 
 
-def _missed(read: BenchReadings) -> float:
-    """Return the rms of the five terms through readings; infinite where they determine none."""
-    seen = curves.deviation_points(read.recorded_deg, read.reference_deg)
-    curve = curves.fit_curve(curves.SMITH, seen)
-    return float("inf") if isinstance(curve, str) else angles.rms(curve.residual_deg)
-
-
-def _refuse_turned(found: Calibration, where: str) -> None:
-    shift = found.details.get("constant_shift", {"value_deg": 0.0})["value_deg"]
+def _refuse_turned(fitted: Calibration, where: str) -> None:
+    shift = fitted.details.get("constant_shift", {"value_deg": 0.0})["value_deg"]
     if abs(shift) < QUARTER_DEG - POOR_DEG:
         return
     stood = float(angles.wrap360(-QUARTER_DEG * np.round(shift / QUARTER_DEG)))
@@ -116,9 +134,9 @@ def _refuse_turned(found: Calibration, where: str) -> None:
     )
 
 
-def _constant_reasons(found: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
-    """Return what a constant that is large, or the declination's, is likelier to be than the compass's."""
-    shift = found.details.get("constant_shift")
+def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
+    """Explain a constant that is large, or the declination's: it is hardly the compass's."""
+    shift = fitted.details.get("constant_shift")
     if shift is None or abs(shift["value_deg"]) <= 2.0 * shift["sigma_deg"]:
         return []
     value, near = float(shift["value_deg"]), max(2.0 * float(shift["sigma_deg"]), ALIKE_DEG)
@@ -135,67 +153,29 @@ def _constant_reasons(found: Calibration, read: BenchReadings, declination_deg: 
     return [text] if reasons else []
 
 
-def _exchanged(read: BenchReadings) -> list[str]:
-    if not _even(read.recorded_deg) or _even(read.reference_deg):
-        return []
-    return [
-        "recorded_deg goes in even steps and reference_deg does not: where the columns are exchanged, every deviation "
-        "has the wrong sign"
-    ]
-
-
 def _even(heading_deg: Floats) -> bool:
     """Tell whether headings were set: all round, in even steps."""
     at = np.unique(np.round(angles.wrap360(heading_deg), 2))
     apart = angles.wrap360(np.roll(at, -1) - at)
-    return len(at) >= FEWEST_EVEN and bool(np.ptp(apart) <= EVEN * np.mean(apart))
-
-
-def _left_out(count: int) -> list[str]:
-    return [f"{count} lines without both headings are left out"] if count else []
-
-
-def _missing(rows: tuple[Source, ...]) -> list[str]:
-    names = budget.absent(rows)
-    if not names:
-        return []
-    holds = "only the scatter about the curve" if not rows else "the other rows only"
-    return [f"the budget has no row {', '.join(names)}: the expanded uncertainty holds {holds}"]
-
-
-FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE)
-SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
-ENOUGH_HEADINGS = 16  # fewer leave the third and fourth harmonics too little room
-WIDE_GAP_DEG = 90.0
-MOST_HIDDEN = 0.5  # of a quadrantal deviation, in A, B or C where it is left out
-OUTLYING, OUTLYING_DEG = 6.0, 1.0  # medians of the left-out residuals, and at least so far
-SWING = "swing 16 to 24 headings all round the circle"
-
-
-@dataclass(frozen=True)
-class BenchReadings:
-    """What was read, (n,) each, magnetic."""
-
-    reference_deg: Floats
-    recorded_deg: Floats
-
-    def __len__(self) -> int:
-        return len(self.reference_deg)
+    return len(at) >= MIN_EVEN and bool(np.ptp(apart) <= EVEN * np.mean(apart))
 
 
 def calibrate_readings(
     kind: str, readings: BenchReadings, sources: Sequence[Source] = (), *, table_step_deg: float = 10.0
 ) -> Calibration:
-    """Return the calibration that readings carry, perhaps none.
+    """Fit the curves to bench readings and select one, if any is determined.
 
     Args:
         sources: rows of the uncertainty budget that may turn all headings alike.
     """
     settings = _average_repeats(readings)
-    seen = curves.deviation_points(settings.recorded_deg, settings.reference_deg)
-    fits = _fits(seen)
+    observed = curves.deviation_points(settings.recorded_deg, settings.reference_deg)
+    fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
+    reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve)
+    if reduced and curves.max_leakage(observed) > MAX_LEAKAGE:
+        fits[ONE_CYCLE.name] = "a quadrantal deviation, which cannot be seen, would look like one cycle"
     fitted = [curve for curve in fits.values() if isinstance(curve, FittedCurve)]
-    found = Calibration(
+    empty = Calibration(
         kind=kind,
         model="none",
         n=len(readings),
@@ -205,34 +185,25 @@ def calibrate_readings(
         details={"headings": len(settings)},
     )
     if not fitted:
-        return replace(found, why=_too_little(settings, fits))
+        return replace(empty, why=_refusal(settings, fits))
     chosen = curves.select_curve(fitted)
     rows = (*sources, budget.residual(chosen.scatter_deg, chosen.dof))
     points = _points(readings, chosen)
     return replace(
-        found,
+        empty,
         model=chosen.form.name,
         **_coefficients(fits, chosen),
         residual_rms_deg=angles.rms(points["residual_deg"]),
         sources=rows,
         table=_table(chosen, table_step_deg, budget.common(rows)),
         points=points,
-        details={**found.details, **_details(fits, chosen, budget.common(rows))},
+        details={**empty.details, **_details(fits, chosen, budget.common(rows))},
         warnings=_warnings(readings, settings, fits, chosen),
     )
 
 
-def _fits(seen: Points) -> dict[str, FittedCurve | str]:
-    """Return every form through the points, or why there is none."""
-    fits = {form.name: curves.fit_curve(form, seen) for form in FORMS}
-    reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve)
-    if reduced and curves.max_leakage(seen) > MOST_HIDDEN:
-        fits[ONE_CYCLE.name] = "a quadrantal deviation, which cannot be seen, would look like one cycle"
-    return fits
-
-
 def _average_repeats(readings: BenchReadings) -> BenchReadings:
-    """Return one reading a setting of the bench: repeats share the setting's own error and count once."""
+    """Average the readings at each setting of the bench: repeats share the setting's error and count once."""
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
     _, which = np.unique(slots, return_inverse=True)
     groups = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
@@ -243,18 +214,18 @@ def _average_repeats(readings: BenchReadings) -> BenchReadings:
 
 
 def _coefficients(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve) -> dict[str, Any]:
-    """Return the series in the recorded heading and the exact compass, as far as the headings determine them."""
+    """Collect the series in the recorded heading and the exact compass, as far as the headings determine them."""
     smith, exact = fits[SMITH.name], fits[EXACT.name]
-    found: dict[str, Any] = {}
+    coefficients: dict[str, Any] = {}
     if isinstance(smith, FittedCurve):
-        found |= {"coefficients": smith.coefficients, "covariance": smith.covariance}
+        coefficients |= {"coefficients": smith.coefficients, "covariance": smith.covariance}
     elif chosen.form is ONE_CYCLE:
         unknown = np.full((5, 5), np.nan)
         unknown[:3, :3] = chosen.covariance
-        found |= {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
+        coefficients |= {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
     if isinstance(exact, FittedCurve):
-        found |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
-    return found
+        coefficients |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
+    return coefficients
 
 
 def _table(chosen: FittedCurve, step_deg: float, common_deg: float) -> DeviationTable:
@@ -265,30 +236,30 @@ def _table(chosen: FittedCurve, step_deg: float, common_deg: float) -> Deviation
 
 
 def _points(readings: BenchReadings, chosen: FittedCurve | None) -> dict[str, Floats]:
-    seen = curves.deviation_points(readings.recorded_deg, readings.reference_deg)
-    columns = {"reference_deg": angles.wrap360(readings.reference_deg), "recorded_deg": seen.recorded_deg}
-    columns |= {"deviation_deg": seen.deviation_deg}
+    points = curves.deviation_points(readings.recorded_deg, readings.reference_deg)
+    columns = {"reference_deg": angles.wrap360(readings.reference_deg), "recorded_deg": points.recorded_deg}
+    columns |= {"deviation_deg": points.deviation_deg}
     if chosen is None:
         return columns
-    fitted = chosen.deviation(seen.recorded_deg)
+    fitted = chosen.deviation(points.recorded_deg)
     if chosen.form is EXACT:  # of two headings that read the same the nearer one
-        roots = compass.inverse(chosen.coefficients, seen.recorded_deg)
-        off = angles.difference(roots, (seen.recorded_deg + seen.deviation_deg)[:, None])
+        roots = compass.inverse(chosen.coefficients, points.recorded_deg)
+        off = angles.difference(roots, (points.recorded_deg + points.deviation_deg)[:, None])
         nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
-        fitted = seen.deviation_deg + off[np.arange(len(off)), nearer]
-    return columns | {"fitted_deg": fitted, "residual_deg": angles.wrap180(seen.deviation_deg - fitted)}
+        fitted = points.deviation_deg + off[np.arange(len(off)), nearer]
+    return columns | {"fitted_deg": fitted, "residual_deg": angles.wrap180(points.deviation_deg - fitted)}
 
 
 def _details(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
     models = {name: {"why": fit} if isinstance(fit, str) else curves.curve_to_json(fit) for name, fit in fits.items()}
     scores = [f"{name} {fit.score_deg:.2f}" for name, fit in fits.items() if isinstance(fit, FittedCurve)]
     chosen_by = f"{chosen.form.name}; degrees rms on headings left out one by one: {', '.join(scores)}"
-    shift = {} if chosen.form is POLYNOMIAL else {"constant_shift": _shift(fits, chosen, common_deg)}
+    shift = {} if chosen.form is POLYNOMIAL else {"constant_shift": _constant_shift(fits, chosen, common_deg)}
     return {"models": models, "chosen_by": chosen_by, **shift}
 
 
-def _shift(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
-    """Return what the same turn of all headings would leave, as a compass's own calibration may (Le Menn, Fig. 18)."""
+def _constant_shift(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
+    """Describe the constant, which turns all headings alike as a compass's own calibration may (Le Menn, Fig. 18)."""
     series_fit = fits[SMITH.name] if isinstance(fits[SMITH.name], FittedCurve) else chosen
     assert isinstance(series_fit, FittedCurve)
     unit = 1.0 if series_fit.form is not EXACT else 1.0 / angles.DEGREE
@@ -303,7 +274,7 @@ def _shift(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_de
     return {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}
 
 
-def _too_little(settings: BenchReadings, fits: Mapping[str, FittedCurve | str]) -> str:
+def _refusal(settings: BenchReadings, fits: Mapping[str, FittedCurve | str]) -> str:
     if not len(settings):
         return f"no reading with both headings; {SWING}"
     if len(settings) == 1:
@@ -319,13 +290,33 @@ def _too_little(settings: BenchReadings, fits: Mapping[str, FittedCurve | str]) 
 def _warnings(
     readings: BenchReadings, settings: BenchReadings, fits: Mapping[str, FittedCurve | str], chosen: FittedCurve
 ) -> tuple[str, ...]:
-    warnings = [*_few(readings, settings, chosen), *_gap(settings, chosen), *_outlying(settings, chosen)]
+    warnings = []
+    full_circle = chosen.form is not EXACT or compass.turns_full_circle(chosen.coefficients)
+    if len(settings) < len(readings):
+        warnings.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
+    if len(settings) < MIN_HEADINGS:
+        warnings.append(
+            f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty is widened by Student's "
+            f"t, and third and fourth harmonics cannot be tested; {SWING}"
+        )
+    recorded = np.sort(angles.wrap360(settings.recorded_deg))
+    ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
+    widest = int(np.argmax(ahead))
+    if ahead[widest] > WIDE_GAP_DEG and full_circle:
+        ends = f"{recorded[widest]:.0f} and {recorded[(widest + 1) % len(recorded)]:.0f}"
+        warnings.append(f"no reading between recorded {ends} degrees: there the curve is only as good as its form")
+    off = np.abs(chosen.left_out_deg)
+    far = off > max(OUTLYING * float(np.median(off)), OUTLYING_DEG)
+    if far.any():
+        outliers = zip(settings.recorded_deg[far], chosen.left_out_deg[far], strict=True)
+        places = ", ".join(f"{heading:.0f} ({residual:+.1f})" for heading, residual in outliers)
+        warnings.append(f"readings far from the curve through the others, at recorded degrees (off by): {places}")
     if chosen.form is ONE_CYCLE and isinstance(fits[SMITH.name], str):
         warnings.append(f"reduced to one cycle, A, B and C: five terms: {fits[SMITH.name]}; D and E stay unknown")
     if chosen.form is POLYNOMIAL:
         low, high = (float(chosen.deviation(np.array([end]))[0]) for end in (0.0, 359.999))
         warnings.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")
-    if not _turns(chosen):
+    if not full_circle:
         low, high = (float(angles.wrap360(x)) for x in compass.recorded_range(chosen.coefficients))
         warnings.append(
             f"the compass cannot turn full circle: it shows {low:.0f} to {high:.0f} degrees, each for two correct "
@@ -334,106 +325,34 @@ def _warnings(
     return tuple(warnings)
 
 
-def _turns(chosen: FittedCurve) -> bool:
-    return chosen.form is not EXACT or compass.turns_full_circle(chosen.coefficients)
-
-
-def _few(readings: BenchReadings, settings: BenchReadings, chosen: FittedCurve) -> list[str]:
-    warnings = []
-    if len(settings) < len(readings):
-        warnings.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
-    if len(settings) < ENOUGH_HEADINGS:
-        warnings.append(
-            f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty is widened by Student's "
-            f"t, and third and fourth harmonics cannot be tested; {SWING}"
-        )
-    return warnings
-
-
-def _gap(settings: BenchReadings, chosen: FittedCurve) -> list[str]:
-    recorded = np.sort(angles.wrap360(settings.recorded_deg))
-    ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
-    widest = int(np.argmax(ahead))
-    if ahead[widest] <= WIDE_GAP_DEG or not _turns(chosen):
-        return []
-    ends = f"{recorded[widest]:.0f} and {recorded[(widest + 1) % len(recorded)]:.0f}"
-    return [f"no reading between recorded {ends} degrees: there the curve is only as good as its form"]
-
-
-def _outlying(settings: BenchReadings, chosen: FittedCurve) -> list[str]:
-    off = np.abs(chosen.left_out_deg)
-    far = off > max(OUTLYING * float(np.median(off)), OUTLYING_DEG)
-    places = ", ".join(
-        f"{x:.0f} ({y:+.1f})" for x, y in zip(settings.recorded_deg[far], chosen.left_out_deg[far], strict=True)
-    )
-    return (
-        [f"readings far from the curve through the others, at recorded degrees (off by): {places}"] if far.any() else []
-    )
-
-
-LARGEST_DEG = 720.0  # an angle beyond two turns is in another unit
-ADVICE = "correct columns in the calibration's file"
-
-
 def _read_columns(
-    files: Sequence[str | Path], settings: Mapping[str, Any], *, required: Sequence[str], optional: Sequence[str] = ()
+    files: Sequence[str | Path], settings: Mapping[str, Any]
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
-    """Return columns by role, files one after the other, an optional one only where every file has it; and notes.
+    """Read reference and recorded heading, files one after the other, and notes.
 
     Args:
-        files: tables with a header line.
         settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out, and
             the keys of ``delimited.Layout`` how they are written.
-        required: roles that must be there.
-        optional: roles that may be.
 
     Raises:
-        InputError: a file or column is absent, a required one is withheld, or a value cannot be read.
+        InputError: a file or column is absent or withheld, or a value cannot be read or is no angle in degrees.
     """
     paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
-    header = {role: (settings.get("columns") or {}).get(role, role) for role in (*required, *optional)}
+    where = ", ".join(str(path) for path in paths)
+    header = {role: (settings.get("columns") or {}).get(role, role) for role in ROLES}
     layout = delimited.Layout.from_settings(settings)
-    names = [set(delimited.read_header(path, [header[role] for role in required], layout)) for path in paths]
-    _refuse_unknown(withheld, set(header), set.union(*names), paths)
-    _refuse_withheld(required, header, withheld)
-    wanted = {
-        role: name
-        for role, name in header.items()
-        if role in required or (not {role, name} & withheld and all(name in there for there in names))
-    }
-    tables = [delimited.read_table(path, wanted, ADVICE, layout) for path in paths]
-    return {role: np.concatenate([one.columns[role] for one in tables]) for role in wanted}, delimited.table_notes(
-        tables
-    )
-
-
-def _check_degrees(columns: Mapping[str, Floats], files: Sequence[str | Path]) -> None:
-    """Refuse angles that cannot be degrees.
-
-    Args:
-        columns: by role; those whose role ends in ``_deg`` are looked at.
-
-    Raises:
-        InputError: an angle lies beyond two turns.
-    """
-    for role, values in columns.items():
-        worst = np.nanmax(np.abs(values), initial=0.0) if role.endswith("_deg") else 0.0
-        if worst > LARGEST_DEG:
-            where = f"{', '.join(str(file) for file in files)}: {role}"
-            found = f"{worst:g}"
-            raise InputError(where, expected="degrees", found=found, advice="turn the column to degrees")
-
-
-def _refuse_unknown(withheld: set[str], roles: set[str], names: set[str], paths: Sequence[Path]) -> None:
-    unknown = sorted(withheld - roles - names)
-    if unknown:
-        where = f"{', '.join(str(path) for path in paths)}: withhold"
-        there = ", ".join(sorted(names)) or "an empty file"
-        raise InputError(where, expected=f"columns of it ({there})", found=unknown[0], advice="correct withhold")
-
-
-def _refuse_withheld(required: Sequence[str], header: Mapping[str, str], withheld: set[str]) -> None:
-    for role in required:
+    names = set().union(*(delimited.read_header(path, [*header.values()], layout) for path in paths))
+    if unknown := sorted(withheld - set(header) - names):
+        expected = f"columns of it ({', '.join(sorted(names)) or 'an empty file'})"
+        raise InputError(f"{where}: withhold", expected=expected, found=unknown[0], advice="correct withhold")
+    for role in ROLES:
         if {role, header[role]} & withheld:
-            expected, found = "columns that the calibration can do without", f"{role}, which it needs"
-            raise InputError("withhold", expected=expected, found=found, advice="take it out of withhold")
+            expected, needed = "columns that the calibration can do without", f"{role}, which it needs"
+            raise InputError("withhold", expected=expected, found=needed, advice="take it out of withhold")
+    tables = [delimited.read_table(path, header, ADVICE, layout) for path in paths]
+    columns = {role: np.concatenate([table.columns[role] for table in tables]) for role in ROLES}
+    for role, values in columns.items():
+        if (largest := np.nanmax(np.abs(values), initial=0.0)) > MAX_ANGLE_DEG:
+            advice = "turn the column to degrees"
+            raise InputError(f"{where}: {role}", expected="degrees", found=f"{largest:g}", advice=advice)
+    return columns, delimited.table_notes(tables)

@@ -16,9 +16,11 @@ from compasslib.deviation.transfer import WEAKEST_NT
 from compasslib.types import Floats
 
 LETTERS = "ABCDE"
+# Of a calibration's date from its file's: the field changes by less than a fifth of a degree.
+MAX_DATE_ERROR_S = 180 * 86400.0
 
 
-def _nothing() -> Floats:
+def _empty() -> Floats:
     return np.zeros(0)
 
 
@@ -39,10 +41,10 @@ class Calibration:
     model: str  # the curve that was chosen
     n: int  # observations used
     coverage: int  # occupied sectors of 10 degrees of the recorded heading, of 36
-    coefficients: Floats = field(default_factory=_nothing)  # (5,) A..E, degrees, series in the recorded heading
-    covariance: Floats = field(default_factory=_nothing)  # (5, 5)
-    exact: Floats = field(default_factory=_nothing)  # (5,) A..E of the exact compass, dimensionless
-    exact_covariance: Floats = field(default_factory=_nothing)  # (5, 5)
+    coefficients: Floats = field(default_factory=_empty)  # (5,) A..E, degrees, series in the recorded heading
+    covariance: Floats = field(default_factory=_empty)  # (5, 5)
+    exact: Floats = field(default_factory=_empty)  # (5,) A..E of the exact compass, dimensionless
+    exact_covariance: Floats = field(default_factory=_empty)  # (5, 5)
     residual_rms_deg: float = float("nan")
     sources: tuple[Source, ...] = ()
     table: DeviationTable | None = None
@@ -53,15 +55,15 @@ class Calibration:
 
 
 POSITION = ("latitude", "longitude")
-SURE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
-LEAST_CHANCE = 0.001  # smaller ones are not printed
-SEEN = 3.0  # standard deviations of an amplitude under which it has no phase
+SIGNIFICANCE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
+MIN_P_VALUE = 0.001  # smaller ones are not printed
+MIN_AMPLITUDE_SIGMAS = 3.0  # standard deviations of an amplitude under which it has no phase
 
 
 def to_json(
     name: str, made: Calibration, settings: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Return calibration.json: what every kind has, then what only this one has.
+    """Describe a calibration for calibration.json: the keys of every kind, then those of this one.
 
     Args:
         settings: as the kind got them, settled.
@@ -81,7 +83,7 @@ def to_json(
         "place": _place(settings, made.details),
         "comparison": next((compare(made, page, name) for name, page in earlier.items()), None),
         "why": made.why,
-        "warnings": [*made.warnings, *_weak(settings.get("field"))],
+        "warnings": [*made.warnings, *_weak_field_warnings(settings.get("field"))],
     }
     taken = [key for key in made.details if key in common and made.details[key] != common[key]]
     if taken:
@@ -90,7 +92,7 @@ def to_json(
 
 
 def from_json(content: Mapping[str, Any]) -> Calibration:
-    """Return the calibration that a calibration.json describes, without its table and points."""
+    """Make a calibration from its calibration.json, without table and points."""
     exact, rms = content["exact"] or {}, content["residual_rms_deg"]
     rows = content["uncertainty"]["rows"].items()
     return Calibration(
@@ -115,7 +117,6 @@ def _numbers(letters: Mapping[str, float | None] | None) -> Floats:
 
 
 def log_line(content: Mapping[str, Any]) -> str:
-    """Return what the job says of its result."""
     name, warnings = content["name"], [f"{content['name']}: warning: {text}" for text in content["warnings"]]
     if content["why"]:
         return "\n".join([f"{name}: no calibration: {content['why']}", *warnings])
@@ -132,7 +133,7 @@ def _named(values: Floats) -> dict[str, float] | None:
 
 
 def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str, Any]:
-    """Return place and date with the earth's field there: as given, else as a log that holds them has them."""
+    """Describe place, date and the earth's field there: as given, else as the log states them."""
     date = settings.get("date_s")
     day = details.get("date") if date is None else datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
     at = {key: settings.get(key) for key in POSITION}
@@ -144,8 +145,8 @@ def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str,
 
 
 def _uncertainty(made: Calibration) -> dict[str, Any]:
-    found = made.sources and (made.coefficients.size or made.exact.size)
-    standard = budget.combined(made.sources) if found else None
+    uncertainty = made.sources and (made.coefficients.size or made.exact.size)
+    standard = budget.combined(made.sources) if uncertainty else None
     return {
         "rows": {row.name: {"standard_deg": row.standard_deg, "how": row.how} for row in made.sources},
         "standard_deg": standard,
@@ -154,7 +155,7 @@ def _uncertainty(made: Calibration) -> dict[str, Any]:
     }
 
 
-def _weak(field: Mapping[str, float] | None) -> list[str]:
+def _weak_field_warnings(field: Mapping[str, float] | None) -> list[str]:
     if field is None or field["horizontal_nT"] >= WEAKEST_NT:
         return []
     return [f"the horizontal field is {field['horizontal_nT']:.0f} nT; below {WEAKEST_NT:.0f} nT no correction holds"]
@@ -167,26 +168,28 @@ def _weak(field: Mapping[str, float] | None) -> list[str]:
 
 
 def compare(after: Calibration, before: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return how a calibration differs from an earlier one."""
-    earlier = _known(before["coefficients"], before["covariance"])
+    """Compare a calibration with an earlier one."""
+    earlier = _coefficients_and_covariance(before["coefficients"], before["covariance"])
     if not after.coefficients.size or earlier is None:
         return {"with": name, "why": f"{'this calibration' if earlier else name} has no coefficients", "differ": None}
     now, past = (after.coefficients, after.covariance), earlier
     both = np.isfinite(now[0]) & np.isfinite(past[0])
     off, covariance = now[0] - past[0], now[1] + past[1]
-    p_value = _chance(off[both], covariance[np.ix_(both, both)])
+    p_value = _p_value(off[both], covariance[np.ix_(both, both)])
     cycle = {"amplitude_deg": _amplitude(now, past), "phase_deg": _phase(now, past)}
     return {
         "with": name,
         "one_cycle": cycle,
         "difference": {LETTERS[k]: _difference(off[k], covariance[k, k]) for k in np.flatnonzero(both)},
         "p_value": p_value,
-        "differ": p_value < SURE,
+        "differ": p_value < SIGNIFICANCE,
         "text": _sentence(name, cycle, p_value),
     }
 
 
-def _known(coefficients: Mapping[str, float | None] | None, covariance: Any) -> tuple[Floats, Floats] | None:
+def _coefficients_and_covariance(
+    coefficients: Mapping[str, float | None] | None, covariance: Any
+) -> tuple[Floats, Floats] | None:
     if coefficients is None:
         return None
     return np.array([coefficients[k] for k in LETTERS], dtype=float), np.array(covariance, dtype=float)
@@ -197,8 +200,8 @@ def _difference(off: float, variance: float) -> dict[str, float]:
     return {"value_deg": float(off), "sigma_deg": sigma, "z": float(off) / sigma if sigma > 0 else float("nan")}
 
 
-def _chance(off: Floats, covariance: Floats) -> float:
-    """Return the probability of so large a difference where there is none (chi square)."""
+def _p_value(off: Floats, covariance: Floats) -> float:
+    """Compute the probability of so large a difference where there is none (chi square)."""
     from scipy.special import chdtrc  # only where two calibrations are compared
 
     return float(chdtrc(len(off), off @ np.linalg.pinv(covariance) @ off))
@@ -211,16 +214,16 @@ def _amplitude(now: tuple[Floats, Floats], past: tuple[Floats, Floats]) -> dict[
 
 
 def _phase(now: tuple[Floats, Floats], past: tuple[Floats, Floats]) -> dict[str, float] | None:
-    """Return the recorded headings at which B sin + C cos is largest, and by how much that moved; None without one."""
+    """Compare the recorded headings at which B sin + C cos is largest; None where an amplitude is too small."""
     here, there = _polar(*now), _polar(*past)
-    if min(here[0] / here[1], there[0] / there[1]) < SEEN:
+    if min(here[0] / here[1], there[0] / there[1]) < MIN_AMPLITUDE_SIGMAS:
         return None
     shift = float(angles.difference(here[2], there[2]))
     return {"after": here[2], "before": there[2], "shift": shift, "sigma": float(np.hypot(here[3], there[3]))}
 
 
 def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, float, float]:
-    """Return amplitude, its sigma, phase and its sigma of the one-cycle part, degrees."""
+    """Convert B and C to amplitude, its sigma, phase and its sigma, degrees."""
     pair, spread = coefficients[1:3], covariance[1:3, 1:3]
     amplitude = max(float(np.hypot(*pair)), 1e-12)
     along = pair / amplitude
@@ -236,19 +239,16 @@ def _sentence(name: str, cycle: Mapping[str, Any], p_value: float) -> str:
         if phase
         else "it is too small on one side to have a phase"
     )
-    chance = f"p = {p_value:.2g}" if p_value >= LEAST_CHANCE else f"p < {LEAST_CHANCE}"
-    difference = "differ" if p_value < SURE else "do not differ significantly"
+    chance = f"p = {p_value:.2g}" if p_value >= MIN_P_VALUE else f"p < {MIN_P_VALUE}"
+    difference = "differ" if p_value < SIGNIFICANCE else "do not differ significantly"
     return (
         f"This calibration and {name} {difference} ({chance}). The one-cycle part goes from {size['before']:.2f} to "
         f"{size['after']:.2f} degrees, by {size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}."
     )
 
 
-FARTHEST_S = 180 * 86400.0  # of a calibration's date from its file: the field changes by less than a fifth of a degree
-
-
 def check_date(time_s: Floats | None, date_s: float | None) -> list[str]:
-    """Return a warning where the date of a calibration is not that of its file, or nothing.
+    """Warn where the date of a calibration is not that of its file.
 
     Args:
         time_s: of the file, None where it has no clock.
@@ -257,7 +257,7 @@ def check_date(time_s: Floats | None, date_s: float | None) -> list[str]:
     if date_s is None or time_s is None or not np.isfinite(time_s).any():
         return []
     first, last = float(np.nanmin(time_s)), float(np.nanmax(time_s))
-    if first - FARTHEST_S <= date_s <= last + FARTHEST_S:
+    if first - MAX_DATE_ERROR_S <= date_s <= last + MAX_DATE_ERROR_S:
         return []
     day, given = (str(np.datetime64(int(t), "s"))[:10] for t in (first, date_s))
     return [f"the file begins on {day} and IGRF is taken at the date in the YAML file, {given}: correct one of the two"]

@@ -38,7 +38,7 @@ FOLDED = (
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Return the calibration of a magnetometer from its log.
+    """Calibrate a magnetometer from its log.
 
     Args:
         files: CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
@@ -48,11 +48,11 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         InputError: a column is absent or a cell is not a number.
     """
     log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
-    why = magnetometer_log.refusal(log)
+    why = magnetometer_log.unusable_reason(log)
     if why:
         return _refused(log, why)
     field = settings.get("field")
-    axes, warnings = magnetometer_log.axes(log)
+    axes, warnings = magnetometer_log.determine_axes(log)
     choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
     far = ellipsoid.find_outliers(choice)
     if far.any():
@@ -62,15 +62,15 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if solved is None:
         return _refused(log, choice.why)
     warnings = [*log.warnings, *warnings, *check_date(log.time_s, settings.get("date_s"))]
-    return _described(solved, field, settings.get("columns") or {}, warnings)
+    return _make_calibration(solved, field, settings.get("columns") or {}, warnings)
 
 
 def _refused(log: Log, why: str) -> Calibration:
-    details = {"hard_iron": None, "soft_iron": None, "undetermined": [*ellipsoid.EVERY], "left_out": log.left_out}
+    details = {"hard_iron": None, "soft_iron": None, "undetermined": [*ellipsoid.PARAMETERS], "left_out": log.left_out}
     return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
 
 
-def _described(
+def _make_calibration(
     solved: Solved, field: Mapping[str, float] | None, columns: Mapping[str, str], warnings: Sequence[str]
 ) -> Calibration:
     exact = iron.exact_coefficients(solved.iron, solved.dip_ratio)
@@ -92,16 +92,16 @@ def _described(
 
 
 def _correction(solved: Solved, exact: Floats, *, folded: bool) -> dict[str, Any]:
-    """Return what the iron does to the heading; the exact coefficients alone where it folds."""
+    """Compute what the iron does to the heading; the exact coefficients alone where it folds."""
     each = zip(solved.replicates, solved.dip_replicates, strict=True)
-    replicates = np.array([iron.exact_coefficients(one, float(dip)) for one, dip in each])
+    replicates = np.array([iron.exact_coefficients(replicate, float(dip)) for replicate, dip in each])
     moved = iron.exact_coefficients(solved.moved, solved.dip_ratio)
-    found: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
+    correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
     if folded:
-        return found
+        return correction
     series, table = iron.series_coefficients(exact), iron.deviation_table(exact, replicates, moved)
-    each_series = np.array([iron.series_coefficients(one) for one in replicates])
-    return found | {
+    each_series = np.array([iron.series_coefficients(replicate) for replicate in replicates])
+    return correction | {
         "coefficients": series,
         "covariance": ellipsoid.covariance(each_series, iron.series_coefficients(moved) - series),
         "residual_rms_deg": _residual(solved, series, exact),
@@ -111,7 +111,7 @@ def _correction(solved: Solved, exact: Floats, *, folded: bool) -> dict[str, Any
 
 
 def _residual(solved: Solved, series: Floats, exact: Floats) -> float:
-    """Return the rms of the deviation about the series: of the readings, or along the circle without headings."""
+    """Compute the rms of the deviation about the series: of the readings, or along the circle without headings."""
     if solved.headed:
         recorded, corrected = solved.headings()
         deviation = angles.difference(corrected, recorded)
@@ -125,22 +125,22 @@ Field = Mapping[str, float] | None
 
 TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
 WEAK_FIELD_NT = 5000.0  # Le Menn et al. 2023, section 7
-RESTLESS_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
-UNLIKE = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
+MAX_RESIDUAL_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
+MAX_AXIS_RATIO = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
 TURNS = ("forward", "starboard", "vertical")
 OPEN_TURN = "an ellipsoid is the same however the sensor is turned; only tilts and a logged heading show it"
-OFF = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
+MAX_UNIT_ERROR = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
 NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
 _SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
 
 
 def _points(solved: Solved) -> dict[str, Floats]:
-    """Return the columns of what was read and what it becomes, (n,) each, in the file's unit and axes."""
+    """Tabulate readings and corrected readings, (n,) each, in the file's unit and axes."""
     scale, field, log = solved.choice.scale, solved.corrected(), solved.log
     size, down = scale * solved.gain(solved.iron), solved.readings.down
-    seen = "xyz" if log.has_z else "xy"
-    columns = {name: log.raw[:, k] for k, name in enumerate(seen)}
-    columns |= {f"{name}_corrected": size * (field @ solved.axes.matrix)[:, k] for k, name in enumerate(seen)}
+    axes = "xyz" if log.has_z else "xy"
+    columns = {name: log.raw[:, k] for k, name in enumerate(axes)}
+    columns |= {f"{name}_corrected": size * (field @ solved.axes.matrix)[:, k] for k, name in enumerate(axes)}
     columns["modulus"] = scale * ellipsoid.modulus(solved.readings.field, down)
     columns["modulus_corrected"] = size * ellipsoid.modulus(field, down)
     if solved.headed:
@@ -152,14 +152,10 @@ def _points(solved: Solved) -> dict[str, Floats]:
 
 
 def _details(solved: Solved, field: Field) -> dict[str, Any]:
-    """Return what only a magnetometer has, ready for JSON; null where nothing is determined.
-
-    Args:
-        field: the earth's field {horizontal_nT, vertical_nT}, or None.
-    """
+    """Describe what only a magnetometer has, ready for JSON; null where nothing is determined."""
     choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
     undetermined = _undetermined(solved)
-    found: dict[str, Any] = {
+    details: dict[str, Any] = {
         "model": solved.fitted.model.name,
         "axes": solved.axes.text,
         **_iron(solved),
@@ -176,36 +172,36 @@ def _details(solved: Solved, field: Field) -> dict[str, Any]:
         "left_out": solved.log.left_out,
     }
     if field is not None:
-        found["counts_per_nT"] = size / _strength(solved, field)
-    return found
+        details["counts_per_nT"] = size / _strength(solved, field)
+    return details
 
 
 def _strength(solved: Solved, field: Mapping[str, float]) -> float:
-    """Return what the modulus should be, nT."""
+    """Compute the earth's modulus, nT."""
     level = field["horizontal_nT"]
     return float(level if solved.choice.level else np.hypot(level, field["vertical_nT"]))
 
 
 def _iron(solved: Solved) -> dict[str, Any]:
-    """Return hard and soft iron in the file's axes with one standard deviation.
+    """Describe hard and soft iron in the file's axes with one standard deviation.
 
     A model without soft iron says that it is under what can be seen, so the larger model tells how much that is.
     """
     choice, to_body = solved.choice, solved.axes.matrix
     largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
     shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
-    soft = np.array([to_body.T @ solved.soft(one) @ to_body for one in largest])
+    soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in largest])
     arrays = {
         "hard_iron": choice.scale * to_body.T @ solved.iron[:3],
         "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift),
         "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
         "soft_iron_sigma": ellipsoid.sigma(soft),
     }
-    return {name: _shown(values, choice.undetermined) for name, values in arrays.items()}
+    return {name: _to_json_array(values, choice.undetermined) for name, values in arrays.items()}
 
 
-def _shown(values: Floats, undetermined: Collection[str]) -> list[Any]:
-    """Return a vector or matrix for JSON, null where the readings do not determine it."""
+def _to_json_array(values: Floats, undetermined: Collection[str]) -> list[Any]:
+    """Convert a vector or matrix for JSON, null where the readings do not determine it."""
     shown = values.astype(object)
     for name in undetermined:
         if name in ellipsoid.CENTRE and shown.ndim == 1:
@@ -217,7 +213,7 @@ def _shown(values: Floats, undetermined: Collection[str]) -> list[Any]:
 
 
 def _residuals(solved: Solved) -> dict[str, float]:
-    """Return the scatter of the modulus about its mean before and after, percent."""
+    """Compute the scatter of the modulus about its mean before and after, percent."""
     down = solved.readings.down
     moduli = {"before": ellipsoid.modulus(solved.readings.field, down)}
     moduli["after"] = ellipsoid.modulus(solved.corrected(), down)
@@ -225,18 +221,18 @@ def _residuals(solved: Solved) -> dict[str, float]:
 
 
 def _harmonics(solved: Solved) -> dict[str, dict[str, float]]:
-    """Return the harmonics of the horizontal modulus against the heading before and after, percent."""
+    """Compute the harmonics of the horizontal modulus against the heading before and after, percent."""
     recorded, corrected = solved.headings()
     fields = {"before": (solved.readings.field, recorded), "after": (solved.corrected(), corrected)}
-    found = {}
+    harmonics = {}
     for when, (field, heading) in fields.items():
         first, second = iron.modulus_harmonics(ellipsoid.modulus(field, solved.down), heading)
-        found[when] = {"first": first, "second": second}
-    return found
+        harmonics[when] = {"first": first, "second": second}
+    return harmonics
 
 
 def _misalignment(solved: Solved) -> dict[str, dict[str, float] | None]:
-    """Return the angles from the magnetometer to the instrument with their sigma, None where open."""
+    """Describe the angles from the magnetometer to the instrument with their sigma, None where open."""
     return {
         name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
         for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
@@ -244,17 +240,13 @@ def _misalignment(solved: Solved) -> dict[str, dict[str, float] | None]:
 
 
 def _undetermined(solved: Solved) -> dict[str, str]:
-    """Return all that stays open with its reason, the turns of the magnetometer too."""
+    """List what stays open with its reason, the turns of the magnetometer too."""
     turns = [name for name, angle in _misalignment(solved).items() if angle is None]
     return {**solved.choice.undetermined, **{f"turn about {name}": OPEN_TURN for name in turns}}
 
 
 def _warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[str]:
-    """Return what a reader of the correction must know, in sentences.
-
-    Args:
-        field: the earth's field {horizontal_nT, vertical_nT}, or None.
-    """
+    """List the conditions of the correction, in sentences."""
     level, tilted = solved.choice.level, solved.log.tilted
     weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
     too_weak = f"The horizontal field is under {WEAK_FIELD_NT:.0f} nT: no correction can be relied on"
@@ -277,20 +269,20 @@ def _warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[
     if field is None:
         return texts
     size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"
-    return texts + _sentences(size, _strength(solved, field), what, columns)
+    return texts + _unit_warnings(size, _strength(solved, field), what, columns)
 
 
 def _misfits(solved: Solved) -> list[str]:
-    """Return what iron that is fixed to a compass does not make: its coefficients are suspect."""
-    left, seen = _residuals(solved)["after"], 2 if solved.choice.level else 3
-    strengths = np.linalg.svd(solved.soft(solved.iron)[:seen, :seen], compute_uv=False)
+    """List what iron that is fixed to a compass does not make: its coefficients are suspect."""
+    residual, dimensions = _residuals(solved)["after"], 2 if solved.choice.level else 3
+    strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
     texts = []
-    if left > RESTLESS_PERCENT:
+    if residual > MAX_RESIDUAL_PERCENT:
         texts.append(
-            f"the modulus still varies by {left:.0f} % when hard and soft iron are taken off: iron that moved, axes "
-            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
+            f"the modulus still varies by {residual:.0f} % when hard and soft iron are taken off: iron that moved, "
+            "axes exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
         )
-    if strengths[0] > UNLIKE * strengths[-1]:
+    if strengths[0] > MAX_AXIS_RATIO * strengths[-1]:
         texts.append(
             f"one axis shows {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different units, "
             "or one that is failing; the heading that the instrument logs may not have this error"
@@ -299,7 +291,7 @@ def _misfits(solved: Solved) -> list[str]:
 
 
 def _sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
-    """Return the budget of a corrected heading.
+    """Make the uncertainty budget of a corrected heading.
 
     Args:
         table: exact deviation by recorded heading.
@@ -308,11 +300,11 @@ def _sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Sou
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - von_appen.predict(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
-    one = solved.fitted.noise / horizontal / angles.DEGREE
+    reading_deg = solved.fitted.noise / horizontal / angles.DEGREE
     return (
         Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
         Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
-        Source("one reading", one, "scatter of the modulus, one axis"),
+        Source("one reading", reading_deg, "scatter of the modulus, one axis"),
         *(_tilt_sources(solved) if solved.log.tilted else ()),
     )
 
@@ -334,33 +326,33 @@ def _tilt_sources(solved: Solved) -> tuple[Source, ...]:
 # be IGRF's in one of them. Headers such as ``mag_x_nT`` say which.
 
 
-def _sentences(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:
-    """Return what to say where no unit makes the modulus that of the earth's field, or the one that is named does not.
+def _unit_warnings(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:
+    """Warn where no unit makes the modulus that of the earth's field, or the named one does not.
 
     Args:
         modulus: of the corrected axes, in the file's unit.
         what: which strength, total or horizontal.
     """
     unit = _unit(columns)
-    if unit is None and _near(10.0 ** round(log10(modulus / strength_nT)), modulus / strength_nT):
+    if unit is None and _nearly_equal(10.0 ** round(log10(modulus / strength_nT)), modulus / strength_nT):
         return []
-    if unit is not None and _near(1.0, modulus * NANOTESLA[unit] / strength_nT):
+    if unit is not None and _nearly_equal(1.0, modulus * NANOTESLA[unit] / strength_nT):
         return []
-    found = f"The {what} field is {modulus:.4g} {unit or 'in the unit of the file'} without the iron that was found"
+    text = f"The {what} field is {modulus:.4g} {unit or 'in the unit of the file'} without the iron that was found"
     expected = f"IGRF has {strength_nT:.0f} nT at place and date"
     none = "No unit of a magnetic field (nT, µT, mG, G) makes"
     by = "The unit in the header does not make" if unit else none
     return [
-        f"{found}; {expected}. {by} the two agree: a wrong scale, unit, place or date, counts of the sensor's "
+        f"{text}; {expected}. {by} the two agree: a wrong scale, unit, place or date, counts of the sensor's "
         "own, or not the earth's field. Headings depend on ratios only and stand; hard_iron is in the file's unit."
     ]
 
 
 def _unit(columns: Mapping[str, str]) -> str | None:
-    """Return the unit that the headers of x and y end in, where they agree."""
+    """Read the unit from the ends of the headers of x and y, where they agree."""
     ends = {match[1] if (match := _SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
     return ends.pop() if len(ends) == 1 else None
 
 
-def _near(a: float, b: float) -> bool:
-    return abs(a / b - 1.0) < OFF
+def _nearly_equal(a: float, b: float) -> bool:
+    return abs(a / b - 1.0) < MAX_UNIT_ERROR

@@ -24,12 +24,22 @@ from compasslib.statistics import robust
 from compasslib.statistics.autocorrelation import effective_number
 from compasslib.types import Floats
 
-STEPS, LONGEST_STEP, CONVERGED = 60, 0.3, 1e-11
+MAX_ITERATIONS, MAX_STEP, TOLERANCE = 60, 0.3, 1e-11
 BLOCKS = 20  # of the jackknife: each longer than the memory of the noise, enough of them for a variance
 NORMAL_95 = 1.96
 CENTRE, SOFT = ("x offset", "y offset", "z offset"), ("S11", "S22", "S33", "S12", "S13", "S23")
-EVERY = CENTRE + SOFT
+PARAMETERS = CENTRE + SOFT
 PLACES = {"S11": (0, 0), "S22": (1, 1), "S33": (2, 2), "S12": (0, 1), "S13": (0, 2), "S23": (1, 2)}
+MAX_STANDARD_ERROR = 0.05  # of the field: a parameter that is less sure is not given
+# Of the field: linearity, cross-axis, gradients; an error that more readings do not average out.
+SYSTEMATIC_ERROR = 0.003
+FOLDS = 5
+MIN_ARC_DEG, MIN_SECTORS, MAX_SCATTER = 120.0, 6, 0.25
+# A platform counts as level by its tilts, or by z's scatter over the radius.
+MAX_LEVEL_TILT_DEG, MAX_LEVEL_SCATTER = 30.0, 0.3
+OUTLIER_WIDTHS, MAX_OUTLIER_SHARE = 6.0, 0.05
+DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
+UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ class ScaledReadings:
         return len(self.field)
 
     def take(self, index: NDArray[np.bool_]) -> ScaledReadings:
-        """Return some of the readings, by a mask (n,)."""
+        """Select readings by a mask (n,)."""
         return ScaledReadings(self.field[index], self.down[index])
 
 
@@ -66,7 +76,7 @@ class FittedEllipsoid:
     replicates: Floats  # (blocks, p)
 
     def iron(self) -> tuple[Floats, Floats]:
-        """Return centre and G as one vector, (12,), and the same of each replicate, (blocks, 12)."""
+        """Compute centre and G as one vector, (12,), and the same of each replicate, (blocks, 12)."""
         return self.parameters @ self.model.chain, self.replicates @ self.model.chain
 
 
@@ -86,7 +96,7 @@ X, Y, Z = ({name: 1.0} for name in CENTRE)
 ALIKE = {"S11": 1.0, "S22": 1.0, "S33": 1.0}
 SPHERE = Model("sphere", (*CENTRE, "scale"), _chain(X, Y, Z, ALIKE))
 AXES = Model("ellipsoid along the axes", (*CENTRE, *SOFT[:3]), _chain(X, Y, Z, *({k: 1.0} for k in SOFT[:3])))
-ELLIPSOID = Model("ellipsoid", EVERY, _chain(X, Y, Z, *({k: 1.0} for k in SOFT)))
+ELLIPSOID = Model("ellipsoid", PARAMETERS, _chain(X, Y, Z, *({k: 1.0} for k in SOFT)))
 CIRCLE = Model("circle", (*CENTRE[:2], "scale"), _chain(X, Y, ALIKE))
 # The third axis is not seen: its sensitivity is held at the mean of the two others.
 ELLIPSE = Model(
@@ -103,11 +113,7 @@ LEVEL_AND_THIRD = Model(
 
 
 def unpack(model: Model, parameters: Floats) -> tuple[Floats, Floats]:
-    """Return the centre (3,) and the matrix G (3, 3).
-
-    Args:
-        parameters: (p,).
-    """
+    """Split the parameters (p,) into the centre (3,) and the matrix G (3, 3)."""
     full = parameters @ model.chain
     return full[:3], full[3:].reshape(3, 3)
 
@@ -122,13 +128,13 @@ def corrected(iron: Floats, readings: ScaledReadings) -> Floats:
 
 
 def modulus(field: Floats, down: Floats) -> Floats:
-    """Return the modulus of what is across the downward direction, (n,); the whole one where that is zero."""
+    """Compute the modulus of what is across the downward direction, (n,); the whole one where that is zero."""
     along = np.sum(field * down, axis=1)
     return np.sqrt(np.maximum(np.sum(field**2, axis=1) - along**2, 0.0))
 
 
-def start(readings: ScaledReadings) -> tuple[Floats, float]:
-    """Return centre (3,) and radius of the sphere or circle by linear least squares on the squared modulus."""
+def fit_sphere(readings: ScaledReadings) -> tuple[Floats, float]:
+    """Fit centre (3,) and radius of the sphere or circle by linear least squares on the squared modulus."""
     across = readings.field - np.sum(readings.field * readings.down, axis=1)[:, None] * readings.down
     level = bool(readings.down.any())
     use = across[:, :2] if level else across
@@ -139,7 +145,7 @@ def start(readings: ScaledReadings) -> tuple[Floats, float]:
 
 
 def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: bool = True) -> tuple[Floats, float]:
-    """Return the parameters (p,) that minimise the adjusted loss, and the noise variance of one axis.
+    """Minimise the adjusted loss over the parameters (p,) and estimate the noise variance of one axis.
 
     Args:
         readings: n of them over the modulus.
@@ -151,18 +157,18 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
     """
     wanted = np.concatenate([centre, np.eye(3).ravel()])
     parameters = np.linalg.lstsq(model.chain.T, wanted, rcond=None)[0]
-    for _ in range(STEPS):
+    for _ in range(MAX_ITERATIONS):
         variance = _variance(model, parameters, readings) if adjusted else 0.0
         score, columns = _scores(model, parameters, readings, variance)
         step = -np.linalg.solve(columns.T @ columns, score.sum(axis=0))
-        parameters = parameters + step * min(1.0, LONGEST_STEP / max(float(np.linalg.norm(step)), 1e-300))
-        if np.max(np.abs(step)) < CONVERGED:
+        parameters = parameters + step * min(1.0, MAX_STEP / max(float(np.linalg.norm(step)), 1e-300))
+        if np.max(np.abs(step)) < TOLERANCE:
             return parameters, variance
     raise np.linalg.LinAlgError(f"the fit of the {model.name} does not settle")
 
 
 def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid:
-    """Return a model fitted, with a block jackknife that allows for memory.
+    """Fit a model with a block jackknife that allows for memory.
 
     Args:
         readings: n of them over the modulus, in the order of time.
@@ -177,7 +183,7 @@ def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipso
 
 
 def _without_each_block(model: Model, parameters: Floats, readings: ScaledReadings, variance: float) -> Floats:
-    """Return the parameters after one step of the fit without each contiguous block, (blocks, p)."""
+    """Take one step of the fit without each contiguous block, (blocks, p)."""
     score, columns = _scores(model, parameters, readings, variance)
     information = columns.T @ columns
     parts = [blocks(len(readings)) == k for k in range(BLOCKS)]
@@ -192,12 +198,12 @@ def _without_each_block(model: Model, parameters: Floats, readings: ScaledReadin
 
 
 def blocks(n: int) -> NDArray[np.signedinteger]:
-    """Return the number of the contiguous block that each of n readings belongs to, (n,)."""
+    """Number the contiguous block of each of n readings, (n,)."""
     return np.arange(n) * BLOCKS // max(n, 1)
 
 
 def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
-    """Return the jackknife covariance of whatever was computed from each replicate, (q, q).
+    """Compute the jackknife covariance of a quantity of each replicate, (q, q).
 
     It is widened so that 1.96 standard deviations hold what Student's distribution of the few blocks asks for.
 
@@ -213,7 +219,7 @@ def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
 
 
 def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
-    """Return the standard deviation of whatever was computed from each replicate, in its own shape.
+    """Compute the jackknife standard deviation of a quantity of each replicate, in its own shape.
 
     Args:
         replicates: (blocks, ...).
@@ -224,10 +230,10 @@ def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)
 
 
-def dilution(judged: Model, iron: Floats, readings: ScaledReadings) -> dict[str, float]:
-    """Return by how much an error of one reading that does not average out is magnified in each parameter.
+def dilution(model: Model, iron: Floats, readings: ScaledReadings) -> dict[str, float]:
+    """Compute the magnification of a reading's error that does not average out in each parameter.
 
-    It is the root of the diagonal of the inverse information of one average reading, every other parameter free,
+    It is the root of the diagonal of the inverse information of one average reading, all other parameters free,
     by the eigenvalues of the information; one that is nothing beside the largest counts as such.
 
     Args:
@@ -236,35 +242,35 @@ def dilution(judged: Model, iron: Floats, readings: ScaledReadings) -> dict[str,
     centre, matrix = iron[:3], iron[3:].reshape(3, 3)
     across, weight = _across(centre, matrix, readings)
     steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # of the squared modulus along a reading
-    columns = _gradient(centre, readings, across, weight) @ judged.chain.T / np.maximum(steepness, 1e-6)
+    columns = _gradient(centre, readings, across, weight) @ model.chain.T / np.maximum(steepness, 1e-6)
     values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
     inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
-    return dict(zip(judged.free, np.sqrt(np.diag(inverse)).tolist(), strict=True))
+    return dict(zip(model.free, np.sqrt(np.diag(inverse)).tolist(), strict=True))
 
 
 def _across(centre: Floats, matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
-    """Return a = N h, the part of the field that the modulus is made of, and w = G^T a, (n, 3) each."""
+    """Compute a = N h, the part of the field that the modulus is made of, and w = G^T a, (n, 3) each."""
     field = (readings.field - centre) @ matrix.T
     across = field - np.sum(field * readings.down, axis=1)[:, None] * readings.down
     return across, across @ matrix
 
 
 def _gradient(centre: Floats, readings: ScaledReadings, across: Floats, weight: Floats) -> Floats:
-    """Return the derivative of the squared modulus by centre and G, (n, 12)."""
+    """Compute the derivative of the squared modulus by centre and G, (n, 12)."""
     by_matrix = 2.0 * across[:, :, None] * (readings.field - centre)[:, None, :]
     return np.hstack([-2.0 * weight, by_matrix.reshape(-1, 9)])
 
 
 def _traces(matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
-    """Return the traces of M = G^T N G and of its square for each reading, (n,) each."""
-    square, seen = matrix.T @ matrix, readings.down @ matrix
-    length = np.sum(seen**2, axis=1)
-    second = np.sum(square**2) - 2.0 * np.sum((seen @ square) * seen, axis=1) + length**2
+    """Compute the traces of M = G^T N G and of its square for each reading, (n,) each."""
+    square, vertical = matrix.T @ matrix, readings.down @ matrix
+    length = np.sum(vertical**2, axis=1)
+    second = np.sum(square**2) - 2.0 * np.sum((vertical @ square) * vertical, axis=1) + length**2
     return np.trace(square) - length, second
 
 
 def _variance(model: Model, parameters: Floats, readings: ScaledReadings) -> float:
-    """Return the noise variance s that makes the adjusted loss vanish: the smaller root of a quadratic."""
+    """Solve the quadratic for the noise variance s that makes the adjusted loss vanish: the smaller root."""
     centre, matrix = unpack(model, parameters)
     across, weight = _across(centre, matrix, readings)
     rho, (trace, second) = np.sum(across**2, axis=1) - 1.0, _traces(matrix, readings)
@@ -276,7 +282,7 @@ def _variance(model: Model, parameters: Floats, readings: ScaledReadings) -> flo
 
 
 def _scores(model: Model, parameters: Floats, readings: ScaledReadings, s: float) -> tuple[Floats, Floats]:
-    """Return half the gradient of each reading's adjusted loss, and the columns of its Gauss-Newton matrix, (n, p).
+    """Compute half the gradient of each reading's adjusted loss, and the columns of its Gauss-Newton matrix, (n, p).
 
     The loss is (rho - s tr M)^2 - 4 s |M v|^2 + 2 s^2 tr M^2 with v = m - b, rho = v^T M v - 1.
     """
@@ -286,24 +292,16 @@ def _scores(model: Model, parameters: Floats, readings: ScaledReadings, s: float
     rho, (trace, _) = np.sum(across**2, axis=1) - 1.0, _traces(matrix, readings)
     turned = weight @ matrix.T
     turned -= np.sum(turned * down, axis=1)[:, None] * down  # N G w
-    seen = matrix - down[:, :, None] * (down @ matrix)[:, None, :]  # N G
-    square = np.swapaxes(seen, 1, 2) @ seen  # M, for N N = N
+    projected = matrix - down[:, :, None] * (down @ matrix)[:, None, :]  # N G
+    square = np.swapaxes(projected, 1, 2) @ projected  # M, for N N = N
     by_rho = _gradient(centre, readings, across, weight)
-    by_rho[:, 3:] -= 2.0 * s * seen.reshape(-1, 9)
+    by_rho[:, 3:] -= 2.0 * s * projected.reshape(-1, 9)
     by_weight = turned[:, :, None] * v[:, None, :] + across[:, :, None] * weight[:, None, :]
-    noise = np.hstack([4.0 * s * turned @ matrix, (-4.0 * s * by_weight + 4.0 * s**2 * seen @ square).reshape(-1, 9)])
+    noise = np.hstack(
+        [4.0 * s * turned @ matrix, (-4.0 * s * by_weight + 4.0 * s**2 * projected @ square).reshape(-1, 9)]
+    )
     columns = by_rho @ model.chain.T
     return (rho - s * trace)[:, None] * columns + noise @ model.chain.T, columns
-
-
-MOST_UNSURE = 0.05  # of the field: a parameter that is less sure is not given
-LASTING = 0.003  # of the field: linearity, cross-axis, gradients; an error that more readings do not average out
-FOLDS = 5
-LEAST_ARC_DEG, FEWEST_SECTORS, MOST_SCATTER = 120.0, 6, 0.25
-MOST_TILT_DEG, FLAT = 30.0, 0.3  # of a platform that counts as level: by its tilts, or by z's scatter over the radius
-OUTLYING, MOST_OUTLYING = 6.0, 0.05
-DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
-UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 
 
 @dataclass(frozen=True)
@@ -322,75 +320,68 @@ class ModelChoice:
 
 
 def choose_model(log: Log, body: Floats) -> ModelChoice:
-    """Return the model that the log carries: the whole ellipsoid, else what a level platform shows.
-
-    Args:
-        body: the same in the body frame, (n, 3).
-    """
-    space = _space(body) if log.has_z else ModelChoice(why="There is no z.")
-    if space.fitted is not None:
-        return space
-    return _level(log, body)
+    """Choose the model that a log, (n, 3) in the body frame, determines: ellipsoid, else that of a level platform."""
+    spatial = _choose_spatial(body) if log.has_z else None
+    return spatial if spatial and spatial.fitted else _choose_level(log, body)
 
 
 def find_outliers(choice: ModelChoice) -> NDArray[np.bool_]:
-    """Return which readings lie so far off the fitted modulus that they are not its noise, (n,); none where many do."""
+    """Flag readings far off the fitted modulus, (n,); none where they are many."""
     if choice.full is None or choice.readings is None:
         return np.zeros(0, dtype=bool)
     off = modulus(corrected(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
     off = np.abs(off - np.median(off))
-    far = off > OUTLYING * max(robust.width(off), LASTING)
-    return far if far.mean() < MOST_OUTLYING else np.zeros_like(far)
+    far = off > OUTLIER_WIDTHS * max(robust.width(off), SYSTEMATIC_ERROR)
+    return far if far.mean() < MAX_OUTLIER_SHARE else np.zeros_like(far)
 
 
-def _space(body: Floats) -> ModelChoice:
+def _choose_spatial(body: Floats) -> ModelChoice:
     readings, scale, centre = _scaled(body, np.zeros_like(body))
-    sphere = _try(SPHERE, readings, centre)
+    sphere = _fit_or_none(SPHERE, readings, centre)
     if sphere is None:
         return ModelChoice(why="The readings determine no sphere.")
     noise = _noise(ELLIPSOID, sphere, readings)
-    if noise[0] > MOST_SCATTER:
+    if noise[0] > MAX_SCATTER:
         return ModelChoice(why=_scattered(noise[0], "ellipsoid"))
-    unsure = _unsure(ELLIPSOID, sphere, readings, noise)
-    lost = _with_their_like(unsure, DIAGONAL, OTHERS)
-    if any(unsure[name] > MOST_UNSURE for name in CENTRE):
+    unsure = _standard_errors(ELLIPSOID, sphere, readings, noise)
+    lost = _undetermined_groups(unsure, DIAGONAL, OTHERS)
+    if any(unsure[name] > MAX_STANDARD_ERROR for name in CENTRE):
         return ModelChoice(why="The orientations do not cover the sphere.")
     models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.free)]
     reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
-    return _best(models, readings, centre, ModelChoice(scale=scale, undetermined=reasons, weakest=unsure))
+    partial = ModelChoice(scale=scale, undetermined=reasons, weakest=unsure)
+    return _select_by_cross_validation(models, readings, centre, partial)
 
 
-def _level(log: Log, body: Floats) -> ModelChoice:
+def _choose_level(log: Log, body: Floats) -> ModelChoice:
     down = log.levelling()[:, 2, :]
-    if log.tilted and np.percentile(_tilt(down), 99.0) > MOST_TILT_DEG:
+    if log.tilted and np.percentile(_tilt(down), 99.0) > MAX_LEVEL_TILT_DEG:
         return ModelChoice(why="The orientations neither cover the sphere nor stay level.")
     readings, scale, centre = _scaled(body, down)
-    circle = _try(CIRCLE, readings, centre)
+    circle = _fit_or_none(CIRCLE, readings, centre)
     if circle is None:
         return ModelChoice(why="The readings lie on no circle: the instrument did not turn, or the record is constant.")
     noise = _noise(ELLIPSE, circle, readings)
-    why = _poor(circle, readings, noise[0])
-    if why or (log.has_z and not log.tilted and readings.field[:, 2].std() > FLAT):
-        return ModelChoice(
-            why=why or "The orientations neither cover the sphere nor stay level, and no tilts are logged."
-        )
-    unsure = _unsure(LEVEL_AND_THIRD, circle, readings, noise) if log.tilted else {}
-    both = _unsure(ELLIPSE, circle, readings, noise)
-    lost = _with_their_like(both, LEVEL_SOFT)
-    rest = _unsure(CIRCLE, circle, readings, noise) if lost else both
-    if max(rest["x offset"], rest["y offset"]) > MOST_UNSURE:
-        return ModelChoice(
-            why="The readings cover too little of a turn: not even the centre of the circle is determined."
-        )
-    reasons = _unseen(log, unsure, down) | {name: _reason(both[name], "the part of a turn leaves it") for name in lost}
+    why = _unusable_circle(circle, readings, noise[0])
+    if why or (log.has_z and not log.tilted and readings.field[:, 2].std() > MAX_LEVEL_SCATTER):
+        level = "The orientations neither cover the sphere nor stay level, and no tilts are logged."
+        return ModelChoice(why=why or level)
+    unsure = _standard_errors(LEVEL_AND_THIRD, circle, readings, noise) if log.tilted else {}
+    both = _standard_errors(ELLIPSE, circle, readings, noise)
+    lost = _undetermined_groups(both, LEVEL_SOFT)
+    standard_errors = _standard_errors(CIRCLE, circle, readings, noise) if lost else both
+    if max(standard_errors["x offset"], standard_errors["y offset"]) > MAX_STANDARD_ERROR:
+        why = "The readings cover too little of a turn: not even the centre of the circle is determined."
+        return ModelChoice(why=why)
+    reasons = _unobservable(log, unsure, down)
+    reasons |= {name: _reason(both[name], "the part of a turn leaves it") for name in lost}
     models = [CIRCLE] if lost else [CIRCLE, ELLIPSE]
-    return _best(
-        models, readings, centre, ModelChoice(scale=scale, level=True, undetermined=reasons, weakest=unsure | rest)
-    )
+    partial = ModelChoice(scale=scale, level=True, undetermined=reasons, weakest=unsure | standard_errors)
+    return _select_by_cross_validation(models, readings, centre, partial)
 
 
-def _unseen(log: Log, unsure: dict[str, float], down: Floats) -> dict[str, str]:
-    """Return what a platform that turns about the vertical cannot show, with the reason."""
+def _unobservable(log: Log, unsure: dict[str, float], down: Floats) -> dict[str, str]:
+    """Name what a platform that turns about the vertical cannot show, with the reason."""
     if not log.has_z:
         return dict.fromkeys(UNSEEN_LEVEL, "there is no z")
     mixed = "turning about the vertical, what the vertical field induces looks like hard iron in x and y"
@@ -401,41 +392,41 @@ def _unseen(log: Log, unsure: dict[str, float], down: Floats) -> dict[str, str]:
     return {**{name: _reason(unsure[name], spans) for name in ("z offset", "S33")}, "S13": mixed, "S23": mixed}
 
 
-def _with_their_like(unsure: dict[str, float], *groups: tuple[str, ...]) -> list[str]:
-    """Return the names in those groups of which one is too unsure: a model has all of a group or none."""
-    return [name for group in groups if any(unsure[k] > MOST_UNSURE for k in group) for name in group]
+def _undetermined_groups(unsure: dict[str, float], *groups: tuple[str, ...]) -> list[str]:
+    """List the groups of parameters of which one is too unsure: a model has all of a group or none."""
+    return [name for group in groups if any(unsure[k] > MAX_STANDARD_ERROR for k in group) for name in group]
 
 
 def _reason(unsure: float, spans: str) -> str:
-    if unsure <= MOST_UNSURE:
+    if unsure <= MAX_STANDARD_ERROR:
         return f"{spans} beside others of its kind that are not determined"
     size = f"unsure by {100.0 * unsure:.0f} % of the field" if unsure < 1.0 else "open by more than the whole field"
-    return f"{spans} {size}; at most {100.0 * MOST_UNSURE:.0f} % is accepted"
+    return f"{spans} {size}; at most {100.0 * MAX_STANDARD_ERROR:.0f} % is accepted"
 
 
 def _tilt(down: Floats) -> Floats:
-    """Return the angle between the body's third axis and the vertical, (n,) degrees."""
+    """Compute the angle between the body's third axis and the vertical, (n,) degrees."""
     return angles.argument(down[:, 2] + 1j * np.hypot(down[:, 0], down[:, 1]))
 
 
 def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
-    """Return the readings over the radius of the circle or sphere through them, that radius, and its centre over it."""
-    centre, radius = start(ScaledReadings(body, down))
+    """Scale the readings by the radius of the circle or sphere through them; return radius and scaled centre too."""
+    centre, radius = fit_sphere(ScaledReadings(body, down))
     scale = radius if radius > 0.0 else 1.0
     return ScaledReadings(body / scale, down), scale, centre / scale
 
 
-def _poor(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
-    """Return why a circle through the readings means nothing; empty where it does."""
-    if noise > MOST_SCATTER:
+def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
+    """Say why a circle through the readings means nothing; empty where it does."""
+    if noise > MAX_SCATTER:
         return _scattered(noise, "circle or ellipse")
     towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
-    if arc < LEAST_ARC_DEG:
-        return f"The instrument turned through {arc:.0f}°, at least {LEAST_ARC_DEG:.0f}° (a third of a turn) is needed."
+    if arc < MIN_ARC_DEG:
+        return f"The instrument turned through {arc:.0f}°, at least {MIN_ARC_DEG:.0f}° (a third of a turn) is needed."
     sectors = len(np.unique(towards // 10.0))
-    if sectors < FEWEST_SECTORS:
-        return f"The readings repeat {sectors} headings, at least {FEWEST_SECTORS} apart by 10° are needed."
+    if sectors < MIN_SECTORS:
+        return f"The readings repeat {sectors} headings, at least {MIN_SECTORS} apart by 10° are needed."
     return ""
 
 
@@ -446,16 +437,16 @@ def _scattered(noise: float, shape: str) -> str:
     )
 
 
-def _unsure(
-    judged: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
+def _standard_errors(
+    model: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
 ) -> dict[str, float]:
-    """Return one standard error of each parameter over the field: noise that averages, and errors that do not."""
-    each = float(np.hypot(noise[0] / np.sqrt(noise[1]), LASTING))
-    return {name: each * by for name, by in dilution(judged, fitted.iron()[0], readings).items()}
+    """Compute one standard error of each parameter over the field: noise that averages, and errors that do not."""
+    each = float(np.hypot(noise[0] / np.sqrt(noise[1]), SYSTEMATIC_ERROR))
+    return {name: each * by for name, by in dilution(model, fitted.iron()[0], readings).items()}
 
 
 def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:
-    """Return the noise of one axis and how many readings are independent, by the largest model that can be fitted.
+    """Estimate the noise of one axis and the number of independent readings, by the largest model that can be fitted.
 
     Soft iron that a sphere leaves over would count as noise with a long memory.
     """
@@ -470,17 +461,19 @@ def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) ->
     return noise, effective_number(residual, times, longest_s=len(readings) / 10.0)
 
 
-def _best(models: Sequence[Model], readings: ScaledReadings, centre: Floats, found: ModelChoice) -> ModelChoice:
-    """Return the model that predicts contiguous blocks best which it was not fitted to."""
+def _select_by_cross_validation(
+    models: Sequence[Model], readings: ScaledReadings, centre: Floats, partial: ModelChoice
+) -> ModelChoice:
+    """Select the model that predicts contiguous blocks best which it was not fitted to."""
     scores = {model.name: _score(model, readings, centre) for model in models}
-    fits = {model.name: fitted for model in models if (fitted := _try(model, readings, centre))}
+    fits = {model.name: fitted for model in models if (fitted := _fit_or_none(model, readings, centre))}
     if not fits:
         return ModelChoice(why="No ellipsoid can be fitted to the readings.")
     chosen, full = fits[min(fits, key=lambda name: scores[name])], fits[list(fits)[-1]]
-    return replace(found, fitted=chosen, readings=readings, scores=scores, full=full)
+    return replace(partial, fitted=chosen, readings=readings, scores=scores, full=full)
 
 
-def _try(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid | None:
+def _fit_or_none(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid | None:
     try:
         return fit(model, readings, centre)
     except np.linalg.LinAlgError:
@@ -488,7 +481,7 @@ def _try(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllips
 
 
 def _score(model: Model, readings: ScaledReadings, centre: Floats) -> float:
-    """Return the rms of the modulus on held-out blocks about 1, percent."""
+    """Compute the rms of the modulus about 1 on held-out blocks, percent."""
     fold, off = blocks(len(readings)) % FOLDS, np.full(len(readings), np.nan)
     for k in range(FOLDS):
         try:

@@ -19,11 +19,11 @@ from compasslib.types import Floats
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
 GRID_DEG = np.arange(0.0, 360.0, 5.0)
 ROUNDS = 3  # of the tilt angles' linear step
-MOST_DILUTED = 10.0  # tilt angles, radians for an error of the whole field: 0.3 % then makes 1.7 degrees
+MAX_DILUTION = 10.0  # tilt angles, radians for an error of the whole field: 0.3 % then makes 1.7 degrees
 
 
 def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
-    """Return A..E of the exact compass of an instrument that stands level, (5,).
+    """Compute A..E of the exact compass of an instrument that stands level, (5,).
 
     Args:
         iron: centre and G, (12,), with the field's modulus 1.
@@ -35,26 +35,17 @@ def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
 
 
 def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    """Return beta - gamma at recorded headings, the steadier root, (n,) degrees.
-
-    Args:
-        coefficients: A..E of the exact compass, (5,).
-        recorded_deg: recorded headings, (n,).
-    """
+    """Compute beta - gamma at recorded headings, the steadier root, (n,) degrees, of an exact compass A..E (5,)."""
     return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
 
 
 def series_coefficients(coefficients: Floats) -> Floats:
-    """Return A..E in degrees, the least-squares series in the recorded heading over the whole circle, (5,).
-
-    Args:
-        coefficients: A..E of an exact compass that turns full circle, (5,).
-    """
+    """Fit A..E in degrees, the series in the recorded heading over the whole circle, to an exact compass, (5,)."""
     return np.linalg.lstsq(von_appen.design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
 
 
 def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> DeviationTable:
-    """Return the exact deviation every 10 degrees of the recorded heading.
+    """Tabulate the exact deviation every 10 degrees of the recorded heading.
 
     Args:
         coefficients: A..E of the exact compass, (5,).
@@ -62,12 +53,12 @@ def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> 
         moved: the same with one standard deviation of what no reading shows, (5,).
     """
     value = exact_deviation(coefficients, TABLE_DEG)
-    off = np.array([angles.difference(exact_deviation(one, TABLE_DEG), value) for one in (moved, *replicates)])
+    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
     return DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
 
 
 def compute_headings(iron: Floats, readings: ScaledReadings, levelling: Floats) -> tuple[Floats, Floats]:
-    """Return recorded and corrected heading of each reading, (n,) degrees each.
+    """Compute recorded and corrected heading of each reading, (n,) degrees each.
 
     Args:
         iron: centre and G, (12,).
@@ -78,18 +69,13 @@ def compute_headings(iron: Floats, readings: ScaledReadings, levelling: Floats) 
 
 
 def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, float]:
-    """Return the first and second harmonic of a modulus against the heading, percent of its mean.
-
-    Args:
-        modulus: (n,).
-        heading_deg: (n,).
-    """
+    """Fit the first and second harmonic of a modulus against the heading, percent of its mean."""
     k = np.linalg.lstsq(von_appen.design(heading_deg), modulus, rcond=None)[0]
     return float(100.0 * np.hypot(k[1], k[2]) / k[0]), float(100.0 * np.hypot(k[3], k[4]) / k[0])
 
 
 def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Floats, float, Floats]:
-    """Return the small turn from the magnetometer to the tilt sensor that keeps the vertical field constant.
+    """Estimate the small turn from the magnetometer to the tilt sensor that keeps the vertical field constant.
 
     With the downward direction t the vertical field t . (h + e x h) is one number c wherever the instrument points, so
     t . h = c - e . (h x t) is linear in the turn e about forward, starboard and down.
@@ -108,7 +94,7 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
         turned = field @ turn.T
         columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
         if not wide.any():
-            wide = _diluted(columns)
+            wide = _is_diluted(columns)
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = _rotation(solved[1:]) @ turn
@@ -117,14 +103,14 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
     return np.where(wide, np.nan, vector / angles.DEGREE), float(solved[0]), np.append(iron[:3], matrix.ravel())
 
 
-def _diluted(columns: Floats) -> NDArray[np.bool_]:
+def _is_diluted(columns: Floats) -> NDArray[np.bool_]:
     values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
     inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-    return np.sqrt(np.diag(inverse))[1:] > MOST_DILUTED
+    return np.sqrt(np.diag(inverse))[1:] > MAX_DILUTION
 
 
 def _rotation(vector: Floats) -> Floats:
-    """Return the matrix that turns about a vector by its length, radians (Rodrigues)."""
+    """Rotate about a vector by its length, radians (Rodrigues)."""
     length = float(np.linalg.norm(vector))
     x, y, z = vector / max(length, 1e-300)
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -132,7 +118,7 @@ def _rotation(vector: Floats) -> Floats:
     return np.eye(3) + sine * across + (1.0 - cosine) * across @ across
 
 
-FOLLOWS = 0.5  # scatter of a logged heading about the corrected one over that about the raw one
+MAX_SCATTER_RATIO = 0.5  # scatter of a logged heading about the corrected one over that about the raw one
 
 
 @dataclass(frozen=True)
@@ -161,12 +147,12 @@ class Solved:
 
     @property
     def down(self) -> Floats:
-        """Return the downward direction in the body frame, (n, 3)."""
+        """The downward direction in the body frame, (n, 3)."""
         return self.levelling[:, 2, :]
 
     @property
     def moved(self) -> Floats:
-        """Return the iron, moved by what a vertical iron that the tilts do not show would do to it, (12,).
+        """The iron moved by a vertical iron that the tilts do not show, (12,).
 
         On a level platform with a mean tilt a vertical iron looks like a horizontal one. It may be as strong as that.
         """
@@ -176,25 +162,25 @@ class Solved:
         return self.iron + np.append(hard * self.down[:, :2].mean(axis=0), np.zeros(10))
 
     def corrected(self) -> Floats:
-        """Return the field without iron over its modulus, (n, 3)."""
+        """Take the iron off the readings: the field over its modulus, (n, 3)."""
         return ellipsoid.corrected(self.iron, self.readings)
 
     def headings(self) -> tuple[Floats, Floats]:
-        """Return recorded and corrected heading of each reading, (n,) degrees each."""
+        """Compute recorded and corrected heading of each reading, (n,) degrees each."""
         return compute_headings(self.iron, self.readings, self.levelling)
 
     def gain(self, iron: Floats) -> float:
-        """Return the field's modulus over the readings' scale: the mean of the axes that are seen."""
+        """Compute the field's modulus over the readings' scale: the mean of the axes that are seen."""
         soft = np.linalg.inv(iron[3:].reshape(3, 3))
         return float(np.mean(np.diag(soft)[: 2 if self.choice.level else 3]))
 
     def soft(self, iron: Floats) -> Floats:
-        """Return the soft iron over the mean of its seen diagonal, body frame, (3, 3)."""
+        """Compute the soft iron over the mean of its seen diagonal, body frame, (3, 3)."""
         return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
 
 
 def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> Solved | None:
-    """Return the iron in the frame of the instrument; None where the choice holds no fit.
+    """Express the iron in the frame of the instrument; None where the choice holds no fit.
 
     Args:
         field: the earth's field {horizontal_nT, vertical_nT}, which gives the dip where no tilts do; None if unknown.
@@ -208,38 +194,38 @@ def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, fl
     parts = (log, axes, choice, choice.fitted, choice.readings, iron, replicates, levelling, dip, dips, turn, sigma)
     solved = Solved(*parts, np.zeros((len(replicates), 3)))
     if log.tilted and not choice.level:
-        solved = _on_tilts(solved)
-    return _on_heading(solved)
+        solved = _align_to_tilts(solved)
+    return _align_to_heading(solved)
 
 
-def _on_tilts(solved: Solved) -> Solved:
+def _align_to_tilts(solved: Solved) -> Solved:
     """Turn the iron into the frame of the tilt sensor, in which the vertical field is constant; that is the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
     turn, sine, turned = estimate_tilt_misalignment(solved.iron, readings, down)
     each = [
-        estimate_tilt_misalignment(one, readings.take(block != k), down[block != k])
-        for k, one in enumerate(solved.replicates)
+        estimate_tilt_misalignment(replicate, readings.take(block != k), down[block != k])
+        for k, replicate in enumerate(solved.replicates)
     ]
-    turns = np.array([one[0] for one in each])
+    turns = np.array([replicate[0] for replicate in each])
     sigma = ellipsoid.sigma(turns)
     by_heading = np.isfinite(solved.turn_deg)
     return replace(
         solved,
         iron=turned,
-        replicates=np.array([one[2] for one in each]),
-        dip_ratio=_ratio(sine),
-        dip_replicates=np.array([_ratio(one[1]) for one in each]),
+        replicates=np.array([replicate[2] for replicate in each]),
+        dip_ratio=_dip_ratio(sine),
+        dip_replicates=np.array([_dip_ratio(replicate[1]) for replicate in each]),
         turn_deg=np.where(by_heading, solved.turn_deg + np.nan_to_num(turn), turn),
         turn_sigma_deg=np.where(by_heading, np.hypot(solved.turn_sigma_deg, np.nan_to_num(sigma)), sigma),
         turn_replicates_deg=np.nan_to_num(turns),
     )
 
 
-def _ratio(sine: float) -> float:
+def _dip_ratio(sine: float) -> float:
     return sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
 
 
-def _on_heading(solved: Solved) -> Solved:
+def _align_to_heading(solved: Solved) -> Solved:
     """Turn the iron about the vertical onto a logged heading that follows the corrected axes better than the raw ones.
 
     Such a heading knows what is correct, so it shows how the magnetometer is mounted.
@@ -249,15 +235,15 @@ def _on_heading(solved: Solved) -> Solved:
         return solved
     recorded, corrected = solved.headings()
     centre, scatter = _about_mean(angles.difference(logged, corrected))
-    if scatter > FOLLOWS * _about_mean(angles.difference(logged, recorded))[1]:
+    if scatter > MAX_SCATTER_RATIO * _about_mean(angles.difference(logged, recorded))[1]:
         return solved
-    own = np.array([_turn_without(solved, k, logged) for k in range(len(solved.replicates))])
-    sigma = float(ellipsoid.sigma(angles.difference(own, centre) + solved.turn_replicates_deg[:, 2]))
-    turns = zip(solved.replicates, own, strict=True)
+    turns_deg = np.array([_turn_without(solved, k, logged) for k in range(len(solved.replicates))])
+    sigma = float(ellipsoid.sigma(angles.difference(turns_deg, centre) + solved.turn_replicates_deg[:, 2]))
+    turns = zip(solved.replicates, turns_deg, strict=True)
     return replace(
         solved,
         iron=_about_down(solved.iron, centre),
-        replicates=np.array([_about_down(one, float(angle)) for one, angle in turns]),
+        replicates=np.array([_about_down(replicate, float(angle)) for replicate, angle in turns]),
         turn_deg=np.append(solved.turn_deg[:2], np.nan_to_num(solved.turn_deg[2]) + centre),
         turn_sigma_deg=np.append(solved.turn_sigma_deg[:2], sigma),
         logged_is_correct=True,
@@ -270,12 +256,12 @@ def _about_mean(off_deg: Floats) -> tuple[float, float]:
 
 
 def _turn_without(solved: Solved, k: int, logged_deg: Floats) -> float:
-    """Return the mean angle from the corrected to the logged heading by a replicate, on the readings it was made of."""
-    kept = ellipsoid.blocks(len(logged_deg)) != k
-    parts = solved.replicates[k], solved.readings.take(kept), solved.levelling[kept]
-    return _about_mean(angles.difference(logged_deg[kept], compute_headings(*parts)[1]))[0]
+    """Average the angle from the corrected to the logged heading by a replicate, on the readings it was made of."""
+    remaining = ellipsoid.blocks(len(logged_deg)) != k
+    parts = solved.replicates[k], solved.readings.take(remaining), solved.levelling[remaining]
+    return _about_mean(angles.difference(logged_deg[remaining], compute_headings(*parts)[1]))[0]
 
 
 def _about_down(iron: Floats, angle_deg: float) -> Floats:
-    """Return iron whose corrected headings are an angle larger."""
+    """Turn iron so that corrected headings are an angle larger."""
     return np.append(iron[:3], (about_down(angle_deg) @ iron[3:].reshape(3, 3)).ravel())

@@ -8,28 +8,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.errors import InputError
 from compasslib.readers import delimited
 from compasslib.readers.mmp import is_aliased
 from compasslib.readers.mmp import scans as mmp_scans
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
 TIME = "time_utc"
 TEMPERATURE = "temperature_c"
 COLUMNS = ("pitch_deg", "roll_deg", "heading_deg", "time_s", "temperature_c")
 ABSENT = "name it under columns in the calibration's file"
-FEWEST, FEWEST_DISTINCT = 50, 20
+MIN_READINGS, MIN_DISTINCT = 50, 20
 # Modulus of an accelerometer's columns: g, m/s^2, counts of a 16-bit sensor of 2 g. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
-SPIKE = 3.0  # half ranges
-UNIT = 2e-3  # rounding of a direction cosine
+SPIKE_HALF_RANGES = 3.0
+# Of an axis' range: a step over the end of the scale, and the middle step of a smooth log.
+MIN_JUMP, MAX_SMOOTH_STEP = 0.7, 0.1
+JUMP_TOLERANCE = 8.0  # middle steps by which the jumps differ
+# Readings at one largest value, and how many times more than at the values next to it.
+MIN_AT_END, MIN_PILE_RATIO = 8, 4.0
+NEIGHBOURS = 5  # values next to the largest
+MIN_STILL = 20  # readings in a row with one value
+MIN_MOVEMENT = 0.1  # of another axis' range, while an axis shows one value
+COSINE_TOLERANCE = 2e-3  # rounding of a direction cosine
 GRAVITY_SHARE, LIKE_TILT = 0.02, 0.95
-MOST_SCATTER_DEG, ALIKE_DEG, BETTER = 40.0, 2.0, 0.9
-LEAST_TURN = 0.9  # mean resultant length above which logged headings say nothing on the axes
+MAX_SCATTER_DEG, ALIKE_DEG, MAX_SCATTER_RATIO = 40.0, 2.0, 0.9
+MAX_RESULTANT = 0.9  # mean resultant length above which logged headings say nothing on the axes
 COSINES = "The axes are direction cosines: the field's strength, which would show iron, is gone."
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
@@ -57,8 +64,8 @@ class Log:
         """Whether tilts were logged."""
         return self.pitch_deg is not None
 
-    def take(self, index: NDArray[np.bool_], *warnings: str) -> Log:
-        """Return some of the readings, by a mask (n,), with sentences on why."""
+    def take(self, index: Bools, *warnings: str) -> Log:
+        """Select readings by a mask (n,), with sentences on why."""
         columns: dict[str, Any] = {
             name: None if column is None else column[index] for name in COLUMNS for column in [getattr(self, name)]
         }
@@ -66,7 +73,7 @@ class Log:
         return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
 
     def levelling(self) -> Floats:
-        """Return the matrices that turn the body frame level, (n, 3, 3); the identity without tilts."""
+        """Compute the matrices that turn the body frame level, (n, 3, 3); the identity without tilts."""
         if self.pitch_deg is None or self.roll_deg is None:
             return np.broadcast_to(np.eye(3), (len(self.raw), 3, 3))
         level = compass.levelling(self.pitch_deg, self.roll_deg)
@@ -87,7 +94,7 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Return the log in one or several files.
+    """Read the log from one or several files.
 
     Args:
         files: in the order of time.
@@ -102,15 +109,11 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if reader := {"mmp_acm": read_acm}.get(str(settings.get("format"))):
         return reader(paths, withhold)
     names, layout = settings.get("columns") or {}, delimited.Layout.from_settings(settings)
-    wanted = _wanted(paths, names, withhold, layout)
+    wanted = _select_columns(paths, names, withhold, layout)
     read = [delimited.read_table(path, wanted, ABSENT, layout) for path in paths]
-    columns = {role: np.concatenate([one.columns[role] for one in read]) for role in read[0].columns}
-    empty = [
-        role
-        for role, v in columns.items()
-        if role not in ("x", "y", "time", "temperature") and not np.isfinite(v).any()
-    ]
-    columns = {role: values for role, values in columns.items() if role not in empty}
+    columns = {role: np.concatenate([table.columns[role] for table in read]) for role in read[0].columns}
+    needed = ("x", "y", "time", "temperature")
+    columns = {role: v for role, v in columns.items() if role in needed or np.isfinite(v).any()}
     good = np.all([np.isfinite(columns[role]) for role in columns if role not in ("time", "temperature")], axis=0)
     columns = {role: values[good] for role, values in columns.items()}
     warnings = list(delimited.table_notes(read))
@@ -131,28 +134,23 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if z is None or pitch is None or roll is None:
         pitch = roll = None
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
-    rest = columns.get("heading"), columns.get("time"), int((~good).sum()), tuple(warnings)
-    log = Log(raw, z is not None, pitch, roll, *rest, temperature_c=columns.get("temperature"))
-    spike = _spikes(raw)
+    heading, time_s, left_out = columns.get("heading"), columns.get("time"), int((~good).sum())
+    log = Log(raw, z is not None, pitch, roll, heading, time_s, left_out, tuple(warnings), columns.get("temperature"))
+    spike = np.zeros(len(raw), dtype=bool)
+    if len(raw):
+        low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # of the range that holds 98 % of an axis
+        middle, reach = (low + high) / 2.0, SPIKE_HALF_RANGES * (high - low) / 2.0
+        spike = np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
     return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and left out.") if spike.any() else log
 
 
-def _spikes(raw: Floats) -> NDArray[np.bool_]:
-    """Return which readings lie far outside the range of an axis that holds 98 % of them, (n,)."""
-    if not len(raw):
-        return np.zeros(0, dtype=bool)
-    low, high = np.percentile(raw, (1.0, 99.0), axis=0)
-    middle, reach = (low + high) / 2.0, SPIKE * (high - low) / 2.0
-    return np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
-
-
-def _wanted(
+def _select_columns(
     paths: Sequence[Path], names: Mapping[str, str], withhold: set[str], layout: delimited.Layout
 ) -> dict[str, str]:
-    """Return role -> header of the columns that are there, x and y in any case, and of a clock apart where named."""
+    """Map roles to headers of the columns that are there: x and y in any case, and a clock apart where named."""
     needed = [names.get(axis) or axis for axis in "xy"]
     there = set.intersection(*(set(delimited.read_header(path, needed, layout)) for path in paths))
-    found = delimited.date_and_clock(names, withhold)
+    wanted = delimited.date_and_clock(names, withhold)
     for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
         named = names.get(role, names.get(usual))
         header = usual if named is None else named
@@ -162,56 +160,56 @@ def _wanted(
                     "withhold", expected="columns other than x and y", found=header, advice="take it off the list"
                 )
         elif named not in (None, usual) or header in there or role in ("x", "y"):
-            found[role] = header
-    return found
+            wanted[role] = header
+    return wanted
 
 
-def cosines(log: Log) -> bool:
+def are_direction_cosines(log: Log) -> bool:
     """Tell whether the readings are direction cosines: of one modulus, 1, whichever way they point."""
     length = np.linalg.norm(log.raw, axis=1)
-    return log.has_z and bool(np.all(np.abs(length - 1.0) < UNIT))
+    return log.has_z and bool(np.all(np.abs(length - 1.0) < COSINE_TOLERANCE))
 
 
-def refusal(log: Log) -> str:
-    """Return why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be."""
+def unusable_reason(log: Log) -> str:
+    """Say why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be."""
     raw = log.raw
-    if len(raw) < FEWEST:
-        return f"{len(raw)} readings, at least {FEWEST} are needed."
+    if len(raw) < MIN_READINGS:
+        return f"{len(raw)} readings, at least {MIN_READINGS} are needed."
     for k, name in enumerate("xy"):
         if np.ptp(raw[:, k]) == 0.0:
             return f"Column {name} is {raw[0, k]:g} throughout: the sensor is stuck, or the instrument did not turn."
     distinct = len(np.unique(raw, axis=0))
-    if distinct < FEWEST_DISTINCT:
+    if distinct < MIN_DISTINCT:
         return f"Only {distinct} different readings in {len(raw)} rows: the record repeats itself."
-    return _gravity(log)
+    return _gravity_reason(log)
 
 
-def _gravity(log: Log) -> str:
-    """Return why the columns hold gravity: its modulus, or axes that follow the tilts and not the heading."""
+def _gravity_reason(log: Log) -> str:
+    """Say why the columns hold gravity: its modulus, or axes that follow the tilts and not the heading."""
     length = np.linalg.norm(log.raw, axis=1)
     mean = float(length.mean())
     if not log.has_z or mean == 0.0:
         return ""
-    if log.axis_by_axis and cosines(log):
+    if log.axis_by_axis and are_direction_cosines(log):
         return COSINES
     constant = float(length.std()) < GRAVITY_SHARE * mean
     for value, text in GRAVITIES.items():
         if constant and abs(mean - value) < GRAVITY_SHARE * value:
             also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
             return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
-    if log.tilted and _follows(log.raw, log.levelling()[:, 2, :]):
+    if log.tilted and _follows_tilts(log.raw, log.levelling()[:, 2, :]):
         return "x and y follow pitch and roll, not the heading: this is gravity, from an accelerometer."
     return ""
 
 
-def _follows(raw: Floats, down: Floats) -> bool:
+def _follows_tilts(raw: Floats, down: Floats) -> bool:
     if min(down[:, 0].std(), down[:, 1].std(), raw[:, 0].std(), raw[:, 1].std()) == 0.0:
         return False
     return all(abs(np.corrcoef(raw[:, k], down[:, k])[0, 1]) > LIKE_TILT for k in (0, 1))
 
 
 def level_heading(field: Floats, levelling: Floats) -> Floats:
-    """Return the heading that a tilt-compensated compass makes of readings, (n,) degrees.
+    """Compute the heading of a tilt-compensated compass, (n,) degrees.
 
     Args:
         field: body frame (forward, starboard, down), (n, 3), any unit.
@@ -221,8 +219,8 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
     return angles.argument(north[:, 0] - 1j * north[:, 1])
 
 
-def axes(log: Log) -> tuple[Axes, list[str]]:
-    """Return how the axes stand: from the logged heading where it follows them, else x forward, y starboard, z down.
+def determine_axes(log: Log) -> tuple[Axes, list[str]]:
+    """Determine the axes from the logged heading where it follows them, else x forward, y starboard, z down.
 
     The heading fixes the quarter turn, the handedness and, with tilts, up or down; what is left over is the angle
     about the vertical between magnetometer and instrument.
@@ -230,24 +228,26 @@ def axes(log: Log) -> tuple[Axes, list[str]]:
     Returns:
         The axes, and sentences on what was found.
     """
-    assumed = Axes(np.eye(3), _text(np.eye(3)) + " (assumed)")
+    assumed = Axes(np.eye(3), _describe_axes(np.eye(3)) + " (assumed)")
     if log.heading_deg is None:
         return assumed, ["No heading is logged: x is taken as forward, y as starboard, z as down."]
-    if float(angles.resultant_length(log.heading_deg)) > LEAST_TURN:
+    if float(angles.resultant_length(log.heading_deg)) > MAX_RESULTANT:
         return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
-    best, scatter, off = best_axes(log)
-    if scatter > MOST_SCATTER_DEG:
-        return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_text(np.eye(3))}."]
-    text = _text(best) + " (from the logged heading)"
+    best, scatter, off = search_axes(log)
+    if scatter > MAX_SCATTER_DEG:
+        return assumed, [
+            f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_describe_axes(np.eye(3))}."
+        ]
+    text = _describe_axes(best) + " (from the logged heading)"
     if scatter > ALIKE_DEG:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
         return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
-    sigma = scatter / np.sqrt(min(len(log.raw), FEWEST))  # neighbours in time share their error
+    sigma = scatter / np.sqrt(min(len(log.raw), MIN_READINGS))  # neighbours in time share their error
     return Axes(about_down(off) @ best, text, off, sigma), []
 
 
-def best_axes(log: Log) -> tuple[Floats, float, float]:
-    """Return the signed permutation, the scatter and the mean of logged minus its heading, degrees."""
+def search_axes(log: Log) -> tuple[Floats, float, float]:
+    """Find the signed permutation with the least scatter of logged minus its heading; scatter and mean in degrees."""
     levelling, logged = log.levelling(), np.asarray(log.heading_deg)
     best: Floats = np.eye(3)
     least, mean = np.inf, 0.0
@@ -255,27 +255,27 @@ def best_axes(log: Log) -> tuple[Floats, float, float]:
     for y, z in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
         matrix = np.diag([1.0, y, z])
         for quarter in range(4):
-            turned = _quarter(quarter) @ matrix
+            turned = _quarter_turn(quarter) @ matrix
             off = angles.difference(logged, level_heading(log.raw @ turned.T, levelling))
             centre = float(angles.wrap180(angles.mean(off)))
             scatter = angles.rms(angles.difference(off, centre))
-            if abs(centre) <= 45.0 and scatter < BETTER * least:
+            if abs(centre) <= 45.0 and scatter < MAX_SCATTER_RATIO * least:
                 best, least, mean = turned, scatter, centre
     return best, float(least), mean
 
 
-def _quarter(k: int) -> Floats:
+def _quarter_turn(k: int) -> Floats:
     return np.round(about_down(90.0 * k))
 
 
 def about_down(angle_deg: float) -> Floats:
-    """Return the turn of the axes that adds an angle to their heading."""
+    """Turn the axes so that an angle is added to their heading, (3, 3)."""
     s, c = (float(v) for v in angles.sin_cos(angle_deg))
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _text(matrix: Floats) -> str:
-    """Return where x, y, z point."""
+def _describe_axes(matrix: Floats) -> str:
+    """Name where x, y, z point."""
     words = []
     for k, name in enumerate("xyz"):
         axis = int(np.argmax(np.abs(matrix[:, k])))
@@ -287,7 +287,7 @@ def _text(matrix: Floats) -> str:
 
 
 def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
-    """Return the log; the first scan of every profile is aliased and left out.
+    """Read the log of an ACM; the first scan of each profile is aliased and left out.
 
     The axes are forward, port, up; TX lifts the first and TY the second, each axis by itself in the logger's own rule.
 
@@ -298,11 +298,11 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
     Raises:
         InputError: a file cannot be read, or something unknown or needed is withheld.
     """
-    seen = _seen(withhold)
+    allowed = _allowed_roles(withhold)
     scans = mmp_scans.read_scans(paths)
     values, aliased = scans.values, is_aliased(scans)
     keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
-    columns = {role: values[keep, place] for role, place in PLACES.items() if role in seen}
+    columns = {role: values[keep, place] for role, place in PLACES.items() if role in allowed}
     tilts = [columns.get(role) for role in ("pitch_deg", "roll_deg")]
     warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and left out."]
     if any(tilt is None for tilt in tilts):
@@ -314,21 +314,22 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         heading = None
         warnings.append("The scans carry no heading.")
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(keep.sum()) if z is None else z])
+    nominal = np.array([block.rate_hz for block in scans.blocks])
+    time_s = mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
     return Log(
         raw,
         z is not None,
         tilts[0] if z is not None else None,
         tilts[1] if z is not None else None,
         heading,
-        _times(scans)[keep] if TIME in seen else None,
+        time_s[keep] if TIME in allowed else None,
         int((~keep).sum()),
         tuple(warnings),
         axis_by_axis=True,
     )
 
 
-def _seen(withhold: Collection[str]) -> set[str]:
-    """Return the roles that may be looked at."""
+def _allowed_roles(withhold: Collection[str]) -> set[str]:
     known = {*HEADERS, *HEADERS.values(), TIME}
     if unknown := sorted(set(withhold) - known):
         raise InputError(
@@ -342,34 +343,19 @@ def _seen(withhold: Collection[str]) -> set[str]:
     return {role for role, header in HEADERS.items() if not {role, header} & set(withhold)} | ({TIME} - set(withhold))
 
 
-def _times(scans: mmp_scans.Scans) -> Floats:
-    nominal = np.array([block.rate_hz for block in scans.blocks])
-    return mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
-
-
-Flags = NDArray[np.bool_]
-
-JUMP, SMOOTH = 0.7, 0.1  # of an axis' range: a step over the end of the scale, and the middle step of a smooth log
-USUAL = 8.0  # middle steps by which the others differ
-FEWEST_AT_END, PILED = 8, 4.0  # readings at one largest value, and how many times more than at the values next to it
-BESIDE = 5  # values next to the largest
-FEWEST_STILL = 20  # readings in a row with one value
-MOVED = 0.1  # of another axis' range, while an axis shows one value
-
-
 def repair_counts(log: Log) -> Log:
-    """Return the log with counts that went over the end of the scale put back, saturated and stuck ones left out.
+    """Put counts that went over the end of the scale back; leave saturated and stuck ones out.
 
     What went over the end of a scale that is not one of whole counts is left out: how far it is off is a guess.
 
     Args:
         log: as read, in the order of the file; one that is refused comes back as it is.
     """
-    if refusal(log):
+    if unusable_reason(log):
         return log
     raw, warnings, out = np.array(log.raw, dtype=float), [], np.zeros(len(log.raw), dtype=bool)
     for k, name in enumerate("xyz"):
-        turns, bits = _wrapped(raw[:, k])
+        turns, bits = _count_overflows(raw[:, k])
         over = f"{np.count_nonzero(turns)} readings of {name} went over the end of their scale"
         if turns.any() and bits:
             warnings.append(f"{over}, {bits} bits, and are put back.")
@@ -379,26 +365,29 @@ def repair_counts(log: Log) -> Log:
             out |= turns != 0.0
     log = replace(log, raw=raw).take(~out, *warnings)
     gone, why = np.zeros(len(log.raw), dtype=bool), []
-    for text, flags in (("at the end of its scale: saturated", _saturated), ("standing still: stuck", _stuck)):
+    for text, flags in (
+        ("at the end of its scale: saturated", _find_saturated),
+        ("standing still: stuck", _find_stuck),
+    ):
         for k, name in enumerate("xyz"):
-            found = flags(log.raw, k)
-            gone |= found
-            why += [f"{found.sum()} readings of {name} {text}, and left out."] if found.any() else []
+            flagged = flags(log.raw, k)
+            gone |= flagged
+            why += [f"{flagged.sum()} readings of {name} {text}, and left out."] if flagged.any() else []
     return log.take(~gone, *why)
 
 
-def _wrapped(column: Floats) -> tuple[Floats, int]:
-    """Return how often each reading went over the end of the scale, and of how many bits that is; 0 where of none.
+def _count_overflows(column: Floats) -> tuple[Floats, int]:
+    """Count how often each reading went over the end of the scale, and of how many bits that is; 0 where of none.
 
     A smooth log shows it: its steps are small but for those that are nearly the whole scale, all alike.
     """
     none = np.zeros(len(column)), 0
     step, reach = np.diff(column), float(np.ptp(column)) if len(column) else 0.0
-    jumps, usual = np.abs(step) > JUMP * reach, float(np.median(np.abs(step))) if len(step) else 0.0
-    if not jumps.any() or usual > SMOOTH * reach:
+    jumps, usual = np.abs(step) > MIN_JUMP * reach, float(np.median(np.abs(step))) if len(step) else 0.0
+    if not jumps.any() or usual > MAX_SMOOTH_STEP * reach:
         return none
     each = np.abs(step[jumps])
-    size, near = float(np.median(each)), USUAL * max(usual, 1.0)
+    size, near = float(np.median(each)), JUMP_TOLERANCE * max(usual, 1.0)
     turns = np.concatenate([[0.0], np.cumsum(-np.sign(step) * jumps)])
     left = np.abs(step + size * np.diff(turns))
     if np.max(np.abs(each - size)) > near or np.max(left) > near:
@@ -410,26 +399,26 @@ def _wrapped(column: Floats) -> tuple[Floats, int]:
     return turns - first, bits if exact else 0
 
 
-def _saturated(raw: Floats, k: int) -> Flags:
-    """Return which readings of an axis share its largest or least value, where far more do than next to it."""
+def _find_saturated(raw: Floats, k: int) -> Bools:
+    """Flag readings that share the axis' largest or least value, where far more do than next to it."""
     out = np.zeros(len(raw), dtype=bool)
     value, count = np.unique(raw[:, k], return_counts=True)
-    for at, beside in ((-1, slice(-1 - BESIDE, -1)), (0, slice(1, 1 + BESIDE))):
-        piled = len(value) > 2 * BESIDE and count[at] >= max(FEWEST_AT_END, PILED * count[beside].max())
+    for at, neighbours in ((-1, slice(-1 - NEIGHBOURS, -1)), (0, slice(1, 1 + NEIGHBOURS))):
+        piled = len(value) > 2 * NEIGHBOURS and count[at] >= max(MIN_AT_END, MIN_PILE_RATIO * count[neighbours].max())
         there = raw[:, k] == value[at]
         if piled and _others_move(raw, k, there):
             out |= there
     return out
 
 
-def _stuck(raw: Floats, k: int) -> Flags:
-    """Return which readings of an axis lie in a long row of one value while another axis moves."""
+def _find_stuck(raw: Floats, k: int) -> Bools:
+    """Flag readings in a long row of one value while another axis moves."""
     out = np.zeros(len(raw), dtype=bool)
     if not np.ptp(raw[:, k]):
         return out  # an axis that is not there, or is refused
     begins = np.flatnonzero(np.diff(raw[:, k], prepend=np.inf) != 0.0)
     ends = np.append(begins[1:], len(raw))
-    long = ends - begins >= FEWEST_STILL
+    long = ends - begins >= MIN_STILL
     for begin, end in zip(begins[long], ends[long], strict=True):
         row = np.zeros(len(raw), dtype=bool)
         row[begin:end] = True
@@ -437,7 +426,6 @@ def _stuck(raw: Floats, k: int) -> Flags:
     return out
 
 
-def _others_move(raw: Floats, k: int, some: Flags) -> bool:
-    """Tell whether another axis moves among some readings."""
+def _others_move(raw: Floats, k: int, selected: Bools) -> bool:
     others = np.delete(raw, k, axis=1)
-    return bool(np.any(np.ptp(others[some], axis=0) > MOVED * np.maximum(np.ptp(others, axis=0), 1e-12)))
+    return bool(np.any(np.ptp(others[selected], axis=0) > MIN_MOVEMENT * np.maximum(np.ptp(others, axis=0), 1e-12)))

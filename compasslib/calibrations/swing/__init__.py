@@ -19,7 +19,7 @@ from compasslib.calibrations.budget import Source
 from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import adjustment, model, observations
-from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, drift_of
+from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
 from compasslib.deviation import von_appen
 from compasslib.errors import InputError
@@ -28,7 +28,7 @@ from compasslib.types import Floats
 KIND, MODEL = "swing", "series"
 # Error of declination by a world model, crust included: hypot(0.26, 5417 nT / H) degrees (WMM2025).
 MODEL_DEG, MODEL_NT = 0.26, 5417.0
-FAR_DEG = 2.0  # between the place that is given and the log's own
+MAX_PLACE_ERROR_DEG = 2.0  # between the place that is given and the log's own
 UNKNOWN_FIELD_DEG = 0.4  # the same at H = 18,000 nT
 BLOCKS = {
     COURSE: ("scatter of the courses about the curve", "least squares, alike neighbours and Student's t allowed for"),
@@ -49,37 +49,42 @@ PRIORS = {
 }
 NOTHING = 1e-12
 UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days from its zero, noon of 31 December 1899
+TERMS = 5
+WIDE_GAP_DEG = 100.0
+MIN_HEADINGS = 16
+STRUCTURE_DEG = 2.0  # residuals of a steady swing beyond it are not reading errors
+SERIES_LIMIT_DEG = 20.0  # Smith's series (Le Menn et al. 2023)
+REMEDY = "swing 16 to 24 headings round the full circle"
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Return the deviation that a swing shows, with uncertainty, table, verdict and magnets.
+    """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets.
 
     Args:
         files: CSV tables, or NMEA 0183 logs with ``format: nmea0183``.
-        settings: the keys of the calibration file (``swing_data.SwingOptions`` has those of this kind alone).
+        settings: the keys of the calibration file (``observations.SwingOptions`` has those of this kind alone).
 
     Raises:
         InputError: a file or column cannot be used, or the declination is not known.
     """
-    seen = observations.read(files, settings)
-    swing = _swing(seen, settings)
+    observed = observations.read(files, settings)
+    swing = _make_swing(observed, settings)
     details = _details(swing, settings)
-    shell = Calibration(
-        KIND, MODEL, len(seen), observations.count_sectors(seen.recorded_deg), details=details, warnings=seen.warnings
-    )
-    why = _refusal(swing)
-    if why:
-        lost = tuple(f"left out: {n} {what}" for what, n in seen.left_out.items())
-        return replace(shell, why=why, points=_points(swing, None), warnings=lost + seen.warnings)
+    sectors = observations.count_sectors(observed.recorded_deg)
+    shell = Calibration(KIND, MODEL, len(observed), sectors, details=details)
+    if why := _refusal(swing):
+        lost = tuple(f"left out: {n} {what}" for what, n in observed.left_out.items())
+        return replace(shell, why=why, points=_points(swing, None), warnings=lost + observed.warnings)
     series = model.fit_swing(swing)
     exact = model.fit_swing(swing, exact=True, start=series.parameters)
-    return _fitted(shell, swing, series, exact)
+    return _make_calibration(shell, swing, series, exact)
 
 
-def _swing(seen: Observations, settings: Mapping[str, Any]) -> Swing:
-    options, place = SwingOptions.of(settings), _place(seen, settings)
-    date_s = _date(seen, settings)
-    declination, horizontal = settings.get("declination_deg"), _horizontal(settings.get("field"))
+def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
+    options, place = SwingOptions.from_settings(settings), _place(observed, settings)
+    date_s = _date(observed, settings)
+    declination, field = settings.get("declination_deg"), settings.get("field")
+    horizontal = None if field is None else float(field["horizontal_nT"])
     if declination is None:
         if place is None or date_s is None:
             raise InputError(
@@ -93,37 +98,30 @@ def _swing(seen: Observations, settings: Mapping[str, Any]) -> Swing:
     sigma = options.declination_sigma_deg
     if sigma is None:
         sigma = float(np.hypot(MODEL_DEG, MODEL_NT / horizontal)) if horizontal else UNKNOWN_FIELD_DEG
-    return Swing(seen, options, float(declination), sigma, _marks(options, place))
+    return Swing(observed, options, float(declination), sigma, _marks(options, place))
 
 
-def _place(seen: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
+def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
     latitude, longitude = settings.get("latitude"), settings.get("longitude")
     if latitude is None or longitude is None:
-        return seen.place
+        return observed.place
     given = float(latitude), float(longitude)
-    if seen.place and max(abs(angles.difference(a, b)) for a, b in zip(given, seen.place, strict=True)) > FAR_DEG:
+    if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > MAX_PLACE_ERROR_DEG:
         raise InputError(
             "latitude, longitude",
-            expected="the place of the log's own positions, {:.2f}, {:.2f}".format(*seen.place),
+            expected="the place of the log's own positions, {:.2f}, {:.2f}".format(*observed.place),
             found="{:.2f}, {:.2f}".format(*given),
             advice="correct the sign or the hemisphere, or leave both out",
         )
     return given
 
 
-def _date(seen: Observations, settings: Mapping[str, Any]) -> float | None:
-    """Return the day of the swing, UTC seconds; the log's own where none is given."""
+def _date(observed: Observations, settings: Mapping[str, Any]) -> float | None:
+    """Look up the day of the swing, UTC seconds; the log's own where none is given."""
     if settings.get("date_s") is not None:
         return float(settings["date_s"])
-    known = seen.time_s[np.isfinite(seen.time_s)]
+    known = observed.time_s[np.isfinite(observed.time_s)]
     return float(np.median(known)) if known.size else None
-
-
-def _horizontal(field: Any) -> float | None:
-    if field is None:
-        return None
-    value = field["horizontal_nT"] if isinstance(field, Mapping) else field.horizontal_nT
-    return float(np.mean(value))
 
 
 def _marks(options: SwingOptions, place: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
@@ -133,76 +131,71 @@ def _marks(options: SwingOptions, place: tuple[float, float] | None) -> tuple[tu
             "sun", expected="latitude and longitude", found="neither", advice="write the position of the swing"
         )
     latitude, longitude = place or (0.0, 0.0)
-    suns = [(float(x["compass_deg"]), azimuth(latitude, longitude, _seconds(x["time_utc"]))) for x in options.sun]
-    return tuple(marks + suns)
-
-
-def _seconds(time: float | str) -> float:
-    if isinstance(time, int | float):
-        return float(time)
-    try:
-        at = datetime.fromisoformat(time)
-    except ValueError:
-        raise InputError(
-            "sun: time_utc", expected="an ISO time like 2021-05-24T11:30:00Z", found=repr(time), advice="correct it"
-        ) from None
-    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
+    for sight in options.sun:
+        time = sight["time_utc"]
+        if not isinstance(time, int | float):
+            try:
+                at = datetime.fromisoformat(time)
+            except ValueError:
+                expected = "an ISO time like 2021-05-24T11:30:00Z"
+                raise InputError("sun: time_utc", expected=expected, found=repr(time), advice="correct it") from None
+            time = (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
+        marks.append((float(sight["compass_deg"]), azimuth(latitude, longitude, float(time))))
+    return tuple(marks)
 
 
 def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what does not need the five-term fit: the eight courses, place, date, what was left out."""
-    seen, place, date_s = swing.seen, _place(swing.seen, settings), _date(swing.seen, settings)
-    psi = adjustment.pseudo_deviations(seen.course_deg, seen.recorded_deg)
+    """Describe what does not need the five-term fit: the eight courses, place, date, what was left out."""
+    observed, place, date_s = swing.observed, _place(swing.observed, settings), _date(swing.observed, settings)
+    psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
     principal = adjustment.principal_coefficients(psi, swing.declination_deg)
-    speed = float(np.median(seen.speed_kn)) if swing.has_speed and len(seen) else None
-    ratio = (swing.widest_drift / speed if speed else swing.widest_drift) if seen.over_ground else 0.0
+    speed = float(np.median(observed.speed_kn)) if swing.has_speed and len(observed) else None
+    ratio = (swing.widest_drift / speed if speed else swing.widest_drift) if observed.over_ground else 0.0
     return {
-        "cardinal": _plain(principal),
-        "pseudo_deviation_deg": _plain(psi),
+        "cardinal": _to_json(principal),
+        "pseudo_deviation_deg": _to_json(psi),
         "cardinal_bound_deg": float(adjustment.error_bound_deg(ratio)),
         "drift_ratio": ratio,
-        "residual_b_c": _residual(principal, swing),
+        "residual_b_c": _residual_b_c(principal, swing),
         "declination_deg": swing.declination_deg,
         "latitude": place[0] if place else None,
         "longitude": place[1] if place else None,
         "date": datetime.fromtimestamp(date_s, UTC).strftime("%Y-%m-%d") if date_s is not None else None,
         "speed_kn": speed,
-        "left_out": dict(seen.left_out),
+        "left_out": dict(observed.left_out),
         "marks": [{"compass_deg": c, "true_deg": t} for c, t in swing.marks],
     }
 
 
-def _residual(principal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | None:
-    """Return residual B and C by MM's own ways: two headings 60 to 120 degrees apart, else one (Lushnikov)."""
+def _residual_b_c(principal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | None:
+    """Compute residual B and C by MM's own ways: two headings 60 to 120 degrees apart, else one (Lushnikov)."""
     known = {letter: principal[letter] for letter in "ADE"}
     bars = principal["B_bar"], principal["C_bar"]
     if not (swing.marks and np.isfinite([*known.values(), *bars]).all()):
         return None
     shown = [(c, float(angles.difference(t - swing.declination_deg, c))) for c, t in swing.marks]
-    one = adjustment.from_one_heading(known, bars, *shown[0])
-    found: dict[str, Any] = {"one_heading": {**one, "compass_deg": shown[0][0], "deviation_deg": shown[0][1]}}
+    lushnikov = adjustment.residual_by_lushnikov(known, bars, *shown[0])
+    residual: dict[str, Any] = {"one_heading": {**lushnikov, "compass_deg": shown[0][0], "deviation_deg": shown[0][1]}}
     if len(shown) > 1:
         try:
-            b, c = adjustment.from_two_headings(known, shown[0], shown[1])
-            found["two_headings"] = {"B": b, "C": c}
+            b, c = adjustment.residual_from_two_headings(known, shown[0], shown[1])
+            residual["two_headings"] = {"B": b, "C": c}
         except InputError as error:
-            found["two_headings"] = {"why": str(error)}
-    return found
+            residual["two_headings"] = {"why": str(error)}
+    return residual
 
 
-def _fitted(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
+def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
     coefficients, covariance = series.parameters[SERIES], series.covariance[SERIES, SERIES]
-    found = adjustment.deviation_table(coefficients, covariance, swing.options.table_step_deg)
-    lag = model.LAG
-    drift = model.separate_drift(swing, series) if swing.seen.over_ground else None
+    table = adjustment.deviation_table(coefficients, covariance, swing.options.table_step_deg)
+    lag_s = [float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
+    drift = model.separate_drift(swing, series) if swing.observed.over_ground else None
     more = {
         "drift": drift,
         "cardinal_without_water": _without_water(shell.details["cardinal"], drift, swing.declination_deg),
-        "lag_s": [float(series.parameters[lag]), float(np.sqrt(series.covariance[lag, lag]))]
-        if swing.seen.timed
-        else None,
-        "iso_25862": adjustment.verdict(found, swing.options.vessel_length_m, shell.details["speed_kn"]),
-        "nullify": adjustment.plan(coefficients, swing.options.table_step_deg),
+        "lag_s": lag_s if swing.observed.timed else None,
+        "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, shell.details["speed_kn"]),
+        "nullify": adjustment.plan_magnets(coefficients, swing.options.table_step_deg),
         "n_effective": series.noises[COURSE].n_effective,
         "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
     }
@@ -213,8 +206,8 @@ def _fitted(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit)
         exact=exact.parameters[SERIES],
         exact_covariance=exact.covariance[SERIES, SERIES],
         residual_rms_deg=angles.rms(series.residuals[COURSE]),
-        sources=_sources(series, found.heading_deg),
-        table=found,
+        sources=_sources(series, table.heading_deg),
+        table=table,
         points=_points(swing, series),
         details={**shell.details, **more},
         warnings=_warnings(swing, series, exact),
@@ -224,7 +217,7 @@ def _fitted(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit)
 def _without_water(
     principal: Mapping[str, Any], drift: Mapping[str, Any] | None, declination_deg: float
 ) -> dict[str, float] | None:
-    """Return B, C, D and E with the water taken out, MM (36), (40) to (42), where the swing tells it."""
+    """Take the water out of B, C, D and E, MM (36), (40) to (42), where the swing separates it."""
     if not drift or not drift["separable"] or None in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
         return None
     water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
@@ -237,7 +230,7 @@ def _without_water(
 
 
 def _sources(series: SwingFit, heading_deg: Floats) -> tuple[Source, ...]:
-    """Return the budget: what each source leaves in the table, rms over its headings; squares add up to the table's."""
+    """Make the budget: each source's rms over the table's headings; squares add up to the table's."""
     columns, squares = von_appen.design(heading_deg), dict[tuple[str, str], float]()
     for key, part in series.parts.items():
         name = BLOCKS[key] if key in BLOCKS else PRIORS[int(key)]
@@ -247,29 +240,29 @@ def _sources(series: SwingFit, heading_deg: Floats) -> tuple[Source, ...]:
 
 
 def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
-    seen = swing.seen
-    columns = {"recorded_deg": seen.recorded_deg, "course_deg": seen.course_deg, "speed_kn": seen.speed_kn}
-    columns |= {"time_s": seen.time_s, "turn_deg_s": seen.turn_deg_s}
-    columns["pseudo_deviation_deg"] = angles.difference(seen.course_deg, seen.recorded_deg)
+    observed = swing.observed
+    columns = {"recorded_deg": observed.recorded_deg, "course_deg": observed.course_deg, "speed_kn": observed.speed_kn}
+    columns |= {"time_s": observed.time_s, "turn_deg_s": observed.turn_deg_s}
+    columns["pseudo_deviation_deg"] = angles.difference(observed.course_deg, observed.recorded_deg)
     if series is not None:
         columns["deviation_deg"] = (
-            von_appen.predict(series.parameters[SERIES], seen.settled_deg) + series.residuals[COURSE]
+            von_appen.predict(series.parameters[SERIES], observed.settled_deg) + series.residuals[COURSE]
         )
         columns["residual_deg"] = series.residuals[COURSE]
         columns["sigma_deg"] = series.noises[COURSE].sigma
     return columns
 
 
-def _plain(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return numbers for JSON, None where there is none."""
+def _to_json(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert numbers for JSON, None where there is none."""
     return {
-        key: _plain(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None)
+        key: _to_json(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None)
         for key, x in content.items()
     }
 
 
 def azimuth(latitude: float, longitude: float, time_s: float) -> float:
-    """Return the sun's azimuth from true north, degrees, by VSOP87 (PyEphem).
+    """Compute the sun's azimuth from true north, degrees, by VSOP87 (PyEphem).
 
     Args:
         time_s: UTC seconds since 1970.
@@ -282,29 +275,21 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
     return float(angles.wrap360(ephem.Sun(here).az / angles.DEGREE))
 
 
-TERMS = 5
-WIDE_GAP_DEG = 100.0
-FEW_HEADINGS = 16
-STRUCTURE_DEG = 2.0  # residuals of a steady swing beyond it are not reading errors
-SERIES_LIMIT_DEG = 20.0  # Smith's series (Le Menn et al. 2023)
-REMEDY = "swing 16 to 24 headings round the full circle"
-
-
 def _refusal(swing: Swing) -> str:
-    """Return why the five-term series cannot be fitted, or nothing."""
-    seen = swing.seen
-    if not len(seen):
-        lost = "; ".join(f"{n} {why}" for why, n in seen.left_out.items())
+    """Say why the five-term series cannot be fitted; empty where it can."""
+    observed = swing.observed
+    if not len(observed):
+        lost = "; ".join(f"{n} {why}" for why, n in observed.left_out.items())
         return f"no usable observations{f': {lost}' if lost else ''}"
-    distinct = observations.distinct_headings(seen.recorded_deg)
+    distinct = observations.distinct_headings(observed.recorded_deg)
     if distinct < TERMS:
         count = "one heading" if distinct == 1 else f"{distinct} headings"
         return f"{count} cannot carry the five coefficients: {REMEDY}"
-    if len(seen) + len(swing.marks) <= TERMS:
-        return f"{len(seen)} observations leave nothing to tell the uncertainty from: {REMEDY}"
-    gap = observations.widest_gap(seen.recorded_deg)
+    if len(observed) + len(swing.marks) <= TERMS:
+        return f"{len(observed)} observations leave nothing to tell the uncertainty from: {REMEDY}"
+    gap = observations.widest_gap(observed.recorded_deg)
     if gap > observations.REFUSED_GAP_DEG:
-        sectors = observations.count_sectors(seen.recorded_deg)
+        sectors = observations.count_sectors(observed.recorded_deg)
         return (
             f"the headings cover {sectors} of 36 sectors and leave {gap:.0f}° without any: a circle's five "
             f"coefficients cannot be told from so narrow an arc; {REMEDY}"
@@ -313,26 +298,34 @@ def _refusal(swing: Swing) -> str:
 
 
 def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...]:
-    """Return what must be said of a fitted swing."""
-    seen = swing.seen
-    left_out = [f"left out: {n} {why}" for why, n in seen.left_out.items()]
+    observed = swing.observed
     warnings = [
-        *_of_constant(swing, series),
-        *left_out,
-        *seen.warnings,
-        *_of_headings(swing, series),
-        *_of_water(swing, series),
-        *_of_time(swing, series),
+        *_constant_warnings(swing, series),
+        *(f"left out: {n} {why}" for why, n in observed.left_out.items()),
+        *observed.warnings,
+        *_heading_warnings(swing, series),
+        *_drift_warnings(swing, series),
+        *_time_warnings(swing, series),
     ]
-    warnings += _of_declination(swing) + _of_size(series, exact)
+    stated = observed.variation_deg
+    if np.isfinite(stated) and abs(float(angles.difference(stated, swing.declination_deg))) >= 0.5:
+        warnings.append(f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used")
+    columns = von_appen.design(np.arange(0.0, 360.0, observations.SECTOR_DEG))
+    largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
+    if largest >= SERIES_LIMIT_DEG:
+        left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
+        warnings.append(
+            f"deviations up to {largest:.0f}° are beyond what the five-term series is good for (about 20°): it leaves "
+            f"{left:.1f}° rms, the exact compass {by_exact:.1f}°"
+        )
     return tuple(warnings)
 
 
-def _of_headings(swing: Swing, series: SwingFit) -> list[str]:
-    recorded, warnings = swing.seen.recorded_deg, []
+def _heading_warnings(swing: Swing, series: SwingFit) -> list[str]:
+    recorded, warnings = swing.observed.recorded_deg, []
     distinct, gap = observations.distinct_headings(recorded), observations.widest_gap(recorded)
     rms = angles.rms(series.residuals[COURSE])
-    if distinct < FEW_HEADINGS:
+    if distinct < MIN_HEADINGS:
         warnings.append(
             f"{distinct} headings carry at most {distinct} coefficients, {TERMS} of which are taken"
             f"{': sin 4 of the heading is not seen at all' if distinct == 8 else ''}; "
@@ -342,21 +335,20 @@ def _of_headings(swing: Swing, series: SwingFit) -> list[str]:
         warnings.append(
             f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading: they tell no more of it"
         )
-    if rms > STRUCTURE_DEG and not swing.seen.timed:
-        warnings.append(_harmonics(swing, series, rms))
+    if rms > STRUCTURE_DEG and not swing.observed.timed:
+        warnings.append(_harmonic_warning(swing, series, rms))
     if gap > WIDE_GAP_DEG:
         warnings.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
     return warnings
 
 
-def _harmonics(swing: Swing, series: SwingFit, rms: float) -> str:
-    recorded, residual = swing.seen.recorded_deg, series.residuals[COURSE]
+def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:
+    recorded, residual = swing.observed.recorded_deg, series.residuals[COURSE]
     size = {}
     for order, name in ((3, "third"), (4, "fourth")):
         columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
-        columns = (
-            columns[:, 1:] if order == 4 and observations.distinct_headings(recorded) == 8 else columns
-        )  # sin 4 is not seen
+        if order == 4 and observations.distinct_headings(recorded) == 8:
+            columns = columns[:, 1:]  # sin 4 is not seen
         both = np.column_stack([von_appen.design(recorded), columns])
         taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
         size[name] = angles.rms(taken)
@@ -366,8 +358,8 @@ def _harmonics(swing: Swing, series: SwingFit, rms: float) -> str:
     )
 
 
-def _of_water(swing: Swing, series: SwingFit) -> list[str]:
-    if not swing.seen.over_ground:
+def _drift_warnings(swing: Swing, series: SwingFit) -> list[str]:
+    if not swing.observed.over_ground:
         return []
     warnings = []
     if not swing.has_speed:
@@ -375,10 +367,10 @@ def _of_water(swing: Swing, series: SwingFit) -> list[str]:
             f"no speeds were logged: a drift of up to {swing.widest_drift:.2f} of the ship's speed is assumed "
             "(drift_ratio)"
         )
-    found = model.separate_drift(swing, series)
-    if not found["separable"]:
-        warnings.append(str(found["text"]))
-    if swing.has_speed and drift_of(series.parameters)[1] > swing.widest_drift:
+    drift = model.separate_drift(swing, series)
+    if not drift["separable"]:
+        warnings.append(str(drift["text"]))
+    if swing.has_speed and set_and_drift(series.parameters)[1] > swing.widest_drift:
         warnings.append(
             f"the drift found is more than the {swing.widest_drift:g} kn that were allowed: "
             "raise max_drift_kn if it may be"
@@ -386,15 +378,16 @@ def _of_water(swing: Swing, series: SwingFit) -> list[str]:
     return warnings
 
 
-def _of_time(swing: Swing, series: SwingFit) -> list[str]:
-    seen, sigma = swing.seen, np.sqrt(np.diag(series.covariance))
-    if not seen.timed:
+def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
+    observed, sigma = swing.observed, np.sqrt(np.diag(series.covariance))
+    if not observed.timed:
         return []
     warnings = []
     noise = series.noises[COURSE]
-    if noise.n_effective < len(seen) / 2.0:
+    if noise.n_effective < len(observed) / 2.0:
         warnings.append(
-            f"residuals of neighbouring samples are alike: {len(seen)} samples say as much as {noise.n_effective:.0f}"
+            f"residuals of neighbouring samples are alike: {len(observed)} samples say as much as "
+            f"{noise.n_effective:.0f}"
         )
     correlation = abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG])
     if correlation > 0.7:
@@ -402,15 +395,7 @@ def _of_time(swing: Swing, series: SwingFit) -> list[str]:
     return warnings
 
 
-def _of_declination(swing: Swing) -> list[str]:
-    stated = swing.seen.variation_deg
-    off = abs(float(angles.difference(stated, swing.declination_deg))) if np.isfinite(stated) else 0.0
-    if off < 0.5:
-        return []
-    return [f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used"]
-
-
-def _of_constant(swing: Swing, series: SwingFit) -> list[str]:
+def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
     """Say where A is minus the declination, once or twice: which of the two norths is then likely confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), ALIKE_DEG)
@@ -426,16 +411,4 @@ def _of_constant(swing: Swing, series: SwingFit) -> list[str]:
         f"{begin} {'twice ' * (times == 2.0)}minus the declination of {declination:+.1f}°: {what}"
         for times, what in confused.items()
         if abs(float(angles.difference(constant, -times * declination))) < near
-    ]
-
-
-def _of_size(series: SwingFit, exact: SwingFit) -> list[str]:
-    columns = von_appen.design(np.arange(0.0, 360.0, observations.SECTOR_DEG))
-    largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
-    if largest < SERIES_LIMIT_DEG:
-        return []
-    left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
-    return [
-        f"deviations up to {largest:.0f}° are beyond what the five-term series is good for (about 20°): it leaves "
-        f"{left:.1f}° rms, the exact compass {by_exact:.1f}°"
     ]

@@ -21,13 +21,13 @@ from compasslib.types import Floats
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 STEP_DEG = 45.0
-HALF_ROOT = 0.707  # as MM print sin 45, so that their numbers come out to the last digit
+SIN_45 = 0.707  # as MM print sin 45, so that their numbers come out to the last digit
 NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # between two headings that tell B and C (MM section 6)
 NAN = float("nan")
 
 
 def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
-    """Return the mean of course minus compass on each of the eight points, degrees, NaN where none was steered.
+    """Average course minus compass on each of the eight points, degrees, NaN where none was steered.
 
     Each observation belongs to the nearest point, by the courses or by the compass: whichever was steered on points.
 
@@ -35,18 +35,18 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
         course_deg: courses over ground or headings, true, (n,).
         recorded_deg: compass courses, (n,).
     """
-    steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=_away_from_points)
+    steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=_rms_from_points)
     nearest = np.rint(steered / STEP_DEG).astype(int) % len(POINTS)
     psi = angles.difference(course_deg, recorded_deg)
-    found = {}
+    psi_deg = {}
     for k, point in enumerate(POINTS):
         mean = angles.wrap180(angles.mean(psi[nearest == k])) if (nearest == k).any() else NAN
-        found[point] = float(mean)
-    return found
+        psi_deg[point] = float(mean)
+    return psi_deg
 
 
 def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, float | dict[str, float]]:
-    """Return A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
+    """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
     D is the mean over the quadrants that were steered; over all four it is (47).
 
@@ -56,7 +56,7 @@ def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> 
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
-    along, across = HALF_ROOT * (b_bar + c_bar), HALF_ROOT * (b_bar - c_bar)
+    along, across = SIN_45 * (b_bar + c_bar), SIN_45 * (b_bar - c_bar)
     quadrants = {
         "NE": ne - a_bar - along,
         "SE": a_bar + across - se,
@@ -76,7 +76,7 @@ def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> 
 
 
 def error_bound_deg(ratio: ArrayLike) -> Floats:
-    """Return the largest error of D and of E that set and drift leave, MM (37), (43) and Table 1, degrees.
+    """Bound the error of D and of E by set and drift, MM (37), (43) and Table 1, degrees.
 
     Args:
         ratio: drift over the ship's speed, d/S.
@@ -85,7 +85,7 @@ def error_bound_deg(ratio: ArrayLike) -> Floats:
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
-    """Return what set and drift add to the deviations' coefficients, MM (22), (37) and (43), degrees.
+    """Compute the part of set and drift in the deviations' coefficients, MM (22), (37) and (43), degrees.
 
     B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2.
 
@@ -104,10 +104,10 @@ def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
     }
 
 
-def from_two_headings(
+def residual_from_two_headings(
     known: Mapping[str, float], first: tuple[float, float], second: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return residual B and C from the deviations on two headings (MM section 6), degrees.
+    """Solve for residual B and C from the deviations on two headings (MM section 6), degrees.
 
     Args:
         known: A, D and E, degrees.
@@ -125,24 +125,24 @@ def from_two_headings(
             advice="steer for another mark",
         )
     (eta1, eta2), (sine1, sine2), (cosine1, cosine2) = (
-        [_beyond(known, *each) for each in (first, second)],
+        [_semicircular_part(known, *each) for each in (first, second)],
         *np.transpose([angles.sin_cos(each[0]) for each in (first, second)]),
     )
     across = float(angles.sin_cos(first[0] - second[0])[0])
     return (eta1 * cosine2 - eta2 * cosine1) / across, (eta2 * sine1 - eta1 * sine2) / across
 
 
-def from_one_heading(
+def residual_by_lushnikov(
     known: Mapping[str, float], bars: tuple[float, float], compass_deg: float, deviation_deg: float
 ) -> dict[str, float]:
-    """Return residual B and C from one visual reference by Lushnikov's method, MM (54) to (60), degrees.
+    """Compute residual B and C from one visual reference by Lushnikov's method, MM (54) to (60), degrees.
 
     Args:
         known: A, D and E, degrees.
         bars: B bar and C bar, degrees.
     """
     sine, cosine = (float(x) for x in angles.sin_cos(compass_deg + deviation_deg))
-    across = _beyond(known, compass_deg + deviation_deg, deviation_deg)
+    across = _semicircular_part(known, compass_deg + deviation_deg, deviation_deg)
     along = bars[0] * cosine - bars[1] * sine
     return {
         "B": across * sine + along * cosine,
@@ -152,19 +152,18 @@ def from_one_heading(
     }
 
 
-def _beyond(known: Mapping[str, float], course_deg: float, deviation_deg: float) -> float:
-    """Return the deviation less its constant and quadrantal parts."""
+def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_deg: float) -> float:
     sine2, cosine2 = angles.sin_cos(2.0 * course_deg)
     return deviation_deg - known["A"] - known["D"] * float(sine2) - known["E"] * float(cosine2)
 
 
-def _away_from_points(course_deg: Floats) -> float:
+def _rms_from_points(course_deg: Floats) -> float:
     return angles.rms(course_deg - STEP_DEG * np.rint(course_deg / STEP_DEG))
 
 
 LIMIT_DEG, SHORT_M, LEAST_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
 TWO_SIGMA = 1.959964
-LEFT_OUT = {"none": "", "B": "B", "C": "C", "both": "BC"}
+NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
 
 
 @dataclass(frozen=True)
@@ -180,13 +179,7 @@ class Magnets:
 
 
 def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -> DeviationTable:
-    """Return the deviation table by recorded heading, north first.
-
-    Args:
-        coefficients: A..E, degrees, (5,).
-        covariance: (5, 5).
-        step_deg: between headings, commonly 10 or 15.
-    """
+    """Tabulate the deviation of A..E (5,) and its sigma by recorded heading, north first, degrees."""
     heading = np.arange(0.0, 360.0 - 1e-9, step_deg)
     columns = von_appen.design(heading)
     sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, covariance, columns), 0.0))
@@ -194,14 +187,10 @@ def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -
 
 
 def magnets_for(letter: str, value_deg: float) -> Magnets:
-    """Return how to nullify B or C (MM section 7.2, point 7).
+    """Describe how to nullify B or C (MM section 7.2, point 7).
 
     A positive B is a field towards the bow. Above or beside its middle a magnet's field runs against its red end, so
     red ends forward take it away; for C the same with starboard (Handbook of Magnetic Compass Adjustment).
-
-    Args:
-        letter: ``B`` or ``C``.
-        value_deg: the coefficient, degrees.
     """
     b = letter == "B"
     courses = (90.0 - value_deg, 270.0 + value_deg) if b else (-value_deg, 180.0 + value_deg)
@@ -217,51 +206,47 @@ def magnets_for(letter: str, value_deg: float) -> Magnets:
     return Magnets(letter, lie, (first, second), settle, red, text)
 
 
-def plan(coefficients: Floats, step_deg: float) -> dict[str, Any]:
-    """Return magnets for B and C and the table that each choice leaves (MM section 7.2, points 8 and 9).
-
-    Args:
-        coefficients: A..E, degrees, (5,).
-    """
+def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
+    """Choose magnets for B and C and tabulate what each choice leaves (MM section 7.2, points 8 and 9)."""
     remains, largest = {}, {}
-    for choice, letters in LEFT_OUT.items():
-        kept = coefficients * [letter not in letters for letter in LETTERS]
-        remains[choice] = deviation_table(kept, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
+    for choice, letters in NULLIFIED.items():
+        remaining = coefficients * [letter not in letters for letter in LETTERS]
+        remains[choice] = deviation_table(remaining, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
         largest[choice] = float(np.max(np.abs(remains[choice])))
-    found = {letter: vars(magnets_for(letter, float(coefficients[LETTERS.index(letter)]))) for letter in "BC"}
+    magnets = {letter: vars(magnets_for(letter, float(coefficients[LETTERS.index(letter)]))) for letter in "BC"}
     return {
-        "magnets": found,
+        "magnets": magnets,
         "residual_table_deg": remains,
         "largest_deg": largest,
         "text": _advice(coefficients, largest),
     }
 
 
-def verdict(found: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
-    """Return whether the deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), with the conditions said.
+def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
+    """Judge whether the deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), with the conditions said.
 
     Args:
         length_m: of the vessel, where known.
         speed_kn: the median speed of the swing, where known.
     """
-    size = np.abs(found.deviation_deg)
-    surely, perhaps = size - TWO_SIGMA * found.sigma_deg > LIMIT_DEG, size + TWO_SIGMA * found.sigma_deg > LIMIT_DEG
+    size = np.abs(table.deviation_deg)
+    surely, perhaps = size - TWO_SIGMA * table.sigma_deg > LIMIT_DEG, size + TWO_SIGMA * table.sigma_deg > LIMIT_DEG
     word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
     if length_m is not None and length_m >= SHORT_M:
         word = "not judged"
     worst = int(np.argmax(size))
-    largest = f"largest {found.deviation_deg[worst]:+.1f}° ± {TWO_SIGMA * found.sigma_deg[worst]:.1f}° (95 %)"
+    largest = f"largest {table.deviation_deg[worst]:+.1f}° ± {TWO_SIGMA * table.sigma_deg[worst]:.1f}° (95 %)"
     text = {
-        "exceeds": f"A deviation exceeds 4°: {largest} on {found.heading_deg[worst]:03.0f}°.",
+        "exceeds": f"A deviation exceeds 4°: {largest} on {table.heading_deg[worst]:03.0f}°.",
         "undecided": f"Whether every deviation is within 4° is not decided: {largest}.",
         "within": f"Every deviation is within 4°: {largest}.",
         "not judged": f"The limit of 4° is for ships under {SHORT_M} m; this one has {length_m} m. {largest}.",
     }[word]
-    conditions = [_length(length_m), _speed(speed_kn)]
+    conditions = [_length_condition(length_m), _speed_condition(speed_kn)]
     return {
         "verdict": word,
-        "largest_deg": float(found.deviation_deg[worst]),
-        "on_deg": float(found.heading_deg[worst]),
+        "largest_deg": float(table.deviation_deg[worst]),
+        "on_deg": float(table.heading_deg[worst]),
         "conditions": [line for line in conditions if line],
         "text": text,
     }
@@ -281,7 +266,7 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
     )
 
 
-def _length(length_m: float | None) -> str:
+def _length_condition(length_m: float | None) -> str:
     return (
         f"The length of the ship is not given; the limit of 4° is for ships under {SHORT_M} m."
         if length_m is None
@@ -289,7 +274,7 @@ def _length(length_m: float | None) -> str:
     )
 
 
-def _speed(speed_kn: float | None) -> str:
+def _speed_condition(speed_kn: float | None) -> str:
     if speed_kn is None:
         return "The speed is not known; the method asks for at least 7 kn."
     if speed_kn < LEAST_SPEED_KN:

@@ -25,7 +25,7 @@ from compasslib.statistics.swing_noise import SwingNoise, spread
 from compasslib.types import Floats
 
 ROUNDS, STEPS = 4, 3
-KNOWN = 2.0  # the data know a parameter that they tell twice as well as the prior
+MIN_INFORMATION = 2.0  # the data know a parameter that they tell twice as well as the prior
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class SwingFit:
 
 
 def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
-    """Return the parameters that explain all blocks.
+    """Fit the parameters to all blocks by Gauss-Newton.
 
     Args:
         blocks: observations; the first sets the least scatter of those with a known one.
@@ -83,25 +83,25 @@ def _noises(
             noises[block.name] = SwingNoise(np.full(residual.shape, scatter), dof=np.inf)
             continue
         size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + swing_noise.TINY)
-        basis = _taken_up(columns / size[:, None], sigma) * size[:, None]
+        basis = _informed_basis(columns / size[:, None], sigma) * size[:, None]
         basis = orthonormal(basis)
         noise = swing_noise.estimate(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
-        noise = noise if block.groups is None else _grouped(noise, residual, block.groups, basis.shape[1])
+        noise = noise if block.groups is None else _between_groups(noise, residual, block.groups, basis.shape[1])
         # So few residuals that their scatter may be small by chance must not overrule the priors.
         noises[block.name] = replace(noise, weight=noise.weight / student(noise.dof) ** 2)
     return noises
 
 
-def _taken_up(columns: Floats, sigma: Floats) -> Floats:
-    """Return a basis of what the fit takes up: free parameters, and those that the data know better than the prior."""
+def _informed_basis(columns: Floats, sigma: Floats) -> Floats:
+    """Span what the fit takes up: free parameters, and those that the data know better than the prior."""
     free = orthonormal(columns[:, np.isinf(sigma)])
     by_priors = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
     beyond = by_priors - free @ (free.T @ by_priors)
-    return np.column_stack([free, orthonormal(beyond, least=KNOWN)])
+    return np.column_stack([free, orthonormal(beyond, least=MIN_INFORMATION)])
 
 
-def _grouped(noise: SwingNoise, residual: Floats, groups: NDArray[np.int_], rank: int) -> SwingNoise:
-    """Return the scatter for headings that were taken repeatedly: what is common to one heading is not averaged out."""
+def _between_groups(noise: SwingNoise, residual: Floats, groups: NDArray[np.int_], rank: int) -> SwingNoise:
+    """Estimate the scatter between headings taken repeatedly: what is common to one heading does not average out."""
     count = np.bincount(groups)
     total = np.bincount(groups, residual)
     occupied = count > 0
@@ -142,15 +142,15 @@ SERIES = slice(0, 5)
 DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
 SIZE = 12
 DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
-NEVER = 1e-9  # prior width of a parameter that cannot be determined
-SEPARATED = 0.5  # drift is told from B and C where the swing halves its prior
+FIXED_SIGMA = 1e-9  # prior width of a parameter that cannot be determined
+MAX_PRIOR_SHARE = 0.5  # drift is told from B and C where the swing halves its prior
 KNOT = "kn"
 LOG_SIGMA = 0.1  # of a ship's log's scale
 SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
-LEAST_WATER_KN = 0.5
+MIN_WATER_KN = 0.5
 SMOOTHED_S = 60.0  # over which speeds are averaged
-HIGHER = (3, 4)  # harmonics
-LEAST_SHARE = 0.3  # of a speed, where the drift is faster than the ship
+HARMONICS = (3, 4)  # harmonics
+MIN_SPEED_SHARE = 0.3  # of a speed, where the drift is faster than the ship
 COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
 
 
@@ -171,7 +171,7 @@ Curve = Callable[[Floats, Floats, Floats], Shown]  # coefficients, headings, rea
 class Swing:
     """Observations with what is needed to explain them."""
 
-    seen: Observations
+    observed: Observations
     options: SwingOptions
     declination_deg: float
     declination_sigma_deg: float
@@ -179,22 +179,22 @@ class Swing:
 
     @property
     def has_speed(self) -> bool:
-        """Tell whether speeds were logged; else the ship's speed is the unit and the drift a share of it."""
-        return bool(np.isfinite(self.seen.speed_kn).all())
+        """Whether speeds were logged; else the ship's speed is the unit and the drift a share of it."""
+        return bool(np.isfinite(self.observed.speed_kn).all())
 
     @property
     def widest_drift(self) -> float:
-        """Return the largest drift that the prior allows, knots, or over the ship's speed where that is not known."""
+        """The largest drift that the prior allows, knots, or over the ship's speed where that is not known."""
         return self.options.max_drift_kn if self.has_speed else self.options.drift_ratio
 
     @property
     def speed_kn(self) -> Floats:
-        """Return the speed over ground, 1 where it is not known, (n,)."""
-        return self.seen.speed_kn if self.has_speed else np.ones(len(self.seen))
+        """The speed over ground, 1 where it is not known, (n,)."""
+        return self.observed.speed_kn if self.has_speed else np.ones(len(self.observed))
 
 
 def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> SwingFit:
-    """Return the compass that explains a swing, with the water's drift and the course's delay.
+    """Fit the compass, the water's drift and the course's delay to a swing.
 
     Args:
         exact: the exact compass (coefficients dimensionless) instead of the series in the recorded heading (degrees).
@@ -203,74 +203,75 @@ def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None)
     mean[LOG] = 1.0
     begin = mean.copy() if start is None else start.copy()
     if start is None:  # a compass mounted askew is no outlier
-        begin[0] = angles.wrap180(angles.mean(swing.seen.course_deg - swing.seen.recorded_deg) - swing.declination_deg)
+        begin[0] = angles.wrap180(
+            angles.mean(swing.observed.course_deg - swing.observed.recorded_deg) - swing.declination_deg
+        )
     if exact:
-        begin[SERIES] = exact_start(swing.seen.recorded_deg, corrected_course(begin, swing))
-    found = solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
-    return _with_second_order(found, swing, unit=angles.DEGREE if exact else 1.0)
+        begin[SERIES] = exact_start(swing.observed.recorded_deg, corrected_course(begin, swing))
+    fitted = solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
+    return _with_second_order(fitted, swing, unit=angles.DEGREE if exact else 1.0)
 
 
-def _with_second_order(found: SwingFit, swing: Swing, unit: float) -> SwingFit:
-    """Add what an unknown drift does to A, D and E in second order: 57.3 (d/S)^2 in D and E, MM (37) and (43).
+def _with_second_order(fitted: SwingFit, swing: Swing, unit: float) -> SwingFit:
+    """Add the second-order effect of an unknown drift on A, D and E: 57.3 (d/S)^2 in D and E, MM (37) and (43).
 
     The drift acts by the heading, the series by the recorded one; their difference adds d/S times half of B and C.
 
     Args:
         unit: of the coefficients, in degrees: 1, or that of the exact ones.
     """
-    if not swing.seen.over_ground:
-        return found
+    if not swing.observed.over_ground:
+        return fitted
     slowness = 1.0 / float(np.median(swing.speed_kn))
-    variance = float(np.mean(np.diag(found.covariance)[DRIFT])) * slowness**2
-    square = float(np.sum(found.parameters[DRIFT] ** 2)) * slowness**2 + variance
-    iron = float(np.sum((found.parameters[1:3] * angles.DEGREE / unit) ** 2))
+    variance = float(np.mean(np.diag(fitted.covariance)[DRIFT])) * slowness**2
+    square = float(np.sum(fitted.parameters[DRIFT] ** 2)) * slowness**2 + variance
+    iron = float(np.sum((fitted.parameters[1:3] * angles.DEGREE / unit) ** 2))
     part = np.zeros((SIZE, SIZE))
     part[[0, 3, 4], [0, 3, 4]] = variance * (np.array([0.0, square, square]) + iron / 4.0) * (unit / angles.DEGREE) ** 2
-    return replace(found, covariance=found.covariance + part, parts={**found.parts, SECOND: part})
+    return replace(fitted, covariance=fitted.covariance + part, parts={**fitted.parts, SECOND: part})
 
 
 def prior_widths(swing: Swing) -> Floats:
-    """Return the prior width of each parameter, infinite for the compass.
+    """Compute the prior width of each parameter, infinite for the compass.
 
     A drift that may be anything up to a largest one, in any direction, has half of that as its standard deviation
     along either axis.
     """
-    seen, sigma = swing.seen, np.full(SIZE, NEVER)
+    observed, sigma = swing.observed, np.full(SIZE, FIXED_SIGMA)
     sigma[SERIES] = np.inf
-    sigma[DECLINATION] = max(swing.declination_sigma_deg, NEVER)
-    if seen.over_ground:
-        sigma[DRIFT] = max(swing.widest_drift / 2.0, NEVER)
-    if seen.timed:
-        lasted = float(np.ptp(seen.time_s))
-        sigma[CHANGES] = np.maximum(sigma[DRIFT] * min(1.0, lasted / SPRING_S), NEVER)
-        sigma[LAG] = max(swing.options.max_lag_s / 2.0, NEVER)
+    sigma[DECLINATION] = max(swing.declination_sigma_deg, FIXED_SIGMA)
+    if observed.over_ground:
+        sigma[DRIFT] = max(swing.widest_drift / 2.0, FIXED_SIGMA)
+    if observed.timed:
+        lasted = float(np.ptp(observed.time_s))
+        sigma[CHANGES] = np.maximum(sigma[DRIFT] * min(1.0, lasted / SPRING_S), FIXED_SIGMA)
+        sigma[LAG] = max(swing.options.max_lag_s / 2.0, FIXED_SIGMA)
     if _by_log(swing).any():
         sigma[LOG] = LOG_SIGMA
     return sigma
 
 
 def exact_start(recorded_deg: Floats, heading_deg: Floats) -> Floats:
-    """Return A..E of the exact compass by the linear fit Im(e^{-i gamma} q) = 0 (physics page, section 3), (5,).
-
-    Args:
-        recorded_deg: recorded headings gamma, (n,).
-        heading_deg: correct magnetic headings beta, (n,).
-    """
+    """Fit A..E of the exact compass linearly, Im(e^{-i gamma} q) = 0 (physics page, section 3), (5,)."""
     g, w = np.conj(angles.phasor(recorded_deg)), angles.phasor(heading_deg)
-    one = np.ones_like(w)
-    columns = np.imag(g[:, None] * np.stack([-1j * w, one, -1j * one, np.conj(w), -1j * np.conj(w)], axis=-1))
+    ones = np.ones_like(w)
+    columns = np.imag(g[:, None] * np.stack([-1j * w, ones, -1j * ones, np.conj(w), -1j * np.conj(w)], axis=-1))
     return np.asarray(np.linalg.lstsq(columns, -np.imag(g * w))[0])
 
 
 def corrected_course(parameters: Floats, swing: Swing) -> Floats:
-    """Return the magnetic headings that the courses stand for, water and delay taken off, (n,) degrees."""
-    through = angles.direction(*_through_water(parameters, swing)) if swing.seen.over_ground else swing.seen.course_deg
+    """Take water and delay off the courses: magnetic headings, (n,) degrees."""
+    through = (
+        angles.direction(*_through_water(parameters, swing))
+        if swing.observed.over_ground
+        else swing.observed.course_deg
+    )
     return angles.wrap360(through - _offset(parameters, swing))
 
 
 def _drift(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Return the water's velocity at each observation, true east and north, knots."""
-    since = observations.since_middle(swing.seen.time_s)
+    """Compute the water's velocity at each observation, true east and north, knots."""
+    since = observations.since_middle(swing.observed.time_s)
     return (
         parameters[EAST] + parameters[EAST_CHANGE] * since,
         parameters[NORTH] + parameters[NORTH_CHANGE] * since,
@@ -278,60 +279,62 @@ def _drift(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
 
 
 def _through_water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Return the ship's velocity through the water, true east and north, knots."""
-    (east, north), drift = angles.components(swing.speed_kn, swing.seen.course_deg), _drift(parameters, swing)
+    """Compute the ship's velocity through the water, true east and north, knots."""
+    (east, north), drift = angles.components(swing.speed_kn, swing.observed.course_deg), _drift(parameters, swing)
     return east - drift[0], north - drift[1]
 
 
 def _offset(parameters: Floats, swing: Swing) -> Floats:
-    return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.seen.steady_turn_deg_s
+    return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.observed.steady_turn_deg_s
 
 
-def _set_aside(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
-    """Return by how much the water sets the courses aside, (n,) degrees, and the derivatives by the parameters, (n, k).
+def drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
+    """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
-    Only speeds that vary may tell the drift from B and C. At one speed it differs from what a compass can be in higher
-    harmonics of the heading alone, which compasses have too: what is like these is taken out of its derivatives.
+    Only speeds that vary may separate the drift from B and C. At one speed it differs from what a compass can be in
+    higher harmonics of the heading alone, which compasses have too: what is like these is taken out of its derivatives.
     """
     speed = _through_speed(parameters, swing, facing_deg)
-    aside, across = _triangle(facing_deg, speed, _drift(parameters, swing))
-    higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HIGHER])
+    drift_deg, across = _triangle(facing_deg, speed, _drift(parameters, swing))
+    higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
     higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
     basis, slopes = orthonormal(higher), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
-    slopes[:, CHANGES] = across * observations.since_middle(swing.seen.time_s)[:, None]
-    return aside, slopes
+    slopes[:, CHANGES] = across * observations.since_middle(swing.observed.time_s)[:, None]
+    return drift_deg, slopes
 
 
 def _triangle(facing_deg: Floats, speed: Floats, drift: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return course minus heading, (n,) degrees, and its derivatives by the drift towards east and north, (n, 2)."""
+    """Compute course minus heading, (n,) degrees, and its derivatives by the drift towards east and north, (n, 2)."""
     sine, cosine = angles.sin_cos(facing_deg)
     east, north = speed * sine + drift[0], speed * cosine + drift[1]
-    square = np.maximum(east**2 + north**2, (LEAST_SHARE * speed) ** 2)
+    square = np.maximum(east**2 + north**2, (MIN_SPEED_SHARE * speed) ** 2)
     slopes = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE
     return angles.difference(angles.direction(east, north), facing_deg), slopes
 
 
 def _through_speed(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floats:
-    """Return the speed through the water, (n,): it follows from that over ground, the drift and where the ship faces.
+    """Compute the speed through the water, (n,), from that over ground, the drift and the ship's heading.
 
-    Noise in the speeds would look like speeds that vary, and noise of the compass too, by where the ship faces: both
-    are smoothed.
+    Noise in the speeds would look like speeds that vary, and noise of the compass too, by the heading: both are
+    smoothed.
     """
     (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
     along, across, over_ground = (
-        observations.smoothed(x, swing.seen.time_s, SMOOTHED_S)
+        observations.moving_average(x, swing.observed.time_s, SMOOTHED_S)
         for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
     )
     through = np.sqrt(np.maximum(over_ground**2 - across**2, 0.0)) - along
-    return np.maximum(through, np.maximum(LEAST_SHARE * over_ground, 1e-3))  # where the drift is faster than the ship
+    return np.maximum(
+        through, np.maximum(MIN_SPEED_SHARE * over_ground, 1e-3)
+    )  # where the drift is faster than the ship
 
 
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
-    seen = swing.seen
-    in_time = observations.blocks_of(seen.time_s) if seen.timed else None
-    slow = seen.speed_kn if swing.has_speed and seen.over_ground else None
-    groups = None if seen.timed else observations.headings_of(seen.recorded_deg)
+    observed = swing.observed
+    in_time = observations.number_blocks(observed.time_s) if observed.timed else None
+    slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
+    groups = None if observed.timed else observations.group_headings(observed.recorded_deg)
     blocks = [Block(COURSE, partial(_course, swing=swing, curve=curve), slow, in_time, groups=groups)]
     if swing.marks:
         observe = partial(_mark, swing=swing, curve=curve)
@@ -342,19 +345,19 @@ def _blocks(swing: Swing, curve: Curve) -> list[Block]:
 
 
 def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
-    seen, offset = swing.seen, _offset(parameters, swing)
-    heading: Floats = seen.course_deg - offset
-    slopes: Floats = np.zeros((len(seen), SIZE))
-    shown = curve(parameters[SERIES], heading, seen.settled_deg)
-    if seen.over_ground:
+    observed, offset = swing.observed, _offset(parameters, swing)
+    heading: Floats = observed.course_deg - offset
+    slopes: Floats = np.zeros((len(observed), SIZE))
+    shown = curve(parameters[SERIES], heading, observed.settled_deg)
+    if observed.over_ground:
         alike = shown.by_compass / shown.by_heading[:, None]
-        aside, slopes = _set_aside(parameters, swing, shown.facing_deg + offset, alike)
+        aside, slopes = drift_angle(parameters, swing, shown.facing_deg + offset, alike)
         heading, slopes = heading - aside, -slopes
-    slopes[:, DECLINATION], slopes[:, LAG] = -1.0, seen.steady_turn_deg_s
+    slopes[:, DECLINATION], slopes[:, LAG] = -1.0, observed.steady_turn_deg_s
     slopes *= shown.by_heading[:, None]
     slopes[:, SERIES] = shown.by_compass
-    unsettled = angles.difference(seen.recorded_deg, seen.settled_deg)
-    return angles.difference(curve(parameters[SERIES], heading, seen.settled_deg).residual_deg, unsettled), slopes
+    unsettled = angles.difference(observed.recorded_deg, observed.settled_deg)
+    return angles.difference(curve(parameters[SERIES], heading, observed.settled_deg).residual_deg, unsettled), slopes
 
 
 def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
@@ -366,21 +369,21 @@ def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Float
 
 
 def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Return speed through the water from the triangle minus that of the ship's log times its scale, knots."""
-    since, used = observations.since_middle(swing.seen.time_s), _by_log(swing)
+    """Compute speed through the water from the triangle minus that of the ship's log times its scale, knots."""
+    since, used = observations.since_middle(swing.observed.time_s), _by_log(swing)
     east, north = _through_water(parameters, swing)
-    through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.seen.water_speed_kn, 0.0)
-    slopes = np.zeros((len(swing.seen), SIZE))
+    through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.observed.water_speed_kn, 0.0)
+    slopes = np.zeros((len(swing.observed), SIZE))
     slopes[:, EAST], slopes[:, NORTH], slopes[:, LOG] = -east / through, -north / through, -logged
     slopes[:, EAST_CHANGE], slopes[:, NORTH_CHANGE] = slopes[:, EAST] * since, slopes[:, NORTH] * since
     return (through - parameters[LOG] * logged) * used, slopes * used[:, None]
 
 
 def _by_log(swing: Swing) -> NDArray[np.bool_]:
-    """Tell which samples carry a speed through the water; none unless half of them do."""
-    seen = swing.seen
-    logged = np.nan_to_num(seen.water_speed_kn) > LEAST_WATER_KN
-    return logged & (seen.over_ground and swing.has_speed and len(seen) > 0 and logged.mean() > 0.5)
+    """Flag samples with a speed through the water; none unless half of them have one."""
+    observed = swing.observed
+    logged = np.nan_to_num(observed.water_speed_kn) > MIN_WATER_KN
+    return logged & (observed.over_ground and swing.has_speed and len(observed) > 0 and logged.mean() > 0.5)
 
 
 def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Shown:
@@ -396,14 +399,14 @@ def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Shown:
     return Shown(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
 
 
-def drift_of(parameters: Floats) -> tuple[float, float]:
-    """Return set (degrees, true) and drift of the water."""
+def set_and_drift(parameters: Floats) -> tuple[float, float]:
+    """Convert the drift to set (degrees, true) and speed."""
     return float(angles.direction(*parameters[DRIFT])), float(np.hypot(*parameters[DRIFT]))
 
 
 def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
-    """Return set and drift of the water, how well they are told from B and C, and what stays confounded."""
-    set_deg, drift = drift_of(series.parameters)
+    """Describe set and drift of the water, how well they are separated from B and C, and what stays confounded."""
+    set_deg, drift = set_and_drift(series.parameters)
     covariance, prior = series.covariance, prior_widths(swing)
     sigma = np.sqrt(np.diag(covariance))
     along = np.array(angles.components(1.0, set_deg))
@@ -421,20 +424,20 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
         "east": float(series.parameters[EAST]),
         "north": float(series.parameters[NORTH]),
         "covariance": water.tolist(),
-        "correlation": _with_b_and_c(covariance),
+        "correlation": _correlations(covariance),
         "left_of_belief": left,
-        "largest_alike": _alike(series),
+        "largest_alike": _widest_combination(series),
         "log_scale": float(series.parameters[LOG]) if np.isfinite(prior[LOG]) and prior[LOG] > 1e-6 else None,
-        "separable": left < SEPARATED,
-        "text": _sentence(swing, (set_deg, drift, unit), left, sigma),
+        "separable": left < MAX_PRIOR_SHARE,
+        "text": _describe_drift(swing, (set_deg, drift, unit), left, sigma),
     }
 
 
-def _sentence(swing: Swing, water: tuple[float, float, str], left: float, sigma: Floats) -> str:
+def _describe_drift(swing: Swing, water: tuple[float, float, str], left: float, sigma: Floats) -> str:
     set_deg, drift, unit = water
-    speed = swing.seen.speed_kn
+    speed = swing.observed.speed_kn
     ratio = f"speeds from {speed.min():.1f} to {speed.max():.1f} kn" if swing.has_speed else "no speeds"
-    if left < SEPARATED:
+    if left < MAX_PRIOR_SHARE:
         return (
             f"With {ratio} the water is told from the compass: set {set_deg:.0f}°, drift {drift:.2f} {unit} "
             f"(± {np.max(sigma[DRIFT]):.2f}). A steady leeway by wind would look the same."
@@ -446,15 +449,15 @@ def _sentence(swing: Swing, water: tuple[float, float, str], left: float, sigma:
     )
 
 
-def _with_b_and_c(covariance: Floats) -> dict[str, float]:
+def _correlations(covariance: Floats) -> dict[str, float]:
     sigma = np.sqrt(np.diag(covariance))
     pairs = [(k, j) for k in (1, 2) for j in DRIFT]
     names = {1: "B", 2: "C", EAST: "east", NORTH: "north"}
     return {f"{names[k]}_{names[j]}": float(covariance[k, j] / (sigma[k] * sigma[j])) for k, j in pairs}
 
 
-def _alike(series: SwingFit) -> dict[str, object]:
-    """Return what the swing knows least: the combination of B, C and drift with the widest covariance."""
+def _widest_combination(series: SwingFit) -> dict[str, object]:
+    """Find the combination of B, C and drift with the widest covariance."""
     index = [1, 2, *DRIFT]
     sigma = np.sqrt(np.diag(series.covariance))[index]
     size, vectors = np.linalg.eigh(series.covariance[np.ix_(index, index)] / np.outer(sigma, sigma))

@@ -44,8 +44,8 @@ class SwingOptions:
     table_step_deg: float = 10.0  # 10 or 15
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> SwingOptions:
-        """Return the options that a calibration file gives, defaults where it is silent."""
+    def from_settings(cls, settings: Mapping[str, Any]) -> SwingOptions:
+        """Make options from the settings, defaults where they are silent."""
         given = {f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None}
         marks: dict[str, Any] = {name: tuple(given.pop(name)) for name in ("visual", "sun") if name in given}
         return cls(**given, **marks)
@@ -74,22 +74,18 @@ class Observations:
 
     @property
     def timed(self) -> bool:
-        """Tell whether all observations carry their time."""
+        """Whether all observations carry their time."""
         return bool(len(self) and np.isfinite(self.time_s).all())
 
     def keep(self, good: NDArray[np.bool_], why: str) -> Observations:
-        """Return those that are good, the others counted.
-
-        Args:
-            good: (n,).
-        """
+        """Select the good ones, (n,), and count the others."""
         lost = int((~good).sum())
         columns = {f.name: getattr(self, f.name)[good] for f in fields(self) if f.type == "Floats"}
         return replace(self, **columns, left_out={**self.left_out, **({why: lost} if lost else {})})
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
-    """Return what the files hold, slow fixes and quick turns left out and counted.
+    """Read a swing, slow fixes and quick turns left out and counted.
 
     Args:
         files: CSV tables or NMEA 0183 logs.
@@ -98,8 +94,8 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     Raises:
         InputError: a file, a column or a value cannot be read.
     """
-    paths, options = [Path(file) for file in files], SwingOptions.of(settings)
-    reader = {"nmea0183": _logs}.get(str(settings.get("format")), _tables)
+    paths, options = [Path(file) for file in files], SwingOptions.from_settings(settings)
+    reader = {"nmea0183": _read_logs}.get(str(settings.get("format")), _read_tables)
     raw = reader(paths, settings)
     known = raw.keep(np.isfinite(raw.recorded_deg + raw.course_deg), "without heading or course")
     if known.over_ground and np.isfinite(known.speed_kn).any():
@@ -111,15 +107,15 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     turned = np.cumsum(
         np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1]))
     )
-    turn = _turn(known.time_s, turned)
+    turn = _rate_of_turn(known.time_s, turned)
     slow = np.abs(turn) <= options.max_turn_deg_s
     steady, settled = rate_and_heading(known.time_s, turned, slow)
     known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
 
 
-def _turn(time_s: Floats, turned_deg: Floats) -> Floats:
-    """Return the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
+def _rate_of_turn(time_s: Floats, turned_deg: Floats) -> Floats:
+    """Compute the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
     before = np.searchsorted(time_s, time_s - TURN_WINDOW_S, side="left")
     lasted = time_s - time_s[before]
     known = lasted >= TURN_WINDOW_S / 2.0
@@ -128,7 +124,7 @@ def _turn(time_s: Floats, turned_deg: Floats) -> Floats:
     return np.interp(time_s, time_s[known], (turned_deg - turned_deg[before])[known] / lasted[known])
 
 
-def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
+def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     named = {**SENTENCES, **(settings.get("columns") or {})}
     log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
     withheld = set(settings.get("withhold") or ())
@@ -144,7 +140,7 @@ def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         turn_deg_s=np.zeros(log.time_s.shape),
         steady_turn_deg_s=np.zeros(log.time_s.shape),
         settled_deg=log.heading_deg,
-        place=_middle(log.latitude[places], log.longitude[places]) if places.any() else None,
+        place=_median_position(log.latitude[places], log.longitude[places]) if places.any() else None,
         variation_deg=float(np.median(log.variation_deg[np.isfinite(log.variation_deg)]))
         if np.isfinite(log.variation_deg).any()
         else float("nan"),
@@ -152,14 +148,14 @@ def _logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     )
 
 
-def _middle(latitude: Floats, longitude: Floats) -> tuple[float, float]:
-    """Return the median position, across the date line too."""
+def _median_position(latitude: Floats, longitude: Floats) -> tuple[float, float]:
+    """Compute the median position, across the date line too."""
     middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))
     return float(np.median(latitude)), float(angles.wrap180(middle))
 
 
-def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
-    tables, notes = zip(*(_columns(path, settings) for path in paths), strict=True)
+def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
+    tables, notes = zip(*(_read_table(path, settings) for path in paths), strict=True)
     roles = set(tables[0]).intersection(*tables)
     columns = {role: np.concatenate([t[role] for t in tables]) for role in roles}
     empty = np.full(columns["compass_deg"].shape, np.nan)
@@ -182,27 +178,29 @@ def _tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     )
 
 
-def _columns(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
-    """Return the columns of one table by role, and notes; what is withheld is not looked at."""
+def _read_table(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Read the columns of one table by role, and notes; what is withheld is not looked at."""
     mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
     layout, headers = delimited.Layout.from_settings(settings), {role: str(mapped.get(role) or role) for role in ROLES}
     names = delimited.read_header(path, [headers["compass_deg"]], layout)
     wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
     for role, header in wanted.items():
         if header not in names and (mapped.get(role) or role == "compass_deg"):
-            raise _absent(path, f"column {header!r} ({role})", names)
+            raise _absent_column(path, f"column {header!r} ({role})", names)
     there = {role: header for role, header in wanted.items() if header in names}
     if not {"cog_deg", "true_deg"} & set(there):
-        raise _absent(path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names)
+        raise _absent_column(
+            path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names
+        )
     table = delimited.read_table(path, there | delimited.date_and_clock(mapped, withheld), layout=layout)
     parsed = {"time_utc" if role == "time" else role: column for role, column in table.columns.items()}
     for role in (role for role in parsed if role != "time_utc"):
-        _bounded(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
+        _check_bounds(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
     turned = {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
     return turned, delimited.table_notes([table])
 
 
-def _bounded(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:
+def _check_bounds(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:
     beyond = values[(values < bounds[0]) | (values > bounds[1])]
     if beyond.size:
         raise InputError(
@@ -213,7 +211,7 @@ def _bounded(path: Path, what: str, values: Floats, bounds: tuple[float, float])
         )
 
 
-def _absent(path: Path, what: str, names: list[str]) -> InputError:
+def _absent_column(path: Path, what: str, names: list[str]) -> InputError:
     return InputError(
         f"{path}: {what}",
         expected="one of the file's columns",
@@ -225,13 +223,8 @@ def _absent(path: Path, what: str, names: list[str]) -> InputError:
 # Where in time and on the circle a swing's observations lie: blocks, means, rates of turn, headings.
 
 
-def smoothed(values: Floats, time_s: Floats, window_s: float) -> Floats:
-    """Return values averaged over a window about each, (n,); as they are where a time is not known.
-
-    Args:
-        values: (n,).
-        time_s: (n,) increasing.
-    """
+def moving_average(values: Floats, time_s: Floats, window_s: float) -> Floats:
+    """Average values over a window about each, (n,), times increasing; as they are where a time is not known."""
     if not np.isfinite(time_s).all():
         return values
     first = np.searchsorted(time_s, time_s - window_s / 2.0, side="left")
@@ -241,7 +234,7 @@ def smoothed(values: Floats, time_s: Floats, window_s: float) -> Floats:
 
 
 def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return the rate of turn, the slope over the minute about each, and headings averaged over 20 s, (n,) each.
+    """Compute the rate of turn, the slope over the minute about each, and headings averaged over 20 s, (n,) each.
 
     Where less than 20 s hang together it is the rate over the minute about each sample, and the heading as it was. A
     difference of readings would not do: a compass's noise stands in it and in the deviation, and looks like a delay.
@@ -255,57 +248,47 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])
     rate = np.diff(np.interp(ends, time_s, turned_deg), axis=0)[0] / np.maximum(np.diff(ends, axis=0)[0], 1.0)
-    rate, mean = np.where(_often(time_s), rate, 0.0), turned_deg.copy()
+    rate, mean = np.where(_is_dense(time_s), rate, 0.0), turned_deg.copy()
     for run in np.split(np.arange(len(time_s)), np.flatnonzero(apart) + 1):
         if np.ptp(time_s[run]) >= BLOCK_S:
-            rate[run], mean[run] = _in_one_run(time_s[run] - time_s[run[0]], turned_deg[run])
+            rate[run], mean[run] = _smooth_run(time_s[run] - time_s[run[0]], turned_deg[run])
     return rate, mean
 
 
-def _in_one_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
-    """Return rate of turn and mean heading; near the ends the rate of the nearest minute that lies whole in the run."""
+def _smooth_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
+    """Compute rate of turn and mean heading of one run; near its ends the rate of the nearest whole minute."""
     at, on, square, both = (
-        smoothed(x, since_s, STEADY_S)
+        moving_average(x, since_s, STEADY_S)
         for x in (since_s, turned_deg - turned_deg[0], since_s**2, since_s * (turned_deg - turned_deg[0]))
     )
     slope = (both - at * on) / np.maximum(square - at**2, 1.0)
     half = min(STEADY_S, float(since_s[-1])) / 2.0
     rate = np.interp(np.clip(since_s, half, since_s[-1] - half), since_s, slope)
-    return rate, smoothed(turned_deg, since_s, BLOCK_S) + rate * (since_s - smoothed(since_s, since_s, BLOCK_S))
+    return rate, moving_average(turned_deg, since_s, BLOCK_S) + rate * (
+        since_s - moving_average(since_s, since_s, BLOCK_S)
+    )
 
 
-def _often(time_s: Floats) -> bool:
+def _is_dense(time_s: Floats) -> bool:
     return bool(np.median(np.diff(time_s)) <= APART_S) if len(time_s) > 1 else False
 
 
 def since_middle(time_s: Floats) -> Floats:
-    """Return time from -1/2 to 1/2 of the swing, (n,); 0 where a time is not known.
-
-    Args:
-        time_s: (n,).
-    """
+    """Scale time to -1/2 to 1/2 of the swing, (n,); 0 where a time is not known."""
     if not np.isfinite(time_s).all():
         return np.zeros(time_s.shape)
     first, last = time_s.min(), time_s.max()
     return (time_s - (first + last) / 2.0) / max(last - first, 1.0)
 
 
-def blocks_of(time_s: Floats) -> NDArray[np.int_]:
-    """Return the number of each sample's block of 20 s, (n,), empty blocks not counted.
-
-    Args:
-        time_s: (n,) increasing.
-    """
+def number_blocks(time_s: Floats) -> NDArray[np.int_]:
+    """Number each sample's block of 20 s, (n,), empty blocks not counted."""
     block = np.floor((time_s - time_s[0]) / BLOCK_S)
     return np.unique(block, return_inverse=True)[1]
 
 
-def headings_of(recorded_deg: Floats) -> NDArray[np.int_]:
-    """Return which heading each observation was taken on, (n,): repeated ones share a number.
-
-    Args:
-        recorded_deg: recorded headings, (n,).
-    """
+def group_headings(recorded_deg: Floats) -> NDArray[np.int_]:
+    """Number the heading of each observation, (n,): repeated ones share a number."""
     order = np.argsort(recorded_deg, kind="stable")
     first = np.append(0.0, np.diff(recorded_deg[order])) > HEADING_GAP_DEG
     groups = np.empty(len(order), dtype=int)
@@ -316,28 +299,16 @@ def headings_of(recorded_deg: Floats) -> NDArray[np.int_]:
 
 
 def count_sectors(recorded_deg: Floats) -> int:
-    """Return the number of occupied sectors of 10 degrees.
-
-    Args:
-        recorded_deg: recorded headings, (n,).
-    """
+    """Count the occupied sectors of 10 degrees."""
     return len(np.unique(np.floor(recorded_deg / SECTOR_DEG)))
 
 
 def distinct_headings(recorded_deg: Floats) -> int:
-    """Return how many headings were steered, repeated ones counted once.
-
-    Args:
-        recorded_deg: recorded headings, (n,).
-    """
-    return len(np.unique(headings_of(recorded_deg))) if len(recorded_deg) < 100 else count_sectors(recorded_deg)
+    """Count the headings that were steered, repeated ones once."""
+    return len(np.unique(group_headings(recorded_deg))) if len(recorded_deg) < 100 else count_sectors(recorded_deg)
 
 
 def widest_gap(recorded_deg: Floats) -> float:
-    """Return the widest arc without a heading, degrees.
-
-    Args:
-        recorded_deg: recorded headings, (n,).
-    """
+    """Find the widest arc without a heading, degrees."""
     ordered = np.sort(recorded_deg)
     return float(np.max(np.append(np.diff(ordered), ordered[0] + 360.0 - ordered[-1])))

@@ -7,7 +7,7 @@ which of them is wrong; its constant cannot be told from the mounting angle but 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from compasslib.calibrations.result import Calibration, check_date
 from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads.frame import Frame, HeadingDifference
 from compasslib.calibrations.two_heads.motion import (
-    LEAST_STRETCHES,
+    MIN_STRETCHES,
     RESOLUTION_S,
     ClockDifference,
     Compared,
@@ -42,10 +42,19 @@ MIN_SAMPLES = 100  # samples of both heads at the same time
 MAX_CLOCK_OFFSET_S = 600.0
 UNRELATED_DEG = 30.0  # rms of the difference beyond which two headings have nothing to do with each other
 PAIR = 2
+SIGMAS, MIN_CONSTANT_DEG = 2.0, 1.0
+MAX_INTERVAL_S = 600.0
+SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
+AMBIGUITY = (
+    "The difference of two compasses does not tell which of them is wrong: the coefficients are b's against a's and "
+    "are b's own only as far as a's compass is right.",
+    "A is 0 by definition: a constant error of either compass and the mounting angle look the same in the headings. "
+    "offset_deg holds both.",
+)
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Return the difference of the compasses of two profilers on one frame.
+    """Estimate the difference of the compasses of two profilers on one frame.
 
     Args:
         files: PD0 files of head a and of head b.
@@ -56,84 +65,82 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         InputError: not two files, or one that cannot be read.
     """
     if len(files) != PAIR:
-        raise InputError(
-            "file",
-            expected="two files, of head a and head b",
-            found=f"{len(files)}",
-            advice="write file: [a.000, b.000]",
-        )
+        expected, advice = "two files, of head a and head b", "write file: [a.000, b.000]"
+        raise InputError("file", expected=expected, found=f"{len(files)}", advice=advice)
     a, b = (read_head(path, settings, k) for k, path in enumerate(files))
     return compare(a, b, settings)
 
 
 def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
-    """Return the difference of the compasses of two heads.
+    """Estimate the difference of the compasses of two heads from their records.
 
     Args:
         a: record of one head, by its own clock.
         b: record of the other.
         settings: as for ``calibrate``.
     """
-    farthest = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
+    max_offset_s = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
     start, end = settings.get("start_s"), settings.get("end_s")
     first = extract_motion(a, start, end)
-    second = extract_motion(b, None if start is None else start - farthest, None if end is None else end + farthest)
-    warnings = (*a.warnings, *b.warnings, *check_date(first.time_s, settings.get("date_s")))
-    if min(len(first.time_s), len(second.time_s)) < MIN_SAMPLES or not overlap_in_time(first, second, farthest):
-        n = min(len(first.time_s), len(second.time_s))
-        return _nothing(
-            0, f"the two heads share no time with {MIN_SAMPLES} usable samples of each ({n} usable)", warnings
-        )
-    fixed = settings.get("clock_offset_seconds")
-    clock = (
-        estimate_clock_offset(first, second, farthest) if fixed is None else known_clock_offset(second, float(fixed))
+    second = extract_motion(
+        b, None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
     )
+    warnings = (*a.warnings, *b.warnings, *check_date(first.time_s, settings.get("date_s")))
+    if min(len(first.time_s), len(second.time_s)) < MIN_SAMPLES or not overlap_in_time(first, second, max_offset_s):
+        n = min(len(first.time_s), len(second.time_s))
+        why = f"the two heads share no time with {MIN_SAMPLES} usable samples of each ({n} usable)"
+        return _no_calibration(0, why, warnings)
+    fixed = settings.get("clock_offset_seconds")
+    if fixed is None:
+        clock = estimate_clock_offset(first, second, max_offset_s)
+    else:
+        clock = known_clock_offset(second, float(fixed))
     compared = pair_samples(first, second, clock)
     if len(compared) < MIN_SAMPLES:
         why = f"{len(compared)} samples of both heads at the same time, at least {MIN_SAMPLES} are needed"
-        return _nothing(len(compared), why, warnings + clock.warnings)
-    return _assembled(compared, clock, warnings)
+        return _no_calibration(len(compared), why, warnings + clock.warnings)
+    return _make_calibration(_fit_heads(compared, clock), warnings)
 
 
 def read_head(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
-    """Return the record of one head.
+    """Read the record of one head.
 
     Args:
         settings: as for ``calibrate``.
         which: 0 for a, 1 for b.
     """
 
-    def of(key: str) -> Any:
+    def option(key: str) -> Any:
         value = settings.get(key)
         return value[which] if isinstance(value, list | tuple) else value
 
     return pd0.read(
         [Path(path)],
-        orientation=of("orientation"),
-        declination_applied=of("declination_applied"),
-        heading_alignment=of("heading_alignment"),
+        orientation=option("orientation"),
+        declination_applied=option("declination_applied"),
+        heading_alignment=option("heading_alignment"),
     )
 
 
 def setting(settings: Mapping[str, Any], key: str, default: float) -> Any:
-    """Return a key of the settings, the default where it is absent or null."""
+    """Look up a key of the settings, the default where it is absent or null."""
     value = settings.get(key)
     return default if value is None else value
 
 
-def overlap_in_time(a: Motion, b: Motion, farthest: float) -> bool:
+def overlap_in_time(a: Motion, b: Motion, max_offset_s: float) -> bool:
     """Tell whether two heads measured at the same time, their clocks at most so far apart, seconds."""
-    return bool(max(a.time_s[0], b.time_s[0] - farthest) < min(a.time_s[-1], b.time_s[-1] + farthest))
+    return bool(max(a.time_s[0], b.time_s[0] - max_offset_s) < min(a.time_s[-1], b.time_s[-1] + max_offset_s))
 
 
 def known_clock_offset(b: Motion, offset_s: float) -> ClockDifference:
-    """Return a clock of b that is known to be off by so many seconds."""
+    """Make the clock difference of a b that is known to be off by so many seconds."""
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     return ClockDifference(offset_s=offset_s, sigma_s=RESOLUTION_S, middle_s=middle)
 
 
 def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> Compared:
-    """Return both heads at b's instants, a's read at the same time by the clocks."""
+    """Interpolate a to b's instants by the clocks."""
     at = clock.by_a(b.time_s)
     heading, lean, rate = a.heading.at(at), a.leaning.at(at), a.heading.at(at, 1)
     known = np.isfinite(heading) & np.isfinite(lean)
@@ -141,43 +148,27 @@ def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> Compared:
     return Compared(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
 
 
-def _assembled(pairs: Compared, clock: ClockDifference, warnings: tuple[str, ...]) -> Calibration:
+@dataclass(frozen=True)
+class _FittedHeads:
+    """The rigid turn between two heads, and the series through the difference that it leaves."""
+
+    pairs: Compared
+    clock: ClockDifference
+    frame: Frame
+    offset_deg: float  # of b's forward axis clockwise from a's, by the headings
+    difference_deg: Floats  # (n,) a's heading, turned, minus b's
+    series: HeadingDifference
+
+    @property
+    def constant_difference_deg(self) -> tuple[float, float]:
+        """The mounting angle by the tilts minus the offset by the headings, and its standard deviation."""
+        sigma = float(np.hypot(self.frame.offset_sigma_deg, np.sqrt(self.series.covariance[0, 0])))
+        return float(angles.difference(self.frame.offset_deg, self.offset_deg)), sigma
+
+
+def _fit_heads(pairs: Compared, clock: ClockDifference) -> _FittedHeads:
+    """Fit the turn as the series' constant, iterated because the turn enters the effect of tilt too."""
     frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
-    offset, difference, series = _fitted(pairs, clock, frame)
-    rms = angles.rms(series.residual_deg[series.kept])
-    warnings = warnings + clock.warnings + _warnings(pairs, clock, frame, series, offset)
-    details = _details(pairs, clock, frame, series, offset)
-    points = _points(pairs, difference, offset, frame, series)
-    coverage = int(series.covered.sum())
-    if rms > UNRELATED_DEG:
-        why = (
-            f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
-            f"frame, or their clocks are farther apart than max_clock_seconds"
-        )
-        return replace(_nothing(len(pairs), why, warnings + clock.warnings), coverage=coverage, points=points)
-    full = _full(series)
-    return Calibration(
-        kind=KIND,
-        model=f"rigid turn, then series in b's recorded heading: {frames.SETS[series.terms]}",
-        n=int(series.kept.sum()),
-        coverage=coverage,
-        coefficients=full[0] if series.terms > 1 else np.zeros(0),
-        covariance=full[1] if series.terms > 1 else np.zeros(0),
-        residual_rms_deg=rms,
-        sources=_sources(pairs, clock, frame, series),
-        table=frames.deviation_table(series),
-        points=points,
-        details=details,
-        why="" if series.terms > 1 else series.refused,
-        warnings=warnings,
-    )
-
-
-def _fitted(pairs: Compared, clock: ClockDifference, frame: Frame) -> tuple[float, Floats, HeadingDifference]:
-    """Return the offset, what b must add to agree with a turned by it, and the series through that.
-
-    The offset is the series' constant; twice, because the turn enters the effect of tilt too.
-    """
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
     sigma = heading_error_deg(clock, pairs.rate_deg_s)
     for _ in range(3):
@@ -186,11 +177,44 @@ def _fitted(pairs: Compared, clock: ClockDifference, frame: Frame) -> tuple[floa
         if abs(series.coefficients[0]) < 1e-4:
             break
         offset = float(angles.wrap180(offset - series.coefficients[0]))
-    return offset, difference, series
+    return _FittedHeads(pairs, clock, frame, offset, difference, series)
+
+
+def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibration:
+    pairs, clock, series = fitted.pairs, fitted.clock, fitted.series
+    rms = angles.rms(series.residual_deg[series.used])
+    warnings = warnings + clock.warnings + _warnings(fitted)
+    coverage, points = int(series.covered.sum()), _points(fitted)
+    if rms > UNRELATED_DEG:
+        why = (
+            f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
+            f"frame, or their clocks are farther apart than max_clock_seconds"
+        )
+        return replace(_no_calibration(len(pairs), why, warnings + clock.warnings), coverage=coverage, points=points)
+    # NaN where a term was refused; A is 0 by definition.
+    coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
+    coefficients[: series.terms] = series.coefficients
+    coefficients[0] = 0.0
+    covariance[: series.terms, : series.terms] = series.covariance
+    return Calibration(
+        kind=KIND,
+        model=f"rigid turn, then series in b's recorded heading: {frames.TERM_NAMES[series.terms]}",
+        n=int(series.used.sum()),
+        coverage=coverage,
+        coefficients=coefficients if series.terms > 1 else np.zeros(0),
+        covariance=covariance if series.terms > 1 else np.zeros(0),
+        residual_rms_deg=rms,
+        sources=_sources(fitted),
+        table=frames.deviation_table(series),
+        points=points,
+        details=_details(fitted),
+        why="" if series.terms > 1 else series.refused,
+        warnings=warnings,
+    )
 
 
 def simulated_heading(pairs: Compared, offset_deg: float, frame: Frame) -> Floats:
-    """Return the heading that b must have by a's, rigidly turned, (n,) degrees.
+    """Simulate b's heading from a's, rigidly turned, (n,) degrees.
 
     Args:
         offset_deg: of b's forward axis clockwise from a's.
@@ -201,8 +225,8 @@ def simulated_heading(pairs: Compared, offset_deg: float, frame: Frame) -> Float
     return frames.turned_heading(pairs.recorded_a, pairs.lean_a, rotation)
 
 
-def _full(series: HeadingDifference) -> tuple[Floats, Floats]:
-    """Return five coefficients and their covariance, NaN where a term was refused; A is 0 by definition."""
+def _fill_refused(series: HeadingDifference) -> tuple[Floats, Floats]:
+    """Fill five coefficients and their covariance, NaN where a term was refused; A is 0 by definition."""
     coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
     coefficients[: series.terms] = series.coefficients
     coefficients[0] = 0.0
@@ -210,33 +234,33 @@ def _full(series: HeadingDifference) -> tuple[Floats, Floats]:
     return coefficients, covariance
 
 
-def _nothing(n: int, why: str, warnings: tuple[str, ...]) -> Calibration:
+def _no_calibration(n: int, why: str, warnings: tuple[str, ...]) -> Calibration:
     return Calibration(kind=KIND, model="none", n=n, coverage=0, why=why, warnings=warnings)
 
 
-SIGMAS, LEAST_CONSTANT_DEG = 2.0, 1.0
-RARE_S = 600.0
-SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
-CANNOT_TELL = (
-    "The difference of two compasses does not tell which of them is wrong: the coefficients are b's against a's and "
-    "are b's own only as far as a's compass is right.",
-    "A is 0 by definition: a constant error of either compass and the mounting angle look the same in the headings. "
-    "offset_deg holds both.",
-)
-
-
-def _details(
-    pairs: Compared, clock: ClockDifference, frame: Frame, series: HeadingDifference, offset: float
-) -> dict[str, Any]:
-    """Return what goes into the file beside the common fields.
-
-    Args:
-        pairs: both heads at b's instants.
-        offset: of b's forward axis from a's by the headings, degrees.
-    """
+def _details(fitted: _FittedHeads) -> dict[str, Any]:
+    pairs, clock, frame, series = fitted.pairs, fitted.clock, fitted.frame, fitted.series
+    (constant, sigma), known = fitted.constant_difference_deg, bool(np.isfinite(frame.offset_sigma_deg))
     return {
-        **_offsets(frame, series, offset),
-        "clock": _clock(clock),
+        "offset_deg": fitted.offset_deg,
+        "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
+        "offset_sampling_sigma_deg": float(np.sqrt(series.sampling[0, 0])),
+        "offset_from_tilts_deg": frame.offset_deg if known else None,
+        "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if known else None,
+        "constant_difference_deg": constant if known else None,
+        "constant_difference_sigma_deg": sigma if known else None,
+        "clock": {
+            "offset_s": clock.offset_s,
+            "sigma_s": clock.sigma_s,
+            "drift_s_per_day": clock.drift_s_per_day,
+            "drift_sigma_s_per_day": clock.drift_sigma_s_per_day,
+            "drift_applied": clock.drift_applied,
+            "found": clock.determined,
+            "from_tilts_s": list(clock.from_tilts_s),
+            "from_headings_s": list(clock.from_headings_s),
+            "correlation_of_tilt_rates": clock.tilt_correlation,
+            "correlation_of_heading_rates": clock.heading_correlation,
+        },
         "frame": {
             "verdict": frame.verdict,
             "text": frame.text,
@@ -251,56 +275,13 @@ def _details(
         "turns": float(np.ptp(np.cumsum(angles.difference(pairs.recorded_a[1:], pairs.recorded_a[:-1]))) / 360.0),
         "n_effective": series.n_effective,
         "stretches": series.stretches,
-        "spikes": int(np.sum(~series.kept)),
-        "cannot_tell": list(CANNOT_TELL),
+        "spikes": int(np.sum(~series.used)),
+        "cannot_tell": list(AMBIGUITY),
     }
 
 
-def _offsets(frame: Frame, series: HeadingDifference, offset: float) -> dict[str, float | None]:
-    constant, sigma = _constant(frame, series, offset)
-    known = bool(np.isfinite(frame.offset_sigma_deg))
-    return {
-        "offset_deg": offset,
-        "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
-        "offset_sampling_sigma_deg": float(np.sqrt(series.sampling[0, 0])),
-        "offset_from_tilts_deg": frame.offset_deg if known else None,
-        "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if known else None,
-        "constant_difference_deg": constant if known else None,
-        "constant_difference_sigma_deg": sigma if known else None,
-    }
-
-
-def _constant(frame: Frame, series: HeadingDifference, offset: float) -> tuple[float, float]:
-    """Return the mounting angle by the tilts minus the offset by the headings, and its standard deviation."""
-    sigma = float(np.hypot(frame.offset_sigma_deg, np.sqrt(series.covariance[0, 0])))
-    return float(angles.difference(frame.offset_deg, offset)), sigma
-
-
-def _clock(clock: ClockDifference) -> dict[str, Any]:
-    return {
-        "offset_s": clock.offset_s,
-        "sigma_s": clock.sigma_s,
-        "drift_s_per_day": clock.drift_s_per_day,
-        "drift_sigma_s_per_day": clock.drift_sigma_s_per_day,
-        "drift_applied": clock.drift_applied,
-        "found": clock.found,
-        "from_tilts_s": list(clock.from_tilts_s),
-        "from_headings_s": list(clock.from_headings_s),
-        "correlation_of_tilt_rates": clock.tilt_correlation,
-        "correlation_of_heading_rates": clock.heading_correlation,
-    }
-
-
-def _points(
-    pairs: Compared, difference: Floats, offset: float, frame: Frame, series: HeadingDifference
-) -> dict[str, Floats]:
-    """Return the columns of what was observed, (n,) each.
-
-    Args:
-        pairs: both heads at b's instants.
-        difference: a's heading, turned, minus b's, degrees.
-        offset: of b's forward axis from a's by the headings, degrees.
-    """
+def _points(fitted: _FittedHeads) -> dict[str, Floats]:
+    pairs, difference = fitted.pairs, fitted.difference_deg
     pitch_a, roll_a = tilt_angles(pairs.lean_a)
     pitch_b, roll_b = tilt_angles(pairs.lean_b)
     return {
@@ -309,106 +290,83 @@ def _points(
         "recorded_b_deg": pairs.recorded_b,
         "simulated_b_deg": angles.wrap360(pairs.recorded_b + difference),
         "deviation_deg": difference,
-        "offset_deg": offset - difference,
-        "residual_deg": series.residual_deg,
-        "kept": series.kept.astype(float),
+        "offset_deg": fitted.offset_deg - difference,
+        "residual_deg": fitted.series.residual_deg,
+        "kept": fitted.series.used.astype(float),
         "pitch_a_deg": pitch_a,
         "roll_a_deg": roll_a,
         "pitch_b_deg": pitch_b,
         "roll_b_deg": roll_b,
-        "tilt_residual_deg": frame.residual_deg,
+        "tilt_residual_deg": fitted.frame.residual_deg,
         "turn_rate_deg_s": pairs.rate_deg_s,
     }
 
 
-def _sources(pairs: Compared, clock: ClockDifference, frame: Frame, series: HeadingDifference) -> tuple[Source, ...]:
-    """Return the lines of the uncertainty budget.
-
-    Args:
-        pairs: both heads at b's instants.
-    """
-    there = frames.difference_curve(series, pairs.recorded_b).sigma_deg
-    fitted = float(np.sqrt(max(float(np.nanmean(there**2)) - series.structure_deg**2, 0.0)))
-    by_clock = float(abs(np.mean(heading_error_deg(clock, pairs.rate_deg_s))))
+def _sources(fitted: _FittedHeads) -> tuple[Source, ...]:
+    pairs, series = fitted.pairs, fitted.series
+    table_sigma = frames.difference_curve(series, pairs.recorded_b).sigma_deg
+    sampling = float(np.sqrt(max(float(np.nanmean(table_sigma**2)) - series.structure_deg**2, 0.0)))
+    by_clock = float(abs(np.mean(heading_error_deg(fitted.clock, pairs.rate_deg_s))))
     lever = float(np.sqrt(np.mean(np.abs(np.tan(np.abs(pairs.lean_a))) ** 2)))
+    scatter = angles.rms(series.residual_deg[series.used])
     how = f"jackknife over {series.stretches} stretches, the clocks' part below included"
     if series.refused:
         how += f"; refused terms assumed {frames.ALLOWANCE_DEG.tolist()}° (B, C, D, E)"
     return (
-        Source("fit", fitted, how),
+        Source("fit", sampling, how),
         Source("structure", series.structure_deg, "rms by sectors of 10° of what the series leaves, beyond noise"),
-        Source(
-            "one reading", angles.rms(series.residual_deg[series.kept]), "scatter of single differences, both compasses"
-        ),
+        Source("one reading", scatter, "scatter of single differences, both compasses"),
         Source("clocks", by_clock, "standard uncertainty of the offset times the mean rate of turn"),
-        Source("tilts", lever * frame.rms_deg, "what is left of the tilts, times the tangent of the tilt"),
+        Source("tilts", lever * fitted.frame.rms_deg, "what is left of the tilts, times the tangent of the tilt"),
         Source("resolution", 0.01 / np.sqrt(12.0), "PD0 headings count hundredths of a degree: uniform"),
     )
 
 
-def _warnings(
-    pairs: Compared, clock: ClockDifference, frame: Frame, series: HeadingDifference, offset: float
-) -> tuple[str, ...]:
-    """Return what the reader of the result must know, in sentences.
-
-    Args:
-        pairs: both heads at b's instants.
-        offset: of b's forward axis from a's by the headings, degrees.
-    """
-    tilts_say = [frame.text] if frame.verdict != "rigid" else []
-    return (
-        *CANNOT_TELL,
-        *_of_terms(series),
-        *tilts_say,
-        *_of_constant(frame, series, offset),
-        *_of_sampling(pairs, clock, series),
-        *_slip(pairs.time_s, series),
-    )
-
-
-def _of_terms(series: HeadingDifference) -> list[str]:
-    if not series.refused:
-        return []
-    leak = (
-        "a refused term is not zero: what it may leak into the fitted ones and into offset_deg is in their "
-        "uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)"
-    )
-    where = frames.stretches_deg(series.covered)
-    only = f"offset_deg is the mean difference over {where}; elsewhere the difference may be another"
-    return [series.refused, leak, only] if series.terms == 1 else [series.refused, leak]
+def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
+    frame, series = fitted.frame, fitted.series
+    warnings = [*AMBIGUITY]
+    if series.refused:
+        warnings += [
+            series.refused,
+            "a refused term is not zero: what it may leak into the fitted ones and into offset_deg is in their "
+            "uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)",
+        ]
+    if series.terms == 1:
+        where = frames.stretches_deg(series.covered)
+        warnings.append(f"offset_deg is the mean difference over {where}; elsewhere the difference may be another")
+    if frame.verdict != "rigid":
+        warnings.append(frame.text)
+    apart, sigma = fitted.constant_difference_deg
+    if np.isfinite(sigma) and abs(apart) >= max(SIGMAS * sigma, MIN_CONSTANT_DEG):
+        warnings.append(
+            f"the tilts turn b by {frame.offset_deg:.1f}° ± {frame.offset_sigma_deg:.1f}° against a, the headings by "
+            f"{fitted.offset_deg:.1f}°: the constants of the compasses differ by {apart:+.1f}° ± {sigma:.1f}°, or the "
+            "tilt sensors are turned in their housings"
+        )
+    warnings += _sampling_warnings(fitted.pairs, fitted.clock, series)
+    return (*warnings, *_slip_warnings(fitted.pairs.time_s, series))
 
 
-def _of_constant(frame: Frame, series: HeadingDifference, offset: float) -> list[str]:
-    apart, sigma = _constant(frame, series, offset)
-    if not np.isfinite(sigma) or abs(apart) < max(SIGMAS * sigma, LEAST_CONSTANT_DEG):
-        return []
-    return [
-        f"the tilts turn b by {frame.offset_deg:.1f}° ± {frame.offset_sigma_deg:.1f}° against a, the headings by "
-        f"{offset:.1f}°: the constants of the compasses differ by {apart:+.1f}° ± {sigma:.1f}°, or the tilt sensors "
-        "are turned in their housings"
-    ]
-
-
-def _of_sampling(pairs: Compared, clock: ClockDifference, series: HeadingDifference) -> list[str]:
+def _sampling_warnings(pairs: Compared, clock: ClockDifference, series: HeadingDifference) -> list[str]:
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
-    spikes = int(np.sum(~series.kept))
+    spikes = int(np.sum(~series.used))
     sentences = {
         f"b's clock gains {gain} on a's; that was taken out": clock.drift_applied,
         f"the differences follow each other: {series.n_effective:.0f} of {len(pairs)} count, and the uncertainty rests "
-        f"on {series.stretches} stretches": series.stretches == LEAST_STRETCHES,
+        f"on {series.stretches} stretches": series.stretches == MIN_STRETCHES,
         f"{spikes} of {len(pairs)} differences are spikes and were left out": spikes > 0,
-        "the heads sample too rarely for a clock error of seconds to be seen": step(pairs.time_s) > RARE_S,
+        "the heads sample too rarely for a clock error of seconds to be seen": step(pairs.time_s) > MAX_INTERVAL_S,
     }
     return [sentence for sentence, holds in sentences.items() if holds]
 
 
-def _slip(time_s: Floats, series: HeadingDifference) -> list[str]:
-    """Return the sentence on a step of the offset, if there is one far beyond what neighbouring stretches differ by."""
-    stretch = blocks.in_time(time_s, SLIP_STRETCHES)[series.kept]
+def _slip_warnings(time_s: Floats, series: HeadingDifference) -> list[str]:
+    """Warn of a step of the offset far beyond what neighbouring stretches differ by."""
+    stretch = blocks.in_time(time_s, SLIP_STRETCHES)[series.used]
     count = np.bincount(stretch, minlength=SLIP_STRETCHES)
     if count.min() == 0:
         return []
-    mean = -np.bincount(stretch, series.residual_deg[series.kept], SLIP_STRETCHES) / count
+    mean = -np.bincount(stretch, series.residual_deg[series.used], SLIP_STRETCHES) / count
     noise = robust.width(np.diff(mean)) / np.sqrt(2.0)
     splits = np.arange(2, SLIP_STRETCHES - 1)
     steps = np.array([mean[k:].mean() - mean[:k].mean() for k in splits])

@@ -23,10 +23,10 @@ from compasslib.types import Complexes, Floats
 
 STRETCHES = 30  # in which the residual is looked at
 RIGID_DEG = 0.5  # rms of the difference of two inclinometers by their makers' word
-LOOSE_DEG = 1.5  # no two inclinometers of one frame differ so much
-STILL_DEG = 0.3  # tilts that vary less than this tell nothing of a rotation
-TWISTS = 3  # a lean turns the forward axis in the second order, taken back by iteration
-FOLLOWS = 0.5  # correlation of the tilts below which b does not follow a
+MAX_RMS_DEG = 1.5  # no two inclinometers of one frame differ so much
+MIN_VARIATION_DEG = 0.3  # tilts that vary less than this tell nothing of a rotation
+ITERATIONS = 3  # a lean turns the forward axis in the second order, taken back by iteration
+MIN_CORRELATION = 0.5  # correlation of the tilts below which b does not follow a
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Frame:
 
 
 def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
-    """Return the constant rotation that best takes a's tilts to b's, and what is left.
+    """Fit the constant rotation that best takes a's tilts to b's.
 
     Args:
         time_s: of the samples, increasing, (n,).
@@ -54,12 +54,12 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
         lean_b: the same in b's, (n,).
     """
     rotation = _rotation(down(lean_b).T @ down(lean_a))
-    residual = _angle(down(lean_a) @ rotation.T, down(lean_b))
+    residual = _angle_between(down(lean_a) @ rotation.T, down(lean_b))
     offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
     proper, mirrored, variation = _correlations(lean_a, lean_b)
     rms = float(np.sqrt(np.mean(residual**2)))
     verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks.in_time(time_s, STRETCHES))
-    determined = variation >= STILL_DEG and verdict in ("rigid", "doubtful")
+    determined = variation >= MIN_VARIATION_DEG and verdict in ("rigid", "doubtful")
     return Frame(
         rotation=rotation,
         residual_deg=residual,
@@ -75,16 +75,12 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
 
 
 def twist(rotation: Floats) -> float:
-    """Return by how much b's forward axis points clockwise of a's on an upright frame, degrees.
-
-    Args:
-        rotation: from a's body to b's, (3, 3).
-    """
+    """Compute the turn of b's forward axis clockwise of a's on an upright frame, degrees, from the rotation (3, 3)."""
     return float(angles.wrap180(angles.direction(rotation[0, 1], rotation[0, 0])))
 
 
 def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
-    """Return the rotation from a's body to b's with a given turn about the vertical, the least lean added, (3, 3).
+    """Build the rotation from a's body to b's with a given turn about the vertical, the least lean added, (3, 3).
 
     Args:
         offset_deg: of b's forward axis clockwise from a's.
@@ -92,14 +88,14 @@ def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
         lean_b: the same in b's, (n,).
     """
     turn = offset_deg
-    for _ in range(TWISTS):
-        rotation = _leaned(turn, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0))
+    for _ in range(ITERATIONS):
+        rotation = _turn_and_lean(turn, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0))
         turn += float(angles.difference(offset_deg, twist(rotation)))
     return rotation
 
 
 def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -> Floats:
-    """Return the heading that b must have, from a's heading and tilts and the rotation between them, [0, 360).
+    """Compute b's heading from a's heading and tilts and the rotation between them, (n,) in [0, 360).
 
     The forward axis of b, seen in a's body, is turned level by a's tilts and north by a's heading. Under tilt this
     differs from a constant offset in the second order: up to half a degree at ten.
@@ -113,16 +109,16 @@ def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -
     return angles.wrap360(heading_a_deg + angles.direction(level[:, 1], level[:, 0]))
 
 
-def _leaned(turn_deg: float, down_a: Floats, down_b: Floats) -> Floats:
-    """Return a turn about the vertical followed by the least rotation that takes one mean tilt to the other."""
+def _turn_and_lean(turn_deg: float, down_a: Floats, down_b: Floats) -> Floats:
+    """Turn about the vertical, then rotate by the least angle that takes one mean tilt to the other."""
     sine, cosine = (float(x) for x in angles.sin_cos(turn_deg))
     turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    one, other = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))
-    return _swing(one, other) @ turned
+    vertical_a, vertical_b = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))
+    return _least_rotation(vertical_a, vertical_b) @ turned
 
 
 def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation: Floats) -> float:
-    """Return the standard deviation of the turn about the vertical, by leaving out stretches of the record."""
+    """Estimate the standard deviation of the turn about the vertical by a jackknife over stretches of the record."""
     a, b = down(lean_a), down(lean_b)
     back = (b @ rotation)[:, :2] @ np.array([1.0, 1.0j])
     aside = np.imag(np.conj(lean_a - lean_a.mean()) * (back - lean_a))
@@ -140,19 +136,19 @@ def _rotation(moment: Floats) -> Floats:
     return np.asarray(left * [1.0, 1.0, sign] @ right)
 
 
-def _swing(one: Floats, other: Floats) -> Floats:
-    """Return the least rotation that takes one unit vector to another (Rodrigues)."""
-    x, y, z = np.cross(one, other)
+def _least_rotation(first: Floats, second: Floats) -> Floats:
+    """Find the least rotation that takes one unit vector to another (Rodrigues)."""
+    x, y, z = np.cross(first, second)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + one @ other))
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + first @ second))
 
 
-def _angle(one: Floats, other: Floats) -> Floats:
-    return 2.0 * np.arcsin(np.minimum(np.linalg.norm(one - other, axis=1) / 2.0, 1.0)) / angles.DEGREE
+def _angle_between(first: Floats, second: Floats) -> Floats:
+    return 2.0 * np.arcsin(np.minimum(np.linalg.norm(first - second, axis=1) / 2.0, 1.0)) / angles.DEGREE
 
 
 def _correlations(lean_a: Complexes, lean_b: Complexes) -> tuple[float, float, float]:
-    """Return how well b's tilts follow a's turned, how well a's mirrored, and how much a's vary, degrees rms."""
+    """Correlate b's tilts with a's turned, and with a's mirrored; and compute the variation of a's, degrees rms."""
     a, b = lean_a - lean_a.mean(), lean_b - lean_b.mean()
     scale = max(float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))), 1e-300)
     variation = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE
@@ -162,17 +158,17 @@ def _correlations(lean_a: Complexes, lean_b: Complexes) -> tuple[float, float, f
 def _verdict(
     rms: float, variation: float, proper: float, mirrored: float, residual: Floats, stretch: NDArray[np.intp]
 ) -> tuple[str, str]:
-    if variation < STILL_DEG:
+    if variation < MIN_VARIATION_DEG:
         return (
             "not testable",
             f"The tilts vary by {variation:.2f}° rms only: they cannot tell whether the frame is rigid.",
         )
-    if mirrored >= FOLLOWS and mirrored > proper + 0.2:
+    if mirrored >= MIN_CORRELATION and mirrored > proper + 0.2:
         return "mirrored", (
             "The tilts of b follow those of a mirrored: one head counts its roll the other way, or its orientation "
             "(up or down) was mistaken. No mounting angle is taken from them."
         )
-    if proper < FOLLOWS or rms > LOOSE_DEG:
+    if proper < MIN_CORRELATION or rms > MAX_RMS_DEG:
         return "not rigid", (
             f"The tilts of b do not follow those of a by one rotation ({rms:.2f}° rms is left of {variation:.2f}°, "
             f"correlation {proper:.2f}): the heads do not stand on one rigid frame, or a tilt sensor is broken."
@@ -181,17 +177,17 @@ def _verdict(
     rotation = (
         f"One rotation takes a's tilts to b's; {rms:.2f}° rms is left of {variation:.2f}° (worst stretch {worst:.2f}°)"
     )
-    if rms <= RIGID_DEG and worst <= LOOSE_DEG:
+    if rms <= RIGID_DEG and worst <= MAX_RMS_DEG:
         return "rigid", rotation + ": the frame is rigid as far as inclinometers tell."
     return "doubtful", rotation + ": more than two good inclinometers differ by."
 
 
-SETS = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
+TERM_NAMES = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
 # A coefficient's variance over what full coverage would give it. With 10, three terms need about 160 degrees and five
 # about 230.
-MOST_INFLATION = 10.0
+MAX_INFLATION = 10.0
 SECTOR_DEG, SECTORS = 10.0, 36
-LEAST_IN_SECTOR = 5
+MIN_IN_SECTOR = 5
 CLIP_SIGMAS = 5.0  # beyond which a difference is a spike
 # Assumed standard deviations of B, C, D, E where they are refused: what a difference of two compasses without strong
 # iron may hold. A refused term is not zero: it leaks into those that are fitted.
@@ -209,7 +205,7 @@ class HeadingDifference:
     sampling: Floats  # (terms, terms), without that
     leak: Floats  # (terms, 5 - terms) of each refused term into the fitted ones
     residual_deg: Floats  # (n,) of all differences
-    kept: NDArray[np.bool_]  # (n,) not spikes
+    used: NDArray[np.bool_]  # (n,) not spikes
     structure_deg: float  # rms by sector of what the series leaves, beyond noise
     n_effective: float
     stretches: int
@@ -221,7 +217,7 @@ class HeadingDifference:
 def fit_difference(
     time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma_deg: Floats
 ) -> HeadingDifference:
-    """Return the largest series that the covered headings carry, with its covariance.
+    """Fit the largest series that the covered headings determine, with its covariance.
 
     Args:
         time_s: increasing, (n,).
@@ -230,17 +226,17 @@ def fit_difference(
         rate_sigma_deg: what one standard deviation of the clocks does to each difference, (n,).
     """
     covered = covered_sectors(recorded_deg)
-    inflation = {k: variance_inflation(covered, k) for k in SETS}
-    terms = next((k for k in SETS if inflation[k].max() <= MOST_INFLATION), 1)
+    inflation = {k: variance_inflation(covered, k) for k in TERM_NAMES}
+    terms = next((k for k in TERM_NAMES if inflation[k].max() <= MAX_INFLATION), 1)
     columns, others = np.split(von_appen.design(recorded_deg), [terms], axis=1)
-    coefficients, kept = _robust(columns, difference_deg)
+    coefficients, used = _fit_without_spikes(columns, difference_deg)
     residual = difference_deg - columns @ coefficients
-    effective = autocorrelation.effective_number(residual[kept], time_s[kept])
+    effective = autocorrelation.effective_number(residual[used], time_s[used])
     count, widened = independent(effective)
-    rows, pulls = columns[kept], columns[kept] * residual[kept][:, None]
-    covariance = blocks.jackknife(rows, pulls, blocks.in_time(time_s, count)[kept], rows.T @ rows) * widened
-    solver = np.linalg.pinv(columns[kept])
-    by_clock, leak = solver @ rate_sigma_deg[kept], solver @ others[kept]
+    rows, pulls = columns[used], columns[used] * residual[used][:, None]
+    covariance = blocks.jackknife(rows, pulls, blocks.in_time(time_s, count)[used], rows.T @ rows) * widened
+    solver = np.linalg.pinv(columns[used])
+    by_clock, leak = solver @ rate_sigma_deg[used], solver @ others[used]
     sampling = covariance + np.outer(by_clock, by_clock)
     return HeadingDifference(
         terms=terms,
@@ -249,28 +245,24 @@ def fit_difference(
         sampling=sampling,
         leak=leak,
         residual_deg=residual,
-        kept=kept,
-        structure_deg=_structure(recorded_deg[kept], residual[kept], effective),
+        used=used,
+        structure_deg=_sector_structure(recorded_deg[used], residual[used], effective),
         n_effective=effective,
         stretches=count,
         covered=covered,
         inflation=inflation,
-        refused=_refused(terms, covered, inflation),
+        refused=_describe_refusal(terms, covered, inflation),
     )
 
 
 def covered_sectors(recorded_deg: Floats) -> NDArray[np.bool_]:
-    """Return which sectors of 10 degrees hold enough samples, (36,).
-
-    Args:
-        recorded_deg: recorded headings, (n,).
-    """
+    """Flag the sectors of 10 degrees that hold enough samples, (36,)."""
     count = np.bincount((angles.wrap360(recorded_deg) / SECTOR_DEG).astype(int), minlength=SECTORS)[:SECTORS]
-    return np.asarray(count >= max(LEAST_IN_SECTOR, 0.001 * len(recorded_deg)))
+    return np.asarray(count >= max(MIN_IN_SECTOR, 0.001 * len(recorded_deg)))
 
 
 def variance_inflation(covered: NDArray[np.bool_], terms: int) -> Floats:
-    """Return the variance of each coefficient over what a coefficient alone would have, from the information matrix.
+    """Compute the variance of each coefficient over what it would have alone, from the information matrix.
 
     Each covered sector counts alike: that a frame lingered at one heading does not help.
 
@@ -285,16 +277,12 @@ def variance_inflation(covered: NDArray[np.bool_], terms: int) -> Floats:
 
 
 def deviation_table(series: HeadingDifference) -> DeviationTable:
-    """Return the deviation every 10 degrees without its constant; NaN far from what was covered by a short series."""
+    """Tabulate the deviation every 10 degrees without its constant; NaN far from what a short series covered."""
     return difference_curve(series, np.arange(0.0, 360.0, 10.0))
 
 
 def difference_curve(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
-    """Return the deviation at some headings, as ``table`` does.
-
-    Args:
-        heading_deg: recorded, (m,).
-    """
+    """Evaluate the deviation and its sigma at recorded headings, (m,), as ``deviation_table`` does."""
     columns, others = np.split(von_appen.design(heading_deg), [series.terms], axis=1)
     # Where headings were covered the fitted terms have taken up the refused ones; beyond, these go their own way.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
@@ -307,12 +295,8 @@ def difference_curve(series: HeadingDifference, heading_deg: Floats) -> Deviatio
 
 
 def near_covered(series: HeadingDifference, heading_deg: Floats) -> NDArray[np.bool_]:
-    """Tell at which headings the series may be used: everywhere if it has all terms, else beside covered sectors.
-
-    Args:
-        heading_deg: recorded, (m,).
-    """
-    if series.terms == max(SETS):
+    """Flag headings (m,) at which the series may be used: all if it has all terms, else those near covered sectors."""
+    if series.terms == max(TERM_NAMES):
         return np.full(heading_deg.shape, True)
     centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
     away = np.abs(angles.difference(heading_deg[:, None], centres))
@@ -320,11 +304,7 @@ def near_covered(series: HeadingDifference, heading_deg: Floats) -> NDArray[np.b
 
 
 def stretches_deg(covered: NDArray[np.bool_]) -> str:
-    """Return the covered headings in words, such as ``270° to 360°``.
-
-    Args:
-        covered: sectors, (36,).
-    """
+    """Describe the covered headings in words, such as ``270° to 360°``."""
     if covered.all():
         return "the full circle"
     begins = np.flatnonzero(covered & ~np.roll(covered, 1))
@@ -332,38 +312,38 @@ def stretches_deg(covered: NDArray[np.bool_]) -> str:
     return ", ".join(f"{10 * b}° to {10 * (e - SECTORS * (e > SECTORS))}°" for b, e in zip(begins, ends, strict=True))
 
 
-def _robust(columns: Floats, difference: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return least squares without spikes, and what is not a spike."""
-    kept = np.ones(len(difference), dtype=bool)
+def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Fit least squares without spikes; return the coefficients and which are no spikes."""
+    used = np.ones(len(difference), dtype=bool)
     for _ in range(5):
-        coefficients = np.linalg.lstsq(columns[kept], difference[kept], rcond=None)[0]
+        coefficients = np.linalg.lstsq(columns[used], difference[used], rcond=None)[0]
         residual = np.abs(difference - columns @ coefficients)
         now = residual <= CLIP_SIGMAS * max(robust.width(residual), 0.01)
-        if (now == kept).all():
+        if (now == used).all():
             break
-        kept = now
-    return coefficients, kept
+        used = now
+    return coefficients, used
 
 
-def _structure(recorded: Floats, residual: Floats, effective: float) -> float:
-    """Return the rms over sectors of the mean residual, less what noise alone would leave."""
+def _sector_structure(recorded: Floats, residual: Floats, effective: float) -> float:
+    """Compute the rms over sectors of the mean residual, less what noise alone would leave."""
     sector = (angles.wrap360(recorded) / SECTOR_DEG).astype(int)
     count = np.bincount(sector, minlength=SECTORS)
-    there = count >= LEAST_IN_SECTOR
+    there = count >= MIN_IN_SECTOR
     mean = np.bincount(sector, residual, SECTORS)[there] / count[there]
     noise = float(np.var(residual)) * len(residual) / max(effective, 1.0) * float(np.mean(1.0 / count[there]))
     return float(np.sqrt(max(float(np.mean(mean**2)) - noise, 0.0)))
 
 
-def _refused(terms: int, covered: NDArray[np.bool_], inflation: dict[int, Floats]) -> str:
-    if terms == max(SETS):
+def _describe_refusal(terms: int, covered: NDArray[np.bool_], inflation: dict[int, Floats]) -> str:
+    if terms == max(TERM_NAMES):
         return ""
-    worst = {k: float(inflation[k].max()) for k in SETS}
+    worst = {k: float(inflation[k].max()) for k in TERM_NAMES}
     times = {k: f"{w:.0f} times" if w < 1e4 else "more than 10,000 times" for k, w in worst.items()}
     where = f"the headings cover {int(covered.sum())} of {SECTORS} sectors ({stretches_deg(covered)})"
-    five = f"a fit of {SETS[5]} would make a coefficient's variance {times[5]} that of the full circle"
-    limit = f"{MOST_INFLATION:.0f} times is allowed"
+    five = f"a fit of {TERM_NAMES[5]} would make a coefficient's variance {times[5]} that of the full circle"
+    limit = f"{MAX_INFLATION:.0f} times is allowed"
     if terms == 3:
         return f"D and E are refused: {where}; {five}, {limit}"
-    three = f"one of {SETS[3]} {times[3]}"
+    three = f"one of {TERM_NAMES[3]} {times[3]}"
     return f"B, C, D and E are refused: {where}; {five} and {three}, {limit}"

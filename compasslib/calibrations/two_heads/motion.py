@@ -17,7 +17,7 @@ from compasslib.statistics import blocks
 from compasslib.types import Complexes, Floats
 
 STEEPEST_TILT = 45.0  # degrees: on deck, or fallen
-MOST_STRETCHES, LEAST_STRETCHES, SAMPLES_IN_STRETCH = 16, 5, 40.0
+MAX_STRETCHES, MIN_STRETCHES, SAMPLES_IN_STRETCH = 16, 5, 40.0
 GAP_STEPS = 3.0  # sampling intervals without a sample over which nothing is interpolated
 
 
@@ -35,7 +35,7 @@ class GapSpline:
         return CubicSpline(self.time_s - self.time_s[0], self.values)
 
     def at(self, time_s: Floats, derivative: int = 0) -> NDArray:
-        """Return the value, or a derivative by seconds, at instants; NaN in gaps and beyond the ends.
+        """Evaluate the curve, or a derivative by seconds, at instants (k,); NaN in gaps and beyond the ends.
 
         Args:
             time_s: instants, (k,).
@@ -45,8 +45,8 @@ class GapSpline:
         left = np.clip(left, 0, len(self.time_s) - 2)
         whole = self.time_s[left + 1] - self.time_s[left] <= GAP_STEPS * step(self.time_s)
         there = inside & (whole | (time_s == self.time_s[left]))
-        found = self._spline(time_s - self.time_s[0], derivative)
-        return np.where(there, found, np.nan)
+        value = self._spline(time_s - self.time_s[0], derivative)
+        return np.where(there, value, np.nan)
 
 
 @dataclass(frozen=True)
@@ -59,27 +59,27 @@ class Motion:
 
     @property
     def recorded_deg(self) -> Floats:
-        """Return the recorded heading, [0, 360)."""
+        """The recorded heading, [0, 360)."""
         return angles.wrap360(self.heading_deg)
 
     @cached_property
     def heading(self) -> GapSpline:
-        """Return the heading as a curve, degrees."""
+        """The heading as a curve, degrees."""
         return GapSpline(self.time_s, self.heading_deg)
 
     @cached_property
     def leaning(self) -> GapSpline:
-        """Return the tilt as a curve."""
+        """The tilt as a curve."""
         return GapSpline(self.time_s, self.lean)
 
     @cached_property
     def turn_rate(self) -> GapSpline:
-        """Return how fast the heading turns, degrees a second, between the samples."""
+        """The rate of turn, degrees a second, between the samples."""
         return _rate(self.time_s, self.heading_deg)
 
     @cached_property
     def lean_rate(self) -> GapSpline:
-        """Return how fast the tilt changes, degrees a second, between the samples."""
+        """The rate of tilt, degrees a second, between the samples."""
         return _rate(self.time_s, self.lean / angles.DEGREE)
 
 
@@ -99,12 +99,12 @@ class Compared:
 
 
 def step(time_s: Floats) -> float:
-    """Return the sampling interval, seconds."""
+    """Compute the sampling interval, seconds."""
     return float(np.median(np.diff(time_s)))
 
 
 def extract_motion(record: Record, start_s: float | None = None, end_s: float | None = None) -> Motion:
-    """Return the usable part of a record: finite headings and tilts, in order of time, upright, inside a window.
+    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window.
 
     Args:
         record: of a head, by its own clock.
@@ -125,7 +125,7 @@ def extract_motion(record: Record, start_s: float | None = None, end_s: float | 
 
 
 def lean(pitch_deg: Floats, roll_deg: Floats) -> Complexes:
-    """Return what points down, seen in the body: forward + i starboard, the third row of Ry(pitch) Rx(roll).
+    """Compute what points down, seen in the body: forward + i starboard, the third row of Ry(pitch) Rx(roll).
 
     Args:
         pitch_deg: forward up, (n,).
@@ -136,27 +136,19 @@ def lean(pitch_deg: Floats, roll_deg: Floats) -> Complexes:
 
 
 def down(lean: Complexes) -> Floats:
-    """Return the unit vector that points down in the body's axes forward, starboard, down, (n, 3).
-
-    Args:
-        lean: forward + i starboard of it, (n,).
-    """
+    """Compute the unit vector that points down in the body's axes forward, starboard, down, (n, 3), from a lean."""
     return np.stack([lean.real, lean.imag, np.sqrt(np.maximum(1.0 - np.abs(lean) ** 2, 0.0))], axis=-1)
 
 
 def tilt_angles(lean: Complexes) -> tuple[Floats, Floats]:
-    """Return pitch and roll, degrees: the inverse of ``lean``.
-
-    Args:
-        lean: forward + i starboard of what points down, (n,).
-    """
+    """Compute pitch and roll, degrees: the inverse of ``lean``."""
     x, y, z = down(lean).T
     pitch = angles.wrap180(angles.direction(-x, np.hypot(y, z)))
     return pitch, angles.wrap180(angles.direction(y, z))
 
 
 def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
-    """Return into how many stretches a record is cut, and by how much the variance between them is widened.
+    """Choose the number of stretches of a record, and the widening of the variance between them.
 
     Neighbouring stretches share what is remembered across their border: a stretch of m independent samples shows
     1 - 1/(2m) of the variance of long ones (first-order memory). And few stretches make Student's t of a normal.
@@ -164,7 +156,7 @@ def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
     Args:
         effective: independent samples in the record.
     """
-    count = int(np.clip(effective / SAMPLES_IN_STRETCH, LEAST_STRETCHES, MOST_STRETCHES))
+    count = int(np.clip(effective / SAMPLES_IN_STRETCH, MIN_STRETCHES, MAX_STRETCHES))
     shared = 1.0 - 0.5 / max(effective / count, 1.0)
     return count, blocks.student(count - parameters) ** 2 / shared
 
@@ -175,17 +167,17 @@ def _rate(time_s: Floats, values: NDArray) -> GapSpline:
     return GapSpline(((time_s[1:] + time_s[:-1]) / 2.0)[near], (np.diff(values) / interval)[near])
 
 
-LEAST_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
+MIN_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
 # Fisher's z by which the tilts must agree better at a lag of their own, in its errors; samples that count once in it;
 # and a correlation above which more says nothing.
-CLEARER_SIGMAS, MEMORY, ALIKE = 5.0, 20.0, 0.999
+MIN_GAIN_SIGMAS, MEMORY, MAX_CORRELATION = 5.0, 20.0, 0.999
 STRETCHES = 30
 RESOLUTION_S = 0.01 / np.sqrt(12.0)  # a PD0 clock counts hundredths
 FLOOR_S = 1e-4  # no clock is known better, whatever two equal files seem to say
 ROUNDS = 20
 DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # from there on tilts and headings tell of different lags
 DRIFT_SIGMAS = 3.0  # a drift less sure is not applied
-STEADY = 1e-6  # of a rate: what varies by less is even
+MIN_VARIATION = 1e-6  # of a rate: what varies by less is even
 UNKNOWN = (float("nan"), float("nan"))
 
 
@@ -203,15 +195,11 @@ class ClockDifference:
     heading_correlation: float = 0.0
     from_tilts_s: tuple[float, float] = UNKNOWN  # offset and standard deviation
     from_headings_s: tuple[float, float] = UNKNOWN
-    found: bool = False
+    determined: bool = False
     warnings: tuple[str, ...] = ()
 
     def by_a(self, time_s: Floats) -> Floats:
-        """Return instants of b's clock by a's clock, (n,).
-
-        Args:
-            time_s: by b's clock, (n,).
-        """
+        """Convert instants of b's clock to a's clock, (n,)."""
         drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
         return time_s - self.offset_s - drift * (time_s - self.middle_s)
 
@@ -225,51 +213,59 @@ class _Signal:
     other: GapSpline  # of a
 
     def turned(self, at_s: Floats) -> Complexes:
-        """Return b's samples, turned into a's frame.
-
-        Args:
-            at_s: their times by a's clock, (n,).
-        """
+        """Turn b's samples into a's frame, at their times by a's clock, (n,)."""
         here = self.other.at(at_s)
         known = np.isfinite(here)
         along = np.sum(np.conj(self.value[known]) * here[known])
         return self.value * along / max(abs(along), 1e-300)
 
 
-def estimate_clock_offset(a: Motion, b: Motion, farthest_s: float) -> ClockDifference:
-    """Return the offset of b's clock from a's, with drift; not ``found`` where nothing moves together.
+def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` where nothing moves together.
 
     Args:
-        a: motion of one head by its clock.
-        b: motion of the other by its own.
-        farthest_s: greatest offset that is sought.
+        max_offset_s: greatest offset that is sought.
     """
-    least = max(LEAST_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
-    lag, correlation = _lattice_peak(a, b, farthest_s)
+    min_correlation = max(MIN_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
+    lag, correlation = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
-    seen: dict[str, Any] = {"tilt_correlation": correlation["tilts"], "heading_correlation": correlation["headings"]}
-    use = {name: signal for name, signal in _signals(a, b).items() if correlation[name] >= least}
+    correlations: dict[str, Any] = {f"{name[:-1]}_correlation": value for name, value in correlation.items()}
+    rates = {"tilts": (a.lean_rate, b.lean_rate), "headings": (a.turn_rate, b.turn_rate)}
+    use = {
+        name: _Signal(rate_b.time_s, rate_b.values.astype(complex), rate_a)
+        for name, (rate_a, rate_b) in rates.items()
+        if correlation[name] >= min_correlation
+    }
     if not use:
         warning = "tilts and headings of the two heads hardly change together: the clocks are taken as they stand"
-        return ClockDifference(middle_s=middle, warnings=(warning,), **seen)
-    alone = {name: _offset(*_solved(signal, np.array([lag]), middle)) for name, signal in use.items()}
-    apart = len(use) == 2 and _apart(*alone.values())
-    signals = [use["tilts"]] if apart else list(use.values())
+        return ClockDifference(middle_s=middle, warnings=(warning,), **correlations)
+    alone = {name: _offset(*_solve_lag(signal, np.array([lag]), middle)) for name, signal in use.items()}
+    signals = list(use.values())
+    warnings: tuple[str, ...] = ()
+    if len(use) == 2:
+        (tilts, tilts_sigma), (headings, headings_sigma) = alone["tilts"], alone["headings"]
+        apart = abs(tilts - headings)
+        if apart > DISAGREE_S and apart > DISAGREE_SIGMAS * float(np.hypot(tilts_sigma, headings_sigma)):
+            signals = [use["tilts"]]
+            warnings = (
+                f"b's clock is {tilts:+.3f} s from a's by the tilts and {headings:+.3f} s by the headings: "
+                "one compass lags behind its tilt sensors; the tilts' is used",
+            )
     return ClockDifference(
         **_offset_and_drift(signals, lag, middle, float(np.ptp(b.time_s))),
         middle_s=middle,
         from_tilts_s=alone.get("tilts", UNKNOWN),
         from_headings_s=alone.get("headings", UNKNOWN),
-        found=True,
-        warnings=_warnings(*alone.values()) if apart else (),
-        **seen,
+        determined=True,
+        warnings=warnings,
+        **correlations,
     )
 
 
 def _offset_and_drift(signals: Sequence[_Signal], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
-    """Return offset and drift as fields of a clock; a drift that is not sure is reported and not applied."""
-    value, covariance = _weighed([_solved(s, np.array([lag]), middle_s) for s in signals])
-    both, both_covariance = _weighed([_solved(s, np.array([value[0], 0.0]), middle_s) for s in signals])
+    """Estimate offset and drift as fields of a clock; a drift that is not sure is reported and not applied."""
+    value, covariance = _weighted_mean([_solve_lag(s, np.array([lag]), middle_s) for s in signals])
+    both, both_covariance = _weighted_mean([_solve_lag(s, np.array([value[0], 0.0]), middle_s) for s in signals])
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
     applied = abs(drift) > DRIFT_SIGMAS * sigma and abs(drift) * span_s > RESOLUTION_S
     offset = _offset(both, both_covariance) if applied else _offset(value, covariance)
@@ -282,31 +278,12 @@ def _offset_and_drift(signals: Sequence[_Signal], lag: float, middle_s: float, s
     }
 
 
-def _warnings(tilts: tuple[float, float], headings: tuple[float, float]) -> tuple[str, ...]:
-    return (
-        f"b's clock is {tilts[0]:+.3f} s from a's by the tilts and {headings[0]:+.3f} s by the headings: "
-        "one compass lags behind its tilt sensors; the tilts' is used",
-    )
-
-
 def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
     return float(value[0]), float(np.sqrt(covariance[0, 0] + RESOLUTION_S**2))
 
 
-def _apart(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    away = abs(one[0] - other[0])
-    return away > DISAGREE_S and away > DISAGREE_SIGMAS * float(np.hypot(one[1], other[1]))
-
-
-def _signals(a: Motion, b: Motion) -> dict[str, _Signal]:
-    return {
-        "tilts": _Signal(b.lean_rate.time_s, b.lean_rate.values, a.lean_rate),
-        "headings": _Signal(b.turn_rate.time_s, b.turn_rate.values.astype(complex), a.turn_rate),
-    }
-
-
-def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, dict[str, float]]:
-    """Return the lag at which the rates of tilts and headings correlate best, and both correlations there.
+def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dict[str, float]]:
+    """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
     Where the tilts by themselves agree clearly better at another lag, theirs holds: a compass that lags has no say.
     """
@@ -315,68 +292,70 @@ def _lattice_peak(a: Motion, b: Motion, farthest_s: float) -> tuple[float, dict[
     end = max(a.time_s[-1], b.time_s[-1])
     grid = np.arange(begin, end + lattice, lattice)
     pairs = ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate))
-    peaks = [_correlations(_on(one, grid), _on(other, grid)) for one, other in pairs]
+    peaks = [
+        _correlations(_interpolate_rate(rate_a, grid), _interpolate_rate(rate_b, grid)) for rate_a, rate_b in pairs
+    ]
     squares = peaks[0] ** 2 + peaks[1] ** 2
     place = np.arange(len(grid))
     lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
-    reachable = np.abs(lags) <= max(farthest_s, lattice / 2.0)
+    reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, squares, -1.0)))
-    own = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
-    clearer = np.arctanh(min(peaks[0][own], ALIKE)) - np.arctanh(min(peaks[0][best], ALIKE))
-    if abs(lags[own] - lags[best]) > 1.5 * lattice and clearer > CLEARER_SIGMAS * np.sqrt(MEMORY / len(b.time_s)):
-        best = own
+    by_tilts = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
+    clearer = np.arctanh(min(peaks[0][by_tilts], MAX_CORRELATION)) - np.arctanh(min(peaks[0][best], MAX_CORRELATION))
+    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > MIN_GAIN_SIGMAS * np.sqrt(MEMORY / len(b.time_s)):
+        best = by_tilts
     return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
 
 
-def _on(curve: GapSpline, grid: Floats) -> Complexes:
-    """Return a rate on a regular grid, its mean removed, zero where there is none."""
+def _interpolate_rate(curve: GapSpline, grid: Floats) -> Complexes:
+    """Interpolate a rate to a regular grid, its mean removed, zero where there is none."""
     value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
     after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
     there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
     there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
     apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
     # A frame that turns evenly, or not at all, has no rate by which clocks could be compared: what is left is rounding.
-    steady = np.abs(apart).max(initial=0.0) <= STEADY * np.abs(value).max(initial=0.0)
+    steady = np.abs(apart).max(initial=0.0) <= MIN_VARIATION * np.abs(value).max(initial=0.0)
     return np.zeros_like(apart) if steady else apart
 
 
-def _correlations(one: Complexes, other: Complexes) -> Floats:
-    """Return the modulus of the correlation at every circular lag of a doubled grid, its first half kept."""
-    size = len(one)
-    product = np.conj(np.fft.fft(one, 2 * size)) * np.fft.fft(other, 2 * size)
+def _correlations(first: Complexes, second: Complexes) -> Floats:
+    """Compute the modulus of the correlation at each circular lag of a doubled grid, its first half only."""
+    size = len(first)
+    product = np.conj(np.fft.fft(first, 2 * size)) * np.fft.fft(second, 2 * size)
     whole = np.fft.ifft(product)
     half = size // 2 + 1
-    kept = np.concatenate([whole[:half], whole[2 * size - (size - half) :]])
-    scale = float(np.sqrt(np.sum(np.abs(one) ** 2) * np.sum(np.abs(other) ** 2)))
-    return np.abs(kept) / max(scale, 1e-300)
+    lags = np.concatenate([whole[:half], whole[2 * size - (size - half) :]])
+    scale = float(np.sqrt(np.sum(np.abs(first) ** 2) * np.sum(np.abs(second) ** 2)))
+    return np.abs(lags) / max(scale, 1e-300)
 
 
-def _weighed(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
-    """Return the mean of independent solutions, weighted by the inverse of their covariances, and its covariance."""
+def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    """Average independent solutions, weighted by the inverse of their covariances; return mean and covariance."""
     inverses = [np.linalg.inv(covariance) for _, covariance in solutions]
     whole = np.linalg.inv(np.sum(inverses, axis=0))
     parts = [inverse @ value for inverse, (value, _) in zip(inverses, solutions, strict=True)]
     return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
 
 
-def _solved(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
-    """Return offset (and slope, where two parameters begin) at which the correlation's derivative vanishes."""
-    found = start
+def _solve_lag(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
+    """Solve for the offset (and slope, where two parameters begin) at which the correlation's derivative vanishes."""
+    solution = start
     for _ in range(ROUNDS):
-        curvature, parts = _sums(signal, found, middle_s)
+        curvature, parts = _gradient_sums(signal, solution, middle_s)
         change = -np.linalg.solve(curvature, parts.sum(axis=0))
-        found = found + change / max(1.0, 2.0 * abs(change[0]) / step(signal.time_s))
+        solution = solution + change / max(1.0, 2.0 * abs(change[0]) / step(signal.time_s))
         if abs(change[0]) < 1e-6:
             break
-    curvature, parts = _sums(signal, found, middle_s)
+    curvature, parts = _gradient_sums(signal, solution, middle_s)
     inverse = np.linalg.inv(curvature)
     widened = blocks.student(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
     floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(signal.time_s)), 1.0)][: len(start)]) ** 2
-    return found, inverse @ (parts.T @ parts) @ inverse * widened + floor
+    return solution, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
 
-def _sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
-    """Return the correlation's curvature and each stretch's part of its gradient."""
+def _gradient_sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
+    """Compute the correlation's curvature and each stretch's part of its gradient."""
     columns = np.stack([np.ones_like(signal.time_s), signal.time_s - middle_s])[: len(parameters)]
     at = signal.time_s - parameters @ columns
     turned = signal.turned(at)
@@ -390,9 +369,5 @@ def _sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats,
 
 
 def heading_error_deg(clock: ClockDifference, rate_deg_s: Floats) -> Floats:
-    """Return what an error of the clock by its standard deviation does to each difference of headings, degrees.
-
-    Args:
-        rate_deg_s: how fast the frame turns, (n,).
-    """
+    """Compute the error of each difference of headings by one standard deviation of the clock, (n,) degrees."""
     return rate_deg_s * (clock.sigma_s if np.isfinite(clock.sigma_s) else 0.0)

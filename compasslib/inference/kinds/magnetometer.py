@@ -67,8 +67,8 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     Args:
         field: the earth's field there, None where the place is unknown.
     """
-    if len(log.raw) < magnetometer_log.FEWEST:
-        return diagnosis.insufficient(magnetometer_log.refusal(log))
+    if len(log.raw) < magnetometer_log.MIN_READINGS:
+        return diagnosis.insufficient(magnetometer_log.unusable_reason(log))
     choice, why_not = _choice(log)
     axes, no_heading = _axes(log, choice)
     missing = [("hard_iron", why_not)] if why_not else []
@@ -91,9 +91,9 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
 
 def _choice(log: Log) -> tuple[ModelChoice, str]:
     """Return the ellipsoid that the readings carry, or why their modulus says nothing of iron."""
-    if magnetometer_log.cosines(log):
+    if magnetometer_log.are_direction_cosines(log):
         return ModelChoice(), magnetometer_log.COSINES
-    if why := magnetometer_log.refusal(log):
+    if why := magnetometer_log.unusable_reason(log):
         return ModelChoice(why=why), why
     choice = ellipsoid.choose_model(log, log.raw)
     return choice, "" if choice.fitted is not None else choice.why
@@ -108,12 +108,12 @@ def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
         return np.eye(3), NO_HEADING
     if angles.rms(angles.difference(log.heading_deg, float(angles.mean(log.heading_deg)))) < FEWEST_TURN_DEG:
         return np.eye(3), f"the logged heading varies by less than {FEWEST_TURN_DEG:.0f} degrees rms"
-    tries = [magnetometer_log.best_axes(log)]
+    tries = [magnetometer_log.search_axes(log)]
     if choice.fitted is not None:
         centre = choice.scale * choice.fitted.iron()[0][:3]
-        tries.append(magnetometer_log.best_axes(replace(log, raw=log.raw - centre)))
+        tries.append(magnetometer_log.search_axes(replace(log, raw=log.raw - centre)))
     matrix, scatter, _ = min(tries, key=lambda candidate: candidate[1])
-    if scatter > magnetometer_log.MOST_SCATTER_DEG:
+    if scatter > magnetometer_log.MAX_SCATTER_DEG:
         return matrix, f"the logged heading does not follow the axes (scatter {scatter:.0f} degrees)"
     return matrix, ""
 
@@ -210,9 +210,9 @@ def _working(
 ) -> tuple[Floats, tuple[float, str]]:
     """Return the readings scaled to nT, or near it where the earth's field is unknown, and the unit of iron."""
     strength = _strength(field, level)
-    if field is not None and not magnetometer_log.cosines(log):
+    if field is not None and not magnetometer_log.are_direction_cosines(log):
         return body * (strength / scale), (1.0, "nT")
-    unit = "of the whole field" if magnetometer_log.cosines(log) else "in the file's unit"
+    unit = "of the whole field" if magnetometer_log.are_direction_cosines(log) else "in the file's unit"
     return body * (strength / scale), (scale / strength, unit)
 
 

@@ -210,7 +210,7 @@ class Track:
         """Return the velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
         if not self.has_speed:
             return None
-        speed = KNOT_M_S * observations.smoothed(self.observations.speed_kn, self.observations.time_s, SMOOTHED_S)
+        speed = KNOT_M_S * observations.moving_average(self.observations.speed_kn, self.observations.time_s, SMOOTHED_S)
         return np.stack(angles.components(speed, self.observations.course_deg), axis=-1)
 
     @property

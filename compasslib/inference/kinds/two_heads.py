@@ -116,7 +116,7 @@ def diagnose_motion(
     rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
     named = replace(named, before=short_fit.fit_hypothesis(rigid, ()))
     extra = [*_clock_findings(aligned, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
-    clock = () if aligned.clock.found else (("clock_offset", "headings and tilts hardly change together"),)
+    clock = () if aligned.clock.determined else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
         [short_search.build_outcome(named)],
         options,
@@ -186,7 +186,7 @@ def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
 def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Finding]:
     """Return the findings on the clocks: what is sure and turns the simulated heading by enough to matter."""
     clock, pairs = aligned.clock, aligned.corrected
-    if not clock.found:
+    if not clock.determined:
         return []
     grown = (pairs.time_s - clock.middle_s) / motion.DAY_S * clock.drift_s_per_day * clock.drift_applied
     numbers = {
