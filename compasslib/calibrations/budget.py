@@ -61,8 +61,15 @@ def sources(given: Mapping[str, float | None], budget: str | None = None) -> tup
         given: row -> degrees, as ``ROWS`` describes them; None where absent.
         budget: ``le_menn`` fills the rows that are not given with the numbers of that paper, where it has one.
     """
-    rows = {name: _value(name, given, budget) for name in ROWS}
-    return tuple(_source(name, *value) for name, value in rows.items() if value is not None)
+    made = []
+    for name, row in ROWS.items():
+        value, origin = given.get(name), "given"
+        if value is None and budget == LE_MENN:
+            value, origin = row.le_menn_deg, "Le Menn et al. 2023, section 2"
+        if value is not None:
+            how = f"{row.what}: {value:g} degrees, {row.how} ({origin})"
+            made.append(Source(name, value / row.divisor, how))
+    return tuple(made)
 
 
 def absent(rows: tuple[Source, ...]) -> list[str]:
@@ -90,25 +97,8 @@ def expanded(rows: tuple[Source, ...]) -> float:
     return COVERAGE_FACTOR * combined(rows)
 
 
-def _value(name: str, given: Mapping[str, float | None], budget: str | None) -> tuple[float, bool] | None:
-    stated, printed = given.get(name), ROWS[name].le_menn_deg
-    if stated is not None:
-        return stated, False
-    return (printed, True) if budget == LE_MENN and printed is not None else None
-
-
-def _source(name: str, value_deg: float, printed: bool) -> Source:
-    row = ROWS[name]
-    origin = "Le Menn et al. 2023, section 2" if printed else "given"
-    return Source(name, value_deg / row.divisor, f"{row.what}: {value_deg:g} degrees, {row.how} ({origin})")
-
-
 def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
-    """Warn where a curve leaves nothing of the readings, as where one column was computed from the other.
-
-    Args:
-        residual_rms_deg: what it leaves, None or NaN where there is no curve.
-    """
+    """Warn where a curve leaves nothing of the readings; its rms is None or NaN where there is no curve."""
     if residual_rms_deg is None or not residual_rms_deg < TOO_EXACT_DEG:
         return ()
     return (

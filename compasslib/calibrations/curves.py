@@ -2,7 +2,7 @@
 
 Three forms are series in the recorded heading: one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (their eq. 5
 with von Appen's letters: D goes with sin 2, E with cos 2) and a polynomial of degree six (eq. 7). The fourth is the
-exact compass of Evans and Smith, in ``exact_curve``. Each form is judged on headings that it has not seen.
+exact compass of Evans and Smith. Each form is judged on headings that were left out.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ MAX_RESIDUAL_DEG = 10.0  # rms residual beyond which a curve is not one of these
 MIN_DOF_TO_SELECT = 3  # degrees of freedom; fewer choose by chance
 EXPANDED_SHARE = 0.9545  # what two standard deviations of a normal distribution hold
 MIN_GAIN_SIGMAS = 2.0  # standard errors
+EXACT_STEPS = 20  # two are enough where the points are a compass's
+EXACT_TOLERANCE = 1e-9
+MIN_SLOPE = 0.3  # a smaller slope, near a fold, says nothing of the correct heading's error
 
 
 @dataclass(frozen=True)
@@ -97,8 +100,7 @@ def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: 
     """Compute observed deviations, continuous about their mean: none jumps by 360 degrees.
 
     Args:
-        recorded_deg: recorded headings, (n,), degrees.
-        reference_deg: correct magnetic headings, (n,), degrees.
+        reference_deg: correct magnetic headings, (n,).
         weight: inverse variances, (n,); equal where absent.
     """
     recorded, off = angles.wrap360(recorded_deg), angles.difference(reference_deg, recorded_deg)
@@ -151,7 +153,9 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
     solution = form.solve(points)
     if solution is None:
         return "no curve of this form passes near the points"
-    if _vagueness(form, points, solution) > MAX_VAGUENESS or np.max(solution.leverage) > 1.0 - 1e-6:
+    by = form.around(solution.coefficients)
+    variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(points.weight)
+    if float(np.sqrt(np.max(variance))) > MAX_VAGUENESS or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
     curve = _evaluate_fit(form, points, solution)
     off = angles.rms(curve.residual_deg)
@@ -183,6 +187,7 @@ def _evaluate_fit(form: CurveForm, points: Points, solution: LeastSquares) -> Fi
     # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
     slope = -1.0 / form.steepness(solution.coefficients, points) if form.steepness else np.ones(len(points))
     residual = slope * solution.residual_deg
+    mean_square = float(np.sum(points.weight * residual**2) / np.sum(points.weight))
     return FittedCurve(
         form=form,
         coefficients=solution.coefficients,
@@ -190,19 +195,8 @@ def _evaluate_fit(form: CurveForm, points: Points, solution: LeastSquares) -> Fi
         residual_deg=residual,
         left_out_deg=residual / (1.0 - solution.leverage),
         dof=dof,
-        scatter_deg=student_widening(dof) * float(np.sqrt(_mean_square(residual, points.weight) * len(points) / dof)),
+        scatter_deg=student_widening(dof) * float(np.sqrt(mean_square * len(points) / dof)),
     )
-
-
-def _mean_square(residual_deg: Floats, weight: Floats) -> float:
-    return float(np.sum(weight * residual_deg**2) / np.sum(weight))
-
-
-def _vagueness(form: CurveForm, points: Points, solution: LeastSquares) -> float:
-    """Compute the curve's largest standard error on the circle over the scatter of one reading."""
-    by = form.around(solution.coefficients)
-    variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(points.weight)
-    return float(np.sqrt(np.max(variance)))
 
 
 def _series(name: str, letters: str, source: str, design: Callable[[Floats], Floats]) -> CurveForm:
@@ -244,20 +238,25 @@ def curve_to_json(curve: FittedCurve) -> dict[str, Any]:
     }
 
 
-EXACT_STEPS = 20  # two are enough where the points are a compass's
-EXACT_TOLERANCE = 1e-9
-MIN_SLOPE = 0.3  # a smaller slope, near a fold, says nothing of the correct heading's error
-
-
 def fit_exact_compass(points: Points) -> LeastSquares | None:
-    """Fit A to E of the exact compass to the recorded heading; None where the iteration diverges."""
+    """Fit A to E of the exact compass to the recorded heading by Gauss-Newton; None where it diverges.
+
+    Le Menn et al. 2023, eq. (4), with the cosine in its denominator.
+    """
     correct = points.recorded_deg + points.deviation_deg
-    coefficients = _exact_start(points, correct)
+    # sin D = A cos D + B sin g + C cos g + D sin(b + g) + E cos(b + g), which is Im(e^{-ig} q) = 0, gives the start.
+    sine, cosine = angles.sin_cos(points.recorded_deg)
+    sine_sum, cosine_sum = angles.sin_cos(points.recorded_deg + correct)
+    sine_off, cosine_off = angles.sin_cos(points.deviation_deg)
+    columns = np.stack([cosine_off, sine, cosine, sine_sum, cosine_sum], axis=-1)
+    coefficients = least_squares(columns, sine_off, points.weight).coefficients
     for _ in range(EXACT_STEPS):
-        step = _exact_step(coefficients, points, correct)
+        off = angles.difference(points.recorded_deg, compass.recorded_heading(coefficients, correct))
+        weight = points.weight * _exact_weight(coefficients, correct)
+        step = least_squares(compass.gradient(coefficients, correct).T, off, weight)
         coefficients = coefficients + step.coefficients
         if np.max(np.abs(step.coefficients)) < EXACT_TOLERANCE:
-            return replace(step, coefficients=coefficients)
+            return replace(step, coefficients=coefficients, residual_deg=off)
         if not np.all(np.abs(coefficients) < 10.0):
             return None
     return None
@@ -295,22 +294,6 @@ def _only_root(coefficients: Floats, recorded_deg: Floats) -> Floats:
     if not compass.turns_full_circle(coefficients):
         return np.full(recorded_deg.shape, np.nan)
     return compass.inverse(coefficients, recorded_deg)[:, 0]
-
-
-def _exact_start(points: Points, correct: Floats) -> Floats:
-    """Solve sin D = A cos D + B sin g + C cos g + D sin(b + g) + E cos(b + g), which is Im(e^{-ig} q) = 0."""
-    sine, cosine = angles.sin_cos(points.recorded_deg)
-    sine_sum, cosine_sum = angles.sin_cos(points.recorded_deg + correct)
-    sine_off, cosine_off = angles.sin_cos(points.deviation_deg)
-    columns = np.stack([cosine_off, sine, cosine, sine_sum, cosine_sum], axis=-1)
-    return least_squares(columns, sine_off, points.weight).coefficients
-
-
-def _exact_step(coefficients: Floats, points: Points, correct: Floats) -> LeastSquares:
-    """Compute the Gauss-Newton step, with the residual of the recorded heading before it."""
-    off = angles.difference(points.recorded_deg, compass.recorded_heading(coefficients, correct))
-    columns = compass.gradient(coefficients, correct).T
-    return replace(least_squares(columns, off, points.weight * _exact_weight(coefficients, correct)), residual_deg=off)
 
 
 EXACT = CurveForm(

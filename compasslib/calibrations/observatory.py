@@ -43,6 +43,16 @@ APART_S = 24 * HOUR_S  # windows that are farther apart are storms of their own
 MIN_WITHOUT_LARGEST = 0.5  # of the limit: what a window must hold besides its largest value, else that one is a spike
 HALF, QUARTER, MAX_STRETCHES = 0.5, 0.25, 12  # of the largest; more stretches than these are no storm but a habit
 STORM_FACTOR, MIN_DAYS = 3.0, 5  # times the record's own middle disturbance that a storm must exceed, if it has days
+BIN_S = 600.0  # means of samples that are closer; noise of single minutes averages out
+MIN_HOURS = 12
+NEAR_DAYS, MIN_NEAR = 4, 5  # the slow level of a day: median of so many days around, if so many are there
+QUIET_SHARE = 0.2  # share of the days that make the quiet-day curve
+WHOLE_DAY = 0.9  # share of a day that a quiet one needs
+BLOCK_DAYS, MIN_BLOCKS = 27, 5  # a rotation of the sun
+WHOLE_YEAR_DAYS = 330
+# Standard deviation of one day's mean about the year's, its part by disturbance, and that of a season's. Set by the
+# years 1980 and 2003 of Eskdalemuir, on which the benchmark measures the coverage too: that is no independent check.
+DAY_LEVEL_DEG, DISTURBANCE_SHARE, SEASON_DEG = 0.016, 0.4, 0.006
 
 
 @dataclass(frozen=True)
@@ -235,19 +245,6 @@ def _dilate(time_s: Floats, core: Flags, reach_s: float) -> Flags:
     near = np.clip(np.searchsorted(at, time_s), 1, len(at)) if len(at) > 1 else np.ones(len(time_s), dtype=int)
     before, after = at[near - 1], at[np.minimum(near, len(at) - 1)]
     return np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= reach_s
-
-
-BIN_S = 600.0  # means of samples that are closer; noise of single minutes averages out
-MIN_HOURS = 12
-NEAR_DAYS, MIN_NEAR = 4, 5  # the slow level of a day: median of so many days around, if so many are there
-MIN_DAYS = 5  # for a median day
-QUIET_SHARE = 0.2  # share of the days that make the quiet-day curve
-WHOLE_DAY = 0.9  # share of a day that a quiet one needs
-BLOCK_DAYS, MIN_BLOCKS = 27, 5  # a rotation of the sun
-WHOLE_YEAR_DAYS = 330
-# Standard deviation of one day's mean about the year's, its part by disturbance, and that of a season's. Set by the
-# years 1980 and 2003 of Eskdalemuir, on which the benchmark measures the coverage too: that is no independent check.
-DAY_LEVEL_DEG, DISTURBANCE_SHARE, SEASON_DEG = 0.016, 0.4, 0.006
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,10 @@ from compasslib.types import Floats
 LETTERS = "ABCDE"
 # Of a calibration's date from its file's: the field changes by less than a fifth of a degree.
 MAX_DATE_ERROR_S = 180 * 86400.0
+POSITION = ("latitude", "longitude")
+SIGNIFICANCE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
+MIN_P_VALUE = 0.001  # smaller ones are not printed
+MIN_AMPLITUDE_SIGMAS = 3.0  # standard deviations of an amplitude under which it has no phase
 
 
 def _empty() -> Floats:
@@ -54,21 +58,19 @@ class Calibration:
     warnings: tuple[str, ...] = ()
 
 
-POSITION = ("latitude", "longitude")
-SIGNIFICANCE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
-MIN_P_VALUE = 0.001  # smaller ones are not printed
-MIN_AMPLITUDE_SIGMAS = 3.0  # standard deviations of an amplitude under which it has no phase
-
-
 def to_json(
     name: str, made: Calibration, settings: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Describe a calibration for calibration.json: the keys of every kind, then those of this one.
 
     Args:
-        settings: as the kind got them, settled.
+        settings: as ``resolve_settings`` returns them.
         earlier: calibration.json of those that it is to be compared with, by name; at most one.
     """
+    field, warnings = settings.get("field"), [*made.warnings]
+    if field is not None and field["horizontal_nT"] < WEAKEST_NT:
+        weak = f"the horizontal field is {field['horizontal_nT']:.0f} nT"
+        warnings.append(f"{weak}; below {WEAKEST_NT:.0f} nT no correction holds")
     common = {
         "name": name,
         "kind": made.kind,
@@ -83,7 +85,7 @@ def to_json(
         "place": _place(settings, made.details),
         "comparison": next((compare(made, page, name) for name, page in earlier.items()), None),
         "why": made.why,
-        "warnings": [*made.warnings, *_weak_field_warnings(settings.get("field"))],
+        "warnings": warnings,
     }
     taken = [key for key in made.details if key in common and made.details[key] != common[key]]
     if taken:
@@ -155,96 +157,57 @@ def _uncertainty(made: Calibration) -> dict[str, Any]:
     }
 
 
-def _weak_field_warnings(field: Mapping[str, float] | None) -> list[str]:
-    if field is None or field["horizontal_nT"] >= WEAKEST_NT:
-        return []
-    return [f"the horizontal field is {field['horizontal_nT']:.0f} nT; below {WEAKEST_NT:.0f} nT no correction holds"]
-
-
-# Two calibrations of one compass: before and after its batteries were demagnetised, or an accessory fixed beside it.
-#
-# Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here each coefficient's
-# difference stands beside its uncertainty. Rows of the budget that both share are left out: they cancel.
-
-
 def compare(after: Calibration, before: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Compare a calibration with an earlier one."""
-    earlier = _coefficients_and_covariance(before["coefficients"], before["covariance"])
-    if not after.coefficients.size or earlier is None:
-        return {"with": name, "why": f"{'this calibration' if earlier else name} has no coefficients", "differ": None}
-    now, past = (after.coefficients, after.covariance), earlier
-    both = np.isfinite(now[0]) & np.isfinite(past[0])
-    off, covariance = now[0] - past[0], now[1] + past[1]
-    p_value = _p_value(off[both], covariance[np.ix_(both, both)])
-    cycle = {"amplitude_deg": _amplitude(now, past), "phase_deg": _phase(now, past)}
+    """Compare a calibration with an earlier one of the same compass, as before its batteries were demagnetised.
+
+    Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here each coefficient's
+    difference stands beside its uncertainty, with the probability (chi square) of so large a difference where there is
+    none. Rows of the budget that both share are left out: they cancel.
+    """
+    if not after.coefficients.size or before["coefficients"] is None:
+        missing = name if before["coefficients"] is None else "this calibration"
+        return {"with": name, "why": f"{missing} has no coefficients", "differ": None}
+    from scipy.special import chdtrc  # only where two calibrations are compared
+
+    earlier, earlier_covariance = _numbers(before["coefficients"]), np.array(before["covariance"], dtype=float)
+    both = np.isfinite(after.coefficients) & np.isfinite(earlier)
+    off, covariance = after.coefficients - earlier, after.covariance + earlier_covariance
+    square = off[both] @ np.linalg.pinv(covariance[np.ix_(both, both)]) @ off[both]
+    p_value = float(chdtrc(int(both.sum()), square))
+    difference = {}
+    for k in np.flatnonzero(both):
+        value, sigma = float(off[k]), float(np.sqrt(covariance[k, k]))
+        z = value / sigma if sigma > 0 else float("nan")
+        difference[LETTERS[k]] = {"value_deg": value, "sigma_deg": sigma, "z": z}
+    here, there = _polar(after.coefficients, after.covariance), _polar(earlier, earlier_covariance)
+    sigma = float(np.hypot(here[1], there[1]))
+    size = {"after": here[0], "before": there[0], "difference": here[0] - there[0], "sigma": sigma}
+    phase, moved = None, "it is too small on one side to have a phase"
+    if not min(here[0] / here[1], there[0] / there[1]) < MIN_AMPLITUDE_SIGMAS:
+        shift, sigma = float(angles.difference(here[2], there[2])), float(np.hypot(here[3], there[3]))
+        phase = {"after": here[2], "before": there[2], "shift": shift, "sigma": sigma}
+        moved = f"its phase moves by {shift:+.0f} ± {2 * sigma:.0f} degrees"
+    chance = f"p = {p_value:.2g}" if p_value >= MIN_P_VALUE else f"p < {MIN_P_VALUE}"
     return {
         "with": name,
-        "one_cycle": cycle,
-        "difference": {LETTERS[k]: _difference(off[k], covariance[k, k]) for k in np.flatnonzero(both)},
+        "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
+        "difference": difference,
         "p_value": p_value,
         "differ": p_value < SIGNIFICANCE,
-        "text": _sentence(name, cycle, p_value),
+        "text": f"This calibration and {name} {'differ' if p_value < SIGNIFICANCE else 'do not differ significantly'} "
+        f"({chance}). The one-cycle part goes from {size['before']:.2f} to {size['after']:.2f} degrees, by "
+        f"{size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}.",
     }
 
 
-def _coefficients_and_covariance(
-    coefficients: Mapping[str, float | None] | None, covariance: Any
-) -> tuple[Floats, Floats] | None:
-    if coefficients is None:
-        return None
-    return np.array([coefficients[k] for k in LETTERS], dtype=float), np.array(covariance, dtype=float)
-
-
-def _difference(off: float, variance: float) -> dict[str, float]:
-    sigma = float(np.sqrt(variance))
-    return {"value_deg": float(off), "sigma_deg": sigma, "z": float(off) / sigma if sigma > 0 else float("nan")}
-
-
-def _p_value(off: Floats, covariance: Floats) -> float:
-    """Compute the probability of so large a difference where there is none (chi square)."""
-    from scipy.special import chdtrc  # only where two calibrations are compared
-
-    return float(chdtrc(len(off), off @ np.linalg.pinv(covariance) @ off))
-
-
-def _amplitude(now: tuple[Floats, Floats], past: tuple[Floats, Floats]) -> dict[str, float]:
-    (here, here_sigma), (there, there_sigma) = _polar(*now)[:2], _polar(*past)[:2]
-    sigma = float(np.hypot(here_sigma, there_sigma))
-    return {"after": here, "before": there, "difference": here - there, "sigma": sigma}
-
-
-def _phase(now: tuple[Floats, Floats], past: tuple[Floats, Floats]) -> dict[str, float] | None:
-    """Compare the recorded headings at which B sin + C cos is largest; None where an amplitude is too small."""
-    here, there = _polar(*now), _polar(*past)
-    if min(here[0] / here[1], there[0] / there[1]) < MIN_AMPLITUDE_SIGMAS:
-        return None
-    shift = float(angles.difference(here[2], there[2]))
-    return {"after": here[2], "before": there[2], "shift": shift, "sigma": float(np.hypot(here[3], there[3]))}
-
-
 def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, float, float]:
-    """Convert B and C to amplitude, its sigma, phase and its sigma, degrees."""
+    """Convert B and C to amplitude, its sigma, phase (where B sin + C cos is largest) and its sigma, degrees."""
     pair, spread = coefficients[1:3], covariance[1:3, 1:3]
     amplitude = max(float(np.hypot(*pair)), 1e-12)
     along = pair / amplitude
     across = np.array([along[1], -along[0]])
     sigmas = [max(float(np.sqrt(x @ spread @ x)), 1e-12) for x in (along, across)]
     return amplitude, sigmas[0], float(angles.direction(*pair)), sigmas[1] / amplitude / angles.DEGREE
-
-
-def _sentence(name: str, cycle: Mapping[str, Any], p_value: float) -> str:
-    size, phase = cycle["amplitude_deg"], cycle["phase_deg"]
-    moved = (
-        f"its phase moves by {phase['shift']:+.0f} ± {2 * phase['sigma']:.0f} degrees"
-        if phase
-        else "it is too small on one side to have a phase"
-    )
-    chance = f"p = {p_value:.2g}" if p_value >= MIN_P_VALUE else f"p < {MIN_P_VALUE}"
-    difference = "differ" if p_value < SIGNIFICANCE else "do not differ significantly"
-    return (
-        f"This calibration and {name} {difference} ({chance}). The one-cycle part goes from {size['before']:.2f} to "
-        f"{size['after']:.2f} degrees, by {size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}."
-    )
 
 
 def check_date(time_s: Floats | None, date_s: float | None) -> list[str]:

@@ -24,6 +24,9 @@ STEP_DEG = 45.0
 SIN_45 = 0.707  # as MM print sin 45, so that their numbers come out to the last digit
 NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # between two headings that tell B and C (MM section 6)
 NAN = float("nan")
+LIMIT_DEG, SHORT_M, MIN_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
+TWO_SIGMA = 1.959964
+NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
 
 
 def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
@@ -35,7 +38,11 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
         course_deg: courses over ground or headings, true, (n,).
         recorded_deg: compass courses, (n,).
     """
-    steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=_rms_from_points)
+
+    def rms_from_points(heading_deg: Floats) -> float:
+        return angles.rms(heading_deg - STEP_DEG * np.rint(heading_deg / STEP_DEG))
+
+    steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=rms_from_points)
     nearest = np.rint(steered / STEP_DEG).astype(int) % len(POINTS)
     psi = angles.difference(course_deg, recorded_deg)
     psi_deg = {}
@@ -157,15 +164,6 @@ def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_
     return deviation_deg - known["A"] - known["D"] * float(sine2) - known["E"] * float(cosine2)
 
 
-def _rms_from_points(course_deg: Floats) -> float:
-    return angles.rms(course_deg - STEP_DEG * np.rint(course_deg / STEP_DEG))
-
-
-LIMIT_DEG, SHORT_M, LEAST_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
-TWO_SIGMA = 1.959964
-NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
-
-
 @dataclass(frozen=True)
 class Magnets:
     """What nullifies one coefficient."""
@@ -242,12 +240,18 @@ def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | Non
         "within": f"Every deviation is within 4°: {largest}.",
         "not judged": f"The limit of 4° is for ships under {SHORT_M} m; this one has {length_m} m. {largest}.",
     }[word]
-    conditions = [_length_condition(length_m), _speed_condition(speed_kn)]
+    conditions = []
+    if length_m is None:
+        conditions.append(f"The length of the ship is not given; the limit of 4° is for ships under {SHORT_M} m.")
+    if speed_kn is None:
+        conditions.append("The speed is not known; the method asks for at least 7 kn.")
+    elif speed_kn < MIN_SPEED_KN:
+        conditions.append(f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn.")
     return {
         "verdict": word,
         "largest_deg": float(table.deviation_deg[worst]),
         "on_deg": float(table.heading_deg[worst]),
-        "conditions": [line for line in conditions if line],
+        "conditions": conditions,
         "text": text,
     }
 
@@ -264,19 +268,3 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
         f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron beside the compass; "
         "only another place for the compass, or soft-iron correctors, take it away."
     )
-
-
-def _length_condition(length_m: float | None) -> str:
-    return (
-        f"The length of the ship is not given; the limit of 4° is for ships under {SHORT_M} m."
-        if length_m is None
-        else ""
-    )
-
-
-def _speed_condition(speed_kn: float | None) -> str:
-    if speed_kn is None:
-        return "The speed is not known; the method asks for at least 7 kn."
-    if speed_kn < LEAST_SPEED_KN:
-        return f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn."
-    return ""

@@ -26,6 +26,19 @@ from compasslib.types import Floats
 
 ROUNDS, STEPS = 4, 3
 MIN_INFORMATION = 2.0  # the data know a parameter that they tell twice as well as the prior
+SERIES = slice(0, 5)
+DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
+SIZE = 12
+DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
+FIXED_SIGMA = 1e-9  # prior width of a parameter that cannot be determined
+MAX_PRIOR_SHARE = 0.5  # drift is told from B and C where the swing halves its prior
+LOG_SIGMA = 0.1  # of a ship's log's scale
+SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
+MIN_WATER_KN = 0.5
+SMOOTHED_S = 60.0  # over which speeds are averaged
+HARMONICS = (3, 4)  # which compasses have too
+MIN_SPEED_SHARE = 0.3  # of a speed, where the drift is faster than the ship
+COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
 
 
 @dataclass(frozen=True)
@@ -136,22 +149,6 @@ def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | priors).items()}
     residuals = {block.name: block.observe(parameters)[0] for block in blocks}
     return SwingFit(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)
-
-
-SERIES = slice(0, 5)
-DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
-SIZE = 12
-DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
-FIXED_SIGMA = 1e-9  # prior width of a parameter that cannot be determined
-MAX_PRIOR_SHARE = 0.5  # drift is told from B and C where the swing halves its prior
-KNOT = "kn"
-LOG_SIGMA = 0.1  # of a ship's log's scale
-SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
-MIN_WATER_KN = 0.5
-SMOOTHED_S = 60.0  # over which speeds are averaged
-HARMONICS = (3, 4)  # harmonics
-MIN_SPEED_SHARE = 0.3  # of a speed, where the drift is faster than the ship
-COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
 
 
 @dataclass(frozen=True)
@@ -288,7 +285,7 @@ def _offset(parameters: Floats, swing: Swing) -> Floats:
     return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.observed.steady_turn_deg_s
 
 
-def drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
+def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
     """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
     Only speeds that vary may separate the drift from B and C. At one speed it differs from what a compass can be in
@@ -325,9 +322,8 @@ def _through_speed(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floa
         for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
     )
     through = np.sqrt(np.maximum(over_ground**2 - across**2, 0.0)) - along
-    return np.maximum(
-        through, np.maximum(MIN_SPEED_SHARE * over_ground, 1e-3)
-    )  # where the drift is faster than the ship
+    least = np.maximum(MIN_SPEED_SHARE * over_ground, 1e-3)  # where the drift is faster than the ship
+    return np.maximum(through, least)
 
 
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
@@ -351,7 +347,7 @@ def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Flo
     shown = curve(parameters[SERIES], heading, observed.settled_deg)
     if observed.over_ground:
         alike = shown.by_compass / shown.by_heading[:, None]
-        aside, slopes = drift_angle(parameters, swing, shown.facing_deg + offset, alike)
+        aside, slopes = _drift_angle(parameters, swing, shown.facing_deg + offset, alike)
         heading, slopes = heading - aside, -slopes
     slopes[:, DECLINATION], slopes[:, LAG] = -1.0, observed.steady_turn_deg_s
     slopes *= shown.by_heading[:, None]
@@ -413,7 +409,7 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
     across = np.array(angles.components(1.0, set_deg + 90.0))
     water = covariance[np.ix_(DRIFT, DRIFT)]
     left = float(np.max(sigma[DRIFT] / prior[DRIFT]))
-    unit = KNOT if swing.has_speed else "of the ship's speed"
+    unit = "kn" if swing.has_speed else "of the ship's speed"
     side = float(np.sqrt(max(float(across @ water @ across), 0.0)))
     return {
         "set_deg": set_deg,
@@ -424,7 +420,11 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
         "east": float(series.parameters[EAST]),
         "north": float(series.parameters[NORTH]),
         "covariance": water.tolist(),
-        "correlation": _correlations(covariance),
+        "correlation": {
+            f"{name}_{towards}": float(covariance[k, j] / (sigma[k] * sigma[j]))
+            for name, k in (("B", 1), ("C", 2))
+            for towards, j in (("east", EAST), ("north", NORTH))
+        },
         "left_of_belief": left,
         "largest_alike": _widest_combination(series),
         "log_scale": float(series.parameters[LOG]) if np.isfinite(prior[LOG]) and prior[LOG] > 1e-6 else None,
@@ -447,13 +447,6 @@ def _describe_drift(swing: Swing, water: tuple[float, float, str], left: float, 
         f"heading. B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the "
         "sun, a log of the speed through the water, or each heading at two speeds would separate them."
     )
-
-
-def _correlations(covariance: Floats) -> dict[str, float]:
-    sigma = np.sqrt(np.diag(covariance))
-    pairs = [(k, j) for k in (1, 2) for j in DRIFT]
-    names = {1: "B", 2: "C", EAST: "east", NORTH: "north"}
-    return {f"{names[k]}_{names[j]}": float(covariance[k, j] / (sigma[k] * sigma[j])) for k, j in pairs}
 
 
 def _widest_combination(series: SwingFit) -> dict[str, object]:

@@ -129,7 +129,12 @@ def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
     withheld = set(settings.get("withhold") or ())
     over_ground = "true_deg" not in named
-    empty, places = np.full(log.time_s.shape, np.nan), np.isfinite(log.latitude + log.longitude)
+    empty, stated = np.full(log.time_s.shape, np.nan), log.variation_deg[np.isfinite(log.variation_deg)]
+    known, place = np.isfinite(log.latitude + log.longitude), None
+    if known.any():
+        longitude = log.longitude[known]
+        middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))  # across the date line too
+        place = float(np.median(log.latitude[known])), float(angles.wrap180(middle))
     return Observations(
         recorded_deg=log.heading_deg,
         course_deg=log.course_deg if over_ground else log.true_heading_deg,
@@ -140,18 +145,10 @@ def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         turn_deg_s=np.zeros(log.time_s.shape),
         steady_turn_deg_s=np.zeros(log.time_s.shape),
         settled_deg=log.heading_deg,
-        place=_median_position(log.latitude[places], log.longitude[places]) if places.any() else None,
-        variation_deg=float(np.median(log.variation_deg[np.isfinite(log.variation_deg)]))
-        if np.isfinite(log.variation_deg).any()
-        else float("nan"),
+        place=place,
+        variation_deg=float(np.median(stated)) if stated.size else float("nan"),
         warnings=log.warnings,
     )
-
-
-def _median_position(latitude: Floats, longitude: Floats) -> tuple[float, float]:
-    """Compute the median position, across the date line too."""
-    middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))
-    return float(np.median(latitude)), float(angles.wrap180(middle))
 
 
 def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
@@ -189,26 +186,22 @@ def _read_table(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floa
             raise _absent_column(path, f"column {header!r} ({role})", names)
     there = {role: header for role, header in wanted.items() if header in names}
     if not {"cog_deg", "true_deg"} & set(there):
-        raise _absent_column(
-            path, "column of the course over ground (cog_deg) or of the true heading (true_deg)", names
-        )
+        course = "column of the course over ground (cog_deg) or of the true heading (true_deg)"
+        raise _absent_column(path, course, names)
     table = delimited.read_table(path, there | delimited.date_and_clock(mapped, withheld), layout=layout)
     parsed = {"time_utc" if role == "time" else role: column for role, column in table.columns.items()}
     for role in (role for role in parsed if role != "time_utc"):
-        _check_bounds(path, f"column {there[role]!r} ({role})", parsed[role], BOUNDS[role.rpartition("_")[2]])
+        (low, high), values = BOUNDS[role.rpartition("_")[2]], parsed[role]
+        beyond = values[(values < low) | (values > high)]
+        if beyond.size:
+            raise InputError(
+                f"{path}: column {there[role]!r} ({role})",
+                expected=f"numbers from {low:g} to {high:g}, or nothing",
+                found=f"{beyond.size} beyond, {beyond[0]:g} first",
+                advice="check the column and its unit; leave cells without a reading empty",
+            )
     turned = {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
     return turned, delimited.table_notes([table])
-
-
-def _check_bounds(path: Path, what: str, values: Floats, bounds: tuple[float, float]) -> None:
-    beyond = values[(values < bounds[0]) | (values > bounds[1])]
-    if beyond.size:
-        raise InputError(
-            f"{path}: {what}",
-            expected=f"numbers from {bounds[0]:g} to {bounds[1]:g}, or nothing",
-            found=f"{beyond.size} beyond, {beyond[0]:g} first",
-            advice="check the column and its unit; leave cells without a reading empty",
-        )
 
 
 def _absent_column(path: Path, what: str, names: list[str]) -> InputError:
@@ -248,7 +241,8 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])
     rate = np.diff(np.interp(ends, time_s, turned_deg), axis=0)[0] / np.maximum(np.diff(ends, axis=0)[0], 1.0)
-    rate, mean = np.where(_is_dense(time_s), rate, 0.0), turned_deg.copy()
+    dense = len(time_s) > 1 and np.median(np.diff(time_s)) <= APART_S
+    rate, mean = np.where(dense, rate, 0.0), turned_deg.copy()
     for run in np.split(np.arange(len(time_s)), np.flatnonzero(apart) + 1):
         if np.ptp(time_s[run]) >= BLOCK_S:
             rate[run], mean[run] = _smooth_run(time_s[run] - time_s[run[0]], turned_deg[run])
@@ -267,10 +261,6 @@ def _smooth_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
     return rate, moving_average(turned_deg, since_s, BLOCK_S) + rate * (
         since_s - moving_average(since_s, since_s, BLOCK_S)
     )
-
-
-def _is_dense(time_s: Floats) -> bool:
-    return bool(np.median(np.diff(time_s)) <= APART_S) if len(time_s) > 1 else False
 
 
 def since_middle(time_s: Floats) -> Floats:
