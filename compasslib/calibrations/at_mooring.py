@@ -29,8 +29,6 @@ def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Reco
     """Carry the exact compass of a calibration into a mooring's field; no coefficients where that is unknown.
 
     Args:
-        field: the earth's field along the deployment.
-        record: the affected instrument.
         pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
     """
     missing = _missing_part(content)
@@ -50,13 +48,7 @@ def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Reco
 
 
 def evaluate_on_record(fit: Fit, record: Record, pairs: Pairs) -> Fit:
-    """Evaluate a compass known beforehand on the record of a mooring; nothing is fitted.
-
-    Args:
-        fit: coefficients, covariance and noise.
-        record: the affected instrument.
-        pairs: where a reference overlaps, perhaps none.
-    """
+    """Evaluate a compass known beforehand on the record of a mooring; nothing is fitted."""
     off = model.residual(fit, pairs)
     off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]
     return replace(
@@ -73,9 +65,6 @@ def contradiction(fit: Fit, pairs: Pairs) -> str:
     """Say why a calibration cannot be of the compass that the pairs show; empty where it can.
 
     A constant between the two is no reason: mounts and mean veers make one.
-
-    Args:
-        fit: the calibration as carried to the mooring.
     """
     fitted = exact.fit(pairs)
     if not (fit.fitted and fitted.fitted):
@@ -94,11 +83,7 @@ def contradiction(fit: Fit, pairs: Pairs) -> str:
 
 
 def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
-    """Describe for deviation.json where the model comes from.
-
-    Args:
-        field: the earth's field along the deployment.
-    """
+    """Describe for deviation.json where the model comes from."""
     source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
     if not _missing_part(content):
         transferred = _transfer(content, field)

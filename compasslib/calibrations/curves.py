@@ -100,7 +100,6 @@ def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: 
     """Compute observed deviations, continuous about their mean: none jumps by 360 degrees.
 
     Args:
-        reference_deg: correct magnetic headings, (n,).
         weight: inverse variances, (n,); equal where absent.
     """
     recorded, off = angles.wrap360(recorded_deg), angles.difference(reference_deg, recorded_deg)
@@ -115,13 +114,7 @@ def count_sectors(recorded_deg: ArrayLike) -> int:
 
 
 def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSquares:
-    """Solve a weighted linear least-squares problem.
-
-    Args:
-        columns: of the design, (n, k).
-        observed: what they are to make, (n,).
-        weight: inverse variances, (n,).
-    """
+    """Solve a weighted linear least-squares problem."""
     root = np.sqrt(weight)[:, None]
     inverse = np.linalg.pinv(root * columns)
     coefficients = inverse @ (root[:, 0] * observed)

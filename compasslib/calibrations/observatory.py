@@ -67,11 +67,7 @@ class Storm:
 
 
 def means(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
-    """Average declinations over steps, those with too few samples left out; coarser series are returned as they are.
-
-    Args:
-        step_s: seconds.
-    """
+    """Average declinations over steps, those with too few samples left out; coarser series are returned as they are."""
     known = np.isfinite(series.declination_deg)
     time_s, declination = series.time_s[known], series.declination_deg[known]
     interval_s = float(np.median(np.diff(series.time_s))) if len(series) > 1 else step_s
@@ -122,10 +118,6 @@ def _from_slow_course(series_s: Floats, values: Floats, time_s: Floats) -> Float
 def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
     """Compute a mooring's covariates from an observatory: across and along its magnetic north, (n,) degrees each.
 
-    Args:
-        files: IAGA-2002 files of one observatory.
-        time_s: (n,) of the mooring, UTC seconds.
-
     Raises:
         InputError: a file cannot be read.
     """
@@ -138,7 +130,6 @@ def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:
 
     Args:
         curve_deg: (24,) at the half hours of UTC.
-        time_s: (n,), UTC seconds.
     """
     if not np.isfinite(curve_deg).all():
         return np.zeros(len(time_s))
@@ -196,7 +187,6 @@ def storms(
 
     Args:
         off: what level and quiet day leave, (n,), degrees.
-        limit_deg: rms over three hours from which a disturbance is a storm.
     """
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
@@ -287,7 +277,6 @@ def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> Ea
 
     Args:
         settings: ``latitude`` and ``longitude`` where the header lacks them, ``declination`` (auto or degrees east).
-        where: file, for the message.
 
     Raises:
         InputError: neither header nor settings tell the place, or a date lies outside the model.
@@ -308,11 +297,7 @@ def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> Ea
 
 
 def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
-    """Look up latitude and longitude, degrees: in the settings, else in the header.
-
-    Args:
-        settings: ``latitude`` and ``longitude``, or None.
-    """
+    """Look up latitude and longitude, degrees: in the settings, else in the header."""
     latitude, longitude = settings.get("latitude"), settings.get("longitude")
     return (series.latitude, series.longitude) if latitude is None or longitude is None else (latitude, longitude)
 
@@ -329,7 +314,6 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
     """Separate a series minus the field's model into level, quiet day and storms.
 
     Args:
-        series: of an observatory, with some declinations.
         limit_deg: rms over three hours from which a disturbance is a storm.
     """
     time_s, observed = means(series, BIN_S)

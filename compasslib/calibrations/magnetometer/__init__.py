@@ -291,12 +291,7 @@ def _misfits(solved: Solved) -> list[str]:
 
 
 def _sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
-    """Make the uncertainty budget of a corrected heading.
-
-    Args:
-        table: exact deviation by recorded heading.
-        series: A..E, degrees, (5,).
-    """
+    """Make the uncertainty budget of a corrected heading."""
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - von_appen.predict(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"

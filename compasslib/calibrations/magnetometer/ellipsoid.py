@@ -148,8 +148,6 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
     """Minimise the adjusted loss over the parameters (p,) and estimate the noise variance of one axis.
 
     Args:
-        readings: n of them over the modulus.
-        centre: where to begin, (3,).
         adjusted: False leaves the noise's bias in, as the plain algebraic fit does.
 
     Raises:
@@ -169,10 +167,6 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
 
 def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid:
     """Fit a model with a block jackknife that allows for memory.
-
-    Args:
-        readings: n of them over the modulus, in the order of time.
-        centre: where to begin, (3,).
 
     Raises:
         np.linalg.LinAlgError: the readings do not determine the parameters.
@@ -208,7 +202,6 @@ def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     It is widened so that 1.96 standard deviations hold what Student's distribution of the few blocks asks for.
 
     Args:
-        replicates: (blocks, q).
         shift: what one standard deviation of something that no reading shows does to it, (q,).
     """
     k = len(replicates)
@@ -219,12 +212,7 @@ def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
 
 
 def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
-    """Compute the jackknife standard deviation of a quantity of each replicate, in its own shape.
-
-    Args:
-        replicates: (blocks, ...).
-        shift: as for the covariance, (...).
-    """
+    """Compute the jackknife standard deviation of a quantity of each replicate, in its own shape."""
     shape = replicates.shape[1:]
     flat = replicates.reshape(len(replicates), -1)
     return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)

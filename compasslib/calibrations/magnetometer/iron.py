@@ -48,7 +48,6 @@ def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> 
     """Tabulate the exact deviation every 10 degrees of the recorded heading.
 
     Args:
-        coefficients: A..E of the exact compass, (5,).
         replicates: the same without each block, (blocks, 5).
         moved: the same with one standard deviation of what no reading shows, (5,).
     """
@@ -58,12 +57,7 @@ def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> 
 
 
 def compute_headings(iron: Floats, readings: ScaledReadings, levelling: Floats) -> tuple[Floats, Floats]:
-    """Compute recorded and corrected heading of each reading, (n,) degrees each.
-
-    Args:
-        iron: centre and G, (12,).
-        levelling: matrices that turn the body frame level, (n, 3, 3).
-    """
+    """Compute recorded and corrected heading of each reading, (n,) degrees each."""
     field = ellipsoid.corrected(iron, readings)
     return level_heading(readings.field, levelling), level_heading(field, levelling)
 
@@ -81,7 +75,6 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
     t . h = c - e . (h x t) is linear in the turn e about forward, starboard and down.
 
     Args:
-        iron: centre and G, (12,).
         down: t of the tilt sensor, (n, 3).
 
     Returns:

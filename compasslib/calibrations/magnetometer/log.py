@@ -213,7 +213,6 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
 
     Args:
         field: body frame (forward, starboard, down), (n, 3), any unit.
-        levelling: matrices that turn the body frame level, (n, 3, 3).
     """
     north = np.einsum("nij,nj->ni", levelling[:, :2, :], field)
     return angles.argument(north[:, 0] - 1j * north[:, 1])
@@ -293,7 +292,6 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
 
     Args:
         paths: A files, unpacked ASCII or binary.
-        withhold: roles or headers that must not be seen.
 
     Raises:
         InputError: a file cannot be read, or something unknown or needed is withheld.

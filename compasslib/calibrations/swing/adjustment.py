@@ -33,10 +33,6 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
     """Average course minus compass on each of the eight points, degrees, NaN where none was steered.
 
     Each observation belongs to the nearest point, by the courses or by the compass: whichever was steered on points.
-
-    Args:
-        course_deg: courses over ground or headings, true, (n,).
-        recorded_deg: compass courses, (n,).
     """
 
     def rms_from_points(heading_deg: Floats) -> float:
@@ -59,7 +55,6 @@ def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> 
 
     Args:
         psi: degrees by point; deviations where the declination is 0.
-        declination_deg: degrees east.
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0

@@ -69,9 +69,7 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
 
     Args:
         blocks: observations; the first sets the least scatter of those with a known one.
-        mean: (k,) of the priors.
         sigma: (k,) their width, infinite for a parameter without.
-        start: (k,) parameters to begin from.
     """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
     for _ in range(ROUNDS):

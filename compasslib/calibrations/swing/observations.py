@@ -234,7 +234,6 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]
     Nor would single readings as the place on the curve: water and compass are alike only on the same headings.
 
     Args:
-        time_s: (n,) increasing.
         turned_deg: recorded headings, not wrapped, (n,).
         slow: which are not in a quick turn, (n,).
     """

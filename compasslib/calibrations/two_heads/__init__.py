@@ -72,13 +72,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
 
 def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the difference of the compasses of two heads from their records.
-
-    Args:
-        a: record of one head, by its own clock.
-        b: record of the other.
-        settings: as for ``calibrate``.
-    """
+    """Estimate the difference of the compasses of two heads from their records."""
     max_offset_s = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
     start, end = settings.get("start_s"), settings.get("end_s")
     first = extract_motion(a, start, end)
@@ -106,7 +100,6 @@ def read_head(path: str | Path, settings: Mapping[str, Any], which: int) -> Reco
     """Read the record of one head.
 
     Args:
-        settings: as for ``calibrate``.
         which: 0 for a, 1 for b.
     """
 
@@ -223,15 +216,6 @@ def simulated_heading(pairs: Compared, offset_deg: float, frame: Frame) -> Float
         return angles.wrap360(pairs.recorded_a + offset_deg)
     rotation = frames.upright(offset_deg, pairs.lean_a, pairs.lean_b)
     return frames.turned_heading(pairs.recorded_a, pairs.lean_a, rotation)
-
-
-def _fill_refused(series: HeadingDifference) -> tuple[Floats, Floats]:
-    """Fill five coefficients and their covariance, NaN where a term was refused; A is 0 by definition."""
-    coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
-    coefficients[: series.terms] = series.coefficients
-    coefficients[0] = 0.0
-    covariance[: series.terms, : series.terms] = series.covariance
-    return coefficients, covariance
 
 
 def _no_calibration(n: int, why: str, warnings: tuple[str, ...]) -> Calibration:

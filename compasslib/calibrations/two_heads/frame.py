@@ -1,10 +1,14 @@
-"""Whether two heads stand on one rigid frame, by their tilts alone, and how one is turned in the other's body.
+"""The frame of two heads by their tilts alone, and the difference of their headings as a series.
 
 What points down, seen in b's body, is a constant rotation of what points down in a's: v_b = R v_a. The rotation is
 found by Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with noise in both heads alike. Its turn about the
 vertical is the mounting angle, with no compass in it. Both orientations use the same body axes forward, starboard,
 down (physics page, section 8), so that a head which looks up fits like any other; a mirrored fit betrays a roll that
-was counted the other way.
+was counted the other way. A lean is what points down in a head's body, forward + i starboard (``motion.lean``).
+
+The difference of the headings is a series in b's recorded heading with as many terms as the headings carry: Smith's
+(von Appen 2015, eq. 1; Moncunill Marimón et al. 2023, eq. 1), constant, semicircular, quadrantal. Its covariance is a
+jackknife over stretches of the record, because the errors of a cast follow each other.
 """
 
 from __future__ import annotations
@@ -46,13 +50,7 @@ class Frame:
 
 
 def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
-    """Fit the constant rotation that best takes a's tilts to b's.
-
-    Args:
-        time_s: of the samples, increasing, (n,).
-        lean_a: forward + i starboard of what points down in a's body, (n,).
-        lean_b: the same in b's, (n,).
-    """
+    """Fit the constant rotation that best takes a's tilts to b's."""
     rotation = _rotation(down(lean_b).T @ down(lean_a))
     residual = _angle_between(down(lean_a) @ rotation.T, down(lean_b))
     offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
@@ -84,8 +82,6 @@ def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
 
     Args:
         offset_deg: of b's forward axis clockwise from a's.
-        lean_a: forward + i starboard of what points down in a's body, (n,).
-        lean_b: the same in b's, (n,).
     """
     turn = offset_deg
     for _ in range(ITERATIONS):
@@ -101,8 +97,6 @@ def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -
     differs from a constant offset in the second order: up to half a degree at ten.
 
     Args:
-        heading_a_deg: (n,).
-        lean_a: forward + i starboard of what points down in a's body, (n,).
         rotation: from a's body to b's, (3, 3).
     """
     level = compass.levelling(*tilt_angles(lean_a)) @ rotation[0]
@@ -220,8 +214,6 @@ def fit_difference(
     """Fit the largest series that the covered headings determine, with its covariance.
 
     Args:
-        time_s: increasing, (n,).
-        recorded_deg: b's recorded heading, (n,).
         difference_deg: a's heading, turned, minus b's, in [-180, 180) about a small mean, (n,).
         rate_sigma_deg: what one standard deviation of the clocks does to each difference, (n,).
     """
@@ -265,9 +257,6 @@ def variance_inflation(covered: NDArray[np.bool_], terms: int) -> Floats:
     """Compute the variance of each coefficient over what it would have alone, from the information matrix.
 
     Each covered sector counts alike: that a frame lingered at one heading does not help.
-
-    Args:
-        covered: sectors, (36,).
     """
     if covered.sum() < terms:
         return np.full(terms, np.inf)

@@ -35,11 +35,7 @@ class GapSpline:
         return CubicSpline(self.time_s - self.time_s[0], self.values)
 
     def at(self, time_s: Floats, derivative: int = 0) -> NDArray:
-        """Evaluate the curve, or a derivative by seconds, at instants (k,); NaN in gaps and beyond the ends.
-
-        Args:
-            time_s: instants, (k,).
-        """
+        """Evaluate the curve, or a derivative by seconds, at instants (k,); NaN in gaps and beyond the ends."""
         left = np.searchsorted(self.time_s, time_s, side="right") - 1
         inside = (time_s >= self.time_s[0]) & (time_s <= self.time_s[-1])
         left = np.clip(left, 0, len(self.time_s) - 2)
@@ -104,13 +100,7 @@ def step(time_s: Floats) -> float:
 
 
 def extract_motion(record: Record, start_s: float | None = None, end_s: float | None = None) -> Motion:
-    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window.
-
-    Args:
-        record: of a head, by its own clock.
-        start_s: begin of the window; the record's where None.
-        end_s: end of the window; the record's where None.
-    """
+    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window."""
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & (tilts < STEEPEST_TILT)
@@ -152,9 +142,6 @@ def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
 
     Neighbouring stretches share what is remembered across their border: a stretch of m independent samples shows
     1 - 1/(2m) of the variance of long ones (first-order memory). And few stretches make Student's t of a normal.
-
-    Args:
-        effective: independent samples in the record.
     """
     count = int(np.clip(effective / SAMPLES_IN_STRETCH, MIN_STRETCHES, MAX_STRETCHES))
     shared = 1.0 - 0.5 / max(effective / count, 1.0)
