@@ -25,15 +25,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
-Flags = NDArray[np.bool_]
 DAY_S, HOUR_S = 86400.0, 3600.0
 MIN_SHARE = 0.5  # share of the samples that a mean needs
 MONTH_DAYS = 27  # a rotation of the sun
@@ -137,7 +135,7 @@ def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:
     return np.interp(hour, np.arange(24) + 0.5, curve_deg, period=24.0)
 
 
-def hourly_median(time_s: Floats, off: Floats, chosen: Flags) -> Floats:
+def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
     """Compute the median of the hourly means by hour of the day, (24,), about its median; NaN where one is missing."""
     hours, which = np.unique(np.floor(time_s[chosen] / HOUR_S), return_inverse=True)
     if not len(hours):
@@ -182,7 +180,7 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
 
 def storms(
     time_s: Floats, off: Floats, limit_deg: float
-) -> tuple[Flags, list[tuple[float, float, float, float]], float, int]:
+) -> tuple[Bools, list[tuple[float, float, float, float]], float, int]:
     """Find the disturbed means, each storm's measures, the ordinary disturbance, and the number of spikes.
 
     Args:
@@ -227,7 +225,7 @@ def _slow_course(series_s: Floats, off: Floats, time_s: Floats) -> Floats:
     return np.interp(time_s, (days + 0.5) * DAY_S, course)
 
 
-def _dilate(time_s: Floats, core: Flags, reach_s: float) -> Flags:
+def _dilate(time_s: Floats, core: Bools, reach_s: float) -> Bools:
     """Dilate the core in time."""
     at = time_s[core]
     if not len(at):
@@ -248,7 +246,7 @@ class FieldComparison:
     curve_deg: Floats  # (24,) quiet day by hour of UTC, about its median; NaN where no quiet day is known
     quiet_days: int
     disturbed_deg: Floats  # (n,) what level and quiet day leave
-    stormy: Flags  # (n,) in the disturbed hours of a storm
+    stormy: Bools  # (n,) in the disturbed hours of a storm
     storms: tuple[Storm, ...]  # in the order of time
     ordinary_deg: float  # middle three-hourly disturbance
     spikes: int  # lone values that no storm explains
@@ -337,7 +335,7 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
         quiet_days=len(np.unique(np.floor(time_s[quiet] / DAY_S))),
         disturbed_deg=disturbed,
         stormy=stormy,
-        storms=tuple(make_storm(series, model, each) for each in measures),
+        storms=tuple(make_storm(series, model, measured) for measured in measures),
         ordinary_deg=ordinary,
         spikes=spikes,
         constant_deg=float(np.median(each)),
@@ -368,7 +366,7 @@ def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
     return np.array([np.median(x[r <= np.median(r)]) for x, r in parts]), days
 
 
-def _daily_means(time_s: Floats, off: Floats, stormy: Flags) -> Floats:
+def _daily_means(time_s: Floats, off: Floats, stormy: Bools) -> Floats:
     """Average each day, storms left out where a day is more than one, (d,)."""
     which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)[1]
     calm = ~stormy | (np.bincount(which, ~stormy) == 0)[which]
@@ -385,7 +383,7 @@ def _running_level(levels: Floats, days: Floats) -> Floats:
     return result
 
 
-def _quiet_days(time_s: Floats, rough: Floats, stormy: Flags) -> Flags:
+def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
     """Select the means of the quietest days: whole ones without a storm."""
     number = np.floor(time_s / DAY_S)
     days, which, count = np.unique(number, return_inverse=True, return_counts=True)

@@ -8,7 +8,7 @@ and heading show. What the orientations do not determine is named and not fitted
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import log10
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,16 @@ FOLDED = (
     "The iron is stronger than the earth's horizontal field: a recorded heading has two correct ones and no table can "
     "correct it; take hard_iron off the raw axes instead."
 )
+TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
+WEAK_FIELD_NT = 5000.0  # Le Menn et al. 2023, section 7
+MAX_RESIDUAL_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
+MAX_AXIS_RATIO = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
+TURNS = ("forward", "starboard", "vertical")
+OPEN_TURN = "an ellipsoid is the same however the sensor is turned; only tilts and a logged heading show it"
+MAX_UNIT_ERROR = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
+NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
+UNIT_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
+Field = Mapping[str, float] | None
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
@@ -121,19 +131,6 @@ def _residual(solved: Solved, series: Floats, exact: Floats) -> float:
     return angles.rms(deviation - von_appen.predict(series, recorded))
 
 
-Field = Mapping[str, float] | None
-
-TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
-WEAK_FIELD_NT = 5000.0  # Le Menn et al. 2023, section 7
-MAX_RESIDUAL_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
-MAX_AXIS_RATIO = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
-TURNS = ("forward", "starboard", "vertical")
-OPEN_TURN = "an ellipsoid is the same however the sensor is turned; only tilts and a logged heading show it"
-MAX_UNIT_ERROR = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
-NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
-_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
-
-
 def _points(solved: Solved) -> dict[str, Floats]:
     """Tabulate readings and corrected readings, (n,) each, in the file's unit and axes."""
     scale, field, log = solved.choice.scale, solved.corrected(), solved.log
@@ -154,7 +151,22 @@ def _points(solved: Solved) -> dict[str, Floats]:
 def _details(solved: Solved, field: Field) -> dict[str, Any]:
     """Describe what only a magnetometer has, ready for JSON; null where nothing is determined."""
     choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
-    undetermined = _undetermined(solved)
+    angles_to_instrument = zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
+    misalignment = {
+        name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
+        for name, angle, sigma in angles_to_instrument
+    }
+    open_turns = {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
+    undetermined = {**choice.undetermined, **open_turns}
+    harmonics = None
+    if solved.headed:
+        recorded, corrected = solved.headings()
+        fields = {"before": (solved.readings.field, recorded), "after": (solved.corrected(), corrected)}
+        harmonics = {
+            when: dict(zip(("first", "second"), iron.modulus_harmonics(modulus, heading), strict=True))
+            for when, (each, heading) in fields.items()
+            for modulus in [ellipsoid.modulus(each, solved.down)]
+        }
     details: dict[str, Any] = {
         "model": solved.fitted.model.name,
         "axes": solved.axes.text,
@@ -167,8 +179,8 @@ def _details(solved: Solved, field: Field) -> dict[str, Any]:
         "field_in_file_unit": size,
         "field_is": "horizontal" if choice.level else "total",
         "modulus_residual_percent": _residuals(solved),
-        "harmonics_percent": _harmonics(solved) if solved.headed else None,
-        "misalignment_deg": _misalignment(solved),
+        "harmonics_percent": harmonics,
+        "misalignment_deg": misalignment,
         "left_out": solved.log.left_out,
     }
     if field is not None:
@@ -197,19 +209,15 @@ def _iron(solved: Solved) -> dict[str, Any]:
         "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
         "soft_iron_sigma": ellipsoid.sigma(soft),
     }
-    return {name: _to_json_array(values, choice.undetermined) for name, values in arrays.items()}
-
-
-def _to_json_array(values: Floats, undetermined: Collection[str]) -> list[Any]:
-    """Convert a vector or matrix for JSON, null where the readings do not determine it."""
-    shown = values.astype(object)
-    for name in undetermined:
-        if name in ellipsoid.CENTRE and shown.ndim == 1:
-            shown[ellipsoid.CENTRE.index(name)] = None
-        elif name in ellipsoid.PLACES and shown.ndim == 2:
-            i, j = ellipsoid.PLACES[name]
-            shown[i, j] = shown[j, i] = None
-    return shown.tolist()
+    shown = {name: values.astype(object) for name, values in arrays.items()}
+    for name in choice.undetermined:
+        for values in shown.values():
+            if name in ellipsoid.CENTRE and values.ndim == 1:
+                values[ellipsoid.CENTRE.index(name)] = None
+            elif name in ellipsoid.PLACES and values.ndim == 2:
+                i, j = ellipsoid.PLACES[name]
+                values[i, j] = values[j, i] = None
+    return {name: values.tolist() for name, values in shown.items()}
 
 
 def _residuals(solved: Solved) -> dict[str, float]:
@@ -218,31 +226,6 @@ def _residuals(solved: Solved) -> dict[str, float]:
     moduli = {"before": ellipsoid.modulus(solved.readings.field, down)}
     moduli["after"] = ellipsoid.modulus(solved.corrected(), down)
     return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
-
-
-def _harmonics(solved: Solved) -> dict[str, dict[str, float]]:
-    """Compute the harmonics of the horizontal modulus against the heading before and after, percent."""
-    recorded, corrected = solved.headings()
-    fields = {"before": (solved.readings.field, recorded), "after": (solved.corrected(), corrected)}
-    harmonics = {}
-    for when, (field, heading) in fields.items():
-        first, second = iron.modulus_harmonics(ellipsoid.modulus(field, solved.down), heading)
-        harmonics[when] = {"first": first, "second": second}
-    return harmonics
-
-
-def _misalignment(solved: Solved) -> dict[str, dict[str, float] | None]:
-    """Describe the angles from the magnetometer to the instrument with their sigma, None where open."""
-    return {
-        name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
-        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
-    }
-
-
-def _undetermined(solved: Solved) -> dict[str, str]:
-    """List what stays open with its reason, the turns of the magnetometer too."""
-    turns = [name for name, angle in _misalignment(solved).items() if angle is None]
-    return {**solved.choice.undetermined, **{f"turn about {name}": OPEN_TURN for name in turns}}
 
 
 def _warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[str]:
@@ -296,42 +279,40 @@ def _sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Sou
     off = table.deviation_deg - von_appen.predict(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
     reading_deg = solved.fitted.noise / horizontal / angles.DEGREE
-    return (
+    sources = [
         Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
         Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
         Source("one reading", reading_deg, "scatter of the modulus, one axis"),
-        *(_tilt_sources(solved) if solved.log.tilted else ()),
-    )
-
-
-def _tilt_sources(solved: Solved) -> tuple[Source, ...]:
-    how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
-    if not solved.choice.level:
-        return (Source("tilt sensor", TILT_SENSOR_DEG * abs(solved.dip_ratio), how),)
-    along = np.sum(solved.corrected() * solved.down, axis=1)
-    sensor = Source("tilt sensor", TILT_SENSOR_DEG * float(np.mean(np.abs(along))), how)
-    tilt, hard = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0)))), float(np.hypot(*solved.iron[:2]))
-    how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
-    return sensor, Source("vertical iron", hard * tilt / angles.DEGREE, how)
-
-
-# The modulus of a magnetometer's corrected axes, held against the earth's field of place and date.
-#
-# A file need not say its unit, and the units of a magnetic field differ by powers of ten: without iron the modulus must
-# be IGRF's in one of them. Headers such as ``mag_x_nT`` say which.
+    ]
+    if solved.log.tilted:
+        ratio = abs(solved.dip_ratio)
+        if solved.choice.level:
+            ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
+        how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
+        sources.append(Source("tilt sensor", TILT_SENSOR_DEG * ratio, how))
+    if solved.log.tilted and solved.choice.level:
+        tilt = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0))))
+        hard = float(np.hypot(*solved.iron[:2]))
+        how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
+        sources.append(Source("vertical iron", hard * tilt / angles.DEGREE, how))
+    return tuple(sources)
 
 
 def _unit_warnings(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:
     """Warn where no unit makes the modulus that of the earth's field, or the named one does not.
 
+    A file need not say its unit, and the units of a magnetic field differ by powers of ten: without iron the modulus
+    must be IGRF's in one of them. Headers such as ``mag_x_nT`` say which.
+
     Args:
         modulus: of the corrected axes, in the file's unit.
         what: which strength, total or horizontal.
     """
-    unit = _unit(columns)
-    if unit is None and _nearly_equal(10.0 ** round(log10(modulus / strength_nT)), modulus / strength_nT):
-        return []
-    if unit is not None and _nearly_equal(1.0, modulus * NANOTESLA[unit] / strength_nT):
+    ends = {match[1] if (match := UNIT_SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
+    unit = ends.pop() if len(ends) == 1 else None
+    ratio = modulus / strength_nT
+    agreement = 10.0 ** round(log10(ratio)) / ratio if unit is None else 1.0 / (modulus * NANOTESLA[unit] / strength_nT)
+    if abs(agreement - 1.0) < MAX_UNIT_ERROR:
         return []
     text = f"The {what} field is {modulus:.4g} {unit or 'in the unit of the file'} without the iron that was found"
     expected = f"IGRF has {strength_nT:.0f} nT at place and date"
@@ -341,13 +322,3 @@ def _unit_warnings(modulus: float, strength_nT: float, what: str, columns: Mappi
         f"{text}; {expected}. {by} the two agree: a wrong scale, unit, place or date, counts of the sensor's "
         "own, or not the earth's field. Headings depend on ratios only and stand; hard_iron is in the file's unit."
     ]
-
-
-def _unit(columns: Mapping[str, str]) -> str | None:
-    """Read the unit from the ends of the headers of x and y, where they agree."""
-    ends = {match[1] if (match := _SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
-    return ends.pop() if len(ends) == 1 else None
-
-
-def _nearly_equal(a: float, b: float) -> bool:
-    return abs(a / b - 1.0) < MAX_UNIT_ERROR

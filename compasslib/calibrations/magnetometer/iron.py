@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.calibrations.magnetometer import ellipsoid
@@ -18,6 +17,7 @@ from compasslib.types import Floats
 
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
 GRID_DEG = np.arange(0.0, 360.0, 5.0)
+MAX_SCATTER_RATIO = 0.5  # scatter of a logged heading about the corrected one over that about the raw one
 ROUNDS = 3  # of the tilt angles' linear step
 MAX_DILUTION = 10.0  # tilt angles, radians for an error of the whole field: 0.3 % then makes 1.7 degrees
 
@@ -87,19 +87,15 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
         turned = field @ turn.T
         columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
         if not wide.any():
-            wide = _is_diluted(columns)
+            values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
+            inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+            wide = np.sqrt(np.diag(inverse))[1:] > MAX_DILUTION
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = _rotation(solved[1:]) @ turn
     vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
     matrix = turn @ iron[3:].reshape(3, 3)
     return np.where(wide, np.nan, vector / angles.DEGREE), float(solved[0]), np.append(iron[:3], matrix.ravel())
-
-
-def _is_diluted(columns: Floats) -> NDArray[np.bool_]:
-    values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
-    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-    return np.sqrt(np.diag(inverse))[1:] > MAX_DILUTION
 
 
 def _rotation(vector: Floats) -> Floats:
@@ -109,9 +105,6 @@ def _rotation(vector: Floats) -> Floats:
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, cosine = (float(v) for v in angles.sin_cos(length / angles.DEGREE))
     return np.eye(3) + sine * across + (1.0 - cosine) * across @ across
-
-
-MAX_SCATTER_RATIO = 0.5  # scatter of a logged heading about the corrected one over that about the raw one
 
 
 @dataclass(frozen=True)
@@ -230,7 +223,12 @@ def _align_to_heading(solved: Solved) -> Solved:
     centre, scatter = _about_mean(angles.difference(logged, corrected))
     if scatter > MAX_SCATTER_RATIO * _about_mean(angles.difference(logged, recorded))[1]:
         return solved
-    turns_deg = np.array([_turn_without(solved, k, logged) for k in range(len(solved.replicates))])
+    block, angles_deg = ellipsoid.blocks(len(logged)), []
+    for k, replicate in enumerate(solved.replicates):  # each on the readings that it was made of
+        remaining = block != k
+        headings = compute_headings(replicate, solved.readings.take(remaining), solved.levelling[remaining])
+        angles_deg.append(_about_mean(angles.difference(logged[remaining], headings[1]))[0])
+    turns_deg = np.array(angles_deg)
     sigma = float(ellipsoid.sigma(angles.difference(turns_deg, centre) + solved.turn_replicates_deg[:, 2]))
     turns = zip(solved.replicates, turns_deg, strict=True)
     return replace(
@@ -246,13 +244,6 @@ def _align_to_heading(solved: Solved) -> Solved:
 def _about_mean(off_deg: Floats) -> tuple[float, float]:
     centre = float(angles.wrap180(angles.mean(off_deg)))
     return centre, angles.rms(angles.difference(off_deg, centre))
-
-
-def _turn_without(solved: Solved, k: int, logged_deg: Floats) -> float:
-    """Average the angle from the corrected to the logged heading by a replicate, on the readings it was made of."""
-    remaining = ellipsoid.blocks(len(logged_deg)) != k
-    parts = solved.replicates[k], solved.readings.take(remaining), solved.levelling[remaining]
-    return _about_mean(angles.difference(logged_deg[remaining], compute_headings(*parts)[1]))[0]
 
 
 def _about_down(iron: Floats, angle_deg: float) -> Floats:

@@ -197,15 +197,13 @@ def _gravity_reason(log: Log) -> str:
         if constant and abs(mean - value) < GRAVITY_SHARE * value:
             also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
             return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
-    if log.tilted and _follows_tilts(log.raw, log.levelling()[:, 2, :]):
+    if not log.tilted:
+        return ""
+    raw, down = log.raw[:, :2], log.levelling()[:, 2, :2]
+    varies = min(raw.std(axis=0).min(), down.std(axis=0).min()) > 0.0
+    if varies and all(abs(np.corrcoef(raw[:, k], down[:, k])[0, 1]) > LIKE_TILT for k in (0, 1)):
         return "x and y follow pitch and roll, not the heading: this is gravity, from an accelerometer."
     return ""
-
-
-def _follows_tilts(raw: Floats, down: Floats) -> bool:
-    if min(down[:, 0].std(), down[:, 1].std(), raw[:, 0].std(), raw[:, 1].std()) == 0.0:
-        return False
-    return all(abs(np.corrcoef(raw[:, k], down[:, k])[0, 1]) > LIKE_TILT for k in (0, 1))
 
 
 def level_heading(field: Floats, levelling: Floats) -> Floats:
@@ -234,9 +232,8 @@ def determine_axes(log: Log) -> tuple[Axes, list[str]]:
         return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
     best, scatter, off = search_axes(log)
     if scatter > MAX_SCATTER_DEG:
-        return assumed, [
-            f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {_describe_axes(np.eye(3))}."
-        ]
+        doubt = f"The logged heading does not follow the axes (scatter {scatter:.0f}°)."
+        return assumed, [f"{doubt} {_describe_axes(np.eye(3))}."]
     text = _describe_axes(best) + " (from the logged heading)"
     if scatter > ALIKE_DEG:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
@@ -254,17 +251,13 @@ def search_axes(log: Log) -> tuple[Floats, float, float]:
     for y, z in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
         matrix = np.diag([1.0, y, z])
         for quarter in range(4):
-            turned = _quarter_turn(quarter) @ matrix
+            turned = np.round(about_down(90.0 * quarter)) @ matrix
             off = angles.difference(logged, level_heading(log.raw @ turned.T, levelling))
             centre = float(angles.wrap180(angles.mean(off)))
             scatter = angles.rms(angles.difference(off, centre))
             if abs(centre) <= 45.0 and scatter < MAX_SCATTER_RATIO * least:
                 best, least, mean = turned, scatter, centre
     return best, float(least), mean
-
-
-def _quarter_turn(k: int) -> Floats:
-    return np.round(about_down(90.0 * k))
 
 
 def about_down(angle_deg: float) -> Floats:

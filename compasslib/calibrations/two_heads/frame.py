@@ -31,6 +31,17 @@ MAX_RMS_DEG = 1.5  # no two inclinometers of one frame differ so much
 MIN_VARIATION_DEG = 0.3  # tilts that vary less than this tell nothing of a rotation
 ITERATIONS = 3  # a lean turns the forward axis in the second order, taken back by iteration
 MIN_CORRELATION = 0.5  # correlation of the tilts below which b does not follow a
+TERM_NAMES = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
+# A coefficient's variance over what full coverage would give it. With 10, three terms need about 160 degrees and five
+# about 230.
+MAX_INFLATION = 10.0
+SECTOR_DEG, SECTORS = 10.0, 36
+MIN_IN_SECTOR = 5
+CLIP_SIGMAS = 5.0  # beyond which a difference is a spike
+# Assumed standard deviations of B, C, D, E where they are refused: what a difference of two compasses without strong
+# iron may hold. A refused term is not zero: it leaks into those that are fitted.
+ALLOWANCE_DEG = np.array([5.0, 5.0, 2.0, 2.0])
+REACH_DEG = 10.0  # a table of fewer than five terms goes this far beyond the headings that were covered
 
 
 @dataclass(frozen=True)
@@ -52,7 +63,8 @@ class Frame:
 def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     """Fit the constant rotation that best takes a's tilts to b's."""
     rotation = _rotation(down(lean_b).T @ down(lean_a))
-    residual = _angle_between(down(lean_a) @ rotation.T, down(lean_b))
+    chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
+    residual = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)) / angles.DEGREE
     offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
     proper, mirrored, variation = _correlations(lean_a, lean_b)
     rms = float(np.sqrt(np.mean(residual**2)))
@@ -108,7 +120,10 @@ def _turn_and_lean(turn_deg: float, down_a: Floats, down_b: Floats) -> Floats:
     sine, cosine = (float(x) for x in angles.sin_cos(turn_deg))
     turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     vertical_a, vertical_b = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))
-    return _least_rotation(vertical_a, vertical_b) @ turned
+    x, y, z = np.cross(vertical_a, vertical_b)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    least = np.eye(3) + cross + cross @ cross / (1.0 + vertical_a @ vertical_b)  # Rodrigues
+    return np.asarray(least) @ turned
 
 
 def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation: Floats) -> float:
@@ -128,17 +143,6 @@ def _rotation(moment: Floats) -> Floats:
     left, _, right = np.linalg.svd(moment)
     sign = np.sign(np.linalg.det(left @ right))
     return np.asarray(left * [1.0, 1.0, sign] @ right)
-
-
-def _least_rotation(first: Floats, second: Floats) -> Floats:
-    """Find the least rotation that takes one unit vector to another (Rodrigues)."""
-    x, y, z = np.cross(first, second)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + first @ second))
-
-
-def _angle_between(first: Floats, second: Floats) -> Floats:
-    return 2.0 * np.arcsin(np.minimum(np.linalg.norm(first - second, axis=1) / 2.0, 1.0)) / angles.DEGREE
 
 
 def _correlations(lean_a: Complexes, lean_b: Complexes) -> tuple[float, float, float]:
@@ -174,19 +178,6 @@ def _verdict(
     if rms <= RIGID_DEG and worst <= MAX_RMS_DEG:
         return "rigid", rotation + ": the frame is rigid as far as inclinometers tell."
     return "doubtful", rotation + ": more than two good inclinometers differ by."
-
-
-TERM_NAMES = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
-# A coefficient's variance over what full coverage would give it. With 10, three terms need about 160 degrees and five
-# about 230.
-MAX_INFLATION = 10.0
-SECTOR_DEG, SECTORS = 10.0, 36
-MIN_IN_SECTOR = 5
-CLIP_SIGMAS = 5.0  # beyond which a difference is a spike
-# Assumed standard deviations of B, C, D, E where they are refused: what a difference of two compasses without strong
-# iron may hold. A refused term is not zero: it leaks into those that are fitted.
-ALLOWANCE_DEG = np.array([5.0, 5.0, 2.0, 2.0])
-REACH_DEG = 10.0  # a table of fewer than five terms goes this far beyond the headings that were covered
 
 
 @dataclass(frozen=True)
