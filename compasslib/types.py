@@ -1,4 +1,4 @@
-"""Types of arrays that every room speaks of."""
+"""Types of arrays and units of time that every room speaks of."""
 
 from __future__ import annotations
 
@@ -8,3 +8,4 @@ from numpy.typing import NDArray
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 Complexes = NDArray[np.complexfloating]
+HOUR_S, DAY_S = 3600.0, 86400.0

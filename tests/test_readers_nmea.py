@@ -143,7 +143,7 @@ def test_a_file_without_pairs_is_refused(tmp_path, content):
 
 
 def test_an_absent_file_is_an_error(tmp_path):
-    with pytest.raises(InputError, match="expected a readable NMEA 0183 log"):
+    with pytest.raises(InputError, match="expected a readable file, found No such file"):
         nmea.read([tmp_path / "nowhere.nmea"])
 
 

@@ -132,7 +132,7 @@ def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
     whole = np.array([beams])
     holed = whole.copy()
     holed[0, lost] = np.nan
-    filled, where = currents.three_beam(holed)
+    filled, where = currents.fill_missing_beam(holed)
     assert where.tolist() == [True]
     found, known = (currents.beams_to_instrument(each, angle) for each in (filled, whole))
     for a, b in zip(found, known, strict=True):
@@ -140,7 +140,7 @@ def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
 
 
 def test_two_missing_beams_stay_missing() -> None:
-    beams, where = currents.three_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
+    beams, where = currents.fill_missing_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
     assert not where.any() and np.isnan(beams[0, :2]).all()
 
 

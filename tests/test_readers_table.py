@@ -1,13 +1,15 @@
-"""Tables: column roles, units, bins, and one line for what cannot be read."""
+"""Tables: column roles, units, bins, covariates, forms that people have, and one line for what cannot be read."""
 
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tables
 
 from compasslib.errors import InputError
 from compasslib.readers import read
+from compasslib.readers.table import read_series
 
 ROLES = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
 
@@ -297,3 +299,30 @@ def test_times_and_headers_in_quotation_marks_are_read(tmp_path, separator, mark
     path.write_text("\n".join(lines) + "\n")
     found = read("table", [path], {"columns": {"time": "t", "east": "u", "north": "v"}})
     assert np.diff(found.time_s).tolist() == [3600.0] and found.east[:, 0].tolist() == [1.0, 3.0]
+
+
+def test_a_covariate_is_its_rows_in_the_order_of_time_without_gaps_and_contradictions(tmp_path):
+    hours = {"03": 3, "01": 1, "02": 2, "04": ""}
+    text = "at,A\n" + "".join(f"2007-09-04T{hour}:00Z,{value}\n" for hour, value in hours.items())
+    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "b.csv").write_text("at,A\n2007-09-04T01:00Z,1\n2007-09-04T02:00Z,9\n")
+    files = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
+    time_s, value, _ = read_series({"files": files, "columns": {"time": "at", "value": "A", "date": None}})
+    assert ((time_s - 1188864000.0) / 3600.0).tolist() == [1.0, 3.0] and value.tolist() == [1.0, 3.0]
+
+
+def test_a_covariate_without_a_value_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("at,A\n2007-09-04T01:00Z,\n")
+    with pytest.raises(InputError, match="expected rows with a time and a value, found none"):
+        read_series({"files": [str(tmp_path / "a.csv")], "columns": {"time": "at", "value": "A"}})
+
+
+FORMS = tables.VARIANTS | tables.drawn(seed=1, n=20)
+OTHERS = [kind for kind in tables.KINDS if kind != "table"]
+EACH = [("table", name) for name in FORMS] + [(OTHERS[k % len(OTHERS)], name) for k, name in enumerate(FORMS)]
+
+
+@pytest.mark.parametrize(("kind", "name"), EACH)
+def test_a_table_is_read_right_or_refused_by_the_key_that_settles_it(tmp_path, kind, name):
+    found, key = tables.outcome(Path(tmp_path, "table.csv"), FORMS[name], kind), tables.settled_by(FORMS[name])
+    assert (found.startswith("refused") and key in found) if key else found == "right"

@@ -63,7 +63,7 @@ FORMATS = {
 
 
 def format_names() -> tuple[str, ...]:
-    """Return the formats that are read here, those of other packages last.
+    """List the formats that are read here, those of other packages last.
 
     Raises:
         InputError: another package uses a name that is taken.
@@ -72,7 +72,7 @@ def format_names() -> tuple[str, ...]:
 
 
 def get_format(form: str) -> Format:
-    """Return a format; of a plug-in's ``read`` the keyword-only parameters are the keys of the instrument.
+    """Look up a format; of a plug-in's ``read`` the keyword-only parameters are the keys of the instrument.
 
     Args:
         form: one of ``format_names``.
@@ -85,12 +85,12 @@ def get_format(form: str) -> Format:
     point = plugins.points(plugins.READERS, FORMATS)[form]
     with plugins.refusing(point, "a function that reads files"):
         parameters = signature(plugins.loaded(point)).parameters.values()
-    keys = tuple(one.name for one in parameters if one.kind is one.KEYWORD_ONLY)
+    keys = tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
     return Format(point.module, keys, plugins.identity(point))
 
 
 def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Record:
-    """Return what an instrument recorded, by its own clock, nothing left out.
+    """Read the record of an instrument, by its own clock, nothing left out.
 
     Args:
         form: one of ``format_names``.
@@ -99,22 +99,22 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
     Raises:
         InputError: a file that cannot be read.
     """
-    found = get_format(form)
-    keys = {key: settings.get(key) for key in found.keys}
-    if found.plugin:
-        return _of_plugin(form, found.plugin, paths, keys)
+    known = get_format(form)
+    keys = {key: settings.get(key) for key in known.keys}
+    if known.plugin:
+        return _read_by_plugin(form, known.plugin, paths, keys)
     with detect.format_hints(form, paths, offered=FORMATS):
-        record: Record = import_module(f"compasslib.readers.{found.module}").read(paths, **keys)
+        record: Record = import_module(f"compasslib.readers.{known.module}").read(paths, **keys)
     return record
 
 
-def _of_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str, Any]) -> Record:
+def _read_by_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str, Any]) -> Record:
     from compasslib.records import Record
 
     point = plugins.points(plugins.READERS, FORMATS)[form]
     with plugins.refusing(point, "a Record"):
         record = plugins.loaded(point)(paths, **keys)
     if not isinstance(record, Record):
-        found, advice = type(record).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
-        raise InputError(f"{plugin}: {point.value}", expected="a Record", found=found, advice=advice)
+        shown, advice = type(record).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
+        raise InputError(f"{plugin}: {point.value}", expected="a Record", found=shown, advice=advice)
     return replace(record, warnings=(f"Read by {plugin}.", *record.warnings))

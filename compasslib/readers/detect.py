@@ -1,6 +1,6 @@
-"""What a file is, by its first bytes: formats that are read, and those that people have at hand beside them.
+"""The kind of a file by its first bytes: formats that are read, and those that people have at hand.
 
-A line of ``KINDS`` is one kind of file: what it is called, the format that reads it, what its first bytes hold. The
+A line of ``KINDS`` is one kind of file: its name, the format that reads it, the bytes that it begins with. The
 first that fits counts. So a wrong format is named instead of refused:
 
     raw/x.ad2cp: expected an RDI PD0 file, found a Nortek ad2cp file; write format: nortek
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compasslib.errors import InputError, Passing
-from compasslib.readers.files import TooLarge, utf16
+from compasslib.readers.files import TooLarge, detect_utf16, read_bytes, unreadable
 
 HEAD_BYTES = 65536
 SEARCHED_BYTES = 2**20  # in which records are looked for where the first bytes tell nothing
@@ -128,7 +128,7 @@ NORTEK_START = 0xB58C  # of a checksum's sum of words
 
 
 def detect_kind(path: str | Path) -> Kind | None:
-    """Return what a file is, None where nobody knows; of a gzip file with a known kind inside both are named.
+    """Detect the kind of a file, None where nobody knows; of a gzip file with a known kind inside both are named.
 
     Raises:
         InputError: it cannot be read.
@@ -136,20 +136,19 @@ def detect_kind(path: str | Path) -> Kind | None:
     try:
         with Path(path).open("rb") as file:
             head = file.read(HEAD_BYTES)
-            found = _of(head)
-            if found is None or found is ZEROS or (found.form in TEXTS and not _is_text(head)):
-                found = _of_record_in(head + file.read(SEARCHED_BYTES - len(head))) or found
+            kind = _kind_of_head(head)
+            if kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head)):
+                kind = _kind_of_record(head + file.read(SEARCHED_BYTES - len(head))) or kind
     except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise InputError(str(path), expected="a readable file", found=reason, advice="check the path") from None
-    if found is None or found.name != "a gzip file":
-        return found
+        raise unreadable(path, error) from None
+    if kind is None or kind.name != "a gzip file":
+        return kind
     try:
-        inner = _of(zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES))
+        inner = _kind_of_head(zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES))
     except zlib.error:
-        return found
-    packed = f"a gzip file that holds {inner.name}" if inner else found.name
-    return Kind(packed, inner.form if inner is TABLE else None, found.holds, UNPACK)
+        return kind
+    packed = f"a gzip file that holds {inner.name}" if inner else kind.name
+    return Kind(packed, inner.form if inner is TABLE else None, kind.holds, UNPACK)
 
 
 @contextmanager
@@ -161,7 +160,7 @@ def format_hints(
     Args:
         form: the format by which they are read.
         offered: formats that may stand in its place.
-        advice: what to do where the found kind is not among these; by the kind where empty.
+        advice: what to do where the kind found is not among these; by the kind where empty.
 
     Raises:
         InputError: the reader's own where every file is of its format or unknown, else one that names the kind.
@@ -172,47 +171,43 @@ def format_hints(
         raise
     except InputError as error:
         for path in paths:
-            if Path(path).is_file() and (other := _other(form, path)):
+            if Path(path).is_file() and (other := _wrong_kind(form, path)):
                 expected = READABLE.get(form, f"a file of format {form}")
-                to_do = f"write format: {other.form}" if other.form in offered else advice or _advice(other)
+                to_do = advice or ELSEWHERE.get(other.form or "", other.advice)
+                to_do = f"write format: {other.form}" if other.form in offered else to_do
                 raise InputError(str(path), expected=expected, found=other.name, advice=to_do) from None
         if as_text := next((path for path in paths if form in BINARY and _copied_as_text(path)), None):
-            found = "one copied as text: a carriage return stands before every line feed"
+            shown = "one copied as text: a carriage return stands before every line feed"
             to_do = "copy it again from the instrument in binary mode"
-            raise InputError(str(as_text), expected=READABLE[form], found=found, advice=to_do) from None
+            raise InputError(str(as_text), expected=READABLE[form], found=shown, advice=to_do) from None
         raise error from None
 
 
 def _copied_as_text(path: str | Path) -> bool:
     """Tell a file in which a carriage return stands before every line feed, of which bytes hold many by chance."""
     try:
-        data = Path(path).read_bytes()
-    except OSError:
+        data = read_bytes(path)
+    except InputError:
         return False
     feeds = data.count(b"\n")
     return feeds >= LINE_FEEDS and feeds == data.count(b"\r\n")
 
 
-def _other(form: str, path: str | Path) -> Kind | None:
-    """Return what a file is where another format, or none, reads it."""
-    found = detect_kind(path)
-    if found is None or found.name == "an empty file" or (found in (TABLE, PROSE) and form in TEXTS):
+def _wrong_kind(form: str, path: str | Path) -> Kind | None:
+    """Detect the kind of a file where another format, or none, reads it."""
+    kind = detect_kind(path)
+    if kind is None or kind.name == "an empty file" or (kind in (TABLE, PROSE) and form in TEXTS):
         return None  # the reader's own words say more
-    same = found.form is not None and READABLE.get(found.form) == READABLE.get(form)
-    return None if same else found
+    same = kind.form is not None and READABLE.get(kind.form) == READABLE.get(form)
+    return None if same else kind
 
 
-def _advice(kind: Kind) -> str:
-    return ELSEWHERE.get(kind.form or "", kind.advice)
-
-
-def _of(head: bytes) -> Kind | None:
-    found = next((kind for kind in KINDS if kind.holds.match(head)), None)
-    if found:
-        return found
+def _kind_of_head(head: bytes) -> Kind | None:
+    if kind := next((each for each in KINDS if each.holds.match(head)), None):
+        return kind
     if hexadecimal := _hexadecimal(head):
         return hexadecimal
-    if wide := utf16(head):
+    if wide := detect_utf16(head):
         head = head[: len(head) // 2 * 2].decode(wide, errors="replace").encode("latin-1", errors="replace")
     if not _is_text(head):
         return None
@@ -222,7 +217,7 @@ def _of(head: bytes) -> Kind | None:
 
 
 def _hexadecimal(head: bytes) -> Kind | None:
-    """Return what binary file a text of hexadecimal digits stands for, None where few lines hold a long row of them."""
+    """Identify the binary file in a text of hexadecimal digits, None where few lines hold a long row of them."""
     lines = [line for line in head.splitlines() if line.strip()]
     rows = [(line, row[0]) for line in lines if (row := _DIGITS.search(line))]
     digits = b"".join(row.replace(b" ", b"") for _, row in rows)
@@ -247,7 +242,7 @@ def _is_row(line: bytes) -> bool:
     return digits > letters and bool(re.search(rb"\S[,;|\t ]+\S", line))
 
 
-def _of_record_in(data: bytes) -> Kind | None:
+def _kind_of_record(data: bytes) -> Kind | None:
     """Identify a file by the first binary record in it whose checksum holds, whatever stands before."""
     view = memoryview(data)
     for mark in _BINARY_RECORD.finditer(data):

@@ -1,4 +1,4 @@
-"""What quality flags mean: the exact words of known vocabularies, and the key ``flags`` of the mooring file.
+"""The meaning of quality flags: the exact words of known vocabularies, and the key ``flags`` of the mooring file.
 
 The vocabularies are those of OceanSITES (manual 1.2 to 1.4), IMOS, Argo (reference table 2), SeaDataNet (L20), QARTOD
 and WOCE (of CTDs). A word or a value that stands in none of them and not under ``flags`` has no
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -68,24 +69,19 @@ VOCABULARIES: tuple[tuple[str, str, Mapping[str, str]], ...] = (
 
 
 def parse_flag_settings(key: Mapping[str, Iterable[object]] | None) -> dict[str, int]:
-    """Return the flag of each word or value under the mooring file's key ``flags``.
-
-    Args:
-        key: good, bad and unchecked -> meanings or values of the file.
-    """
+    """Map each meaning or value under the mooring file's key ``flags`` (good, bad and unchecked) to its flag."""
     return {normalize(item): KEYS[name] for name, items in (key or {}).items() for item in items}
 
 
 def normalize(word: object) -> str:
-    """Return a meaning or value in the spelling that all are compared in."""
+    """Spell a meaning or value as all are compared."""
     return re.sub(r"[\s-]+", "_", str(word).strip().lower())
 
 
 def flag_of(value: str, word: str, stated: Mapping[str, int]) -> int | None:
-    """Return the OceanSITES flag of a value and its meaning, None where nobody knows it.
+    """Look up the OceanSITES flag of a value and its meaning, if stated; None where nobody knows it.
 
     Args:
-        word: the meaning that the file states, empty without one.
         stated: see ``parse_flag_settings``; it counts before the vocabularies.
     """
     word, value = normalize(word), normalize(value)
@@ -93,7 +89,7 @@ def flag_of(value: str, word: str, stated: Mapping[str, int]) -> int | None:
 
 
 def find_vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
-    """Return name and values of the vocabulary that the first of some texts names, nothing where none does."""
+    """Find name and values of the vocabulary that the first of some texts names, nothing where none does."""
     for text in texts:
         for name, pattern, words in VOCABULARIES:
             if re.search(pattern, text.lower()):
@@ -102,26 +98,18 @@ def find_vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
 
 
 def worst_flag(flags: Sequence[ArrayLike]) -> Flags:
-    """Return the worst of several flags, element by element; their shapes broadcast."""
+    """Take the worst of several flags, element by element; their shapes broadcast."""
     rank = np.zeros(max(ORDER) + 1, dtype=np.int8)
     rank[list(ORDER)] = np.arange(len(ORDER))
-    ranks = [rank[np.asarray(one)] for one in flags]
-    highest: Any = ranks[0]
-    for other in ranks[1:]:
-        highest = np.maximum(highest, other)
+    highest: Any = reduce(np.maximum, (rank[np.asarray(flag)] for flag in flags))
     return np.array(ORDER, dtype=np.int8)[highest]
 
 
 def describe_unknown_flags(where: str, unknown: Mapping[str, int]) -> str:
-    """Return the sentence about meanings that nobody knows.
-
-    Args:
-        where: the variable or column.
-        unknown: meaning, or value without one -> how many samples have it.
-    """
+    """Word the sentence about meanings of a variable or column that nobody knows, with their numbers of samples."""
     shown = ", ".join(f"{meaning} ({n} samples)" for meaning, n in list(unknown.items())[:SHOWN])
-    rest = f" and {len(unknown) - SHOWN} more" if len(unknown) > SHOWN else ""
+    more = f" and {len(unknown) - SHOWN} more" if len(unknown) > SHOWN else ""
     return (
-        f"{where}: the meaning of the flags {shown}{rest} is not known, and they count as probably bad; say it in the "
+        f"{where}: the meaning of the flags {shown}{more} is not known, and they count as probably bad; say it in the "
         f"mooring file, for example flags: {{bad: [{next(iter(unknown))}]}}, or under good or unchecked."
     )

@@ -1,4 +1,4 @@
-"""Which column of a table is what, by the words of its header: for drafts alone, which a person looks through."""
+"""Guesses of which column of a table is what, by the words of its header: for drafts, which a person looks through."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
 
 @dataclass(frozen=True)
 class GuessedTable:
-    """What a table probably is."""
+    """A guess of the content of a table."""
 
     kind: str  # instrument | platform | swing | magnetometer | series | pressure
     columns: dict[str, str]  # role -> header
@@ -78,11 +78,7 @@ class GuessedTable:
 
 
 def guess_columns(path: Path) -> GuessedTable | None:
-    """Return what a table probably is, None where its header does not tell.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Guess the columns of a table, None where its header does not tell."""
     delimiters = list(delimited.DELIMITERS)[: -1 if _is_delimited(path) else None]  # blanks may stand inside such names
     lines = delimited.find_lines(
         path, lambda names: guess_from_names(names) is not None, must=True, delimiters=delimiters
@@ -105,7 +101,7 @@ def _is_delimited(path: Path) -> bool:
 
 
 def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
-    """Return what a table with such a header probably is, None where it does not tell.
+    """Guess the columns of a table with such a header, None where it does not tell.
 
     >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
@@ -119,14 +115,19 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
         if {"date", "clock"} <= set(columns):
             columns.pop("time", None)
         clock = ("time",) if "time" in columns else ()
-        kept = {role: columns[role] for role in (*clock, *flow, *_ABOUT) if role in columns}
+        chosen = {role: columns[role] for role in (*clock, *flow, *_ABOUT) if role in columns}
         if clock:
-            kept = {role: header for role, header in kept.items() if role not in ("date", "clock")}
-        return GuessedTable("instrument", kept, _scale(columns[role] for role in flow), _north(columns, flow))
+            chosen = {role: header for role, header in chosen.items() if role not in ("date", "clock")}
+        speeds = (_SPEED.search(re.sub(r"[\])]", "", columns[role].lower())) for role in flow)
+        units = {match[1] for match in speeds if match}
+        names = [columns[role].lower() for role in (*flow, "heading") if role in columns]
+        norths = {north for north, words in _NORTH.items() for name in names if re.search(words, name)}
+        scale = SPEEDS[units.pop()] if len(units) == 1 else None
+        return GuessedTable("instrument", chosen, scale, norths.pop() if len(norths) == 1 else None)
     for kind, words, must in _TABLES:
-        found = _roles(names, words)
-        if set(must) <= set(found):
-            return GuessedTable(kind, found)
+        roles = _roles(names, words)
+        if set(must) <= set(roles):
+            return GuessedTable(kind, roles)
     if timed and "pressure" in columns and len(names) <= PRESSURE_ALONE:
         return GuessedTable("pressure", {role: columns[role] for role in ("time", "pressure") if role in columns})
     others = [name for name in names if name not in columns.values()]
@@ -134,32 +135,20 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
 
 
 def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:
-    """Return the header of each role, the first that has its words, none twice."""
+    """Match headers to roles, the first that has a role's words, none twice."""
     plain = {name: _plain(name) for name in names}
-    found: dict[str, str] = {}
+    roles: dict[str, str] = {}
     for role, pattern in words.items():
-        free = (name for name in plain if role == "clock" or name not in found.values())
+        free = (name for name in plain if role == "clock" or name not in roles.values())
         match = next((name for name in free if re.fullmatch(pattern, plain[name])), None)
         if match is not None:
-            found[role] = match
-    if found.get("clock") == found.get("time") and "date" not in found:
-        found.pop("clock", None)
-    return found
+            roles[role] = match
+    if roles.get("clock") == roles.get("time") and "date" not in roles:
+        roles.pop("clock", None)
+    return roles
 
 
 def _plain(name: str) -> str:
-    """Return a header without its unit, in small letters, what parts its words as one sign."""
-    bare = _SPEED.sub("", _UNIT.sub("", name.strip().lower()).strip())
-    return re.sub(r"[\W_]+", "_", bare).strip("_")
-
-
-def _scale(headers: Iterable[str]) -> float | None:
-    units = {match[1] for header in headers if (match := _SPEED.search(re.sub(r"[\])]", "", header.lower())))}
-    return SPEEDS[units.pop()] if len(units) == 1 else None
-
-
-def _north(columns: Mapping[str, str], flow: Iterable[str]) -> str | None:
-    """Identify the north of the directions, where the headers of currents and heading name one and no other."""
-    named = [columns[role].lower() for role in (*flow, "heading") if role in columns]
-    found = {north for north, words in _NORTH.items() for name in named if re.search(words, name)}
-    return found.pop() if len(found) == 1 else None
+    """Strip a header of its unit; small letters, what parts its words as one sign."""
+    unitless = _SPEED.sub("", _UNIT.sub("", name.strip().lower()).strip())
+    return re.sub(r"[\W_]+", "_", unitless).strip("_")

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers import detect
 from compasslib.readers.files import read_text_bytes, refuse_mostly_damaged
 from compasslib.records import FieldSeries
-from compasslib.types import Floats
+from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 MISSING = 88888.0  # and 99999; nothing on earth is as large
 LABEL_ENDS = 24  # column before which a header's label stands
@@ -36,7 +35,7 @@ LEAST_MINUTES, LARGEST_MINUTES = -10800.0, 21600.0  # of arc: half a turn to the
 FILLERS = (0.0, 99.0, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 32767.0, 32768.0)  # of either sign
 FEWEST_FILLED, ALONE_NT, ALONE_MINUTES = 3, 200.0, 35.0  # a value so often, so far from every other: no storm does that
 STEPS_OFF = 8.0  # of the middle step between neighbours: so far a filler stands from what is around it
-STUCK_S, FEWEST_STUCK = 86400.0, 24  # no declination stands still for a day, whatever its resolution
+STUCK_S, FEWEST_STUCK = DAY_S, 24  # no declination stands still for a day, whatever its resolution
 CONTRADICTION = 0.01  # of F: what pillars of one observatory differ by is a tenth of it
 LEAST_F_NT = 10000.0  # a smaller F is a difference of two instruments
 NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.02  # of a variation about zero: its declination, its horizontal part of F
@@ -55,7 +54,7 @@ class _File:
 
 
 def read(paths: Sequence[str | Path]) -> FieldSeries:
-    """Return the series of one observatory from its files, in the order of time, each instant once.
+    """Read the series of one observatory from its files, in the order of time, each instant once.
 
     Args:
         paths: IAGA-2002 files of one station, in any order.
@@ -64,20 +63,19 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         InputError: a file is not of this format, holds no rows or no declination, or is of another station.
     """
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
-        files = [_file(Path(path)) for path in paths]
-    _one_station(files)
-    parts = [np.array([one.time_s, *_field(one.values)]) for one in files]
-    every = np.concatenate(parts, axis=1)
-    _, first, which = np.unique(every[0], return_index=True, return_inverse=True)
-    time_s, declination, horizontal, vertical = every[:, first]
+        files = [_read_file(Path(path)) for path in paths]
+    _refuse_several_stations(files)
+    rows = np.concatenate([np.array([file.time_s, *_field(file.values)]) for file in files], axis=1)
+    _, first, which = np.unique(rows[0], return_index=True, return_inverse=True)
+    time_s, declination, horizontal, vertical = rows[:, first]
     counts = {
-        "rows": every.shape[1],
-        **{name: sum(one.counts[name] for one in files) for name in ("damaged", "fillers", "stuck")},
-        "repeated": every.shape[1] - len(first),
-        "contradicting": int(np.sum(np.abs(angles.difference(every[1], declination[which])) > SAME_DEG)),
+        "rows": rows.shape[1],
+        **{name: sum(file.counts[name] for file in files) for name in ("damaged", "fillers", "stuck")},
+        "repeated": rows.shape[1] - len(first),
+        "contradicting": int(np.sum(np.abs(angles.difference(rows[1], declination[which])) > SAME_DEG)),
         "missing": int(np.sum(~np.isfinite(declination))),
     }
-    headers = [one.header for one in files]
+    headers = [file.header for file in files]
     names = [_first(headers, label) for label in ("station name", "iaga code")]
     return FieldSeries(
         time_s=time_s,
@@ -88,25 +86,25 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         latitude=_number(_first(headers, "geodetic latitude")),
         longitude=_number(_first(headers, "geodetic longitude")),
         elevation_m=_number(_first(headers, "elevation")),
-        definitive=all(one.get("data type", "").lower().startswith("definitive") for one in headers),
+        definitive=all(header.get("data type", "").lower().startswith("definitive") for header in headers),
         counts=counts,
-        warnings=(*_warnings(counts), *(text for one in files for text in _order_warning(one))),
-        files=tuple(str(one.path) for one in files),
-        origin=np.repeat(np.arange(len(files)), [len(one.time_s) for one in files])[first],
+        warnings=(*_warnings(counts), *(text for file in files for text in _order_warning(file))),
+        files=tuple(str(file.path) for file in files),
+        origin=np.repeat(np.arange(len(files)), [len(file.time_s) for file in files])[first],
     )
 
 
-def _file(path: Path) -> _File:
+def _read_file(path: Path) -> _File:
     lines = read_text_bytes(path).decode("latin-1").splitlines()
     begin = next((k for k, line in enumerate(lines) if line.startswith("DATE")), None)
     if begin is None or "IAGA-2002" not in "".join(lines[:1]).upper():
-        found = "nothing" if not lines else repr(lines[0][:40])
-        raise _refused(path, "a header that begins with Format IAGA-2002 and ends with a line DATE", found)
+        shown = "nothing" if not lines else repr(lines[0][:40])
+        raise _error(path, "a header that begins with Format IAGA-2002 and ends with a line DATE", shown)
     letters = [name[-1].upper() for name in lines[begin].replace("|", " ").split()[3:]]
     if len(letters) != 4 or not any(set(known) <= set(letters) for known in SETS):
-        found = f"{''.join(letters) or 'none'} in the line DATE"
+        shown = f"{''.join(letters) or 'none'} in the line DATE"
         advice = "variations such as HEZ hold no direction: take a file with D, or with X and Y"
-        raise _refused(path, "four components with D, or with X and Y", found, advice)
+        raise _error(path, "four components with D, or with X and Y", shown, advice)
     rows = [line for line in lines[begin + 1 :] if line.strip()]
     matches = [match.groups() for line in rows if (match := ROW.fullmatch(line))]
     numbers = np.array(matches, dtype=float).reshape(-1, 7 + len(letters))
@@ -114,36 +112,34 @@ def _file(path: Path) -> _File:
     lost = sum(bool(DATED.match(line)) for line in rows) - int(sound.sum())
     refuse_mostly_damaged(path, "rows", damaged=lost, whole=int(sound.sum()))
     if not sound.any():
-        raise _refused(path, "rows of date, time, day of year and four numbers", f"{len(rows)} rows, none of them so")
-    _refuse_too_large(path, numbers[sound, 7:])
+        raise _error(path, "rows of date, time, day of year and four numbers", f"{len(rows)} rows, none of them so")
+    large = np.abs(numbers[sound, 7:]) >= MISSING
+    beyond = np.unique(numbers[sound, 7:][large])
+    if len(beyond) > MOST_MISSING and np.mean(np.any(large, axis=1)) > MOST_WRONG:
+        # No field is so large, and these are too many different numbers to stand for missing values.
+        raise _error(path, f"nT under {MISSING:g}", f"{beyond[-1]:g}", "write the components in nT")
     values = np.where(np.abs(numbers[:, 7:]) >= MISSING, np.nan, numbers[:, 7:])[sound]
     header = {line[:LABEL_ENDS].strip().lower(): line[LABEL_ENDS:].rstrip(" |").strip() for line in lines[:begin]}
-    known, counts = _known(dict(zip(letters, values.T, strict=True)), time_s[sound])
-    one = _File(path, header, time_s[sound], known, {"damaged": len(rows) - int(sound.sum()), **counts})
-    _refuse_contradiction(one)
-    return one
+    known, counts = _drop_fillers(dict(zip(letters, values.T, strict=True)), time_s[sound])
+    file = _File(path, header, time_s[sound], known, {"damaged": len(rows) - int(sound.sum()), **counts})
+    _refuse_contradiction(file)
+    return file
 
 
-def _refuse_too_large(path: Path, cells: Floats) -> None:
-    """Refuse numbers that no field has and that are too many different ones to stand for missing values."""
-    large = np.abs(cells) >= MISSING
-    beyond = np.unique(cells[large])
-    if len(beyond) > MOST_MISSING and np.mean(np.any(large, axis=1)) > MOST_WRONG:
-        raise _refused(path, f"nT under {MISSING:g}", f"{beyond[-1]:g}", "write the components in nT")
-
-
-def _known(values: Mapping[str, Floats], time_s: Floats) -> tuple[dict[str, Floats], dict[str, int]]:
-    """Return the components without what stands for a missing value, and in how many rows it stood."""
+def _drop_fillers(values: Mapping[str, Floats], time_s: Floats) -> tuple[dict[str, Floats], dict[str, int]]:
+    """Drop what stands for a missing value in the components; count the rows in which it stood."""
     filled = {letter: _fillers(letter, column) for letter, column in values.items()}
-    kept = {letter: np.where(filled[letter], np.nan, column) for letter, column in values.items()}
-    stuck = {letter: _stuck(kept[letter], time_s) if letter in "DY" else filled[letter] & False for letter in kept}
-    known = {letter: np.where(stuck[letter], np.nan, column) for letter, column in kept.items()}
+    unfilled = {letter: np.where(filled[letter], np.nan, column) for letter, column in values.items()}
+    stuck = {
+        letter: _stuck(unfilled[letter], time_s) if letter in "DY" else filled[letter] & False for letter in unfilled
+    }
+    known = {letter: np.where(stuck[letter], np.nan, column) for letter, column in unfilled.items()}
     rows = (int(np.sum(np.any(list(each.values()), axis=0))) for each in (filled, stuck))
     return known, dict(zip(("fillers", "stuck"), rows, strict=True))
 
 
-def _fillers(letter: str, column: Floats) -> NDArray[np.bool_]:
-    """Return where one exact value stands for a missing one: alone on the scale, or off its neighbours in time."""
+def _fillers(letter: str, column: Floats) -> Bools:
+    """Find where one exact value stands for a missing one: alone on the scale, or off its neighbours in time."""
     alone = ALONE_MINUTES if letter in "DI" else ALONE_NT
     value, count = np.unique(column[np.isfinite(column)], return_counts=True)
     apart = np.diff(value, prepend=-np.inf, append=np.inf)
@@ -164,57 +160,57 @@ def _off_neighbours(column: Floats, value: float) -> bool:
     return float(np.median(np.abs(around - value))) > STEPS_OFF * max(step, 1e-9)
 
 
-def _stuck(column: Floats, time_s: Floats) -> NDArray[np.bool_]:
-    """Return where a component does not move for a day and longer."""
+def _stuck(column: Floats, time_s: Floats) -> Bools:
+    """Find where a component does not move for a day and longer."""
     begins = np.flatnonzero(np.diff(column, prepend=np.inf) != 0.0)
     lasts = np.append(begins[1:], len(column)) - 1
     still = (time_s[lasts] - time_s[begins] >= STUCK_S) & (lasts - begins >= FEWEST_STUCK - 1)
     return np.repeat(still, lasts - begins + 1) & np.isfinite(column)
 
 
-def _refuse_contradiction(one: _File) -> None:
-    """Refuse a declination beyond a turn, and an intensity that is not that of the components beside it.
+def _refuse_contradiction(file: _File) -> None:
+    """Refuse a declination beyond a turn, and an intensity that is not that of the components.
 
     Of a variation without its baseline the scalar F says nothing: it passes as where F is absent.
     """
-    beyond = ~_within_a_turn(one.values.get("D", np.zeros(1)))
+    beyond = ~_within_a_turn(file.values.get("D", np.zeros(1)))
     if np.mean(beyond) > MOST_WRONG:
-        found = f"{one.values['D'][beyond][0]:g}; seconds of arc, or another component, in its column"
-        raise _refused(
-            one.path, f"D in minutes of arc, {LEAST_MINUTES:g} to {LARGEST_MINUTES:g}", found, "correct the column"
+        shown = f"{file.values['D'][beyond][0]:g}; seconds of arc, or another component, in its column"
+        raise _error(
+            file.path, f"D in minutes of arc, {LEAST_MINUTES:g} to {LARGEST_MINUTES:g}", shown, "correct the column"
         )
-    total = np.abs(one.values.get("F", np.full(len(one.time_s), np.nan)))
-    names = "XYZ" if "X" in one.values else "HZ"
-    made = np.sqrt(sum(one.values.get(name, np.nan * total) ** 2 for name in names))
+    total = np.abs(file.values.get("F", np.full(len(file.time_s), np.nan)))
+    names = "XYZ" if "X" in file.values else "HZ"
+    made = np.sqrt(sum(file.values.get(name, np.nan * total) ** 2 for name in names))
     known = np.isfinite(total + made)
     if not known.any() or (middle := float(np.median(total[known]))) < LEAST_F_NT:
         return
-    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle and not _lacks_baseline(one, middle):
+    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle and not _lacks_baseline(file, middle):
         expected = f"F as {', '.join(names)} make it, {np.median(made[known]):.0f} nT"
         advice = "a component has another unit, or stands in another's column"
-        raise _refused(one.path, expected, f"{middle:.0f} nT", advice)
+        raise _error(file.path, expected, f"{middle:.0f} nT", advice)
 
 
-def _lacks_baseline(one: _File, total_nT: float) -> bool:
+def _lacks_baseline(file: _File, total_nT: float) -> bool:
     """Tell components that vary about zero in declination or in the horizontal field, beside a scalar F."""
-    declination, horizontal, _ = (column[np.isfinite(column)] for column in _field(one.values))
+    declination, horizontal, _ = (column[np.isfinite(column)] for column in _field(file.values))
     about_zero = len(declination) > 0 and abs(float(np.median(declination))) < NO_BASELINE_DEG
     return about_zero or (len(horizontal) > 0 and float(np.median(horizontal)) < NO_BASELINE_SHARE * total_nT)
 
 
-def _within_a_turn(minutes: Floats) -> NDArray[np.bool_]:
+def _within_a_turn(minutes: Floats) -> Bools:
     return ~((minutes < LEAST_MINUTES) | (minutes > LARGEST_MINUTES))
 
 
-def _order_warning(one: _File) -> list[str]:
-    reported, letters = one.header.get("reported", "").upper(), "".join(one.values)
+def _order_warning(file: _File) -> list[str]:
+    reported, letters = file.header.get("reported", "").upper(), "".join(file.values)
     if reported == letters or sorted(reported) != sorted(letters):
         return []
-    return [f"{one.path}: the header reports {reported}, the line DATE has {letters}, which counts"]
+    return [f"{file.path}: the header reports {reported}, the line DATE has {letters}, which counts"]
 
 
-def _instants(cells: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return the instants of rows, and which rows have a date that exists and agrees with their day of the year."""
+def _instants(cells: Floats) -> tuple[Floats, Bools]:
+    """Compute the instants of rows, and which rows have a date that exists and agrees with their day of the year."""
     year, month, date, hour, minute, second, day_of_year = cells.T
     ok = (month >= 1) & (month <= 12) & (date >= 1) & (date <= 31) & (hour <= 23) & (minute <= 59) & (second < 61)
     months = np.where(ok, 12 * (year - 1970) + month - 1, 0).astype(int)
@@ -222,11 +218,11 @@ def _instants(cells: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     began = (months // 12).astype("datetime64[Y]").astype("datetime64[D]").astype(int)
     ok &= day - began + 1 == day_of_year  # refuses 30 February too: its day is another month's
     ok &= day.astype("datetime64[D]").astype("datetime64[M]").astype(int) == months
-    return 86400.0 * day + 3600.0 * hour + 60.0 * minute + second, ok
+    return DAY_S * day + HOUR_S * hour + 60.0 * minute + second, ok
 
 
 def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
-    """Return declination, horizontal and vertical field from the components that are there, (n,) each."""
+    """Compute declination, horizontal and vertical field from the components that are there, (n,) each."""
     nothing = np.full(len(next(iter(values.values()))), np.nan)
     if "D" in values:
         declination = angles.wrap180(np.where(_within_a_turn(values["D"]), values["D"], np.nan) / MINUTES)
@@ -240,16 +236,16 @@ def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
     return declination, horizontal, vertical
 
 
-def _one_station(files: Sequence[_File]) -> None:
+def _refuse_several_stations(files: Sequence[_File]) -> None:
     first = files[0].header.get("iaga code", "").upper()
-    for one in files[1:]:
-        code = one.header.get("iaga code", "").upper()
+    for file in files[1:]:
+        code = file.header.get("iaga code", "").upper()
         if code != first:
-            raise _refused(one.path, f"station {first or 'without code'} as in {files[0].path}", code or "no code")
+            raise _error(file.path, f"station {first or 'without code'} as in {files[0].path}", code or "no code")
         for label in ("geodetic latitude", "geodetic longitude"):
-            here, there = _number(one.header.get(label, "")), _number(_first([f.header for f in files], label))
+            here, there = _number(file.header.get(label, "")), _number(_first([f.header for f in files], label))
             if abs(angles.difference(here, there)) > KILOMETRE_DEG:
-                raise _refused(one.path, f"{label} {there:g} as in the other files", f"{here:g}")
+                raise _error(file.path, f"{label} {there:g} as in the other files", f"{here:g}")
 
 
 def _first(headers: Sequence[Mapping[str, str]], label: str) -> str:
@@ -276,5 +272,5 @@ def _warnings(counts: Mapping[str, int]) -> tuple[str, ...]:
     return tuple(f"{counts[key]} {text}" for key, text in texts.items() if counts[key])
 
 
-def _refused(path: Path, expected: str, found: str, advice: str = "") -> InputError:
-    return InputError(str(path), expected=expected, found=found, advice=advice or ADVICE)
+def _error(path: Path, expected: str, shown: str, advice: str = "") -> InputError:
+    return InputError(str(path), expected=expected, found=shown, advice=advice or ADVICE)

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers.files import count_unprintable, refuse_large_text, refuse_mostly_damaged
-from compasslib.types import Floats
+from compasslib.readers.files import count_unprintable, read_bytes, refuse_large_text, refuse_mostly_damaged, unreadable
+from compasslib.types import Bools, Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
@@ -39,6 +38,8 @@ LOSSES = {
 NAN = float("nan")
 FASTEST_KN = 100.0
 ASTRAY_DEG = 1.0  # of latitude from the middle of a log: a swing lasts less than a day
+
+_Values = dict[str, list[tuple[int, float]]]  # by sentence: line and number
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class _Fix:
 
 
 def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") -> NmeaLog:
-    """Return the headings of NMEA 0183 logs, each course with the heading nearest in the stream.
+    """Read the headings of NMEA 0183 logs, each course with the heading nearest in the stream.
 
     Args:
         paths: logs in order; anything between sentences is passed over.
@@ -82,15 +83,16 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
             paired.
     """
     counts: Counter[str] = Counter()
-    fixes, seen = _collected(_sentences(paths, counts, (heading, course)), counts, (heading, course))
-    if not (fixes and seen[heading]):
+    fixes, values = _sort_sentences(_sentences(paths, counts, (heading, course)), counts, (heading, course))
+    if not (fixes and values[heading]):
+        shown = f"{len(values[heading])} {heading} and {len(fixes)} {course} with numbers"
         raise InputError(
             ", ".join(map(str, paths)),
             expected=f"sentences {heading} and {course} with a right checksum",
-            found=f"{len(seen[heading])} {heading} and {len(fixes)} {course} with numbers, {counts['damaged']} damaged",
+            found=f"{shown}, {counts['damaged']} damaged",
             advice="check the file, or name other sentences in columns",
         )
-    log = _paired(fixes, seen, heading, counts)
+    log = _pair(fixes, values, heading, counts)
     return NmeaLog(**log, counts=dict(counts), warnings=_losses(counts))
 
 
@@ -113,13 +115,13 @@ def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
     return None
 
 
-def _collected(
+def _sort_sentences(
     sentences: Iterator[tuple[int, Any]], counts: Counter[str], wanted: tuple[str, str]
-) -> tuple[list[_Fix], dict[str, list[tuple[int, float]]]]:
-    """Sort what was read into courses, and into (line, value) of everything else that has one number."""
+) -> tuple[list[_Fix], _Values]:
+    """Sort sentences into courses, and into (line, value) of all others that have one number."""
     fixes: list[_Fix] = []
     clock: list[tuple[int, float]] = []
-    seen: dict[str, list[tuple[int, float]]] = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
+    values: _Values = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
     for line, sentence in sentences:
         kind = getattr(sentence, "sentence_type", "")  # a maker's own sentence has none
         if kind == "RMC" and (fix := _rmc(line, sentence, counts)):
@@ -127,18 +129,18 @@ def _collected(
             fixes += [fix] if wanted[1] == "RMC" else []
         elif kind == "VTG" and wanted[1] == "VTG":
             fixes.append(_Fix(line, NAN, _number(sentence.true_track), _number(sentence.spd_over_grnd_kts)))
-        elif kind in seen:
+        elif kind in values:
             value = _number(sentence.water_speed_knots if kind == "VHW" else sentence.heading)
             possible = 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0)
             counts["impossible"] += not possible
-            seen[kind] += [(line, value)] if np.isfinite(value) and possible else []
+            values[kind] += [(line, value)] if np.isfinite(value) and possible else []
             counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(sentence.deviation) > 0.0)
-    kept = [fix for fix in fixes if _possible(fix)]
-    counts["impossible"] += len(fixes) - len(kept)
-    fixes = kept
+    possible_fixes = [fix for fix in fixes if _is_possible(fix)]
+    counts["impossible"] += len(fixes) - len(possible_fixes)
+    fixes = possible_fixes
     counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
     fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
-    return _timed(fixes, clock), seen
+    return _add_times(fixes, clock), values
 
 
 def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:
@@ -168,13 +170,13 @@ def _number(text: object) -> float:
         return NAN
 
 
-def _possible(fix: _Fix) -> bool:
+def _is_possible(fix: _Fix) -> bool:
     """Tell whether a fix's numbers can be what they stand for; none is no contradiction."""
     course, speed, latitude, longitude = np.nan_to_num([fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude])
     return bool(0 <= course <= 360 and 0 <= speed <= FASTEST_KN and abs(latitude) <= 90 and abs(longitude) <= 180)
 
 
-def _timed(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
+def _add_times(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
     """Give courses that carry no time that of the clock's sentences around them."""
     if not clock:
         return fixes
@@ -212,19 +214,17 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
 def _content(path: Path) -> bytes:
     try:
         refuse_large_text(Path(path), Path(path).stat().st_size)
-        return Path(path).read_bytes()
     except OSError as error:
-        raise InputError(str(path), expected="a readable NMEA 0183 log", found=error, advice="check the path") from None
+        raise unreadable(path, error) from None
+    return read_bytes(path)
 
 
-def _paired(
-    fixes: list[_Fix], seen: dict[str, list[tuple[int, float]]], heading: str, counts: Counter[str]
-) -> dict[str, Floats]:
+def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]) -> dict[str, Floats]:
     table = np.array([list(vars(fix).values()) for fix in fixes])
     line, time_s = table[:, 0], table[:, 1]
-    value, apart_s = _nearest(seen[heading], line, time_s)
+    value, apart_s = _nearest(values[heading], line, time_s)
     near = ~(apart_s > PAIRED_S)  # without a clock the nearest in the stream counts
-    repeated = _repeated(np.column_stack([table[:, 1:], value])) & near
+    repeated = _is_repeated(np.column_stack([table[:, 1:], value])) & near
     counts["repeated"], counts["unpaired"] = int(repeated.sum()), int((~near).sum())
     near &= ~repeated
     counts["pairs"] = int(near.sum())
@@ -232,15 +232,15 @@ def _paired(
         zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
     )
     for name, most in (("latitude", 90.0), ("longitude", 180.0)):
-        series[name] = _together(series[name], near, most, counts)
+        series[name] = _drop_outlying_places(series[name], near, most, counts)
     series["heading_deg"] = angles.wrap360(value)
-    series["true_heading_deg"] = _nearest(seen["HDT"], line, time_s)[0]
-    series["water_speed_kn"] = _nearest(seen["VHW"], line, time_s)[0]
+    series["true_heading_deg"] = _nearest(values["HDT"], line, time_s)[0]
+    series["water_speed_kn"] = _nearest(values["VHW"], line, time_s)[0]
     return {name: column[near] for name, column in series.items()}
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:
-    """Return the value nearest in the stream to each line, and how far away in time it stood, seconds."""
+    """Find the value nearest in the stream to each line, and its distance in time, seconds."""
     if not values:
         return np.full(line.shape, np.nan), np.full(line.shape, np.inf)
     at, value = np.transpose(values)
@@ -250,8 +250,8 @@ def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> t
     return value[nearest], np.abs(np.interp(at[nearest], line, time_s) - time_s)
 
 
-def _repeated(rows: Floats) -> NDArray[np.bool_]:
-    """Return which rows repeat one before them after their clock, the first column, went back, (n,).
+def _is_repeated(rows: Floats) -> Bools:
+    """Find rows that repeat one before them after their clock, the first column, went back, (n,).
 
     Receivers send some sentences twice in a row; a log that was joined to itself goes back in time.
     """
@@ -262,8 +262,8 @@ def _repeated(rows: Floats) -> NDArray[np.bool_]:
     return repeated & back
 
 
-def _together(values: Floats, near: NDArray[np.bool_], most: float, counts: Counter[str]) -> Floats:
-    """Return latitudes or longitudes, NaN in place of those far from the median of all, (n,), which are counted."""
+def _drop_outlying_places(values: Floats, near: Bools, most: float, counts: Counter[str]) -> Floats:
+    """Drop latitudes or longitudes far from the median of all, (n,); count them."""
     known = near & np.isfinite(values)
     if not known.any():
         return values

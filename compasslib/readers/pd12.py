@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import refuse_large_arrays, refuse_mostly_damaged
-from compasslib.readers.mmp.scans import contents
 from compasslib.readers.pd0.currents import true_pitch
-from compasslib.readers.pd0.fields import LAST_YEAR, hundredths
+from compasslib.readers.pd0.fields import LAST_YEAR, from_hundredths
 from compasslib.readers.times import civil_seconds
 from compasslib.records import GOOD, MISSING, Record
 from compasslib.types import Floats
@@ -46,7 +45,7 @@ COORDINATES = (
 
 
 def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin: float) -> Record:
-    """Return the ensembles of one instrument in the order of the files, each once.
+    """Read the ensembles of one instrument in the order of the files, each once.
 
     Args:
         orientation: up or down.
@@ -69,7 +68,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": _lost(heads["number"])}
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
     known = np.isfinite(east + north)
-    pitch, roll = hundredths(heads["pitch"]), hundredths(heads["roll"])
+    pitch, roll = from_hundredths(heads["pitch"]), from_hundredths(heads["roll"])
     return Record(
         time_s=time_s,
         east=east,
@@ -80,7 +79,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
         roll_deg=roll,
         pressure_dbar=heads["pressure"] / 1000.0,
         depth_m=np.full(len(heads), np.nan),
-        temperature_c=hundredths(heads["temperature"]),
+        temperature_c=from_hundredths(heads["temperature"]),
         supply_voltage=np.full(len(heads), np.nan),
         quality=np.where(known, GOOD, MISSING).astype(np.int8),
         heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
@@ -93,28 +92,28 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
 
 
 def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
-    """Return the whole ensembles, files in order of their first number, and what the files hold besides."""
-    files = []
+    """Find the whole ensembles, files in order of their first number; count what the files hold besides."""
+    by_file = []
     counts = dict.fromkeys(("bytes_total", "bytes_skipped", "damaged", "escaped", "no_reply", "repeated"), 0)
     for path in paths:
-        data = contents(Path(path))
-        found = list(_of_file(data))
-        whole = [frame for frame, _, _ in found if frame]
+        data = files.read_bytes(path)
+        candidates = list(_candidates(data))
+        whole = [frame for frame, _, _ in candidates if frame]
         counts["bytes_total"] += len(data)
         counts["bytes_skipped"] += len(data) - sum(len(frame) + 2 for frame in whole)
-        counts["damaged"] += len(found) - len(whole)
-        failed = sum(declared and not frame for frame, _, declared in found)
+        counts["damaged"] += len(candidates) - len(whole)
+        failed = sum(declared and not frame for frame, _, declared in candidates)
         refuse_mostly_damaged(path, "PD12 ensembles", damaged=failed, whole=len(whole))
-        counts["escaped"] += sum(escaped for _, escaped, _ in found)
+        counts["escaped"] += sum(escaped for _, escaped, _ in candidates)
         counts["no_reply"] += data.count(b"<ERROR type='FAILED'")
-        files.append(whole)
-    files.sort(key=lambda frames: int.from_bytes(frames[0][4:8], "little") if frames else 0)
-    frames = [frame for of_file in files for frame in of_file]
+        by_file.append(whole)
+    by_file.sort(key=lambda frames: int.from_bytes(frames[0][4:8], "little") if frames else 0)
+    frames = [frame for whole in by_file for frame in whole]
     once = list(dict.fromkeys(frames))  # a controller that is asked again sends again
     return once, counts | {"repeated": len(frames) - len(once)}
 
 
-def _of_file(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
+def _candidates(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
     """Give each ensemble without its sum, nothing where it is damaged, if it had escapes, and if its head is right.
 
     A head whose length is that of its bins and components is an ensemble's; others are chance pairs of its mark.
@@ -135,7 +134,7 @@ def _of_file(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
 
 
 def _whole(data: bytes) -> bytes:
-    """Return the ensemble that stands at the beginning, without its sum; nothing where length or sum are not right."""
+    """Take the ensemble at the beginning, without its sum; nothing where length or sum are not right."""
     if not _declares(data):
         return b""
     size = int.from_bytes(data[2:4], "little")
@@ -143,7 +142,7 @@ def _whole(data: bytes) -> bytes:
 
 
 def _declares(data: bytes) -> bool:
-    """Return whether an ensemble's head stands at the beginning, and as many bytes as it says."""
+    """Tell whether an ensemble's head stands at the beginning, and as many bytes as it says."""
     size = int.from_bytes(data[2:4], "little")
     if not HEADER.itemsize <= size <= len(data) - 2:
         return False
@@ -153,15 +152,15 @@ def _declares(data: bytes) -> bool:
 
 def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: dict[str, int]) -> None:
     if not len(heads):
-        beginning = contents(paths[0])[:16] if paths else b""
+        beginning = files.read_bytes(paths[0])[:16] if paths else b""
         begins = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-        found = f"{counts['damaged']} that are damaged in {begins}"
+        shown = f"{counts['damaged']} that are damaged in {begins}"
         advice = "check that format: pd12 and the file belong together"
-        raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=found, advice=advice)
+        raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=shown, advice=advice)
     if (partial := (heads["components"] & FOUR) != FOUR).any():
-        found = f"components {int(heads['components'][partial][0] & FOUR):04b} in {int(partial.sum())} ensembles"
+        shown = f"components {int(heads['components'][partial][0] & FOUR):04b} in {int(partial.sum())} ensembles"
         advice = "take the instrument's own recording, format: pd0"
-        raise InputError(where, expected="all four velocities (command PO 1111)", found=found, advice=advice)
+        raise InputError(where, expected="all four velocities (command PO 1111)", found=shown, advice=advice)
 
 
 def _times(heads: NDArray[np.void]) -> Floats:
@@ -170,7 +169,7 @@ def _times(heads: NDArray[np.void]) -> Floats:
 
 
 def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
-    """Return east, north, up and error, (4, n, m) m/s, padded where ensembles have fewer bins than the longest."""
+    """Decode east, north, up and error, (4, n, m) m/s, padded where ensembles have fewer bins than the longest."""
     flow = np.full((4, len(frames), int(heads["bins"].max(initial=1))), np.nan)
     for bins in np.unique(heads["bins"]):
         mine = heads["bins"] == bins
@@ -181,9 +180,9 @@ def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
 
 
 def _ranges(heads: NDArray[np.void], bins: int, bin_size: float, first_bin: float) -> Floats:
-    """Return the distances of the bins; an ensemble that starts at a later bin, between those of others, is shifted."""
-    every = np.maximum(heads["components"] >> 4, 1)
-    later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / every
+    """Compute the distances of the bins; those of an ensemble that starts at a later bin are shifted."""
+    stride = np.maximum(heads["components"] >> 4, 1)
+    later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / stride
     return first_bin + bin_size * (later[:, None] + np.arange(bins))
 
 

@@ -53,12 +53,12 @@ class _Table:
     cut: int
 
     def places(self, name: str) -> list[int]:
-        """Return the columns that have a name."""
-        return [k for k, own in enumerate(self.names) if own == name]
+        """Find the columns of a name."""
+        return [k for k, other in enumerate(self.names) if other == name]
 
 
 def read(paths: Sequence[Path], *, orientation: str | None) -> Record:
-    """Return the ensembles of one instrument, files in order of time.
+    """Read the ensembles of one instrument, files in order of time.
 
     Args:
         orientation: up or down; the file's column Ori where None.
@@ -66,10 +66,10 @@ def read(paths: Sequence[Path], *, orientation: str | None) -> Record:
     Raises:
         InputError: a file that is no such export, lacks what is needed, or has a row that is damaged.
     """
-    return joined([_of_file(_table(Path(path)), orientation) for path in paths])
+    return joined([_to_record(_read_table(Path(path)), orientation) for path in paths])
 
 
-def _of_file(table: _Table, orientation: str | None) -> Record:
+def _to_record(table: _Table, orientation: str | None) -> Record:
     time_s = _times(table)
     n = len(time_s)
     east, north, cells = _currents(table)
@@ -103,7 +103,7 @@ def _of_file(table: _Table, orientation: str | None) -> Record:
     )
 
 
-def _table(path: Path) -> _Table:
+def _read_table(path: Path) -> _Table:
     data = read_text_bytes(path)
     text = data.decode("latin-1")
     lines = text.splitlines()
@@ -132,12 +132,12 @@ def _table(path: Path) -> _Table:
             )
     pings, between = PINGS.search(text[:10000]), BETWEEN_PINGS.search(text[:10000])
     average_s = int(pings[1]) * (60.0 * int(between[1]) + float(between[2])) if pings and between else 0.0
-    kept = [row for _, row in rows]
-    return _Table(path, names[:width], units, bins, kept, float(first[1]), float(size[1]), average_s, cut)
+    cells = [row for _, row in rows]
+    return _Table(path, names[:width], units, bins, cells, float(first[1]), float(size[1]), average_s, cut)
 
 
 def _kind(lines: Sequence[str], data: bytes) -> str:
-    """Return what a file looks like instead."""
+    """Describe what a file looks like instead."""
     if data[:2] == b"\x7f\x7f":
         return "a binary PD0 file"
     if any("Ens" in line and "YR" in line for line in lines[:100]):
@@ -172,28 +172,26 @@ def _times(table: _Table) -> Floats:
     century = np.where(whole[:, 0] >= 1900, 0, np.where(whole[:, 0] >= SINCE_1980, 1900, 2000))
     time_s = civil_seconds(whole[:, 0] + century, *whole[:, 1:].T, last_year=LAST_YEAR)
     if (wrong := np.isnan(time_s)).any():
-        where, found = f"{table.path}: time", " ".join(table.rows[int(np.argmax(wrong))][1:7])
-        raise InputError(where, expected="YR MO DA HH MM SS", found=found, advice="mend or remove the line")
+        where, shown = f"{table.path}: time", " ".join(table.rows[int(np.argmax(wrong))][1:7])
+        raise InputError(where, expected="YR MO DA HH MM SS", found=shown, advice="mend or remove the line")
     return time_s
 
 
 def _currents(table: _Table) -> tuple[Floats, Floats, Floats]:
-    """Return east and north, m/s, and the numbers of their bins.
-
-    Raises:
-        InputError: neither Eas and Nor nor Mag and Dir are there for the same bins, or in an unknown unit.
-    """
+    """Compute east and north, m/s, and the numbers of their bins."""
     for pair in (("Eas", "Nor"), ("Mag", "Dir")):
-        one, two = (table.places(name) for name in pair)
-        if not one or len(one) != len(two):
+        first_places, second_places = (table.places(name) for name in pair)
+        if not first_places or len(first_places) != len(second_places):
             continue
-        unit = table.units[one[0]] if len(table.units) > one[0] else ""
-        numbers = [table.bins[k] if len(table.bins) > k else "" for k in one]
+        unit = table.units[first_places[0]] if len(table.units) > first_places[0] else ""
+        numbers = [table.bins[k] if len(table.bins) > k else "" for k in first_places]
         if unit not in SPEEDS or not all(number.isdigit() for number in numbers):
-            found = f"unit {unit or 'none'}, bins {' '.join(numbers[:5])}"
+            shown = f"unit {unit or 'none'}, bins {' '.join(numbers[:5])}"
             expected = "a unit of mm/s, cm/s or m/s, and a number a bin below it"
-            raise InputError(f"{table.path}: column {pair[0]}", expected=expected, found=found, advice=EXPORT)
-        first, second = (np.column_stack([_column(table, k) for k in places]) for places in (one, two))
+            raise InputError(f"{table.path}: column {pair[0]}", expected=expected, found=shown, advice=EXPORT)
+        first, second = (
+            np.column_stack([_column(table, k) for k in places]) for places in (first_places, second_places)
+        )
         cells = np.array([float(number) for number in numbers])
         if pair[0] == "Eas":
             return SPEEDS[unit] * first, SPEEDS[unit] * second, cells
@@ -204,22 +202,22 @@ def _currents(table: _Table) -> tuple[Floats, Floats, Floats]:
 
 
 def _profiles(table: _Table, shape: tuple[int, ...]) -> dict[str, Floats]:
-    """Return upward and error velocities where they were exported for the same bins, (n, m) m/s."""
-    found = {}
+    """Select upward and error velocities where they were exported for the same bins, (n, m) m/s."""
+    profiles = {}
     for name, key in VERTICAL.items():
         places = table.places(name)
         if len(places) == shape[1] and (unit := table.units[places[0]]) in SPEEDS:
-            found[key] = SPEEDS[unit] * np.column_stack([_column(table, k) for k in places]).astype(np.float32)
-    return found
+            profiles[key] = SPEEDS[unit] * np.column_stack([_column(table, k) for k in places]).astype(np.float32)
+    return profiles
 
 
 def _looks_up(table: _Table, orientation: str | None) -> bool:
     places = table.places("Ori")
     words = {row[places[0]].lower()[:1] for row in table.rows} if places else set()
-    own = "up" if words == {"u"} else "down" if words == {"d"} else None
-    if not (orientation or own):
-        found = f"{len(words)} kinds of column Ori" if places else "no column Ori"
+    stated = "up" if words == {"u"} else "down" if words == {"d"} else None
+    if not (orientation or stated):
+        shown = f"{len(words)} kinds of column Ori" if places else "no column Ori"
         raise InputError(
-            str(table.path), expected="the orientation", found=found, advice="write orientation: up or down"
+            str(table.path), expected="the orientation", found=shown, advice="write orientation: up or down"
         )
-    return (orientation or own) == "up"
+    return (orientation or stated) == "up"

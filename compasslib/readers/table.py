@@ -22,8 +22,8 @@ CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
 BY_LEVEL = 0.75  # different times among runs of one time, below which a table lists one level after the other
 UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
 FILL_SHARE, FEWEST_FILLS = 0.005, 10  # of the rows that hold one value
-FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as the values beside it, and chance: rounding gives neighbours alike
-BESIDE = 8  # values on either side
+FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as its neighbours, and chance: rounding gives neighbours alike
+NEIGHBOURS = 8  # values on either side
 FROZEN_ROWS = 12  # of one value in a row, on average: a meter that is stuck, which the deployment flags
 FILLER_TIMES = 2.0  # a filler stands this far beyond all measured speeds, unless both components hold it
 LOSSES = {
@@ -44,7 +44,7 @@ def read(
     flags: Mapping[str, Sequence[object]] | None = None,
     **layout: Any,
 ) -> Record:
-    """Return the series of one or several tables, in the order given.
+    """Read the series of one or several tables, in the order given.
 
     Args:
         columns: role -> header: time, or date and clock; depth or pressure; east+north, speed+direction, or x+y+heading
@@ -59,9 +59,9 @@ def read(
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
     known = vocabularies.parse_flag_settings(flags)
     files = [read_table(path, headers, COLUMN_MAP, Layout.from_settings(layout), known) for path in paths]
-    table, counts = _cleaned(*_joined(files))
-    table, counts["rows_sorted"] = _in_order(table)
-    samples = _Samples(table.pop("time"))
+    table, counts = _clean(*_concatenate(files))
+    table, counts["rows_sorted"] = _sort_rows(table)
+    samples = _Grid(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
     east, north = (_spread(scale * x, samples, (n, m)) for x in _east_north(table))
     quality = np.full((n, m), GOOD) if "flag" not in table else _spread(table["flag"], samples, (n, m))
@@ -88,22 +88,24 @@ def read(
     )
 
 
-def _joined(files: Sequence[Table]) -> tuple[dict[str, Floats], dict[str, int]]:
+def _concatenate(files: Sequence[Table]) -> tuple[dict[str, Floats], dict[str, int]]:
     # Listed in any order.
-    tables = sorted((one.columns for one in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
-    rows, cut = sum(one.rows for one in files), sum(one.cut for one in files)
+    tables = sorted((file.columns for file in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
+    rows, cut = sum(file.rows for file in files), sum(file.cut for file in files)
     joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
     return joined, {"rows": rows + cut, "rows_cut": cut}
 
 
-def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
-    """Return the table without fillers, angles that are none and rows that are there twice; what it lost counted."""
+def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
+    """Drop fillers, angles that are none and rows that are there twice; count what is lost."""
     nines = _fillers(table)
     filled = nines | _fill_values(table)
-    wrong = {role: _no_angle(table[role]) for role in ("heading", "direction") if role in table}
+    with np.errstate(invalid="ignore"):
+        directions = {role: table[role] for role in ("heading", "direction") if role in table}
+        wrong = {role: (degrees < -180.0) | (degrees > 360.0) for role, degrees in directions.items()}
     blank = {role: filled for role in CURRENTS if role in table} | wrong
     table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
-    keep, repeated, contradict = _single(table)
+    keep, repeated, contradict = _first_of_repeated(table)
     table = {role: column[keep] for role, column in table.items()}
     return table, counts | {
         "rows_repeated": repeated,
@@ -114,8 +116,8 @@ def _cleaned(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str
     }
 
 
-def _in_order(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
-    """Return rows that are listed newest first, level by level, or in no order, in order of time; how many of the last.
+def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
+    """Sort rows that are listed newest first, level by level, or in no order by time; count those of the last.
 
     A few steps back are a clock that was set, and are left for the deployment to see.
     """
@@ -130,61 +132,56 @@ def _in_order(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
     return {role: column[order] for role, column in table.items()}, back if mixed and (steps > 0.0).any() else 0
 
 
-def _no_angle(degrees: Floats) -> Bools:
-    with np.errstate(invalid="ignore"):
-        return np.asarray((degrees < -180.0) | (degrees > 360.0))
-
-
 def _fillers(table: Mapping[str, Floats]) -> Bools:
-    """Tell rows whose speed is a repeated number of nothing but nines, such as -99.9 or 9999, and no speed."""
+    """Find rows whose speed is a repeated number of nothing but nines, such as -99.9 or 9999, and no speed."""
     speeds = [table[role] for role in CURRENTS if role in table]
-    nines = [_nines(column) for column in speeds]
+    nines = [_is_nines(column) for column in speeds]
     alike = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
-    found = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
+    filled = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
     for column, nine in zip(speeds, nines, strict=True):
-        rest = np.abs(column[~nine & np.isfinite(column)])
-        far = nine & (np.abs(column) > FILLER_TIMES * rest.max(initial=0.0))
-        found = found | (far if far.sum() > 1 else False)
-    return np.asarray(found)
+        others = np.abs(column[~nine & np.isfinite(column)])
+        far = nine & (np.abs(column) > FILLER_TIMES * others.max(initial=0.0))
+        filled = filled | (far if far.sum() > 1 else False)
+    return np.asarray(filled)
 
 
 def _fill_values(table: Mapping[str, Floats]) -> Bools:
-    """Tell rows where one component holds a value that the column jumps to, and the other does not rest with it.
+    """Find rows where one component holds a value that the column jumps to, and the other does not rest with it.
 
     Both at zero are water too slow for a rotor; a speed's least value is its threshold.
     """
     parts = [table[role] for role in CURRENTS if role in table and role != "speed"]
-    found = np.zeros(table["time"].shape, dtype=bool)
+    filled = np.zeros(table["time"].shape, dtype=bool)
     if parts:
         moves = np.logical_or.reduce([column != 0.0 for column in parts])
-        found[moves] = np.logical_or.reduce([_far_too_often(column[moves]) for column in parts])
-    return found
+        filled[moves] = np.logical_or.reduce([_is_too_frequent(column[moves]) for column in parts])
+    return filled
 
 
-def _far_too_often(column: Floats) -> Bools:
-    """Tell where a column holds a value many times as often as any of the values beside it."""
+def _is_too_frequent(column: Floats) -> Bools:
+    """Find where a column holds a value many times as often as any of its neighbours."""
     distinct, where, count = np.unique(column, return_inverse=True, return_counts=True)
-    if len(distinct) < 4 * BESIDE:
+    if len(distinct) < 4 * NEIGHBOURS:
         return np.zeros(column.shape, dtype=bool)
-    steps = [*range(-BESIDE, 0), *range(1, BESIDE + 1)]
-    padded = np.pad(np.where(np.isfinite(distinct), count, 0), BESIDE)
-    beside = np.median([padded[BESIDE + k : BESIDE + k + len(distinct)] for k in steps], axis=0)
+    steps = [*range(-NEIGHBOURS, 0), *range(1, NEIGHBOURS + 1)]
+    padded = np.pad(np.where(np.isfinite(distinct), count, 0), NEIGHBOURS)
+    usual = np.median([padded[NEIGHBOURS + k : NEIGHBOURS + k + len(distinct)] for k in steps], axis=0)
     often = (count >= max(FEWEST_FILLS, FILL_SHARE * len(column))) & (
-        count > FILL_TIMES * beside + FILL_SIGMAS * np.sqrt(beside)
+        count > FILL_TIMES * usual + FILL_SIGMAS * np.sqrt(usual)
     )
     frequent = (often & np.isfinite(distinct))[where.ravel()]
     begins = int(np.sum(frequent[1:] & ~frequent[:-1])) + int(frequent[:1].sum())
     return np.asarray(frequent & (frequent.sum() <= FROZEN_ROWS * begins))
 
 
-def _nines(column: Floats) -> Bools:
+def _is_nines(column: Floats) -> Bools:
     distinct, where = np.unique(column, return_inverse=True)
     of_nines = [set(f"{abs(x):g}".replace(".", "")) == {"9"} and len(f"{abs(x):g}") > 2 for x in distinct]
     return np.array(of_nines, dtype=bool)[where] if len(distinct) else np.zeros(0, dtype=bool)
 
 
-def _single(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
-    """Tell rows to keep: of rows with one time and depth the first where all are equal, none where they differ."""
+def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
+    """Select rows to keep: of rows with one time and depth the first where all are equal, none where they differ."""
     key = np.column_stack([table["time"], np.nan_to_num(table.get("depth", table.get("pressure", 0 * table["time"])))])
     _, first, which, size = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
     if (size == 1).all():
@@ -197,8 +194,8 @@ def _single(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
     return keep, int(np.sum(~keep & ~torn)), int(torn.sum())
 
 
-class _Samples:
-    """Where each row goes: rows with the same time as the one before are further bins of that sample."""
+class _Grid:
+    """Sample and bin of each row: rows with the same time as the one before are further bins of that sample."""
 
     def __init__(self, time_s: Floats):
         new = np.append(True, np.diff(time_s) != 0)[: len(time_s)]
@@ -208,14 +205,14 @@ class _Samples:
         self.time_s = time_s[self.first]
 
 
-def _spread(values: Floats, samples: _Samples, shape: tuple[int, int]) -> Floats:
+def _spread(values: Floats, samples: _Grid, shape: tuple[int, int]) -> Floats:
     grid = np.full(shape, np.nan)
     grid[samples.row, samples.bin] = values
     return grid
 
 
-def _ranges(table: Mapping[str, Floats], samples: _Samples, shape: tuple[int, int]) -> Floats:
-    """Return each bin's depth below the first bin of its sample."""
+def _ranges(table: Mapping[str, Floats], samples: _Grid, shape: tuple[int, int]) -> Floats:
+    """Compute each bin's depth below the first bin of its sample."""
     level = table.get("depth", table.get("pressure"))
     if level is None or shape[1] == 1:
         return np.zeros(shape)
@@ -231,7 +228,7 @@ def _east_north(table: Mapping[str, Floats]) -> tuple[Floats, Floats]:
 
 
 def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str, ...]]:
-    """Return UTC seconds since 1970, increasing, and values of a covariate's table, (n,) each and finite; and notes.
+    """Read a covariate's table: UTC seconds since 1970, increasing, and finite values, (n,) each; and notes.
 
     Of rows that share a time the first counts where all agree, none where they differ.
 
@@ -252,8 +249,6 @@ def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str
     values = value[known]
     torn = np.bincount(which, values != values[first][which], minlength=len(time_s)) > 0
     if torn.all():
-        where, found = ", ".join(str(path) for path in paths), "none"
-        raise InputError(
-            where, expected="rows with a time and a value", found=found, advice="check columns and missing"
-        )
+        expected, advice = "rows with a time and a value", "check columns and missing"
+        raise InputError(", ".join(map(str, paths)), expected=expected, found="none", advice=advice)
     return time_s[~torn], values[first][~torn], table_notes(parts)

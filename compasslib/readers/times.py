@@ -15,13 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.types import Bools, Floats
+from compasslib.types import DAY_S, Bools, Floats
 
 Ints = NDArray[np.int64]
 
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
-DAY_S = 86400.0
 DATENUM_1970, EXCEL_1970 = 719529.0, 25569.0  # the first of January 1970 in MATLAB's and in Excel's days
 JULIAN_DAY_1970 = 2440588  # of the noon of the first of January 1970
 FARTHEST_ZONE_H = 14  # of the inhabited earth
@@ -69,14 +68,14 @@ class Unreadable(Exception):
         row: its number from 0, None where it is the column as a whole.
     """
 
-    def __init__(self, row: int | None, found: str, expected: str = TIME_FORM, advice: str = ""):
-        super().__init__(found)
-        self.row, self.found, self.expected, self.advice = row, found, expected, advice
+    def __init__(self, row: int | None, shown: str, expected: str = TIME_FORM, advice: str = ""):
+        super().__init__(shown)
+        self.row, self.shown, self.expected, self.advice = row, shown, expected, advice
 
 
 @dataclass(frozen=True)
 class _Fields:
-    """What stands in the cells of one form, (n,) each."""
+    """Fields of cells of one form, (n,) each."""
 
     year: Floats
     month: Floats
@@ -87,10 +86,10 @@ class _Fields:
     zone_s: Floats  # NaN where the cell names none
 
 
-def seconds(
+def parse_times(
     cells: Sequence[str], numbers: Callable[[], Floats | None], *, form: str | None = None, zone: str | None = None
 ) -> tuple[Floats, str]:
-    """Return UTC seconds since 1970 of cells, (n,), and what was recognised, empty for ISO.
+    """Parse cells as UTC seconds since 1970, (n,), and describe what was recognised, empty for ISO.
 
     Args:
         cells: stripped.
@@ -103,42 +102,36 @@ def seconds(
     """
     ahead_s = 0.0 if zone in (None, "UTC") else _offset_s(str(zone))
     if form is None and all(map(_ISO.fullmatch, cells)):
-        return _iso(cells) - (ahead_s if not any(cell.endswith("Z") for cell in cells) else _torn(cells, ahead_s)), ""
+        return _parse_iso(cells) - _refuse_mixed_zones(cells, ahead_s), ""
     if form in SCALES:
-        return _scaled(str(form), cells, numbers()) - ahead_s, ""
+        return _from_scale(str(form), cells, numbers()) - ahead_s, ""
     if form is not None:
-        return _by_format(cells, form, ahead_s), ""
-    fields, said = _recognised(cells)
+        return _parse_format(cells, form, ahead_s), ""
+    fields, note = _parse_fields(cells)
     if fields is None:
-        scale = _scale(cells, numbers())
-        return _scaled(scale, cells, numbers()) - ahead_s, f"times as {SCALES[scale][1]}"
-    time_s = _civil(cells, fields)
-    return time_s - _ahead_s(cells, fields.zone_s, zone, ahead_s), said
+        scale = _detect_scale(cells, numbers())
+        return _from_scale(scale, cells, numbers()) - ahead_s, f"times as {SCALES[scale][1]}"
+    return _fields_to_seconds(cells, fields) - _zone_offset_s(cells, fields.zone_s, zone, ahead_s), note
 
 
-def _torn(cells: Sequence[str], ahead_s: float) -> Floats:
-    """Return how far each cell's clock is ahead of UTC where some end in Z, s."""
-    if not ahead_s:
-        return np.zeros(len(cells))
-    row = next(k for k, cell in enumerate(cells) if cell.endswith("Z"))
-    raise Unreadable(row, repr(cells[row]), "times without a zone beside timezone", "correct or delete timezone")
+def _refuse_mixed_zones(cells: Sequence[str], ahead_s: float) -> float:
+    """Refuse a zone beside ISO times in UTC (Z); give how far the clock is ahead of UTC, s."""
+    row = next((k for k, cell in enumerate(cells) if cell.endswith("Z")), None)
+    if row is not None and ahead_s:
+        raise Unreadable(row, repr(cells[row]), "times without a zone beside timezone", "correct or delete timezone")
+    return ahead_s
 
 
-def _iso(cells: Sequence[str]) -> Floats:
+def _parse_iso(cells: Sequence[str]) -> Floats:
     try:
-        bare = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[us]")
+        return np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[us]").astype(np.int64) / 1e6
     except ValueError:
-        row = next(k for k, cell in enumerate(cells) if not _exists(cell))
-        raise Unreadable(row, repr(cells[row])) from None
-    return bare.astype(np.int64) / 1e6
-
-
-def _exists(cell: str) -> bool:
-    try:
-        np.datetime64(cell.rstrip("Z"))
-    except ValueError:
-        return False
-    return True
+        for row, cell in enumerate(cells):
+            try:
+                np.datetime64(cell.rstrip("Z"))
+            except ValueError:
+                raise Unreadable(row, repr(cell)) from None
+        raise
 
 
 def _offset_s(zone: str) -> float:
@@ -147,7 +140,7 @@ def _offset_s(zone: str) -> float:
 
 
 def parse_origin(text: str, calendar: str) -> float:
-    """Return the instant that a unit such as "days since" counts from, UTC seconds since 1970.
+    """Parse the instant that a unit such as "days since" counts from, UTC seconds since 1970.
 
     Args:
         text: what follows "since" by CF 4.4 and UDUNITS: a date, the time of day where it is not 0 h, and the offset
@@ -161,11 +154,11 @@ def parse_origin(text: str, calendar: str) -> float:
 
     advice = "write for example days since 1950-01-01 00:00:00 +00:00"
     unreadable = Unreadable(None, repr(text), "a date, a time of day and an offset from UTC", advice)
-    if (found := _SINCE.fullmatch(" ".join(text.split()))) is None:
+    if (match := _SINCE.fullmatch(" ".join(text.split()))) is None:
         raise unreadable
-    packed, clock = found["packed"], [float(found[part] or 0.0) for part in "HMS"]
-    date = (packed[:4], packed[4:6], packed[6:]) if packed else (found["y"], found["m"] or 1, found["d"] or 1)
-    digits = re.sub(r"[^\d]", "", found["zone"] or "")
+    packed, clock = match["packed"], [float(match[part] or 0.0) for part in "HMS"]
+    date = (packed[:4], packed[4:6], packed[6:]) if packed else (match["y"], match["m"] or 1, match["d"] or 1)
+    digits = re.sub(r"[^\d]", "", match["zone"] or "")
     hours, minutes = (int(digits[:-2]), int(digits[-2:])) if len(digits) > 2 else (int(digits or 0), 0)
     if clock[0] > 23.0 or clock[1] > 59.0 or clock[2] >= 60.0 or hours > FARTHEST_ZONE_H or minutes > 59:
         raise unreadable
@@ -176,7 +169,7 @@ def parse_origin(text: str, calendar: str) -> float:
             day = cftime.datetime(*map(int, date), calendar=calendar, has_year_zero=year_zero).toordinal()
     except ValueError:
         raise unreadable from None
-    ahead_s = 60.0 * (60 * hours + minutes) * (-1.0 if "-" in (found["zone"] or "") else 1.0)
+    ahead_s = 60.0 * (60 * hours + minutes) * (-1.0 if "-" in (match["zone"] or "") else 1.0)
     return (day - JULIAN_DAY_1970) * DAY_S + 3600.0 * clock[0] + 60.0 * clock[1] + clock[2] - ahead_s
 
 
@@ -187,17 +180,17 @@ SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "epoch_ms": (lambda x: x / 1e3, "milliseconds since 1970"),
     "datenum": (lambda x: np.round((x - DATENUM_1970) * DAY_S, 3), "MATLAB's datenum"),
     "excel": (lambda x: np.round((x - EXCEL_1970) * DAY_S, 3), "Excel's days"),
-    "decimal_year": (lambda x: _of_years(x), "years with a fraction of their own length"),
+    "decimal_year": (lambda x: _decimal_years(x), "years with a fraction of their own length"),
 }
 
 
-def _of_years(years: Floats) -> Floats:
+def _decimal_years(years: Floats) -> Floats:
     whole = np.floor(years)
     begin, end = ((whole + k - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float) for k in (0, 1))
     return np.round(begin + (years - whole) * (end - begin), 3)
 
 
-def _scaled(scale: str, cells: Sequence[str], values: Floats | None) -> Floats:
+def _from_scale(scale: str, cells: Sequence[str], values: Floats | None) -> Floats:
     if values is None or not np.isfinite(values).all():
         row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
         raise Unreadable(
@@ -214,8 +207,8 @@ def _scaled(scale: str, cells: Sequence[str], values: Floats | None) -> Floats:
     return time_s
 
 
-def _scale(cells: Sequence[str], values: Floats | None) -> str:
-    """Return the one scale on which all numbers are times of instruments."""
+def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
+    """Find the one scale on which all numbers are times of instruments."""
     if values is None or not np.isfinite(values).all() or not len(values):
         row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
         row = next((k for k, cell in enumerate(cells) if not _NUMBERLIKE.fullmatch(cell)), row)
@@ -246,23 +239,23 @@ _NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
 # Times in words and figures.
 
 
-def _by_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
+def _parse_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
     import pandas as pd  # only for a format that somebody gives: its import takes longer than the table
 
     try:
-        found = pd.to_datetime(pd.Index(cells, dtype=object), format=form, errors="coerce", utc=True)
+        parsed = pd.to_datetime(pd.Index(cells, dtype=object), format=form, errors="coerce", utc=True)
     except ValueError as error:
         raise Unreadable(None, repr(form), "a strptime format", f"correct time_format ({error})") from None
-    lost = np.flatnonzero(found.isna())
+    lost = np.flatnonzero(parsed.isna())
     if len(lost):
         row = int(lost[0])
         raise Unreadable(row, repr(cells[row]), f"a time like {form}", "mend the line or correct time_format")
-    time_s = found.to_numpy(dtype="datetime64[us]").astype(np.int64) / 1e6
+    time_s = parsed.to_numpy(dtype="datetime64[us]").astype(np.int64) / 1e6
     return time_s - (0.0 if "%z" in form else ahead_s)
 
 
-def _recognised(cells: Sequence[str]) -> tuple[_Fields | None, str]:
-    """Return the fields of the form that the first cell has, None where it has none, and what that is."""
+def _parse_fields(cells: Sequence[str]) -> tuple[_Fields | None, str]:
+    """Parse the fields of the form that the first cell has, None where it has none, and describe that form."""
     form = next((form for form, pattern in _PATTERNS.items() if cells and pattern.fullmatch(cells[0])), None)
     if form is None:
         return None, ""
@@ -272,27 +265,27 @@ def _recognised(cells: Sequence[str]) -> tuple[_Fields | None, str]:
         expected = TIME_FORM if form == "iso" else f"a time like {cells[0]!r}, as in the first row"
         raise Unreadable(row, repr(cells[row]), expected, "" if form == "iso" else f"mend the line, or {SETTLE}")
     names = list(_PATTERNS[form].groupindex)
-    found = dict(zip(names, zip(*(match.groups() for match in matches if match), strict=True), strict=True))
+    groups = dict(zip(names, zip(*(match.groups() for match in matches if match), strict=True), strict=True))
     n = len(cells)
-    column = {name: _floats(found[name], n) for name in ("y", "m", "d", "a", "b", "H", "M", "S") if name in found}
-    said = {"iso": "", "compact": "dates as yyyymmdd", "run together": "times as yyyymmddhhmm"}.get(form, "")
+    column = {
+        name: np.array([float(text.replace(",", ".")) if text else 0.0 for text in groups[name]])
+        for name in ("y", "m", "d", "a", "b", "H", "M", "S")
+        if name in groups
+    }
+    note = {"iso": "", "compact": "dates as yyyymmdd", "run together": "times as yyyymmddhhmm"}.get(form, "")
     if form == "figures":
-        column["d"], column["m"], said = _day_and_month(cells, column["a"], column["b"], column["y"])
-    if "name" in found:
-        column["m"], said = _months(cells, found["name"]), "months by their names"
-    hour = _hours(cells, column.get("H", np.zeros(n)), found.get("half", (None,) * n))
-    zones = [np.nan if zone is None else _offset_s(zone) for zone in found["zone"]] if any(found["zone"]) else []
+        column["d"], column["m"], note = _day_and_month(cells, column["a"], column["b"], column["y"])
+    if "name" in groups:
+        column["m"], note = _months(cells, groups["name"]), "months by their names"
+    hour = _hours(cells, column.get("H", np.zeros(n)), groups.get("half", (None,) * n))
+    zones = [np.nan if zone is None else _offset_s(zone) for zone in groups["zone"]] if any(groups["zone"]) else []
     zone_s = np.array(zones) if zones else np.full(n, np.nan)
     zone_s[np.isnan(zone_s) & np.array([cell[-1] in "ZCT" for cell in cells])] = 0.0  # Z, UTC, GMT
     zero = np.zeros(n)
     return (
         _Fields(column["y"], column["m"], column["d"], hour, column.get("M", zero), column.get("S", zero), zone_s),
-        said,
+        note,
     )
-
-
-def _floats(texts: Sequence[str | None], n: int) -> Floats:
-    return np.fromiter((float(text.replace(",", ".")) if text else 0.0 for text in texts), dtype=float, count=n)
 
 
 def _months(cells: Sequence[str], names: Sequence[str]) -> Floats:
@@ -305,7 +298,7 @@ def _months(cells: Sequence[str], names: Sequence[str]) -> Floats:
 
 
 def _hours(cells: Sequence[str], hour: Floats, half: Sequence[str | None]) -> Floats:
-    """Return hours of 24 from those of 12 with AM or PM."""
+    """Convert hours of 12 with AM or PM to those of 24."""
     if not any(half):
         return hour
     row = next((k for k, letter in enumerate(half) if not letter or not 1 <= hour[k] <= 12), None)
@@ -315,11 +308,7 @@ def _hours(cells: Sequence[str], hour: Floats, half: Sequence[str | None]) -> Fl
 
 
 def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
-    """Return days and months of dates in figures, and what settles which is which.
-
-    Raises:
-        Unreadable: no row settles it, rows settle it in both ways, or the times would go back by days.
-    """
+    """Tell days from months in dates in figures, describe which row settles it; refuse what stays open."""
     first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
     expected = "dates in which day and month can be told apart"
     if len(first) and len(second):
@@ -333,13 +322,13 @@ def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> 
     order = np.diff(year * 372.0 + month * 31.0 + day)
     if (order < 0.0).any() and (order > 0.0).any():
         back = int(np.flatnonzero(order * np.sign(np.sum(np.sign(order)) or 1.0) < 0.0)[0]) + 1
-        found = f"{cells[back]!r} behind {cells[back - 1]!r}, which goes back if it is {which}"
-        raise Unreadable(back, found, expected, SETTLE)
+        shown = f"{cells[back]!r} behind {cells[back - 1]!r}, which goes back if it is {which}"
+        raise Unreadable(back, shown, expected, SETTLE)
     return day, month, f"dates {which}" + (f" ({cells[settles[0]]} settles it)" if len(settles) else "")
 
 
-def _civil(cells: Sequence[str], at: _Fields) -> Floats:
-    """Return seconds since 1970 of fields; dates and hours that do not exist are refused."""
+def _fields_to_seconds(cells: Sequence[str], at: _Fields) -> Floats:
+    """Convert fields to seconds since 1970; dates and hours that do not exist are refused."""
     months = ((at.year - 1970.0) * 12.0 + np.clip(at.month, 1.0, 12.0) - 1.0).astype(np.int64).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (at.day - 1.0).astype("timedelta64[D]")
     wrong: Bools = (days.astype("datetime64[M]") != months) | (at.month < 1.0) | (at.month > 12.0)
@@ -351,16 +340,18 @@ def _civil(cells: Sequence[str], at: _Fields) -> Floats:
     return (days.astype("datetime64[us]").astype(np.int64) + clock_us) / 1e6
 
 
-def _ahead_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead_s: float) -> Floats:
-    """Return how far each cell's clock is ahead of UTC: by its own offset, else by the zone that is given."""
-    own = np.isfinite(zone_s)
-    bare = np.flatnonzero(~own)
-    if len(bare) and np.any(zone_s[own] != 0.0) and zone is None:
-        raise Unreadable(int(bare[0]), repr(cells[bare[0]]), "an offset from UTC as in other rows", "write timezone")
-    if zone is not None and np.any(zone_s[own] != ahead_s):
-        row = int(np.flatnonzero(own & (zone_s != ahead_s))[0])
+def _zone_offset_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead_s: float) -> Floats:
+    """Find how far each cell's clock is ahead of UTC: by its offset, else by the given zone."""
+    stated = np.isfinite(zone_s)
+    unstated = np.flatnonzero(~stated)
+    if len(unstated) and np.any(zone_s[stated] != 0.0) and zone is None:
+        raise Unreadable(
+            int(unstated[0]), repr(cells[unstated[0]]), "an offset from UTC as in other rows", "write timezone"
+        )
+    if zone is not None and np.any(zone_s[stated] != ahead_s):
+        row = int(np.flatnonzero(stated & (zone_s != ahead_s))[0])
         raise Unreadable(row, repr(cells[row]), f"times at {zone}, as timezone says", "correct or delete timezone")
-    return np.where(own, zone_s, ahead_s)
+    return np.where(stated, zone_s, ahead_s)
 
 
 def describe_averages(average_s: float, time_s: Floats) -> tuple[str, ...]:
@@ -370,7 +361,6 @@ def describe_averages(average_s: float, time_s: Floats) -> tuple[str, ...]:
 
     Args:
         average_s: over which a sample is said to be a mean, beginning at its time; 0 or NaN where unknown.
-        time_s: (n,) times of the samples in their order.
     """
     steps = np.diff(time_s)
     steps = steps[steps > 0.0]

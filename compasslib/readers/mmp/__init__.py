@@ -24,11 +24,9 @@ from numpy.typing import ArrayLike
 from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers.delimited import Layout
-from compasslib.readers.mmp import pressure
-from compasslib.readers.mmp import scans as scan_files
-from compasslib.readers.mmp.pressure import Companion, Start
+from compasslib.readers.mmp.pressure import Companion, Start, read_companions
 from compasslib.readers.mmp.rows import UNKNOWN
-from compasslib.readers.mmp.scans import Scans
+from compasslib.readers.mmp.scans import Scans, follows_previous, interpolate_clock, read_scans, sample_rates
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 from compasslib.types import Bools, Floats
 
@@ -59,19 +57,19 @@ class TimedScans:
 
 @dataclass(frozen=True, eq=False)
 class HeadingComparison:
-    """How logged headings stand to those of the magnetometer."""
+    """Logged headings against those of the magnetometer."""
 
     off: Bools  # (n,) further apart than tilts explain, beyond the constant
-    known: int  # headings with a magnetometer's beside them
+    known: int  # headings that have a magnetometer's too
     constant_deg: float  # logged minus computed, in the middle; 0 where they do not follow each other
 
     @property
     def agrees(self) -> bool:
-        """Return whether most headings are the magnetometer's."""
+        """Tell whether most headings are the magnetometer's."""
         return int(self.off.sum()) <= MOST_OFF * self.known
 
     def warnings(self) -> list[str]:
-        """Return what to report of logged headings that are not the magnetometer's."""
+        """Word the report of logged headings that are not the magnetometer's."""
         number = int(self.off.sum())
         apart = (
             f"{number} of {self.known} logged headings stand more than {OFF_DEG:g} degrees off those of HX HY HZ TX TY"
@@ -90,7 +88,7 @@ class HeadingComparison:
 def read(
     paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_offset_seconds: float | None, **layout: Any
 ) -> Record:
-    """Return one record from files in the order given, currents turned by the recorded magnetic heading.
+    """Read one record from files in the order given, currents turned by the recorded magnetic heading.
 
     Pitch is TX (forward up) and roll is TY (port up), as the logger's own rule for the heading takes them.
 
@@ -104,23 +102,21 @@ def read(
     Raises:
         InputError: a file that cannot be read or is none of these, or scans whose time nothing tells.
     """
-    scans = scan_files.read_scans(paths)
-    companion = pressure.load([Path(file) for file in pressure_files or ()], Layout.from_settings(layout))
-    series = _timed(scans, companion, start_offset_seconds or 0.0)
+    scans = read_scans(paths)
+    companion = read_companions([Path(file) for file in pressure_files or ()], Layout.from_settings(layout))
+    series = _add_times(scans, companion, start_offset_seconds or 0.0)
     record = _record(series, companion, known_depth=bool(pressure_files))
     return replace(record, warnings=(*record.warnings, *companion.notes))
 
 
 def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) -> Floats:
-    """Return the magnetic heading by the logger's own rule, degrees in [0, 360); NaN where there is no level field.
+    """Compute the magnetic heading by the logger's own rule, degrees in [0, 360); NaN where there is no level field.
 
     x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = arg(x + iy): TX lifts the x axis (forward), TY the
     y axis (port), z is upward.
 
     Args:
         field: HX, HY, HZ along the last axis, (n, 3), any unit.
-        tilt_x_deg: TX, (n,).
-        tilt_y_deg: TY, (n,).
     """
     (sin_x, cos_x), (sin_y, cos_y) = angles.sin_cos(tilt_x_deg), angles.sin_cos(tilt_y_deg)
     level = field[..., 0] * cos_x - field[..., 2] * sin_x + 1j * (field[..., 1] * cos_y - field[..., 2] * sin_y)
@@ -128,25 +124,19 @@ def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) 
 
 
 def instrument_axes(paths: Floats) -> tuple[Floats, Floats]:
-    """Return (x, y) of the flow in the instrument's axes, from the two level paths, in the unit of the paths.
-
-    Args:
-        paths: VPAB, VPCD, VPEF, VPGH along the last axis, (n, 4).
-    """
+    """Turn the paths VPAB, VPCD, VPEF, VPGH, (n, 4), into (x, y) of the flow in the meter's axes, in their unit."""
     ab, ef = paths[..., 0], paths[..., 2]
     return -(ab + ef) / _ROOT2, (ab - ef) / _ROOT2
 
 
 def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools) -> Floats:
-    """Return how fast the meter turns clockwise, (n,) degrees a second, by the headings two seconds before and after.
+    """Estimate the meter's turning, (n,) degrees a second clockwise, by the headings two seconds before and after.
 
     Less at the end of a stretch of joined scans; zero where no neighbour joins and where scans are too far apart to
     follow a swing. Over neighbouring scans alone the noise of the heading outweighs the swing: in a genuine profile at
     2 Hz that raised the scatter of y from 2.1 to 2.7 cm/s, where this lowers it to 1.9 cm/s.
 
     Args:
-        heading_deg: (n,).
-        rate_hz: (n,) sample rate.
         joined: (n - 1,) whether each scan follows the one before without a gap.
     """
     turned = angles.difference(heading_deg[1:], heading_deg[:-1])
@@ -163,59 +153,55 @@ def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools) -> Floats:
 
 
 def remove_swing(y: Floats, turning_deg_s: Floats) -> Floats:
-    """Return the flow to port without the meter's own swing about the wire, which adds 0.43 m times its rate.
-
-    Args:
-        y: (n,) m/s.
-        turning_deg_s: clockwise, (n,) degrees a second.
-    """
+    """Subtract the meter's swing about the wire from the flow to port, m/s: 0.43 m times its clockwise rate."""
     return y - LEVER_M * math.pi / 180.0 * turning_deg_s
 
 
 def to_earth(x: Floats, y: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
-    """Return (east, north): east + i north = (x + iy) e^{i(90 - heading)}, to the north that the heading refers to.
-
-    Args:
-        x: along the heading, (n,).
-        y: to port, (n,).
-        heading_deg: (n,).
-    """
+    """Turn (x forward, y to port) by the heading: east + i north = (x + iy) e^{i(90 - heading)}."""
     level = (x + 1j * y) * angles.phasor(90.0 - heading_deg)
     return level.real, level.imag
 
 
 def is_aliased(scans: Scans) -> Bools:
-    """Return which scans are the first of their profile, and aliased, (r,)."""
+    """Flag the first scan of each profile, which is aliased, (r,)."""
     return np.append(True, np.diff(scans.profile) > 0)[: len(scans.profile)]
 
 
 def compare_headings(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> HeadingComparison:
-    """Return which logged headings are not those of the magnetometer, levelled or not.
+    """Compare logged headings with those of the magnetometer, levelled or not.
 
     Args:
-        heading_deg: as logged, (n,); NaN where there is none.
         field: HX, HY, HZ, (n, 3), any unit.
         tilts_deg: TX, TY, (n, 2).
     """
     rules = [logged_heading(field, *(share * tilts_deg.T)) for share in (1.0, 0.0)]
     apart = np.array([angles.difference(heading_deg, rule) for rule in rules])
     known = np.isfinite(apart).all(axis=0)
-    constant = _middle(apart[0][known])
+    constant = 0.0
+    if known.any():
+        mean = angles.mean(apart[0][known])
+        constant = float(angles.wrap180(mean + np.median(angles.difference(apart[0][known], mean))))
     off = known & (np.abs(angles.difference(apart, constant)) > OFF_DEG).all(axis=0)
-    found = HeadingComparison(off, int(known.sum()), constant)
-    return found if found.agrees else HeadingComparison(known & (np.abs(apart) > OFF_DEG).all(axis=0), found.known, 0.0)
+    if off.sum() > MOST_OFF * known.sum():
+        off, constant = known & (np.abs(apart) > OFF_DEG).all(axis=0), 0.0
+    return HeadingComparison(off, int(known.sum()), constant)
 
 
-def _timed(scans: Scans, companion: Companion, start_offset_seconds: float) -> TimedScans:
-    """Return scans with time, heading and pressure."""
+def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) -> TimedScans:
+    """Add time, heading and pressure to scans."""
     nominal = np.array([block.rate_hz for block in scans.blocks])
-    rate = scan_files.sample_rates(scans.clock_s, scans.profile, scans.place, nominal)
-    bare = np.isnan(scans.clock_s)
-    notes = _rate_notes(nominal, rate)
-    time_s = scan_files.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
-    if bare.any():
+    rate = sample_rates(scans.clock_s, scans.profile, scans.place, nominal)
+    unclocked, notes = np.isnan(scans.clock_s), []
+    if (other := np.isfinite(nominal) & (nominal != rate)).any():
+        notes.append(
+            f"the clock of {int(other.sum())} profiles shows {np.median(rate[other]):.3g} scans a second where the "
+            f"file says {np.median(nominal[other]):.3g}; the clock was taken"
+        )
+    time_s = interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
+    if unclocked.any():
         start, rate, rate_notes = _starts(scans, companion, start_offset_seconds, rate)
-        time_s = np.where(bare, start[scans.profile] + scans.place / rate[scans.profile], time_s)
+        time_s = np.where(unclocked, start[scans.profile] + scans.place / rate[scans.profile], time_s)
         notes += rate_notes
     elif start_offset_seconds:
         notes.append("start_offset_seconds has no effect: the scans carry a clock")
@@ -230,54 +216,41 @@ def _timed(scans: Scans, companion: Companion, start_offset_seconds: float) -> T
     return TimedScans(scans, time_s, heading, dbar, rate, ascending, tuple(notes))
 
 
-def _rate_notes(nominal: Floats, rate: Floats) -> list[str]:
-    other = np.flatnonzero(np.isfinite(nominal) & (nominal != rate))
-    if not len(other):
-        return []
-    return [
-        f"the clock of {len(other)} profiles shows {np.median(rate[other]):.3g} scans a second where the file says"
-        f" {np.median(nominal[other]):.3g}; the clock was taken"
-    ]
-
-
 def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
-    """Return time of the first scan and sample rate of every profile whose scans carry no clock."""
-    own = [Start(block.number, block.on_s, block.off_s) for block in scans.blocks]
-    starts = [a if np.isfinite(a.on_s) else b for a, b in zip(own, _matched(own, companion.starts), strict=True)]
+    """Find time of the first scan and sample rate of the profiles whose scans carry no clock."""
+    stated = [Start(block.number, block.on_s, block.off_s) for block in scans.blocks]
+    matched = _match_starts(stated, companion.starts)
+    starts = [a if np.isfinite(a.on_s) else b for a, b in zip(stated, matched, strict=True)]
     begin = np.array([start.on_s for start in starts]) + offset
     if not np.isfinite(begin).any():
         raise InputError(
             "pressure_files",
             expected="the profiler's engineering (E) files with the starts of the profiles, as scans carry no clock",
-            found=f"{len(companion.starts)} profile starts for {len(own)} profiles without a common number",
+            found=f"{len(companion.starts)} profile starts for {len(stated)} profiles without a common number",
             advice="give the E files of the same profiles",
         )
-    rate = np.where(np.isfinite(rate), rate, _shown_rate(scans, np.array([start.off_s for start in starts]) - begin))
+    count = np.array([scans.place[end - 1] + 1 for _, end in _limits(scans)])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shown = count / (np.array([start.off_s for start in starts]) - begin)
+        shown = np.where((shown > SLOWEST_HZ) & (shown < FASTEST_HZ), shown, np.nan)
+    rate = np.where(np.isfinite(rate), rate, shown)
     assumed = int(np.sum(np.isnan(rate) & np.isfinite(begin)))
     notes = ["scans carry no clock: times are the profiles' starts, start_offset_seconds and the sample rate"]
-    if any(a.number != b.number for a, b in zip(own, starts, strict=True) if np.isfinite(b.on_s)):
+    if any(a.number != b.number for a, b in zip(stated, starts, strict=True) if np.isfinite(b.on_s)):
         notes.append("profiles and their starts in pressure_files have no common numbers and were matched in order")
     if assumed:
         notes.append(f"no file states the sample rate of {assumed} profiles: {USUAL_HZ:g} Hz was assumed")
     return begin, np.where(np.isfinite(rate), rate, USUAL_HZ), notes
 
 
-def _matched(own: Sequence[Start], starts: Sequence[Start]) -> list[Start]:
-    """Return the companion's start of each profile: by number, in order where numbers tell nothing."""
+def _match_starts(stated: Sequence[Start], starts: Sequence[Start]) -> list[Start]:
+    """Match the companion's starts to profiles: by number, in order where numbers tell nothing."""
     unknown = Start(UNKNOWN, np.nan, np.nan)
     by_number = {start.number: start for start in starts if start.number != UNKNOWN}
-    found = [by_number.get(each.number, unknown) for each in own]
-    if len(starts) == len(own) and not any(np.isfinite(each.on_s) for each in found):
+    matched = [by_number.get(each.number, unknown) for each in stated]
+    if len(starts) == len(stated) and not any(np.isfinite(each.on_s) for each in matched):
         return list(starts)
-    return found
-
-
-def _shown_rate(scans: Scans, lasted_s: Floats) -> Floats:
-    """Return the sample rate that the time between start and end of each profile tells, NaN where it is no rate."""
-    count = np.array([scans.place[end - 1] + 1 for _, end in _limits(scans)])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shown = count / lasted_s
-        return np.where((shown > SLOWEST_HZ) & (shown < FASTEST_HZ), shown, np.nan)
+    return matched
 
 
 def _limits(scans: Scans) -> list[tuple[int, int]]:
@@ -335,20 +308,16 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
 
 
 def _velocities(series: TimedScans) -> tuple[Floats, Floats]:
-    """Return (x, y) in the meter's axes without its swing, (r,) m/s each: along the heading, to port.
-
-    Args:
-        series: scans on their time axis.
-    """
+    """Compute (x, y) in the meter's axes without its swing, (r,) m/s each: along the heading, to port."""
     scans, rate = series.scans, series.rate_hz[series.scans.profile]
     x, y = instrument_axes(scans.values[:, 6:] / 100.0)
     # A turn away from an aliased heading is none.
-    joined = scan_files.follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~is_aliased(scans)[:-1]
+    joined = follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~is_aliased(scans)[:-1]
     return x, remove_swing(y, swing_rate(series.heading_deg, rate, joined))
 
 
 def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, int]:
-    """Return what was read and left out: scans, aliased, damaged and untimed ones are all that the files hold."""
+    """Count what was read and left out: scans, aliased, damaged and untimed ones are all that the files hold."""
     scans, timed = series.scans, np.isfinite(series.time_s)
     counted = {
         "scans": keep.sum(),
@@ -387,10 +356,3 @@ def _losses(scans: Scans, counts: dict[str, int], known_depth: bool, remote: int
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-
-
-def _middle(degrees: Floats) -> float:
-    if not degrees.size:
-        return 0.0
-    mean = angles.mean(degrees)
-    return float(angles.wrap180(mean + np.median(angles.difference(degrees, mean))))

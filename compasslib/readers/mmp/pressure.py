@@ -16,9 +16,9 @@ import numpy as np
 from compasslib.errors import InputError
 from compasslib.readers.delimited import Layout, Lines, find_lines, parse_table, table_notes
 from compasslib.readers.detect import detect_kind
-from compasslib.readers.files import refuse_mostly_damaged
-from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, blocks, parse
-from compasslib.readers.mmp.scans import contents, is_text
+from compasslib.readers.files import read_bytes, refuse_mostly_damaged
+from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, parse, parse_profiles
+from compasslib.readers.mmp.scans import is_text
 from compasslib.readers.times import civil_seconds
 from compasslib.types import Floats
 
@@ -57,11 +57,7 @@ class Companion:
     notes: tuple[str, ...] = ()  # how tables were read
 
     def at(self, time_s: Floats) -> Floats:
-        """Return the pressure at other times, NaN where no two near samples enclose one.
-
-        Args:
-            time_s: (r,) UTC seconds.
-        """
+        """Interpolate the pressure to other times, (r,); NaN where no two near samples enclose one."""
         if len(self.time_s) < 2:
             return np.full(len(time_s), np.nan)
         step = np.diff(self.time_s)
@@ -73,11 +69,7 @@ class Companion:
         return np.where(inside, np.interp(time_s, self.time_s, self.pressure_dbar), np.nan)
 
     def distance_s(self, time_s: Floats) -> Floats:
-        """Return how far the nearest sample of pressure is, (r,) seconds; infinite without any.
-
-        Args:
-            time_s: (r,) UTC seconds.
-        """
+        """Compute the distance of the nearest sample of pressure from times, (r,) seconds; infinite without any."""
         if not len(self.time_s):
             return np.full(len(time_s), np.inf)
         after = np.searchsorted(self.time_s, time_s).clip(0, len(self.time_s) - 1)
@@ -87,7 +79,7 @@ class Companion:
 
 @dataclass(frozen=True, eq=False)
 class _PressureSeries:
-    """What one file holds."""
+    """The pressure in one file."""
 
     time_s: Floats
     pressure_dbar: Floats
@@ -97,18 +89,18 @@ class _PressureSeries:
     notes: tuple[str, ...] = ()
 
 
-def load(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> Companion:
-    """Return the pressure of all files together.
+def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> Companion:
+    """Read the pressure of all files together.
 
     Raises:
         InputError: a file that cannot be read or is none of these.
     """
-    series = [_one(path, layout) for path in paths]
-    clocked = _together([each for each in series if each.clocked])
-    return _together([each if each.clocked else _beside(each, clocked) for each in series])
+    series = [_read_file(path, layout) for path in paths]
+    clocked = _merge([each for each in series if each.clocked])
+    return _merge([each if each.clocked else _complement(each, clocked) for each in series])
 
 
-def _together(series: Sequence[_PressureSeries]) -> Companion:
+def _merge(series: Sequence[_PressureSeries]) -> Companion:
     nothing = np.zeros(0)
     time = np.concatenate([nothing, *(each.time_s for each in series)])
     pressure = np.concatenate([nothing, *(each.pressure_dbar for each in series)])
@@ -119,30 +111,34 @@ def _together(series: Sequence[_PressureSeries]) -> Companion:
     return Companion(time, pressure[known][first], tuple(starts), sum(each.damaged for each in series), notes)
 
 
-def _beside(series: _PressureSeries, clocked: Companion) -> _PressureSeries:
-    """Return what samples without a clock of their own add to those with one."""
+def _complement(series: _PressureSeries, clocked: Companion) -> _PressureSeries:
+    """Select samples without a clock of their own where those with one leave a gap."""
     known = {start.number for start in clocked.starts} - {UNKNOWN}
     alone = clocked.distance_s(series.time_s) > BRIDGED_S
     starts = () if not alone.all() else tuple(start for start in series.starts if start.number not in known)
     return _PressureSeries(series.time_s[alone], series.pressure_dbar[alone], starts, series.damaged, clocked=False)
 
 
-def _one(path: Path, layout: Layout) -> _PressureSeries:
-    data = contents(path)
-    if lines := _lines(path, layout):
-        return _table(path, lines, layout)
+def _read_file(path: Path, layout: Layout) -> _PressureSeries:
+    data = read_bytes(path)
+    try:
+        lines = find_lines(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
+    except InputError:  # a binary file
+        lines = None
+    if lines:
+        return _parse_table(path, lines, layout)
     if not is_text(data):
         advice, known = "unpack the profiler's binary files with the maker's unpacker", detect_kind(path)
         raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
     text = parse(data, lambda form: form[1] > DBAR_OF_C)
     if text.form is None:
         first = data.strip().split(b"\n")[0][:60].decode("latin-1").strip()
-        found = f"a first line {first!r}" if first else "an empty file"
-        raise InputError(str(path), expected=EXPECTED, found=found, advice="correct pressure_files")
-    return _rows(path, _with_old_stamp(text))
+        shown = f"a first line {first!r}" if first else "an empty file"
+        raise InputError(str(path), expected=EXPECTED, found=shown, advice="correct pressure_files")
+    return _parse_rows(path, _parse_old_stamp(text))
 
 
-def _with_old_stamp(text: Text) -> Text:
+def _parse_old_stamp(text: Text) -> Text:
     """Read six leading numbers as month, day, year, hour, minute, second where they are a date in every row."""
     if text.form is None or text.form[0] or text.form[1] < OLD_STAMP + DBAR_OF_E + 1:
         return text
@@ -154,24 +150,23 @@ def _with_old_stamp(text: Text) -> Text:
     return Text(form, text.offset, time_s, text.values[:, OLD_STAMP:], text.damaged, text.lines)
 
 
-def _rows(path: Path, text: Text) -> _PressureSeries:
-    profiles, _, damaged = blocks(text, path)
+def _parse_rows(path: Path, text: Text) -> _PressureSeries:
+    profiles, _, damaged = parse_profiles(text, path)
     refuse_mostly_damaged(path, "rows of pressure", damaged=damaged - text.foreign, whole=len(text.offset))
     stamped = text.form is not None and text.form[0]
-    time_s = text.time_s if stamped else np.concatenate([_laid_out(path, block) for block in profiles])
+    time_s = text.time_s
+    if not stamped:
+        if any(not block.off_s > block.on_s for block in profiles):
+            expected, shown = "'turned on at' and 'turned off at' lines", "rows without a clock and no such lines"
+            advice = "unpack with header lines, or give the engineering (E) files"
+            raise InputError(str(path), expected=expected, found=shown, advice=advice)
+        halves = [(block, np.arange(block.end - block.begin) + 0.5) for block in profiles]
+        spread = [block.on_s + half * (block.off_s - block.on_s) / len(half) for block, half in halves]
+        time_s = np.concatenate(spread)
     dbar = text.values[:, DBAR_OF_E if stamped else DBAR_OF_C]
     starts = tuple(_start(block, time_s) for block in profiles)
     # Before its first reading the profiler writes zeros.
     return _PressureSeries(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
-
-
-def _laid_out(path: Path, block: ProfileBlock) -> Floats:
-    if not block.off_s > block.on_s:
-        found = "rows without a clock and no such lines"
-        advice = "unpack with header lines, or give the engineering (E) files"
-        raise InputError(str(path), expected="'turned on at' and 'turned off at' lines", found=found, advice=advice)
-    size = block.end - block.begin
-    return block.on_s + (np.arange(size) + 0.5) * (block.off_s - block.on_s) / size
 
 
 def _start(block: ProfileBlock, time_s: Floats) -> Start:
@@ -179,25 +174,17 @@ def _start(block: ProfileBlock, time_s: Floats) -> Start:
     return Start(block.number, on, block.off_s)
 
 
-def _lines(path: Path, layout: Layout) -> Lines | None:
-    """Return the lines of a table, None where the file is none."""
-    try:
-        return find_lines(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
-    except InputError:  # a binary file
-        return None
-
-
 def _columns(names: Sequence[str]) -> dict[str, str]:
-    """Return the headers of a table by their meaning, none where time or pressure is not among them."""
+    """Match the headers of a table to roles, none where time or pressure is not among them."""
     header = {name.lower(): name for name in names}
     wanted = {"time": TIMES, "pressure": PRESSURES, "profile": PROFILES}
-    found = {role: header[name] for role, given in wanted.items() for name in reversed(given) if name in header}
-    if {"date", "time"} <= set(header) and found["time"] == header["time"]:
-        found |= {"date": header["date"], "clock": found.pop("time")}
-    return found if "pressure" in found and {"time", "clock"} & set(found) else {}
+    columns = {role: header[name] for role, given in wanted.items() for name in reversed(given) if name in header}
+    if {"date", "time"} <= set(header) and columns["time"] == header["time"]:
+        columns |= {"date": header["date"], "clock": columns.pop("time")}
+    return columns if "pressure" in columns and {"time", "clock"} & set(columns) else {}
 
 
-def _table(path: Path, lines: Lines, layout: Layout) -> _PressureSeries:
+def _parse_table(path: Path, lines: Lines, layout: Layout) -> _PressureSeries:
     table = parse_table(path, lines, _columns(lines.header), "correct the header", layout)
     time_s, pressure = table.columns["time"], table.columns["pressure"]
     number = np.full(table.rows, float(UNKNOWN))

@@ -57,7 +57,7 @@ _NUMBER_IN_NAME = re.compile(r"(\d{3,7})(?:\.dec)?(?:\.\w+)?$", re.IGNORECASE)
 
 @dataclass(frozen=True, eq=False)
 class Text:
-    """What a text file holds, by where it begins in the file."""
+    """The lines of a text file, by where they begin in the file."""
 
     form: Form | None  # of the rows; None without any
     offset: Ints  # (r,) of each row
@@ -91,7 +91,7 @@ class _Rows:
         self.numbers = np.s_[:, 2 * form[0] :]
 
     def number_good(self) -> Bools:
-        """Return which lines hold nothing but numbers: a sign in front, one point at most, a digit at least."""
+        """Flag lines of nothing but numbers: a sign in front, one point at most, a digit at least."""
         signed = (self.kind[self.begin] & _SIGN) != 0
         points = self._count(_DOT)
         strange = self._count(_COLON | _SLASH | _SIGN) - signed
@@ -99,7 +99,7 @@ class _Rows:
         return ((points <= 1) & (strange == 0) & (digits > 0))[self.numbers].all(axis=1)
 
     def texture(self) -> Ints:
-        """Return the decimals of every number and the count of commas, line by line."""
+        """Count the decimals of every number and the commas, line by line."""
         at = np.flatnonzero(self.kind & _DOT)
         decimals = np.full(self.begin.size, -1, dtype=np.int64)
         decimals[self.word[at]] = self.end.ravel()[self.word[at]] - 1 - at
@@ -107,7 +107,7 @@ class _Rows:
         return np.column_stack([decimals.reshape(self.begin.shape)[self.numbers], np.diff(commas)])
 
     def stamps(self) -> tuple[Floats, Bools]:
-        """Return UTC seconds since 1970, NaN without a stamp, and which lines are right in this respect."""
+        """Parse stamps to UTC seconds since 1970, NaN without one, and flag lines that are right in this respect."""
         if not self.form[0]:
             return np.full(len(self.begin), np.nan), np.ones(len(self.begin), dtype=bool)
         date, clock = self._characters(0, 10), self._characters(1, 8)
@@ -151,7 +151,7 @@ class _Statement:
 
 
 def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
-    """Return rows, damaged lines and lines of words of a text file.
+    """Parse rows, damaged lines and lines of words of a text file.
 
     Args:
         wanted: which forms rows may have; the most frequent one of them in the file is the rows'.
@@ -163,11 +163,15 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
     foreign = 0
     for start, octets in _chunks(data):
         kind = _KIND[octets]
-        begins, ends, present = _lines(octets, kind)
+        ends = np.flatnonzero(octets == ord("\n")) + 1
+        begins = np.append(0, ends[:-1])
+        present = np.bitwise_or.reduceat(kind, begins)
         words = (present & _OTHER) != 0
         lines += [(start + b, octets[b:e].tobytes()) for b, e in zip(begins[words], ends[words], strict=True)]
         numeric = ~words & ((present & _DIGIT) != 0)
-        stamped, tokens = ((present & _COLON) != 0)[numeric], _tokens(kind, begins, numeric)
+        solid = (kind & _SPACE) == 0
+        starts = solid & np.append(True, ~solid[:-1])
+        stamped, tokens = ((present & _COLON) != 0)[numeric], np.add.reduceat(starts, begins, dtype=np.int64)[numeric]
         form = form or _form(stamped, tokens, wanted)
         fits = np.zeros(len(begins), dtype=bool)
         fits[numeric] = False if form is None else (stamped == form[0]) & (tokens == form[1] + 2 * stamped)
@@ -181,8 +185,8 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
     return replace(_regular(form, pieces, damaged, lines), foreign=foreign)
 
 
-def blocks(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
-    """Return the profiles, each row's place in its profile with damaged rows counted, and how many rows are damaged.
+def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
+    """Divide rows into profiles; give each row's place in its profile, damaged ones counted, and count the damaged.
 
     Args:
         path: the file; its name numbers a single profile that nothing else does.
@@ -190,27 +194,31 @@ def blocks(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
     statements, garbled = _statements(text)
     damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
     groups, between = _groups(text, statements)
-    found: list[ProfileBlock] = []
+    profiles: list[ProfileBlock] = []
     place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
     for k, group in enumerate(groups):
         for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
             introduced = between[k] and piece.begin == group[0]
             start = between[k][-1].offset if introduced else int(text.offset[piece.begin]) if piece.begin else 0
             place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
-            found.append(piece)
-    if len(found) == 1 and found[0].number == UNKNOWN:
-        found = [replace(found[0], number=number_in_name(path))]
-    return _with_rates(found), place, len(damaged)
+            profiles.append(piece)
+    if len(profiles) == 1 and profiles[0].number == UNKNOWN:
+        profiles = [replace(profiles[0], number=number_in_name(path))]
+    rate = np.nan
+    for k, profile in enumerate(profiles):  # a rate holds until another is stated
+        rate = profile.rate_hz if np.isfinite(profile.rate_hz) else rate
+        profiles[k] = replace(profile, rate_hz=rate)
+    return profiles, place, len(damaged)
 
 
 def number_in_name(path: Path) -> int:
-    """Return the profile number that a file's name ends with, as in A0000012.TXT."""
-    found = _NUMBER_IN_NAME.search(path.name)
-    return int(found[1]) if found else UNKNOWN
+    """Parse the profile number that a file's name ends with, as in A0000012.TXT."""
+    match = _NUMBER_IN_NAME.search(path.name)
+    return int(match[1]) if match else UNKNOWN
 
 
 def has_statements(text: Text) -> bool:
-    """Return whether any line is one that an unpacker writes."""
+    """Tell whether any line is one that an unpacker writes."""
     return bool(_statements(text)[0])
 
 
@@ -224,19 +232,6 @@ def _chunks(data: bytes) -> Iterator[tuple[int, Octets]]:
         begin = end
 
 
-def _lines(octets: Octets, kind: Octets) -> tuple[Ints, Ints, Octets]:
-    ends = np.flatnonzero(octets == ord("\n")) + 1
-    begins = np.append(0, ends[:-1])
-    return begins, ends, np.bitwise_or.reduceat(kind, begins)
-
-
-def _tokens(kind: Octets, begins: Ints, numeric: Bools) -> Ints:
-    """Count the words of every line of numbers."""
-    solid = (kind & _SPACE) == 0
-    starts = solid & np.append(True, ~solid[:-1])
-    return np.add.reduceat(starts, begins, dtype=np.int64)[numeric]
-
-
 def _form(stamped: Bools, tokens: Ints, wanted: Callable[[Form], bool]) -> Form | None:
     code, times = np.unique(2 * (tokens - 2 * stamped) + stamped, return_counts=True)
     forms = {(bool(c & 1), int(c >> 1)): int(n) for c, n in zip(code, times, strict=True)}
@@ -245,9 +240,8 @@ def _form(stamped: Bools, tokens: Ints, wanted: Callable[[Form], bool]) -> Form 
 
 
 def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_RowChunk, Ints]:
-    """Return the rows among lines of the right count of words, and where the others begin."""
-    own = _marked(len(octets), begins, ends)
-    octets = octets[own]
+    """Parse the rows among lines of the right count of words; give where the others begin."""
+    octets = octets[_marked(len(octets), begins, ends)]
     size = ends - begins
     rows = _Rows(octets, np.cumsum(size) - size, form)
     time_s, stamp_good = rows.stamps()
@@ -263,7 +257,7 @@ def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_R
 
 
 def _marked(length: int, begins: Ints, ends: Ints) -> Bools:
-    """Return a mask of stretches that do not overlap."""
+    """Mask stretches that do not overlap."""
     step = np.zeros(length + 1, dtype=np.int8)
     step[begins] += 1
     step[ends] -= 1
@@ -292,7 +286,7 @@ def _most_frequent(values: Ints) -> int:
 
 
 def _statements(text: Text) -> tuple[list[_Statement], list[int]]:
-    """Return the lines that mean something, and the offsets of damaged rows among the others."""
+    """Parse the lines that mean something, and find damaged rows among the others."""
     statements: list[_Statement] = []
     garbled: list[int] = []
     inside = False
@@ -308,31 +302,25 @@ def _statements(text: Text) -> tuple[list[_Statement], list[int]]:
 
 @lru_cache(maxsize=1024)  # the instrument's header stands behind every profile, line for line the same
 def _statement(line: bytes) -> _Statement | None:
-    found = _WORDS.match(line)
-    if not found:
+    match = _WORDS.match(line)
+    if not match:
         return None
-    kind = found.lastgroup or ""
+    kind = match.lastgroup or ""
     for name, given in (("rate", "hertz"), ("profile", "number")):
-        if found[name]:
-            return _Statement(name, _float(found[given]))
+        if match[name]:
+            digits = match[given].decode()
+            return _Statement(name, float(digits) if re.fullmatch(r"\d+\.?\d*|\.\d+", digits) else np.nan)
     for name in ("on", "off"):
-        if found[name]:
-            return _Statement(name, _stamp(found[f"{name}_at"]))
+        if match[name]:
+            return _Statement(name, _stamp(match[f"{name}_at"]))
     return _Statement(kind)
 
 
-def _float(digits: bytes) -> float:
-    try:
-        return float(digits)
-    except ValueError:
-        return float("nan")
-
-
 def _stamp(words: bytes) -> float:
-    found = re.match(rb"\s*(\d\d?)/(\d\d?)/(\d{4})\s+(\d\d?):(\d\d):(\d\d)", words)
-    if not found:
+    match = re.match(rb"\s*(\d\d?)/(\d\d?)/(\d{4})\s+(\d\d?):(\d\d):(\d\d)", words)
+    if not match:
         return float("nan")
-    month, day, year, hour, minute, second = (int(part) for part in found.groups())
+    month, day, year, hour, minute, second = (int(part) for part in match.groups())
     try:
         known = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError:
@@ -341,7 +329,7 @@ def _stamp(words: bytes) -> float:
 
 
 def _groups(text: Text, statements: Sequence[_Statement]) -> tuple[list[tuple[int, int]], list[list[_Statement]]]:
-    """Return the rows between lines that end a profile, and the lines before, between and behind them."""
+    """Group rows between lines that end a profile, and the lines before, between and behind them."""
     ends = [statement for statement in statements if statement.kind != "other"]
     before = np.searchsorted([statement.offset for statement in ends], text.offset)
     begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
@@ -370,7 +358,7 @@ def _block(group: tuple[int, int], head: Sequence[_Statement], tail: Sequence[_S
 
 
 def _around(between: Sequence[list[_Statement]], k: int) -> tuple[list[_Statement], list[_Statement]]:
-    """Return the lines in front of and behind the k-th group that speak of it."""
+    """Select the lines in front of and behind the k-th group that speak of it."""
     times_first = any(statement.kind == "off" for statement in between[0])
     head = between[k][0 if k == 0 else _cut(between[k], times_first) :]
     tail = between[k + 1][: None if k + 2 == len(between) else _cut(between[k + 1], times_first)]
@@ -378,7 +366,7 @@ def _around(between: Sequence[list[_Statement]], k: int) -> tuple[list[_Statemen
 
 
 def _cut(statements: Sequence[_Statement], times_first: bool) -> int:
-    """Return where the tail of a profile ends and the head of the next begins; the times may lead the head."""
+    """Find where the tail of a profile ends and the head of the next begins; the times may lead the head."""
     kinds = [statement.kind for statement in statements]
     for first in ("rate", *(["on"] if times_first else [])):
         if first in kinds:
@@ -386,11 +374,3 @@ def _cut(statements: Sequence[_Statement], times_first: bool) -> int:
     last = max((k for k, kind in enumerate(kinds) if kind == "profile"), default=-1)
     closed = max((k for k, kind in enumerate(kinds) if kind in ("off", "contents")), default=-1)
     return closed + 1 if closed > last or last < 0 else last
-
-
-def _with_rates(found: Sequence[ProfileBlock]) -> list[ProfileBlock]:
-    rates, rate = [], np.nan
-    for block in found:
-        rate = block.rate_hz if np.isfinite(block.rate_hz) else rate
-        rates.append(rate)
-    return [replace(block, rate_hz=rate) for block, rate in zip(found, rates, strict=True)]

@@ -23,10 +23,10 @@ from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
 from compasslib.readers.mmp.rows import UNKNOWN, Ints, ProfileBlock
 from compasslib.readers.times import civil_seconds
-from compasslib.types import Bools, Floats
+from compasslib.types import DAY_S, Bools, Floats
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
-STAMPED, BARE = (True, 10), (False, 9)
+STAMPED, UNSTAMPED = (True, 10), (False, 9)
 STEEPEST_DEG, FASTEST_CM_S = 180.0, 2000.0  # beyond these a number is no reading but a damaged one
 EXPECTED = "unpacked ASCII or binary scans of a Falmouth 3D-ACM"
 TEXT_SHARE = 0.95  # of the characters of a text are printable
@@ -38,7 +38,7 @@ RECORD = np.dtype(
 )
 LENGTH_BYTES, TAIL_BYTES = 4, 8
 FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
-DAY_S, LONGEST_S = 86400.0, 30 * 86400.0  # a profiler turns its meter on before a profile, which lasts hours
+LONGEST_S = 30 * DAY_S  # a profiler turns its meter on before a profile, which lasts hours
 NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
 LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
 MISPLACED_S = 2.0  # a clock that leaves its neighbours by more and comes back is a damaged one
@@ -48,7 +48,7 @@ FEW = 10  # scans below which a clock of whole seconds shows no rate
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """What the meter logged: r scans in p profiles."""
+    """The scans that the meter logged: r of them in p profiles."""
 
     clock_s: Floats  # (r,) whole UTC seconds since 1970, NaN where scans carry no clock
     values: Floats  # (r, 10) in the order of COLUMNS, degrees and cm/s; HDNG is NaN where it is not recorded
@@ -64,7 +64,7 @@ class Scans:
 
 @dataclass(frozen=True, eq=False)
 class BinaryScans:
-    """What a binary file holds."""
+    """The scans of a binary file."""
 
     blocks: list[ProfileBlock]
     place: Ints  # (r,) of each scan in its profile, damaged ones counted
@@ -76,7 +76,7 @@ class BinaryScans:
 
 @dataclass(frozen=True)
 class _Span:
-    """Where the records of one profile lie, or what lies before, between and behind profiles."""
+    """Place of the records of one profile, or of what lies before, between and behind profiles."""
 
     begin: int
     end: int  # behind the records and the times of switching on and off
@@ -86,46 +86,29 @@ class _Span:
 
 
 def read_scans(paths: Sequence[Path]) -> Scans:
-    """Return the scans of several files, in the order given.
-
-    Args:
-        paths: unpacked ASCII or binary files.
+    """Read the scans of several files, unpacked ASCII or binary, in the order given.
 
     Raises:
         InputError: a file that cannot be read or is neither, or no scan in any of them.
     """
     if not paths:
         raise InputError("files", expected=EXPECTED, found="no file", advice="name the instrument's files")
-    parts = [_one(path) for path in paths]
-    scans = _joined(parts)
+    scans = _concatenate([_read_file(path) for path in paths])
     if not len(scans.profile):
         where = f"{paths[0]}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "")
-        found = f"none ({scans.damaged} damaged rows)" if scans.damaged else "none"
-        raise InputError(where, expected=EXPECTED, found=found, advice="check files and format of the instrument")
+        shown = f"none ({scans.damaged} damaged rows)" if scans.damaged else "none"
+        raise InputError(where, expected=EXPECTED, found=shown, advice="check files and format of the instrument")
     return scans
 
 
-def contents(path: Path) -> bytes:
-    """Return a file's bytes.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        found = error.strerror or type(error).__name__
-        raise InputError(str(path), expected="a readable file", found=found, advice="check the path") from None
-
-
 def is_text(data: bytes) -> bool:
-    """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
+    """Tell whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
     sample = data[:65536].rstrip(b"\x00\xff")
     return not data or files.count_unprintable(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
 
-def _parsed_binary(data: bytes) -> BinaryScans:
-    """Return the scans of a binary file, damaged records left out."""
+def _parse_binary(data: bytes) -> BinaryScans:
+    """Parse the scans of a binary file, damaged records left out."""
     blocks: list[ProfileBlock] = []
     places: list[Ints] = [np.zeros(0, dtype=np.int64)]
     times: list[Floats] = [np.zeros(0)]
@@ -135,15 +118,15 @@ def _parsed_binary(data: bytes) -> BinaryScans:
         damaged += span.torn + span.records
         if span.records:
             records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
-            time_s, good = _times(records)
+            time_s, good = _record_times(records)
             good &= ~_filled_up(data, span, records, good)
-            kept = int(good.sum())
-            blocks.append(_block(data, span, begin, begin + kept))
+            count = int(good.sum())
+            blocks.append(_block(data, span, begin, begin + count))
             places.append(np.flatnonzero(good))
             times.append(time_s[good])
             values.append(records["values"][good].astype(float))
             failed += _count_failed(data, span, records, good)
-            damaged, begin = damaged - kept, begin + kept
+            damaged, begin = damaged - count, begin + count
     return BinaryScans(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged, failed)
 
 
@@ -155,37 +138,39 @@ def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) ->
         return failed
     for phase in range(1, RECORD.itemsize):
         count = (span.end - span.begin - phase) // RECORD.itemsize
-        _, whole = _times(np.frombuffer(data, dtype=RECORD, count=count, offset=span.begin + phase))
+        _, whole = _record_times(np.frombuffer(data, dtype=RECORD, count=count, offset=span.begin + phase))
         failed -= int(np.sum(whole[:-1] & whole[1:] & ~good[: count - 1]))
     return max(failed, 0)
 
 
-def _one(path: Path) -> Scans:
-    data, notes = _from_modem(path, contents(path))
+def _read_file(path: Path) -> Scans:
+    data, notes = _undo_modem(path, files.read_bytes(path))
     if _is_binary(data):
-        binary = _parsed_binary(data)
+        binary = _parse_binary(data)
         number = rows.number_in_name(path) if len(binary.blocks) == 1 else UNKNOWN
         blocks = [ProfileBlock(**(vars(block) | {"number": number})) for block in binary.blocks]
-        scans = _scans(path, blocks, binary.place, binary.time_s, binary.values, binary.damaged, binary.failed)
+        scans = _select_possible(
+            path, blocks, binary.place, binary.time_s, binary.values, binary.damaged, binary.failed
+        )
         return replace(scans, notes=notes)
-    text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, BARE))
+    text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, UNSTAMPED))
     if data.strip() and text.form is None and not rows.has_statements(text):
-        found = f"a file that begins with {data[:24]!r}"
-        raise InputError(str(path), expected=EXPECTED, found=found, advice="check that format and file belong together")
-    found_blocks, place, damaged = rows.blocks(text, path)
+        shown = f"a file that begins with {data[:24]!r}"
+        raise InputError(str(path), expected=EXPECTED, found=shown, advice="check that format and file belong together")
+    profiles, place, damaged = rows.parse_profiles(text, path)
     values = text.values if text.form == STAMPED else np.full((len(text.offset), len(COLUMNS)), np.nan)
-    if text.form == BARE:
+    if text.form == UNSTAMPED:
         values[:, 1:] = text.values
-    scans = _scans(path, found_blocks, place, text.time_s, values, damaged, damaged - text.foreign)
+    scans = _select_possible(path, profiles, place, text.time_s, values, damaged, damaged - text.foreign)
     return replace(scans, strange=files.count_unprintable(data))
 
 
 def _is_binary(data: bytes) -> bool:
-    return _precedes_record(data, FRONT_BYTES) or bool(_marks(data))
+    return _precedes_record(data, FRONT_BYTES) or bool(_find_marks(data))
 
 
-def _from_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Return the profiles of a file that came through a modem as the meter wrote them, and what was undone.
+def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """Restore the profiles of a file that came through a modem as the meter wrote them, and describe what was undone.
 
     Other instruments' frames are left out, and so is a profile that was sent once more. What holds no more scans
     without frames and escapes than with them stays as it is.
@@ -213,20 +198,17 @@ def _from_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
 
 
 def _count_scans(data: bytes) -> int:
-    return len(_parsed_binary(data).time_s) if _is_binary(data) else 0
+    return len(_parse_binary(data).time_s) if _is_binary(data) else 0
 
 
-def _scans(
+def _select_possible(
     path: Path, blocks: Sequence[ProfileBlock], place: Ints, clock_s: Floats, values: Floats, damaged: int, failed: int
 ) -> Scans:
-    """Leave out what no meter can log.
+    """Drop what no meter can log; refuse a file of which more fails than is whole.
 
     Args:
         damaged: rows or records that are no scans.
         failed: of these, those that are recognised as such.
-
-    Raises:
-        InputError: more fail than are whole.
     """
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
     good = _possible(values) & ~is_misplaced(clock_s, profile)
@@ -252,8 +234,8 @@ def _possible(values: Floats) -> Bools:
     return np.asarray(good & (np.abs(paths) <= FASTEST_CM_S).all(axis=1))
 
 
-def _joined(parts: Sequence[Scans]) -> Scans:
-    """Put files together; profiles without a scan are dropped from the list of profiles."""
+def _concatenate(parts: Sequence[Scans]) -> Scans:
+    """Concatenate the scans of files; profiles without a scan are dropped from the list of profiles."""
     sizes = [len(part.blocks) for part in parts]
     shift = np.cumsum([0, *sizes])
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
@@ -274,43 +256,45 @@ def _joined(parts: Sequence[Scans]) -> Scans:
 
 
 def _precedes_record(data: bytes, end: int) -> bool:
-    """Return whether in front of this place stands the length of a profile and behind it a record."""
+    """Tell whether in front of this place stands the length of a profile and behind it a record."""
     length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
     first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
-    good = bool(_times(first)[1][0])
-    return good and (_whole(length) or data[end - len(MARK) : end] == MARK)
+    good = bool(_record_times(first)[1][0])
+    return good and (_is_profile_length(length) or data[end - len(MARK) : end] == MARK)
 
 
-def _times(records: np.ndarray) -> tuple[Floats, Bools]:
+def _record_times(records: np.ndarray) -> tuple[Floats, Bools]:
     number = {name: records[name].astype(np.int64) for name in ("year", "month", "day", "clock")}
     time_s = civil_seconds(number["year"], number["month"], number["day"], *number["clock"].T)
     return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
 
 
-def _whole(length: int) -> bool:
+def _is_profile_length(length: int) -> bool:
     return length >= HEADER_BYTES and (length - HEADER_BYTES) % RECORD.itemsize == 0
 
 
-def _marks(data: bytes) -> list[int]:
-    """Return where headers end: behind DATA, what is before like the first header or with a profile behind it."""
-    found: list[int] = []
+def _find_marks(data: bytes) -> list[int]:
+    """Find where headers end: behind DATA, what is before like the first header or with a profile behind it."""
+    ends: list[int] = []
     at = data.find(MARK)
     while at >= 0:
         end = at + len(MARK)
-        if end >= FRONT_BYTES and (_precedes_record(data, end) or (found and _like_header(data, found[0], end))):
-            found.append(end)
+        if end >= FRONT_BYTES and (_precedes_record(data, end) or (ends and _like_header(data, ends[0], end))):
+            ends.append(end)
         at = data.find(MARK, at + 1)
-    return found
+    return ends
 
 
-def _like_header(data: bytes, one: int, other: int) -> bool:
-    a, b = (np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (one, other))
+def _like_header(data: bytes, first: int, other: int) -> bool:
+    a, b = (
+        np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (first, other)
+    )
     return bool(np.mean(a == b) >= LIKENESS)
 
 
 def _spans(data: bytes) -> Iterator[_Span]:
     """Go from profile to profile; where a length leads to no header go on to the next one that is recognised."""
-    marks = _marks(data) or [FRONT_BYTES]
+    marks = _find_marks(data) or [FRONT_BYTES]
     at = 0
     while at < len(data):
         mark = at + FRONT_BYTES
@@ -327,14 +311,14 @@ def _spans(data: bytes) -> Iterator[_Span]:
 
 
 def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
-    """Return the records behind a header: as many as its length says, unless what follows says otherwise.
+    """Locate the records behind a header: as many as its length says, unless what follows says otherwise.
 
     A profiler that sends every so many scans of a profile leaves the length of the whole in front of them.
     """
     length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
-    stated = (length - HEADER_BYTES) // RECORD.itemsize if _whole(length) else -1
+    stated = (length - HEADER_BYTES) // RECORD.itemsize if _is_profile_length(length) else -1
     fit, odd = divmod(limit - mark - TAIL_BYTES, RECORD.itemsize)
-    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_times(data, mark, limit - TAIL_BYTES)):
+    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_record_times(data, mark, limit - TAIL_BYTES)):
         return _Span(mark, limit, fit, limit - TAIL_BYTES)
     end = mark + stated * RECORD.itemsize
     if stated >= 0 and end + TAIL_BYTES <= limit:
@@ -345,15 +329,15 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
     return _Span(mark, limit, fit, torn=int(odd > 0))
 
 
-def _ends_in_times(data: bytes, begin: int, tail: int) -> bool:
-    """Return whether times of switching on and off stand there, near the record that stands first."""
-    first_s, good = _times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
+def _ends_in_record_times(data: bytes, begin: int, tail: int) -> bool:
+    """Tell whether times of switching on and off stand there, near the record that stands first."""
+    first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
     on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)
     return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + LONGEST_S
 
 
 def _filled_up(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> Bools:
-    """Tell the last scan of a profile that was cut where zeros stand for its end and for all that follows."""
+    """Flag the last scan of a profile that was cut where zeros stand for its end and for all that follows."""
     torn = np.zeros(len(records), dtype=bool)
     if good.any():
         last = int(np.flatnonzero(good)[-1])
@@ -369,12 +353,7 @@ def _block(data: bytes, span: _Span, begin: int, end: int) -> ProfileBlock:
 
 
 def is_misplaced(clock_s: Floats, profile: Ints) -> Bools:
-    """Return where a single clock stands apart from both of its neighbours in the same profile.
-
-    Args:
-        clock_s: (r,) seconds; NaN is never misplaced.
-        profile: (r,) to which profile each scan belongs.
-    """
+    """Flag a single clock that stands apart from both of its neighbours in the same profile, (r,); NaN never does."""
     apart = np.zeros(len(clock_s), dtype=bool)
     if len(clock_s) > 2:
         step = np.where(np.diff(profile) == 0, np.diff(clock_s), 0.0)
@@ -385,12 +364,12 @@ def is_misplaced(clock_s: Floats, profile: Ints) -> Bools:
 
 
 def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats) -> Floats:
-    """Return each profile's sample rate: the nominal one, unless the clock shows another.
+    """Choose each profile's sample rate: the nominal one, unless the clock shows another.
 
     Args:
         clock_s: (r,) whole seconds, NaN where there is no clock.
-        profile: (r,) to which profile each scan belongs, non-decreasing.
-        place: (r,) its place there, damaged scans counted.
+        profile: (r,) of each scan, non-decreasing.
+        place: (r,) in the profile, damaged scans counted.
         nominal_hz: (p,) NaN where the file names none.
     """
     count = len(nominal_hz)
@@ -405,12 +384,11 @@ def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats
 
 
 def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats:
-    """Return the clock with sub-seconds: scans that share a second are spread over it, in their order.
+    """Add sub-seconds to the clock of whole seconds: scans that share one are spread over it, in their order.
 
     Args:
-        clock_s: (r,) whole seconds.
-        profile: (r,) to which profile each scan belongs.
-        rate_hz: (r,) sample rate as the file names it, NaN where it does not.
+        profile: (r,) of each scan.
+        rate_hz: (r,) as the file names it, NaN where it does not.
     """
     if not len(clock_s):
         return clock_s
@@ -422,14 +400,7 @@ def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats
 
 
 def follows_previous(clock_s: Floats, profile: Ints, place: Ints, rate_hz: Floats) -> Bools:
-    """Return whether each scan follows the one before without a gap, (r - 1,).
-
-    Args:
-        clock_s: (r,) whole seconds, NaN where there is no clock.
-        profile: (r,) to which profile each scan belongs.
-        place: (r,) its place there, damaged scans counted.
-        rate_hz: (r,) sample rate.
-    """
+    """Tell whether each scan follows the one before without a gap, (r - 1,); arguments as for ``sample_rates``."""
     step = np.diff(clock_s)
     with np.errstate(invalid="ignore", divide="ignore"):
         # Whole seconds hide up to one of them.

@@ -31,7 +31,7 @@ NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sens
 COMPONENTS = "dir"  # dolfyn's dimension of one variable that holds all components
 ROWS = 0.1  # share of times that repeat at another depth, from which on rows are those of several cells
 SERIAL_NUMBERS = ("serial_number", "serialnum", "instrument_serial_number")
-ONE_INSTRUMENT = (
+SPLIT_ADVICE = (
     "write the rows of one instrument as a table with time and depth (format: table): rows of one time are its bins"
 )
 ADVICE = "check that format: netcdf and the file belong together"
@@ -51,7 +51,7 @@ LARGEST = 255
 
 @dataclass(frozen=True)
 class _Settings:
-    """What the mooring file says of one instrument; None leaves it to the file."""
+    """Settings of one instrument by the mooring file; None leaves it to the file."""
 
     columns: Mapping[str, Any]
     meanings: Mapping[str, int]  # of flags
@@ -62,7 +62,7 @@ class _Settings:
 
 
 @dataclass(frozen=True)
-class _Water:
+class _Currents:
     """The velocities of a file as they stand there."""
 
     east: Floats  # (n, m) m/s
@@ -73,7 +73,7 @@ class _Water:
 
 @dataclass(frozen=True)
 class _Bins:
-    """Where the bins are."""
+    """Places of the bins."""
 
     range_m: Floats  # (n, m) or (1, m)
     looks_up: bool
@@ -90,7 +90,7 @@ def read(
     heading_alignment: float | None = None,
     flags: Mapping[str, Sequence[object]] | None = None,
 ) -> Record:
-    """Return what one instrument's files hold, in order of time, currents from the north of ``direction_reference``.
+    """Read one instrument's files, in order of time, currents from the north of ``direction_reference``.
 
     Args:
         columns: role -> name of a variable, where names and standard names do not tell.
@@ -106,10 +106,10 @@ def read(
     named = {role: name for role, name in (columns or {}).items() if name is not None}
     declination, meanings = applied(declination_applied), vocabularies.parse_flag_settings(flags)
     settings = _Settings(named, meanings, orientation, direction_reference, declination, heading_alignment)
-    return joined([_of_file(Path(path), settings) for path in paths])
+    return joined([_read_file(Path(path), settings) for path in paths])
 
 
-def _of_file(path: Path, settings: _Settings) -> Record:
+def _read_file(path: Path, settings: _Settings) -> Record:
     try:
         with netCDF4.Dataset(path) as nc:
             return _record(path, nc, settings)
@@ -124,12 +124,12 @@ def _of_file(path: Path, settings: _Settings) -> Record:
         TypeError,
     ) as error:
         # The library answers damage with any of these.
-        found = f"{type(error).__name__}: {error}"
-        raise InputError(str(path), expected="a whole netCDF file", found=found, advice=ADVICE) from None
+        shown = f"{type(error).__name__}: {error}"
+        raise InputError(str(path), expected="a whole netCDF file", found=shown, advice=ADVICE) from None
 
 
 def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
-    file, time_s, of_time = _opened(path, nc, settings)
+    file, time_s, time_flags = _open(path, nc, settings)
     water = _velocities(file)
     file = _with_bins(file, water.variable)
     heading_variable = find(file, "heading", (file.time,))
@@ -143,11 +143,12 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     heading = np.full(n, np.nan) if turn.heading is None else _wrapped(heading - turn.heading)
     bins = _bins(file, n, east.shape[1], settings.orientation)
     _refuse_rows(file, time_s, bins)
-    quality = vocabularies.worst_flag([water.quality, of_time[:, None]])
+    quality = vocabularies.worst_flag([water.quality, time_flags[:, None]])
     quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
-    own = None if heading_variable is None else flags.of_variable(file, heading_variable)
-    of_heading = vocabularies.worst_flag([GOOD if own is None else own, of_time])
-    order = slice(None, None, -1) if _backwards(bins.range_m) else slice(None)
+    stated_flags = None if heading_variable is None else flags.read_flags(file, heading_variable)
+    heading_flags = vocabularies.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
+    backwards = bins.range_m.shape[1] > 1 and np.nanmedian(np.diff(bins.range_m, axis=1)) < 0.0
+    order = slice(None, None, -1) if backwards else slice(None)
     flags.note_unlinked(file)
     return Record(
         time_s=time_s,
@@ -162,7 +163,7 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         temperature_c=_measured(file, "temperature", n),
         supply_voltage=np.full(n, np.nan),
         quality=quality[:, order],
-        heading_quality=np.where(np.isnan(heading), MISSING, of_heading).astype(np.int8),
+        heading_quality=np.where(np.isnan(heading), MISSING, heading_flags).astype(np.int8),
         looks_up=bins.looks_up,
         beam_angle_deg=_beam_angle(file, east.shape[1]),
         direction_reference=settings.reference,
@@ -175,8 +176,8 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     )
 
 
-def _opened(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, Floats, Flags]:
-    """Return the file with its dimension of time, the times, and the flags of those that are bad."""
+def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, Floats, Flags]:
+    """Open the file with its dimension of time; read the times, and the flags of those that are bad."""
     columns = settings.columns
     if nc.groups and not nc.variables:
         advice = "write the group with the velocities as a file of its own"
@@ -189,23 +190,23 @@ def _opened(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File,
         raise InputError(f"{path}: coord_sys", expected="earth", found=system, advice=advice)
     time = variables.time_variable(columns.get("time"), nc)
     if time is None:
-        found = ", ".join(nc.variables) or "no variables"
+        shown = ", ".join(nc.variables) or "no variables"
         advice = "name it in the mooring file: columns: {time: NAME}"
         raise InputError(
-            f"{path}: time", expected="a variable with a unit such as days since", found=found, advice=advice
+            f"{path}: time", expected="a variable with a unit such as days since", found=shown, advice=advice
         )
     long = [name for name in time.dimensions if nc.dimensions[name].size > 1] or list(time.dimensions[:1])
     file = File(path, nc, dict(columns), settings.meanings, time=long[0] if long else "")
     if len(long) != 1:
-        found = f"dimensions ({', '.join(time.dimensions)})"
-        raise file.refuse(time.name, "one dimension", found, "write one series a file, not bursts")
-    _refuse_several(file)
-    time_s, of_time = variables.seconds(file, time), flags.of_variable(file, time)
-    bad = np.full(len(time_s), GOOD) if of_time is None else np.where(of_time < PROBABLY_BAD, GOOD, of_time)
+        shown = f"dimensions ({', '.join(time.dimensions)})"
+        raise file.refuse(time.name, "one dimension", shown, "write one series a file, not bursts")
+    _refuse_ragged(file)
+    time_s, time_flags = variables.read_times(file, time), flags.read_flags(file, time)
+    bad = np.full(len(time_s), GOOD) if time_flags is None else np.where(time_flags < PROBABLY_BAD, GOOD, time_flags)
     return file, time_s, bad.astype(np.int8)
 
 
-def _refuse_several(file: File) -> None:
+def _refuse_ragged(file: File) -> None:
     """Refuse the series of several instruments or cells one after the other: CF's ragged arrays (9.3.3 and 9.3.4)."""
     for variable in file.nc.variables.values():
         instances = file.text("instance_dimension", variable) if variable.dimensions == (file.time,) else ""
@@ -214,8 +215,8 @@ def _refuse_several(file: File) -> None:
         )
         n = file.nc.dimensions[instances].size if instances in file.nc.dimensions else 0
         if n > 1:
-            found = f"{n} in one, by {variable.name}"
-            raise file.refuse(file.time, "the series of one instrument", found, ONE_INSTRUMENT)
+            shown = f"{n} in one, by {variable.name}"
+            raise file.refuse(file.time, "the series of one instrument", shown, SPLIT_ADVICE)
 
 
 def _refuse_rows(file: File, time_s: Floats, bins: _Bins) -> None:
@@ -225,13 +226,18 @@ def _refuse_rows(file: File, time_s: Floats, bins: _Bins) -> None:
     order = np.lexsort((bins.depth_m, time_s))
     again = (np.diff(time_s[order]) == 0.0) & (np.diff(bins.depth_m[order]) > 0.0)
     if again.sum() > ROWS * len(time_s):
-        found = f"{int(again.sum())} of {len(time_s)} times repeated at another depth"
-        raise file.refuse(file.time, "one row a time", found, ONE_INSTRUMENT)
+        shown = f"{int(again.sum())} of {len(time_s)} times repeated at another depth"
+        raise file.refuse(file.time, "one row a time", shown, SPLIT_ADVICE)
 
 
 def _with_bins(file: File, variable: netCDF4.Variable) -> File:
-    """Return the file with its dimension of bins, and a depth of the column map that is that of cells as such."""
-    columns, bins = dict(file.columns), _bin_dimension(file, variable)
+    """Add the dimension of bins to the file, and a depth of the column map that is that of cells as such."""
+    components = {"dir", "beam", "earth", "inst"}
+    other = [name for name in variable.dimensions if name in spans(variable) - {file.time} - components]
+    if len(other) > 1:
+        shown = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
+        raise file.refuse(variable.name, "one dimension beside time", shown, "write one station a file")
+    columns, bins = dict(file.columns), next(iter(other), None)
     named = file.nc.variables.get(str(columns.get("depth")))
     if named is not None and bins in named.dimensions:
         columns["cell_depth"] = columns.pop("depth")
@@ -239,41 +245,28 @@ def _with_bins(file: File, variable: netCDF4.Variable) -> File:
     return replace(file, bins=bins, columns=columns, suffix=suffix)
 
 
-def _bin_dimension(file: File, variable: netCDF4.Variable) -> str | None:
-    components = {"dir", "beam", "earth", "inst"}
-    other = [name for name in variable.dimensions if name in spans(variable) - {file.time} - components]
-    if len(other) > 1:
-        found = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
-        raise file.refuse(variable.name, "one dimension beside time", found, "write one station a file")
-    return other[0] if other else None
-
-
-def _velocities(file: File) -> _Water:
+def _velocities(file: File) -> _Currents:
     parts = [_component(file, role) for role in ("east", "north")]
     east, northward = (
         values(_with_bins(file, variable), role, variable, part)
         for role, (variable, part) in zip(("east", "north"), parts, strict=True)
     )
     n = file.nc.dimensions[file.time].size
-    each = [flags.of_variable(_with_bins(file, variable), variable, part) for variable, part in parts]
-    known = [one for one in each if one is not None] or [np.full(east.shape, GOOD)]
+    each = [flags.read_flags(_with_bins(file, variable), variable, part) for variable, part in parts]
+    known = [flag for flag in each if flag is not None] or [np.full(east.shape, GOOD)]
     worst = vocabularies.worst_flag(known).reshape(n, -1)
-    return _Water(east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0])
+    return _Currents(east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0])
 
 
 def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int] | None]:
-    """Return the variable of a component, and where it stands in dolfyn's one variable of all three.
-
-    Raises:
-        InputError: none is found.
-    """
-    if (velocity := _of_all_components(file, role)) is not None:
+    """Find the variable of a component, and where it stands in dolfyn's one variable of all three."""
+    if (velocity := _all_components(file, role)) is not None:
         labels = file.labels(COMPONENTS)
         if role[0].upper() in labels:
             return velocity, (COMPONENTS, labels.index(role[0].upper()))
     lengths = [(file.time, name) for name in file.nc.dimensions if name != file.time]
-    found = find(file, role, *lengths, (file.time,))
-    if found is None:
+    variable = find(file, role, *lengths, (file.time,))
+    if variable is None:
         there = ", ".join(file.nc.variables)
         advice = (
             f"name it in the mooring file: columns: {{{role}: NAME}}; beam velocities need the instrument's own file"
@@ -281,14 +274,14 @@ def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int]
         if velocity is not None:
             advice = f"{velocity.name} has no components E and N: save the file after rotate2(ds, 'earth')"
         raise file.refuse(role, f"a variable of the {role}ward velocity", there, advice)
-    return found, None
+    return variable, None
 
 
-def _of_all_components(file: File, role: str) -> netCDF4.Variable | None:
-    """Return dolfyn's variable of all components: the one that the column map names, else the first along time."""
+def _all_components(file: File, role: str) -> netCDF4.Variable | None:
+    """Find dolfyn's variable of all components: the one that the column map names, else the first along time."""
     named = [name for name in (file.columns.get(role), file.columns.get("east"), file.columns.get("north")) if name]
     there = [file.nc.variables[name] for name in (*named[:1], *variables.DOLFYN) if name in file.nc.variables]
-    fitting = [one for one in there if {COMPONENTS, file.time} <= {*one.dimensions}]
+    fitting = [variable for variable in there if {COMPONENTS, file.time} <= {*variable.dimensions}]
     if named and (not fitting or fitting[0].name != named[0]):
         return None
     others = (
@@ -302,7 +295,7 @@ def _of_all_components(file: File, role: str) -> netCDF4.Variable | None:
     return fitting[0] if fitting else None
 
 
-def _turned(water: _Water, turn: reference.Turn) -> tuple[Floats, Floats]:
+def _turned(water: _Currents, turn: reference.Turn) -> tuple[Floats, Floats]:
     if not np.any(turn.velocity):
         return water.east, water.north
     by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
@@ -319,10 +312,10 @@ def _series(file: File, role: str, n: int, variable: netCDF4.Variable | None = N
 
 
 def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None = None) -> Floats:
-    """Return a series without the values that its flags call bad, which is noted."""
+    """Read a series without the values that its flags call bad, which is noted."""
     variable = find(file, role, (file.time,)) if variable is None else variable
     series = _series(file, role, n, variable)
-    known = None if variable is None else flags.of_variable(file, variable)
+    known = None if variable is None else flags.read_flags(file, variable)
     if variable is None or known is None or not (bad := (known >= PROBABLY_BAD) & np.isfinite(series)).any():
         return series
     file.note(f"{variable.name}: {int(bad.sum())} values are flagged and count as missing.")
@@ -330,7 +323,7 @@ def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None =
 
 
 def _pitch(file: File, n: int) -> Floats:
-    """Return the pitch; what dolfyn keeps of a TRDI is the sensor's, which hangs inside the roll."""
+    """Read the pitch; what dolfyn keeps of a TRDI is the sensor's, which hangs inside the roll."""
     pitch = _measured(file, "tilt_x", n)
     return true_pitch(pitch, _series(file, "tilt_y", n)) if file.text("inst_make") == "TRDI" else pitch
 
@@ -348,14 +341,13 @@ def _pressure(file: File, n: int) -> Floats:
 
 
 def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
-    """Return where the bins are, by their distance from the transducer, else by their depths.
-
-    Raises:
-        InputError: neither is there, or nobody tells which way the instrument looks.
-    """
+    """Locate the bins by their distance from the transducer, else by their depths."""
     depth = _measured(file, "depth", n)
     if m == 1 or file.bins is None:
-        return _Bins(np.zeros((1, 1)), orientation == "up", _cell_or_instrument(file, depth, n))
+        cell = find(file, "cell_depth", ())
+        if cell is not None and not np.isfinite(depth).any():
+            depth = np.abs(_series(file, "cell_depth", n, cell))
+        return _Bins(np.zeros((1, 1)), orientation == "up", depth)
     distance = find(file, "range", (file.bins,), (file.time, file.bins))
     if distance is not None:
         ranges = _known(file, distance, np.atleast_2d(values(file, "range", distance)))
@@ -367,7 +359,11 @@ def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
         raise file.refuse(file.bins, "distances or depths of the bins", ", ".join(file.nc.variables), advice)
     below = _known(file, cells, np.atleast_2d(values(file, "cell_depth", cells)))
     below = -below if file.text("positive", cells) == "up" or np.nanmax(below) <= 0.0 else below
-    return _by_depths(file, below, _nominal(file, depth), orientation)
+    if not np.isfinite(depth).any():
+        scalar = file.nc.variables.get("NOMINAL_DEPTH")
+        nominal = file.attribute(*NOMINAL) if scalar is None or scalar.size != 1 else float(scalar[...].item())
+        depth = depth if nominal is None else np.full(len(depth), float(nominal))
+    return _bins_by_depth(file, below, depth, orientation)
 
 
 def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
@@ -378,49 +374,33 @@ def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
     return places
 
 
-def _cell_or_instrument(file: File, depth: Floats, n: int) -> Floats:
-    cell = find(file, "cell_depth", ())
-    return depth if np.isfinite(depth).any() or cell is None else np.abs(_series(file, "cell_depth", n, cell))
-
-
-def _by_depths(file: File, below: Floats, depth: Floats, orientation: str | None) -> _Bins:
-    """Return bins by their depths: ranges from the instrument's depth, else from that of the bin nearest to it."""
+def _bins_by_depth(file: File, below: Floats, depth: Floats, orientation: str | None) -> _Bins:
+    """Locate bins by their depths: ranges from the instrument's depth, else from that of the bin nearest to it."""
     if np.isfinite(depth).any():
-        own = depth[:, None] if len(below) == len(depth) else np.full((1, 1), np.nanmedian(depth))
-        above = float(np.nanmedian(own - below))
+        instrument = depth[:, None] if len(below) == len(depth) else np.full((1, 1), np.nanmedian(depth))
+        above = float(np.nanmedian(instrument - below))
         looks_up = _looks_up(file, orientation, "up" if above > 0.0 else "down")
-        return _Bins((own - below) * (1.0 if looks_up else -1.0), looks_up, depth)
+        return _Bins((instrument - below) * (1.0 if looks_up else -1.0), looks_up, depth)
     looks_up = _looks_up(file, orientation, None)
     nearest = np.nanmax(below, axis=1) if looks_up else np.nanmin(below, axis=1)
     return _Bins(np.abs(nearest[:, None] - below), looks_up, np.broadcast_to(nearest, len(depth)).astype(float))
 
 
-def _nominal(file: File, depth: Floats) -> Floats:
-    """Return the depth along time, else the one that the file states."""
-    scalar = file.nc.variables.get("NOMINAL_DEPTH")
-    stated = file.attribute(*NOMINAL) if scalar is None or scalar.size != 1 else float(scalar[...].item())
-    return depth if np.isfinite(depth).any() or stated is None else np.full(len(depth), float(stated))
-
-
 def _looks_up(file: File, orientation: str | None, by_sign: str | None) -> bool:
-    told = file.text("orientation").lower()
-    own = by_sign or ("up" if "up" in told else "down" if "down" in told else None)
-    if orientation and own and orientation != own:
-        file.notes.append(f"The file says that it looked {own}; {orientation} counts, as the metadata do.")
-    if not (orientation or own):
+    text = file.text("orientation").lower()
+    stated = by_sign or ("up" if "up" in text else "down" if "down" in text else None)
+    if orientation and stated and orientation != stated:
+        file.notes.append(f"The file says that it looked {stated}; {orientation} counts, as the metadata do.")
+    if not (orientation or stated):
         raise file.refuse("orientation", "up or down", "neither in the file", "write orientation: up or down")
-    return (orientation or own) == "up"
-
-
-def _backwards(ranges: Floats) -> bool:
-    return bool(ranges.shape[1] > 1 and np.nanmedian(np.diff(ranges, axis=1)) < 0.0)
+    return (orientation or stated) == "up"
 
 
 def _beam_angle(file: File, bins: int) -> float:
-    found = file.attribute("beam_angle", "RDI_Beam_Angle", "TRDI_Beam_Angle")
-    if found is None and bins > 1:
+    angle = file.attribute("beam_angle", "RDI_Beam_Angle", "TRDI_Beam_Angle")
+    if angle is None and bins > 1:
         file.notes.append("The file does not state the angle of the beams: bins that side lobes reach are not flagged.")
-    return float(np.asarray(found).ravel()[0]) if found is not None else 0.0
+    return float(np.asarray(angle).ravel()[0]) if angle is not None else 0.0
 
 
 def _counts(east: Floats, quality: Flags, heading: Floats, n: int) -> dict[str, int]:
@@ -434,17 +414,21 @@ def _counts(east: Floats, quality: Flags, heading: Floats, n: int) -> dict[str, 
 
 
 def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDArray[Any]]:
-    """Return the profiles of a record.
+    """Read the profiles of a record: upward and error velocity, echo, correlation and percent good.
+
+    No heading depends on them, so that what is not clear is left out, and never refused.
 
     Args:
         shape: (n, m) of its velocities.
         order: of its bins.
     """
     flows = {key: _velocity(file, key) for key in VELOCITIES}
-    found: dict[str, NDArray[Any]] = {key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None}
+    profiles: dict[str, NDArray[Any]] = {
+        key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None
+    }
     counts = {key: _beam_counts(file, names) for key, names in COUNTS.items()}
-    found |= {key: _packed(values) for key, values in counts.items() if values is not None}
-    return {key: values[:, order] for key, values in found.items() if values.shape[:2] == shape}
+    profiles |= {key: _pack(values) for key, values in counts.items() if values is not None}
+    return {key: values[:, order] for key, values in profiles.items() if values.shape[:2] == shape}
 
 
 def _velocity(file: File, key: str) -> Floats | None:
@@ -456,38 +440,38 @@ def _velocity(file: File, key: str) -> Floats | None:
     if velocity is None or "dir" not in velocity.dimensions:
         return None
     labels = file.labels("dir")
-    label = next((one for one in AMONG[key] if one in labels), None)
-    every = _arranged(file, velocity, "dir")
-    return None if label is None or every is None else every[..., labels.index(label)]
+    label = next((label for label in AMONG[key] if label in labels), None)
+    components = _arranged(file, velocity, "dir")
+    return None if label is None or components is None else components[..., labels.index(label)]
 
 
 def _beam_counts(file: File, names: tuple[str, ...]) -> Floats | None:
-    """Return counts, (n, m, beams) or (n, m), NaN where missing."""
+    """Read counts, (n, m, beams) or (n, m), NaN where missing."""
     for name in (*(f"{name}{file.suffix}" for name in names if file.suffix), *names):
         several = [name.format(beam) for beam in range(1, 5)] if "{}" in name else [name]
-        there = [file.nc.variables[one] for one in several if one in file.nc.variables]
-        each = [one for variable in there if (one := _arranged(file, variable, *BEAMS)) is not None]
+        there = [file.nc.variables[beam] for beam in several if beam in file.nc.variables]
+        each = [values for variable in there if (values := _arranged(file, variable, *BEAMS)) is not None]
         if len(each) == len(several):
             return each[0] if len(each) == 1 else np.stack(each, axis=-1)
     return None
 
 
-def _packed(values: Floats) -> NDArray[Any]:
-    """Return counts as the bytes that they were; -1 where missing."""
+def _pack(values: Floats) -> NDArray[Any]:
+    """Convert counts to the bytes that they were; -1 where missing."""
     missing = ~((values >= 0) & (values <= LARGEST))
     whole = np.where(missing, -1, np.rint(values)).astype(np.int16)
     return whole if missing.any() else whole.astype(np.uint8)
 
 
 def _arranged(file: File, variable: netCDF4.Variable, *last: str) -> Floats | None:
-    """Return values by time, bin and a last dimension, those of one value gone; None where there are others."""
+    """Read values by time, bin and a last dimension, those of one value gone; None where there are others."""
     wanted = (file.time, file.bins, *last)
     long = [name for name, size in zip(variable.dimensions, variable.shape, strict=True) if size > 1]
     if not np.issubdtype(variable.dtype, np.number) or {*long} - {*wanted} or file.time not in variable.dimensions:
         return None
-    own = [name for name in wanted if name in variable.dimensions]
+    present = [name for name in wanted if name in variable.dimensions]
     data = numbers(file, variable)
-    apart = [k for k, name in enumerate(variable.dimensions) if name not in own]
-    data = data.transpose([*(variable.dimensions.index(name) for name in own), *apart])
-    data = data.reshape([variable.shape[variable.dimensions.index(name)] for name in own])
-    return data if file.bins in own else data[:, None]
+    apart = [k for k, name in enumerate(variable.dimensions) if name not in present]
+    data = data.transpose([*(variable.dimensions.index(name) for name in present), *apart])
+    data = data.reshape([variable.shape[variable.dimensions.index(name)] for name in present])
+    return data if file.bins in present else data[:, None]

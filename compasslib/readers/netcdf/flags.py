@@ -30,14 +30,14 @@ NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "
 
 @dataclass(frozen=True)
 class _Known:
-    """What a value of a flag variable says, and the words in it that nobody knows."""
+    """The meaning of a value of a flag variable, and the words in it that nobody knows."""
 
     flag: int
     unknown: tuple[str, ...] = ()
 
 
-def of_variable(file: File, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Flags | None:
-    """Return the OceanSITES flags of a variable, along time and bins as far as it spans them; None without any.
+def read_flags(file: File, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Flags | None:
+    """Read the OceanSITES flags of a variable, along time and bins as far as it spans them; None without any.
 
     Args:
         part: a dimension of components and the place along it.
@@ -45,16 +45,16 @@ def of_variable(file: File, variable: netCDF4.Variable, part: tuple[str, int] | 
     Raises:
         InputError: flags along dimensions that the variable does not have.
     """
-    found = [_placed(file, variable, flag, part) for flag in _variables(file, variable)]
-    return vocabularies.worst_flag(found) if found else None
+    each = [_arrange(file, variable, flag, part) for flag in _flag_variables(file, variable)]
+    return vocabularies.worst_flag(each) if each else None
 
 
 def note_unlinked(file: File) -> None:
     """Note flag variables along time that belong to no variable of the file."""
-    every = file.nc.variables
-    named = {name for variable in every.values() for name in _ancillary(file, variable)}
-    along = [name for name, variable in every.items() if file.time in spans(variable) and _states_flags(file, variable)]
-    alone = [name for name in along if name not in named and not _stem(name, every)]
+    variables = file.nc.variables
+    named = {name for variable in variables.values() for name in _ancillary(file, variable)}
+    along = [name for name, v in variables.items() if file.time in spans(v) and _states_flags(file, v)]
+    alone = [name for name in along if name not in named and not _stem(name, variables)]
     if alone:
         file.notes.append(
             f"Flags {', '.join(alone[:5])} belong to no variable of the file and were not used; name them in the "
@@ -62,15 +62,19 @@ def note_unlinked(file: File) -> None:
         )
 
 
-def _variables(file: File, variable: netCDF4.Variable) -> list[netCDF4.Variable]:
-    """Return the flag variables of a variable: those that it lists, and those that are named after it."""
-    every = file.nc.variables
-    listed = [name for name in _ancillary(file, variable) if _is_flag(file, name)]
-    listed += [name for name in every if _stem(name, (variable.name,))]
+def _flag_variables(file: File, variable: netCDF4.Variable) -> list[netCDF4.Variable]:
+    """Find the flag variables of a variable: those that it lists, and those that are named after it."""
+    variables = file.nc.variables
+    listed = [
+        name
+        for name in _ancillary(file, variable)
+        if _states_flags(file, variables[name]) or re.search("|".join(SUFFIXES), name, re.IGNORECASE)
+    ]
+    listed += [name for name in variables if _stem(name, (variable.name,))]
     names = list(dict.fromkeys(listed))
-    summing = [name for name in names if ROLLUP in file.text("standard_name", every[name])]
+    summing = [name for name in names if ROLLUP in file.text("standard_name", variables[name])]
     counted = [name for name in names if not name.endswith(TESTS)]
-    return [every[name] for name in summing or counted or names]
+    return [variables[name] for name in summing or counted or names]
 
 
 def _ancillary(file: File, variable: netCDF4.Variable) -> list[str]:
@@ -78,58 +82,46 @@ def _ancillary(file: File, variable: netCDF4.Variable) -> list[str]:
     return [name for name in words if name in file.nc.variables]
 
 
-def _is_flag(file: File, name: str) -> bool:
-    return _states_flags(file, file.nc.variables[name]) or bool(re.search("|".join(SUFFIXES), name, re.IGNORECASE))
-
-
 def _states_flags(file: File, variable: netCDF4.Variable) -> bool:
-    stated = any(file.attribute(name, of=variable) is not None for name in STATED)
+    stated = any(file.attribute(name, variable=variable) is not None for name in STATED)
     return stated or "flag" in file.text("standard_name", variable)
 
 
 def _stem(name: str, among: Any) -> str:
-    """Return the variable that a flag variable is named after, empty where it is none of some names."""
+    """Find the variable that a flag variable is named after, empty where it is none of some names."""
     lower = name.lower()
     stems = (name[: -len(suffix)] for suffix in SUFFIXES if lower.endswith(suffix.lower()))
     return next((stem for stem in stems if stem in among), "")
 
 
-def _placed(file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, part: tuple[str, int] | None) -> Flags:
-    """Return the flags of one flag variable along the dimensions of the variable that they are about."""
-    codes, names = _decoded(file, quality), list(quality.dimensions)
+def _arrange(file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, part: tuple[str, int] | None) -> Flags:
+    """Arrange the flags of one flag variable along the dimensions of the variable that they are about."""
+    codes, names = _decode(file, quality), list(quality.dimensions)
     if part and part[0] in names:
         codes = np.take(codes, part[1], axis=names.index(part[0]))
         names.remove(part[0])
     wanted = [name for name in (file.time, file.bins) if name in variable.dimensions]
     other = [k for k, name in enumerate(names) if name not in wanted]
-    if any(codes.shape[k] > 1 for k in other):
-        _refuse_apart(file, variable, quality, wanted)
+    if any(codes.shape[k] > 1 for k in other):  # beside time the worst of beams counts
+        apart = [name for name in spans(quality) - {*wanted} if not re.search("beam|test|dir", name, re.IGNORECASE)]
+        if apart or file.time not in quality.dimensions:
+            shown = f"dimensions ({', '.join(quality.dimensions)})"
+            advice = f"write them along those of {variable.name}, or take {quality.name} out of the file"
+            raise file.refuse(quality.name, f"flags along {', '.join(filter(None, wanted))}", shown, advice)
     codes = codes.transpose([*(names.index(name) for name in wanted if name in names), *other])
-    own = [file.nc.dimensions[name].size if name in names else 1 for name in wanted]
-    codes = vocabularies.worst_flag(list(np.moveaxis(codes.reshape([*own, -1]), -1, 0)))
+    sizes = [file.nc.dimensions[name].size if name in names else 1 for name in wanted]
+    codes = vocabularies.worst_flag(list(np.moveaxis(codes.reshape([*sizes, -1]), -1, 0)))
     return np.broadcast_to(codes, [file.nc.dimensions[name].size for name in wanted])
 
 
-def _refuse_apart(
-    file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, wanted: Sequence[str | None]
-) -> None:
-    """Refuse flags along other dimensions than time, bins and, beside time, beams: the worst of beams counts."""
-    apart = [name for name in spans(quality) - {*wanted} if not re.search("beam|test|dir", name, re.IGNORECASE)]
-    if not apart and file.time in quality.dimensions:
-        return
-    found = f"dimensions ({', '.join(quality.dimensions)})"
-    advice = f"write them along those of {variable.name}, or take {quality.name} out of the file"
-    raise file.refuse(quality.name, f"flags along {', '.join(filter(None, wanted))}", found, advice)
-
-
-def _decoded(file: File, quality: netCDF4.Variable) -> Flags:
-    """Return the OceanSITES flag of each value of a flag variable, in its own shape; what is unknown is noted."""
+def _decode(file: File, quality: netCDF4.Variable) -> Flags:
+    """Decode the values of a flag variable to OceanSITES flags, in its shape; note what is unknown."""
     values = raw(file, quality)
     if values.dtype.kind in "SUO":
         values = np.char.strip(np.array(np.ma.filled(values, ""), dtype=bytes if values.dtype.kind == "S" else str))
         values = np.char.decode(values, "latin-1") if values.dtype.kind == "S" else values
     distinct, where, counts = np.unique(values, return_inverse=True, return_counts=True)
-    meaning, unknown, empty = _reading(file, quality), Counter[str](), 0
+    meaning, unknown, empty = _interpreter(file, quality), Counter[str](), 0
     codes = np.full(len(distinct), NOT_CHECKED, dtype=np.int8)
     for k, (value, n) in enumerate(zip(distinct.tolist(), counts.tolist(), strict=True)):
         if _is_empty(quality, value):
@@ -158,10 +150,10 @@ def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
     return is_fill and _label(value) not in _listed(getattr(quality, "flag_values", None))
 
 
-def _reading(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Known]:
-    """Return the function that tells what a value means, by the form in which the variable states it."""
+def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Known]:
+    """Choose the function that interprets a value, by the form in which the variable states it."""
     words = [word for word in re.split(r"[\s,;]+", file.text("flag_meanings", quality).strip()) if word]
-    values, masks = (_listed(file.attribute(name, of=quality)) for name in ("flag_values", "flag_masks"))
+    values, masks = (_listed(file.attribute(name, variable=quality)) for name in ("flag_values", "flag_masks"))
     is_number = isinstance(quality.dtype, np.dtype) and quality.dtype.kind in "iu"
     if len(values) == 1 < len(words) == len(values[0]):
         values = list(values[0])  # characters in one text
@@ -172,9 +164,9 @@ def _reading(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Known]:
         if not is_number and all(map(str.isdigit, values)):  # characters by their codes
             table = {chr(int(value)): word for value, word in table.items()} | table
         return partial(_by_values, file, table)
-    own = [file.text(name, quality) for name in NAMING]
+    texts = [file.text(name, quality) for name in NAMING]
     name, vocabulary = vocabularies.find_vocabulary(
-        *own, quality.name, file.text("Conventions"), file.text("data_type")
+        *texts, quality.name, file.text("Conventions"), file.text("data_type")
     )
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
@@ -182,7 +174,7 @@ def _reading(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Known]:
 
 
 def _listed(stated: Any) -> list[str]:
-    """Return flag values or masks as texts, from an array, or from numbers or characters in one text."""
+    """Split flag values or masks into texts, from an array, or from numbers or characters in one text."""
     if stated is None:
         return []
     if isinstance(stated, str):
@@ -205,7 +197,7 @@ def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Known:
 def _by_masks(
     file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], value: Any
 ) -> _Known:
-    """Tell what a field of bits means: of the conditions that hold, the worst counts."""
+    """Interpret a field of bits: of the conditions that hold, the worst counts."""
     if (whole := file.meanings.get(_label(value))) is not None:
         return _Known(whole)
     number, *fields = (int(text) % 2**bits for text in (_label(value), *masks))

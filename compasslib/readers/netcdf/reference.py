@@ -30,7 +30,7 @@ WHICH = "write direction_reference: true, or declination_applied: DEGREES where 
 
 @dataclass(frozen=True)
 class North:
-    """What a file says; its declination None where it does not tell how many degrees."""
+    """The north that a file states; its declination None where it does not tell how many degrees."""
 
     word: str  # magnetic, true or nothing
     degrees: Floats | None  # inside the velocities
@@ -47,18 +47,19 @@ class Turn:
 
 
 def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
-    """Return what the file says of the north of its velocities and headings."""
-    word, degrees, why = _of_velocity(file, east)
+    """Find the north that the file states for its velocities and headings."""
+    word, degrees, why = _velocity_north(file, east)
     in_heading = np.zeros(()) if heading is None else degrees
     if heading is not None:
-        own = [_number(file.attribute(name, of=heading)) for name in filter(APPLIED.fullmatch, heading.ncattrs())]
-        in_heading = next((np.asarray(degrees) for degrees in own if degrees is not None), in_heading)
+        names = filter(APPLIED.fullmatch, heading.ncattrs())
+        stated = [_number(file.attribute(name, variable=heading)) for name in names]
+        in_heading = next((np.asarray(degrees) for degrees in stated if degrees is not None), in_heading)
         in_heading = np.zeros(()) if MAGNETIC in _words(file, heading) else in_heading
     return North(word, degrees, in_heading, why)
 
 
 def resolve_north(file: File, north: North, reference: str, applied: Applied | None) -> Turn:
-    """Return what is to be taken out, by the file's words and the mooring file's; what was decided is noted.
+    """Decide what is to be taken out, by the file's words and the mooring file's; note the decision.
 
     Args:
         reference: ``direction_reference`` of the mooring file.
@@ -68,9 +69,9 @@ def resolve_north(file: File, north: North, reference: str, applied: Applied | N
         InputError: the two contradict each other, or neither tells.
     """
     if applied is not None:
-        return _stated(file, north, reference, applied)
+        return _apply_stated(file, north, reference, applied)
     if reference == TRUE:
-        return _kept_true(file, north)
+        return _keep_true(file, north)
     zero = np.zeros(())
     if north.degrees is not None and np.any(north.degrees):
         file.notes.append(f"{north.why}: {_shown(north.degrees)} of declination were taken out of the directions.")
@@ -79,7 +80,7 @@ def resolve_north(file: File, north: North, reference: str, applied: Applied | N
             "directions", "magnetic north, as direction_reference says", f"true north by {north.why}", WHICH
         )
     if not north.word:
-        _refuse_untold(file)
+        _refuse_unclear_declination(file)
         file.notes.append(
             "The file does not say which north its directions count from; direction_reference: magnetic counts."
         )
@@ -88,7 +89,7 @@ def resolve_north(file: File, north: North, reference: str, applied: Applied | N
 
 
 def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
-    """Return the degrees to add to headings for the instrument's heading alignment EA.
+    """Find the degrees to add to headings for the instrument's heading alignment EA.
 
     Args:
         stated: ``heading_alignment`` of the mooring file.
@@ -99,9 +100,9 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
     if heading is None:
         return 0.0
     holders = [(name, holder) for name in ALIGNMENTS for holder in (heading, None)]
-    told = ((name, _number(file.attribute(name, of=holder))) for name, holder in holders)
-    name, found = next(((name, x) for name, x in told if x), ("heading alignment EA", 0.0))
-    degrees = found * ALIGNMENTS.get(name, 1.0)
+    values = ((name, _number(file.attribute(name, variable=holder))) for name, holder in holders)
+    name, degrees = next(((name, x) for name, x in values if x), ("heading alignment EA", 0.0))
+    degrees *= ALIGNMENTS.get(name, 1.0)
     if stated is None and degrees:
         advice = "give heading_alignment: degrees to add to the file's heading to get beam 3's, or 0 to ignore EA"
         raise file.refuse(name, "a heading alignment EA of 0 degrees", f"{degrees:g} degrees", advice)
@@ -115,21 +116,21 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
     return stated or 0.0
 
 
-def _stated(file: File, north: North, reference: str, applied: Applied) -> Turn:
+def _apply_stated(file: File, north: North, reference: str, applied: Applied) -> Turn:
     if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
         said = "direction_reference: true" if reference == TRUE else north.why
         advice = "delete one of the two" if reference == TRUE else "delete declination_applied"
         raise file.refuse("directions", f"no declination_applied beside {said}", str(applied), advice)
     if north.degrees is not None and np.any(np.abs(north.degrees - applied.velocity) > SAME_DEG):
-        found = f"although {north.why} says {_shown(north.degrees)}"
-        file.notes.append(f"declination_applied of {applied} degrees was taken out of the directions, {found}.")
+        reason = f"although {north.why} says {_shown(north.degrees)}"
+        file.notes.append(f"declination_applied of {applied} degrees was taken out of the directions, {reason}.")
     if applied.differs:
         return Turn(np.asarray(applied.velocity), np.asarray(applied.heading))
     magnetic = north.heading_degrees is not None and north.word == TRUE and not np.any(north.heading_degrees)
     return Turn(np.asarray(applied.velocity), np.asarray(0.0 if magnetic else applied.heading))
 
 
-def _kept_true(file: File, north: North) -> Turn:
+def _keep_true(file: File, north: North) -> Turn:
     if north.word == MAGNETIC:
         advice = "write direction_reference: magnetic"
         raise file.refuse(
@@ -144,16 +145,16 @@ def _kept_true(file: File, north: North) -> Turn:
     return Turn(np.zeros(()), north.heading_degrees)
 
 
-def _of_velocity(file: File, east: netCDF4.Variable) -> tuple[str, Floats | None, str]:
+def _velocity_north(file: File, east: netCDF4.Variable) -> tuple[str, Floats | None, str]:
     for holder in (east, file.nc):
         for name in filter(APPLIED.fullmatch, map(str.lower, holder.ncattrs())):
-            if (found := _number(file.attribute(name, of=holder))) is not None:
-                return (TRUE if found else MAGNETIC), np.asarray(found), f"{name} {found:g}"
+            if (applied_deg := _number(file.attribute(name, variable=holder))) is not None:
+                return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"{name} {applied_deg:g}"
     if rotated := STGLIB.findall(file.text("history")):
         return TRUE, np.asarray(float(rotated[-1])), "stglib's history"
     if file.attribute("coord_sys") is not None:  # dolfyn turns by declination alone, and says so
-        found = _number(file.attribute("declination")) or 0.0
-        return (TRUE if found else MAGNETIC), np.asarray(found), f"dolfyn's declination {found:g}"
+        applied_deg = _number(file.attribute("declination")) or 0.0
+        return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"dolfyn's declination {applied_deg:g}"
     words = _words(file, east)
     if MAGNETIC in words:
         return MAGNETIC, np.zeros(()), east.name
@@ -165,12 +166,12 @@ def _of_velocity(file: File, east: netCDF4.Variable) -> tuple[str, Floats | None
     return "", None, ""
 
 
-def _refuse_untold(file: File) -> None:
+def _refuse_unclear_declination(file: File) -> None:
     """Refuse a declination that stands in the file without a word whether its directions hold it."""
     for name in ("magnetic_variation", "magnetic_variation_at_site", "magnetic_declination"):
-        if found := _number(file.attribute(name)):
-            advice = f"write declination_applied: {found:g} where the directions hold it, 0 where they do not"
-            raise file.refuse(name, "a word whether it was applied", f"{found:g} degrees without one", advice)
+        if degrees := _number(file.attribute(name)):
+            advice = f"write declination_applied: {degrees:g} where the directions hold it, 0 where they do not"
+            raise file.refuse(name, "a word whether it was applied", f"{degrees:g} degrees without one", advice)
 
 
 def _words(file: File, variable: netCDF4.Variable) -> str:
@@ -180,9 +181,9 @@ def _words(file: File, variable: netCDF4.Variable) -> str:
     return " ".join([*parts, "magnetic" * variable.name.upper().endswith("_MAG")]).lower()
 
 
-def _number(found: object) -> float | None:
+def _number(value: object) -> float | None:
     try:
-        return None if found is None else float(np.asarray(found, dtype=float).ravel()[0])
+        return None if value is None else float(np.asarray(value, dtype=float).ravel()[0])
     except (TypeError, ValueError, IndexError):
         return None
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 from compasslib.readers.times import Unreadable, parse_origin
-from compasslib.types import Floats
+from compasslib.types import DAY_S, HOUR_S, Floats
 
 LARGEST = 1e30  # EPIC fills with 1e35
 SPEED = {"m s-1": 1.0, "m/s": 1.0, "m.s-1": 1.0, "meter second-1": 1.0, "meters per second": 1.0, "meters/second": 1.0}
@@ -37,20 +37,20 @@ KELVIN = ("k", "kelvin")
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
 DOLFYN = ("vel", "vel_avg")  # all components in one variable; of a series of single pings, and of its means
 EPIC_1970 = 2440588.0  # EPIC counts 2440000 = 0 h on 23 May 1968
-WORDS = {  # seconds of a unit, and the words for it: UDUNITS', and their plurals
+UNIT_WORDS = {  # seconds of a unit, and the words for it: UDUNITS', and their plurals
     604800.0: ("week",),
-    86400.0: ("day", "d"),
-    3600.0: ("hour", "hr", "h"),
+    DAY_S: ("day", "d"),
+    HOUR_S: ("hour", "hr", "h"),
     60.0: ("minute", "min"),
     1.0: ("second", "sec", "s"),
     1e-3: ("millisecond", "millisec", "msec", "ms"),
     1e-6: ("microsecond", "microsec", "us"),
     1e-9: ("nanosecond", "nanosec", "ns"),
 }
-SECONDS = {form: step for step, words in WORDS.items() for word in words for form in (word, f"{word}s")}
+SECONDS = {form: step for step, words in UNIT_WORDS.items() for word in words for form in (word, f"{word}s")}
 CALENDARS = {"": "standard", "gregorian": "standard", "standard": "standard"}
 CALENDARS |= {name: name for name in ("proleptic_gregorian", "julian")}
-NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos-toolbox), EPIC (stglib), dolfyn
+PLACE_NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos-toolbox), EPIC (stglib), dolfyn
     "latitude": ("LATITUDE", "latitude", "lat", "geospatial_lat_min"),
     "longitude": ("LONGITUDE", "longitude", "lon", "geospatial_lon_min"),
     "water_depth": ("water_depth", "WATER_DEPTH", "site_nominal_depth", "sea_floor_depth_below_sea_surface"),
@@ -128,29 +128,29 @@ class File:
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def attribute(self, *names: str, of: Any = None) -> Any:
-        """Return the first of these attributes that is there, of the file or of a variable; None without one."""
-        holder = self.nc if of is None else of
+    def attribute(self, *names: str, variable: Any = None) -> Any:
+        """Read the first of these attributes that is there, of the file or of a variable; None without one."""
+        holder = self.nc if variable is None else variable
         lower = {name.lower(): name for name in holder.ncattrs()}
         return next((holder.getncattr(lower[n.lower()]) for n in names if n.lower() in lower), None)
 
-    def text(self, name: str, of: Any = None) -> str:
-        """Return an attribute as text, empty where there is none."""
-        found = self.attribute(name, of=of)
-        return "" if found is None else str(found)
+    def text(self, name: str, variable: Any = None) -> str:
+        """Read an attribute as text, empty where there is none."""
+        value = self.attribute(name, variable=variable)
+        return "" if value is None else str(value)
 
     def labels(self, dimension: str) -> list[str]:
-        """Return the names of the places along a dimension."""
+        """Read the names of the places along a dimension."""
         refuse_size(self.path, self.nc.variables[dimension])
         return [str(label) for label in self.nc.variables[dimension][:]]
 
-    def refuse(self, variable: str, expected: str, found: object, advice: str) -> InputError:
-        """Return the error of a variable."""
-        return InputError(f"{self.path}: {variable}", expected=expected, found=found, advice=advice)
+    def refuse(self, variable: str, expected: str, shown: object, advice: str) -> InputError:
+        """Word the error of a variable."""
+        return InputError(f"{self.path}: {variable}", expected=expected, found=shown, advice=advice)
 
 
 def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.Variable | None:
-    """Return the variable of a role that spans one of these sets of dimensions, None without one.
+    """Find the variable of a role that spans one of these sets of dimensions, None without one.
 
     Raises:
         InputError: the column map names one that is not there, or several are equally likely.
@@ -162,7 +162,7 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
                 f"columns.{role}", "a variable of the file", f"{name!r}; it has {there}", "correct columns"
             )
         return file.nc.variables[name]
-    long = [{name for name in one if name and file.nc.dimensions[name].size > 1} for one in dimensions]
+    long = [{name for name in names if name and file.nc.dimensions[name].size > 1} for names in dimensions]
     fitting = {n: v for n, v in file.nc.variables.items() if spans(v) in long and np.issubdtype(v.dtype, np.number)}
     if "HEADING_CORRECTED" in fitting:  # our own product: this is not what its compass recorded
         fitting.pop("HEADING_TRUE", None)
@@ -175,18 +175,15 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
     if len(named) > 1 and likely is named:
         advice = f"name one of them in the mooring file: columns: {{{role}: {named[0]}}}"
         raise file.refuse(role, "one variable by its standard name", ", ".join(named), advice)
-    likely = likely or [name for name in known if not _means_another(file, fitting[name], wanted)]
+    if not likely:  # a standard name of another meaning rules a name out
+        stated = {name: file.text("standard_name", fitting[name]) for name in known}
+        likely = [name for name in known if not (stated[name] and wanted and stated[name] not in wanted)]
     return fitting[likely[0]] if likely else None
 
 
 def spans(variable: netCDF4.Variable) -> set[str]:
-    """Return the dimensions of a variable that are longer than one."""
+    """Select the dimensions of a variable that are longer than one."""
     return {name for name, size in zip(variable.dimensions, variable.shape, strict=True) if size > 1}
-
-
-def _means_another(file: File, variable: netCDF4.Variable, wanted: set[str]) -> bool:
-    own = file.text("standard_name", variable)
-    return bool(own and wanted and own not in wanted)
 
 
 def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Floats:
@@ -218,7 +215,7 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
 
 
 def numbers(file: File, variable: netCDF4.Variable) -> Floats:
-    """Return unpacked values, NaN where they are fill values or outside the valid range.
+    """Read unpacked values, NaN where they are fill values or outside the valid range.
 
     Raises:
         InputError: see ``refuse_size``.
@@ -230,7 +227,7 @@ def numbers(file: File, variable: netCDF4.Variable) -> Floats:
 
 
 def raw(file: File, variable: netCDF4.Variable) -> NDArray[Any]:
-    """Return values as they stand in the file, fill values too; errors as for ``numbers``."""
+    """Read values as they stand in the file, fill values too; errors as for ``numbers``."""
     refuse_size(file.path, variable)
     variable.set_auto_maskandscale(False)
     variable.set_auto_chartostring(False)
@@ -269,7 +266,7 @@ def _shown(size: float) -> str:
 
 
 def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str, int] | None = None) -> Any:
-    """Return an array with time first, bins second, single dimensions gone.
+    """Transpose an array to time first, bins second, single dimensions gone.
 
     Raises:
         InputError: it has other dimensions.
@@ -278,20 +275,20 @@ def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str,
     if part:
         data = np.take(data, part[1], axis=names.index(part[0]))
         names.remove(part[0])
-    own = [name for name in (file.time, file.bins) if name in names]
-    other = [name for name, size in zip(names, data.shape, strict=True) if name not in own and size > 1]
+    wanted = [name for name in (file.time, file.bins) if name in names]
+    other = [name for name, size in zip(names, data.shape, strict=True) if name not in wanted and size > 1]
     if other:
-        found = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
+        shown = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
         advice = "write one station, depth or beam a file, or name another variable in columns"
-        raise file.refuse(variable.name, "dimensions of time and of one profile", found, advice)
-    apart = [names.index(name) for name in names if name not in own]
-    return data.transpose([*(names.index(name) for name in own), *apart]).reshape(
-        [data.shape[names.index(n)] for n in own]
+        raise file.refuse(variable.name, "dimensions of time and of one profile", shown, advice)
+    apart = [names.index(name) for name in names if name not in wanted]
+    return data.transpose([*(names.index(name) for name in wanted), *apart]).reshape(
+        [data.shape[names.index(n)] for n in wanted]
     )
 
 
 def time_variable(file_columns: str | None, nc: netCDF4.Dataset) -> netCDF4.Variable | None:
-    """Return the variable of time: by the column map, EPIC's, or the one with a unit "since"; None without one.
+    """Find the variable of time: by the column map, EPIC's, or the one with a unit "since"; None without one.
 
     Where a file has several, that of its velocities comes first.
     """
@@ -300,16 +297,16 @@ def time_variable(file_columns: str | None, nc: netCDF4.Dataset) -> netCDF4.Vari
     along = [v for v in nc.variables.values() if v.ndim >= 1 and _unit(v)]
     epic = [v for v in along if _unit(v).startswith(EPIC_DAY)]
     since = [v for v in along if " since " in _unit(v) and _unit(v) != EPIC_MS]
-    own = [v for v in since if v.dimensions == (v.name,) or v.name.lower() in ("time", "time_cf")]
+    coordinates = [v for v in since if v.dimensions == (v.name,) or v.name.lower() in ("time", "time_cf")]
     named = [v for v in since if getattr(v, "standard_name", "") == "time"]
     flows = [nc.variables[name] for name in (*ROLES["east"].names, *DOLFYN) if name in nc.variables]
-    every = [*own, *named, *epic, *since]
-    of_flow = [v for flow in flows for v in every if v.dimensions[0] in flow.dimensions]
-    return next(iter([*of_flow, *every]), None)
+    candidates = [*coordinates, *named, *epic, *since]
+    along_flow = [v for flow in flows for v in candidates if v.dimensions[0] in flow.dimensions]
+    return next(iter([*along_flow, *candidates]), None)
 
 
-def seconds(file: File, variable: netCDF4.Variable) -> Floats:
-    """Return UTC seconds since 1970.
+def read_times(file: File, variable: netCDF4.Variable) -> Floats:
+    """Read times as UTC seconds since 1970.
 
     Raises:
         InputError: a unit or calendar that is no time of the real world.
@@ -317,21 +314,21 @@ def seconds(file: File, variable: netCDF4.Variable) -> Floats:
     unit, calendar = _unit(variable), str(getattr(variable, "calendar", "")).lower()
     value = arranged(file, variable, numbers(file, variable)).ravel()
     if unit.startswith(EPIC_DAY):
-        rest = next((v for v in file.nc.variables.values() if _unit(v) == EPIC_MS), None)
-        if rest is None:
+        time2 = next((v for v in file.nc.variables.values() if _unit(v) == EPIC_MS), None)
+        if time2 is None:
             advice = "add EPIC's time2 (msec since 0:00 GMT), without which the hours are unknown"
             raise file.refuse(variable.name, "EPIC's second variable of time", "none", advice)
-        return (value - EPIC_1970) * 86400.0 + arranged(file, rest, numbers(file, rest)).ravel() / 1000.0
+        return (value - EPIC_1970) * DAY_S + arranged(file, time2, numbers(file, time2)).ravel() / 1000.0
     word, _, since = unit.partition(" since ")
     step, known = SECONDS.get(word), CALENDARS.get(calendar)
     if step is None or known is None:
-        found = f"{unit!r}, calendar {calendar or 'not told'}"
-        raise file.refuse(variable.name, "days, hours or seconds since a date", found, "write CF's units of time")
+        shown = f"{unit!r}, calendar {calendar or 'not told'}"
+        raise file.refuse(variable.name, "days, hours or seconds since a date", shown, "write CF's units of time")
     try:
         return parse_origin(since, known) + step * value
     except Unreadable as error:
-        found = f"{unit!r}: {error.found}"
-        raise file.refuse(f"{variable.name}: units", error.expected, found, error.advice) from None
+        shown = f"{unit!r}: {error.shown}"
+        raise file.refuse(f"{variable.name}: units", error.expected, shown, error.advice) from None
 
 
 def _unit(variable: netCDF4.Variable) -> str:
@@ -340,15 +337,15 @@ def _unit(variable: netCDF4.Variable) -> str:
 
 
 def read_position(path: Path) -> dict[str, float]:
-    """Return latitude, longitude and water depth (m), those that the file tells as one finite number."""
+    """Read latitude, longitude and water depth (m), those that the file tells as one finite number."""
     with netCDF4.Dataset(path) as nc:
-        each = {key: [_number(path, nc, name) for name in names] for key, names in NAMES.items()}
-    found = {key: next(filter(np.isfinite, numbers), np.nan) for key, numbers in each.items()}
-    return {key: float(value) for key, value in found.items() if np.isfinite(value)}
+        each = {key: [_number(path, nc, name) for name in names] for key, names in PLACE_NAMES.items()}
+    values = {key: next(filter(np.isfinite, numbers), np.nan) for key, numbers in each.items()}
+    return {key: float(value) for key, value in values.items() if np.isfinite(value)}
 
 
 def _number(path: Path, nc: netCDF4.Dataset, name: str) -> float:
-    """Return a variable's or an attribute's one number, NaN without one."""
+    """Read a variable's or an attribute's one number, NaN without one."""
     if name in nc.variables:
         refuse_size(path, nc.variables[name])
     value = nc.variables[name][...] if name in nc.variables else getattr(nc, name, np.nan)

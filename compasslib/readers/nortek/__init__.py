@@ -20,7 +20,7 @@ from compasslib.errors import InputError
 from compasslib.readers.files import ESCAPES_UNDONE
 from compasslib.readers.nortek import aquadopp, signature
 from compasslib.readers.nortek.packets import BEAM, EARTH, Packets, Samples, find_packets
-from compasslib.readers.pd0.checks import ADVICE, FEW_DISAGREE, RANGES_SHOWN, match_serial_number
+from compasslib.readers.pd0.checks import ADVICE, FEW_DISAGREE, RANGES_SHOWN, match_serial_number, refuse_rotation
 from compasslib.readers.times import describe_averages
 from compasslib.records import MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
@@ -33,7 +33,7 @@ def read(
     declination_applied: float | Mapping[str, float] | None = None,
     serial_number: str | None = None,
 ) -> Record:
-    """Return one record from files in order of their first times, currents turned by the recorded magnetic heading.
+    """Read one record from files in order of their first times, currents turned by the recorded magnetic heading.
 
     Args:
         paths: files of one instrument in one configuration.
@@ -48,17 +48,21 @@ def read(
     if not paths:
         expected, advice = "at least one Nortek file", "name the instrument's files"
         raise InputError("files", expected=expected, found="none", advice=advice)
-    files = sorted((_file(path) for path in paths), key=lambda each: float(each[1].time_s[0]))
+    files = sorted((_read_file(path) for path in paths), key=lambda each: float(each[1].time_s[0]))
     where = ", ".join(str(path) for path in paths)
-    whole = _joined(where, [samples for _, samples in files])
+    whole = _concatenate(where, [samples for _, samples in files])
     serial = match_serial_number(where, whole.serial, serial_number)
-    _refuse_sideways(where, whole, orientation)
+    lying = int(whole.sideways.sum())
+    if orientation is None and lying > FEW_DISAGREE * len(whole.sideways):
+        shown = f"an instrument on its side by its own word in {lying} of {len(whole.sideways)} samples"
+        expected, advice = "one that looks up or down", "give orientation: up or down"
+        raise InputError(where, expected=expected, found=shown, advice=advice)
     stated = applied(declination_applied)
     inside = Applied(whole.declination_deg, whole.declination_deg) if stated is None else stated
-    _refuse_rotation(where, whole, inside)
+    refuse_rotation(where, inside, is_earth=whole.up is not None)
     looks_up = whole.looks_up if orientation is None else np.full(len(whole.time_s), orientation == "up")
     heading = angles.wrap360(whole.heading_deg - inside.heading)
-    east, north, upward = _currents(whole, heading, looks_up, inside.velocity)
+    east, north, upward = _turn_to_earth(whole, heading, looks_up, inside.velocity)
     up = bool(np.mean(looks_up) > 0.5)
     counts = _counts(files, whole, heading, up)
     field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
@@ -86,24 +90,24 @@ def read(
         channels=field,
         channel_units=dict.fromkeys(field, "count"),
         counts=counts,
-        warnings=(*_of_files(files), *_of_settings(whole, counts, stated, up)),
+        warnings=(*_describe_files(files), *_describe_settings(whole, counts, stated, up)),
     )
 
 
-def _file(path: Path) -> tuple[Packets, Samples]:
-    found = find_packets(path)
-    samples = signature.samples(found) if found.signature else aquadopp.samples(found)
+def _read_file(path: Path) -> tuple[Packets, Samples]:
+    packets = find_packets(path)
+    samples = signature.decode(packets) if packets.signature else aquadopp.decode(packets)
     dated = np.isfinite(samples.time_s)
     if not dated.any():
         advice = "check that format: nortek and the file belong together"
         shown = f"{len(dated)} with impossible dates"
         raise InputError(str(path), expected="samples with velocities", found=shown, advice=advice)
-    kept = samples if dated.all() else take(samples, dated)
-    more = {"bad_dates": int(np.sum(~dated)), "lost": _lost(kept, found.skipped)}
-    return found, replace(kept, counts=samples.counts | more)
+    good = samples if dated.all() else take(samples, dated)
+    counts = {"bad_dates": int(np.sum(~dated)), "lost": _count_lost(good, packets.skipped)}
+    return packets, replace(good, counts=samples.counts | counts)
 
 
-def _lost(samples: Samples, skipped: Sequence[tuple[int, int]]) -> int:
+def _count_lost(samples: Samples, skipped: Sequence[tuple[int, int]]) -> int:
     """Estimate how many samples are missing where bytes were skipped, by the steps of time across."""
     steps = np.diff(samples.time_s)
     after = np.searchsorted(samples.offset, [first for first, _ in skipped])
@@ -112,7 +116,7 @@ def _lost(samples: Samples, skipped: Sequence[tuple[int, int]]) -> int:
     return int(np.maximum(np.rint(across / usual) - 1, 0).sum()) if usual > 0.0 else 0
 
 
-def _joined(where: str, parts: Sequence[Samples]) -> Samples:
+def _concatenate(where: str, parts: Sequence[Samples]) -> Samples:
     first = parts[0]
     for other in parts[1:]:
         for name in ("serial", "recorded", "bin_range_m", "beam_angle_deg", "declination_deg"):
@@ -128,25 +132,10 @@ def _joined(where: str, parts: Sequence[Samples]) -> Samples:
     return replace(first, **joined, notes=notes, counts=counts) if len(parts) > 1 else first
 
 
-def _refuse_sideways(where: str, whole: Samples, orientation: str | None) -> None:
-    lying = int(whole.sideways.sum())
-    if orientation is None and lying > FEW_DISAGREE * len(whole.sideways):
-        shown = f"an instrument on its side by its own word in {lying} of {len(whole.sideways)} samples"
-        raise InputError(
-            where, expected="one that looks up or down", found=shown, advice="give orientation: up or down"
-        )
-
-
-def _currents(
+def _turn_to_earth(
     whole: Samples, heading_deg: Floats, looks_up: Bools, applied_deg: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return (east, north, up), (n, m) m/s to magnetic north.
-
-    Args:
-        heading_deg: magnetic, (n,).
-        looks_up: (n,).
-        applied_deg: declination inside the recorded earth velocities.
-    """
+    """Turn velocities to (east, north, up), (n, m) m/s to magnetic north; those of the earth by the applied degrees."""
     if whole.up is not None:
         east, north = whole.velocity[..., 0], whole.velocity[..., 1]
         return *(angles.turn(east, north, -applied_deg) if applied_deg else (east, north)), whole.up
@@ -157,46 +146,38 @@ def _currents(
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
 
 
-def _refuse_rotation(where: str, whole: Samples, inside: Applied) -> None:
-    """Refuse degrees inside velocities that hold no north: only earth coordinates were rotated apart from headings."""
-    if inside.velocity and inside.differs and whole.up is None:
-        expected = "velocity: 0, as velocities are not in earth coordinates and are turned by the headings"
-        raise InputError(f"{where}: declination_applied", expected=expected, found=inside, advice="correct it")
-
-
 def _counts(files: Sequence[tuple[Packets, Samples]], whole: Samples, heading_deg: Floats, up: bool) -> dict[str, int]:
-    found = [packets for packets, _ in files]
     return whole.counts | {
         "samples": len(heading_deg),
-        "records": sum(len(one.kind) for one in found),
-        "damaged": sum(one.damaged for one in found),
-        "bytes_skipped": sum(one.bytes_skipped for one in found),
-        "bytes_total": sum(one.data.size for one in found),
+        "records": sum(len(packets.kind) for packets, _ in files),
+        "damaged": sum(packets.damaged for packets, _ in files),
+        "bytes_skipped": sum(packets.bytes_skipped for packets, _ in files),
+        "bytes_total": sum(packets.data.size for packets, _ in files),
         "orientation_disagrees": int(np.sum(whole.looks_up != up)),
         "heading_missing": int(np.isnan(heading_deg).sum()),
     }
 
 
-def _of_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
-    for found, samples in files:
-        name, counts = found.path.name, samples.counts
-        if found.escaped:
+def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
+    for packets, samples in files:
+        name, counts = packets.path.name, samples.counts
+        if packets.escaped:
             yield f"{name} {ESCAPES_UNDONE}; places are those of the bytes after that."
-        if found.skipped:
+        if packets.skipped:
             yield (
-                f"{name}: {found.bytes_skipped} of {found.data.size} bytes belong to no good record and were skipped; "
-                f"{found.damaged} places in them begin like a record and fail its checksum, and by their times "
-                f"{counts['lost']} samples are lost."
+                f"{name}: {packets.bytes_skipped} of {packets.data.size} bytes belong to no good record and were "
+                f"skipped; {packets.damaged} places in them begin like a record and fail its checksum, and by their "
+                f"times {counts['lost']} samples are lost."
             )
-            shown = [f"{first} to {last}" for first, last in found.skipped[:RANGES_SHOWN]]
-            rest = len(found.skipped) - len(shown)
-            yield f"{name}: skipped bytes {', '.join(shown)}{f' and {rest} more ranges' if rest else ''}."
+            shown = [f"{first} to {last}" for first, last in packets.skipped[:RANGES_SHOWN]]
+            more = len(packets.skipped) - len(shown)
+            yield f"{name}: skipped bytes {', '.join(shown)}{f' and {more} more ranges' if more else ''}."
         if counts["bad_dates"]:
             yield f"{name}: {counts['bad_dates']} good samples have an impossible date and were left out."
         yield from samples.notes
 
 
-def _of_settings(whole: Samples, counts: dict[str, int], stated: Applied | None, up: bool) -> Iterator[str]:
+def _describe_settings(whole: Samples, counts: dict[str, int], stated: Applied | None, up: bool) -> Iterator[str]:
     n = len(whole.time_s)
     if stated is None and whole.declination_deg:
         yield f"The declination of {whole.declination_deg:g} degrees that was set was taken out of the headings."

@@ -43,23 +43,23 @@ _SENSORS = np.dtype(
 )
 
 
-def samples(found: Packets) -> Samples:
-    """Return what a file of the older format recorded.
+def decode(packets: Packets) -> Samples:
+    """Decode the samples of a file of the older format.
 
     Raises:
         InputError: no configuration or no velocities in it, two configurations, or a meter of another kind.
     """
-    user, head = (_only(found, kind) for kind in (USER, HEAD))
-    kind = _kind(found)
-    of_kind = found.kind == kind
+    user, head = (_configuration(packets, kind) for kind in (USER, HEAD))
+    kind = _kind(packets)
+    of_kind = packets.kind == kind
     # A record of another length is of another configuration, or a chance sum.
-    length = found.end - found.start
+    length = packets.end - packets.start
     usual = int(np.bincount(length[of_kind]).argmax())
     mine = of_kind & (length == usual)
-    rows, first = found.rows(mine), VELOCITY[kind]
+    rows, first = packets.rows(mine), VELOCITY[kind]
     cells = 1 if kind in POINT else int(_number(user, 34))
     if usual < first + BEAMS * cells * 3 + 2 or not cells:
-        raise _unlike_configuration(found, usual, first, cells, int(_number(user, 18)))
+        raise _contradicts_configuration(packets, usual, first, cells, int(_number(user, 18)))
     sensors = np.ascontiguousarray(rows[:, : _SENSORS.itemsize]).view(_SENSORS)[:, 0]
     velocity = _velocity(rows[:, first : first + 6 * cells], sensors["status"])
     recorded = int(_number(user, 32))
@@ -70,54 +70,54 @@ def samples(found: Packets) -> Samples:
         velocity = velocity @ (head[30:48].view("<i2").reshape(3, 3) / 4096.0).T
     magnetometer = MAGNETOMETER.get(kind)
     return Samples(
-        offset=found.start[mine],
-        **_of_sensors(sensors, has_pressure=bool(head[4] & 1)),
+        offset=packets.start[mine],
+        **_decode_sensors(sensors, has_pressure=bool(head[4] & 1)),
         velocity=velocity,
         **_quality(sensors, velocity),
-        bin_range_m=(0.0,) if kind in POINT else _ranges(found, user, head, cells),
+        bin_range_m=(0.0,) if kind in POINT else _ranges(packets, user, head, cells),
         recorded=recorded,
         beam_angle_deg=0.0 if kind in POINT else SLANT_DEG,
-        serial=_serial(found),
+        serial=_serial(packets),
         average_s=float(_number(user, 16)),
         magnetometer=rows[:, magnetometer : magnetometer + 6].copy().view("<i2") * 1.0 if magnetometer else None,
         up=up,
         profiles={"echo": by_beam(rows, first + 2 * BEAMS * cells, BEAMS, cells)},
         counts={
-            "diagnostic_samples": int(np.sum(found.kind == DIAGNOSTIC)),
+            "diagnostic_samples": int(np.sum(packets.kind == DIAGNOSTIC)),
             "other_lengths": int(of_kind.sum()) - len(rows),
         },
     )
 
 
-def _only(found: Packets, kind: int) -> Bytes:
-    """Return the one configuration of a kind; the same may stand there again where a recording was joined."""
-    mine = found.kind == kind
+def _configuration(packets: Packets, kind: int) -> Bytes:
+    """Find the one configuration of a kind; the same may stand there again where a recording was joined."""
+    mine = packets.kind == kind
     part = "user's" if kind == USER else "head's"
     expected = f"the {part} configuration (A5 {kind:02X}), which tells what the velocities are"
     if not mine.any():
         advice = "take the instrument's own file from its first byte on"
-        raise InputError(str(found.path), expected=expected, found="none that is whole", advice=advice)
-    sizes = found.end[mine] - found.begin[mine]
-    rows = found.rows(mine) if (sizes == sizes[0]).all() else None
+        raise InputError(str(packets.path), expected=expected, found="none that is whole", advice=advice)
+    sizes = packets.end[mine] - packets.begin[mine]
+    rows = packets.rows(mine) if (sizes == sizes[0]).all() else None
     if rows is None or (rows != rows[0]).any():
         advice = "give each recording as a file of its own"
-        raise InputError(str(found.path), expected=expected, found=f"{len(sizes)} that differ", advice=advice)
+        raise InputError(str(packets.path), expected=expected, found=f"{len(sizes)} that differ", advice=advice)
     return rows[0]
 
 
-def _kind(found: Packets) -> int:
-    there = [kind for kind in VELOCITY if (found.kind == kind).any()]
+def _kind(packets: Packets) -> int:
+    there = [kind for kind in VELOCITY if (packets.kind == kind).any()]
     if len(there) == 1:
         return there[0]
-    meant = next((name for kind, name in OTHERS.items() if (found.kind == kind).any()), None)
+    meant = next((name for kind, name in OTHERS.items() if (packets.kind == kind).any()), None)
     shown = f"those of {meant}" if meant else "several kinds" if there else "none"
     advice = "give its velocities as a table" if meant else "give each recording as a file of its own"
     kinds = "velocities of an Aquadopp, an Aquadopp profiler or an AWAC"
-    raise InputError(str(found.path), expected=kinds, found=shown, advice=advice)
+    raise InputError(str(packets.path), expected=kinds, found=shown, advice=advice)
 
 
-def _unlike_configuration(found: Packets, size: int, first: int, cells: int, beams: int) -> InputError:
-    """Say why records of some bytes, velocities from ``first`` on, do not hold the cells of three beams."""
+def _contradicts_configuration(packets: Packets, size: int, first: int, cells: int, beams: int) -> InputError:
+    """Word why records of some bytes, velocities from ``first`` on, do not hold the cells of three beams."""
     if beams != BEAMS and size in (whole := first + beams * cells * 3 + 2, whole + whole % 2):
         level = ", which are level, as of an AWAC that looks sideways" if beams == 2 else ""
         shown, expected = f"{beams} beam{'s' * (beams > 1)}{level}", f"{BEAMS} slanted beams"
@@ -125,7 +125,7 @@ def _unlike_configuration(found: Packets, size: int, first: int, cells: int, bea
     else:
         shown, expected = f"{size} bytes for {cells} cells", "records that hold their cells"
         advice = "the configuration is of another recording: give each as a file of its own"
-    return InputError(str(found.path), expected=expected, found=shown, advice=advice)
+    return InputError(str(packets.path), expected=expected, found=shown, advice=advice)
 
 
 def _number(block: Bytes, at: int) -> np.uint16:
@@ -140,7 +140,7 @@ def _velocity(rows: Bytes, status: Bytes) -> Floats:
     return np.moveaxis(velocity, 1, 2)
 
 
-def _of_sensors(sensors: Any, *, has_pressure: bool) -> dict[str, Any]:
+def _decode_sensors(sensors: Any, *, has_pressure: bool) -> dict[str, Any]:
     heading = sensors["heading"] / 10.0
     pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
     return {
@@ -174,18 +174,18 @@ def _quality(sensors: Any, velocity: Floats) -> dict[str, Any]:
     }
 
 
-def _ranges(found: Packets, user: Bytes, head: Bytes, cells: int) -> tuple[float, ...]:
+def _ranges(packets: Packets, user: Bytes, head: Bytes, cells: int) -> tuple[float, ...]:
     khz = int(_number(head, 6))
     if khz not in CELL_M:
         expected, advice = f"a head of {', '.join(map(str, CELL_M))} kHz", "give its velocities as a table"
-        raise InputError(str(found.path), expected=expected, found=f"{khz} kHz", advice=advice)
+        raise InputError(str(packets.path), expected=expected, found=f"{khz} kHz", advice=advice)
     cosine = float(angles.sin_cos(SLANT_DEG)[1])
     cell = round(int(_number(user, 36)) / 256 * CELL_M[khz] * cosine, 2)
     blanking = round(int(_number(user, 6)) * BLANKING_M[khz] * cosine - cell, 2)
     return tuple((blanking + cell * (1.0 + np.arange(cells))).tolist())
 
 
-def _serial(found: Packets) -> str:
-    at = np.flatnonzero(found.kind == HARDWARE)
-    block = found.data[found.begin[at[0]] : found.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
+def _serial(packets: Packets) -> str:
+    at = np.flatnonzero(packets.kind == HARDWARE)
+    block = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
     return block[4:12].tobytes().decode("ascii", "replace").strip(" \0") if block.size >= 18 else ""

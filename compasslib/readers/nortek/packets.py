@@ -24,6 +24,7 @@ from compasslib.types import Bools, Floats
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
+_Columns = tuple[Places, Places, Places, Places]  # of records: kind, start, begin of the contents, end
 
 SYNC, START = 0xA5, 0xB58C
 SHORTEST = 8  # bytes of an older record: its head, one word and the sum
@@ -58,11 +59,7 @@ class Packets:
         return sum(last - first + 1 for first, last in self.skipped)
 
     def rows(self, which: Bools | Places) -> Bytes:
-        """Return the contents of records of one length, (k, length) bytes.
-
-        Args:
-            which: some of the records.
-        """
+        """Take the contents of some records, which have one length, (k, length) bytes."""
         begin, end = self.begin[which], self.end[which]
         length = int(end[0] - begin[0])
         steps = np.diff(begin)
@@ -72,57 +69,49 @@ class Packets:
 
 
 def find_packets(path: str | Path) -> Packets:
-    """Return the records of a file, of the Signature's format where it holds one of them.
+    """Find the records of a file, of the Signature's format where it holds one of them.
 
     Raises:
         InputError: the file cannot be read, holds no record of either format, or more damaged ones than whole ones.
     """
-    data = _bytes(Path(path))
-    marks, found, signature = _found(data)
+    data = np.frombuffer(files.read_bytes(path), dtype=np.uint8)
+    marks, records, signature = _find_records(data)
     escaped = False
-    if files.looks_escaped(data[: files.SAMPLE_BYTES].tobytes()):
+    if files.looks_escaped(data[: files.ESCAPE_SAMPLE].tobytes()):
         undone = np.frombuffer(files.unescape(data.tobytes()), dtype=np.uint8)
-        other = _found(undone)
-        escaped = len(other[1][0]) > len(found[0])
-        data, (marks, found, signature) = (undone, other) if escaped else (data, (marks, found, signature))
-    if not len(found[0]):
+        other = _find_records(undone)
+        if escaped := len(other[1][0]) > len(records[0]):
+            data, (marks, records, signature) = undone, other
+    if not len(records[0]):
         beginning = data[:16].tobytes()
         shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
         advice = "check that format: nortek and the file belong together"
         raise InputError(str(path), expected="records of a Nortek file (A5)", found=shown, advice=advice)
-    apart = _one_after_the_other(found[1], found[3])
-    kind, start, begin, end = (column[apart] for column in found)
+    apart = _is_not_nested(records[1], records[3])
+    kind, start, begin, end = (column[apart] for column in records)
     inside = np.searchsorted(start, marks, "right") - 1
     between = marks[(inside < 0) | (marks >= end[inside])]
-    damaged = _alike(data, between, start)
+    heads = [data[at[at + 4 <= data.size][:, None] + np.arange(4)].copy().view("<u4")[:, 0] for at in (between, start)]
+    damaged = int(np.isin(heads[0], heads[1]).sum())  # whose first four bytes are those of a record of the file
     refuse_mostly_damaged(path, "Nortek records", damaged=damaged, whole=len(kind))
     return Packets(Path(path), data, signature, kind, begin, end, start, damaged, escaped)
 
 
-def _found(data: Bytes) -> tuple[Places, tuple[Places, Places, Places, Places], bool]:
-    """Find where A5 stands, kind, start, begin and end of records that may overlap, and if they are the Signature's."""
+def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
+    """Find where A5 stands, records that may overlap, and whether they are the Signature's."""
     marks = np.flatnonzero(data == SYNC)
     sums = _running_sums(data)
-    found = _signatures(data, marks, sums)
-    return (marks, found, True) if len(found[0]) else (marks, _older(data, marks, sums), False)
+    records = _find_signature(data, marks, sums)
+    return (marks, records, True) if len(records[0]) else (marks, _find_older(data, marks, sums), False)
 
 
 def word(data: Bytes, at: Places) -> NDArray[np.uint16]:
-    """Return the 16-bit words at some places."""
+    """Read the 16-bit words at some places."""
     return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
 
 
-def _bytes(path: Path) -> Bytes:
-    try:
-        return np.fromfile(path, dtype=np.uint8)
-    except OSError as error:
-        found = error.strerror or type(error).__name__
-        advice = "check the path and its permissions, and name files, not folders"
-        raise InputError(str(path), expected="a Nortek file that can be read", found=found, advice=advice) from None
-
-
 def _running_sums(data: Bytes) -> NDArray[np.uint16]:
-    """Return sums modulo 65,536 of every second word, so that those of any stretch of words are a difference of two."""
+    """Sum every second word modulo 65,536, so that those of any stretch of words are a difference of two."""
     sums = np.zeros(data.size + 1, dtype=np.uint16)
     for parity in (0, 1):
         words = data[parity : parity + (data.size - parity) // 2 * 2].view("<u2")
@@ -130,8 +119,8 @@ def _running_sums(data: Bytes) -> NDArray[np.uint16]:
     return sums
 
 
-def _signatures(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> tuple[Places, Places, Places, Places]:
-    found = []
+def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Columns:
+    records = []
     for length, size_type in HEADERS.items():
         start = marks[marks + length <= data.size]
         start = start[data[start + 1] == length]
@@ -143,13 +132,13 @@ def _signatures(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> tuple[P
         start, begin, size = start[whole], begin[whole], size[whole]
         last = np.where(size % 2, data[np.maximum(begin + size, 1) - 1], 0).astype(np.uint16) * np.uint16(256)
         holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(START) + last == word(data, begin - 4)
-        found.append(np.stack([data[start + 2], start, begin, begin + size])[:, holds].astype(np.int64))
-    both = np.concatenate(found, axis=1)
+        records.append(np.stack([data[start + 2], start, begin, begin + size])[:, holds].astype(np.int64))
+    both = np.concatenate(records, axis=1)
     kind, start, begin, end = both[:, np.argsort(both[1], kind="stable")]
     return kind, start, begin, end
 
 
-def _older(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> tuple[Places, Places, Places, Places]:
+def _find_older(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Columns:
     start = marks[marks + SHORTEST <= data.size]
     end = start + 2 * word(data, start + 2).astype(np.int64)
     whole = (end >= start + SHORTEST) & (end <= data.size)
@@ -159,21 +148,15 @@ def _older(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> tuple[Places
     return data[start + 1].astype(np.int64), start, start, end
 
 
-def _one_after_the_other(start: Places, end: Places) -> Bools:
-    """Tell records that begin where none before has not ended: a chance sum inside another is no record."""
-    kept = np.ones(len(start), dtype=bool)
+def _is_not_nested(start: Places, end: Places) -> Bools:
+    """Select records that begin where none before has not ended: a chance sum inside another is no record."""
+    apart = np.ones(len(start), dtype=bool)
     after = 0
     for first in np.flatnonzero(start[1:] < end[:-1]).tolist():
         if first >= after:
             after = first + int(np.searchsorted(start[first:], end[first]))
-            kept[first + 1 : after] = False
-    return kept
-
-
-def _alike(data: Bytes, marks: Places, start: Places) -> int:
-    """Count marks whose first four bytes are those of a record of the file."""
-    heads = [data[at[at + 4 <= data.size][:, None] + np.arange(4)].copy().view("<u4")[:, 0] for at in (marks, start)]
-    return int(np.isin(heads[0], heads[1]).sum())
+            apart[first + 1 : after] = False
+    return apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,8 +174,8 @@ class Samples:
     velocity: Floats  # (n, m, 2 or 3) m/s: east and north (earth), else x, y, z of the head
     quality: Flags  # (n, m)
     heading_quality: Flags  # (n,)
-    looks_up: Bools  # (n,) the instrument's own word
-    sideways: Bools  # (n,) it lay on its side by its own word
+    looks_up: Bools  # (n,) as the instrument states
+    sideways: Bools  # (n,) it lay on its side, as it states
     bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
     recorded: int  # EARTH, INSTRUMENT or BEAM; beams are combined already
     beam_angle_deg: float  # from the vertical; 0 for a point meter
@@ -207,14 +190,10 @@ class Samples:
 
 
 def by_beam(rows: Bytes, at: int, beams: int, cells: int) -> Bytes:
-    """Return bytes of which the records hold those of one beam after those of another, (n, cells, beams).
-
-    Args:
-        at: where the first stands in the record.
-    """
+    """Reorder bytes that records hold beam after beam, from ``at`` on, to (n, cells, beams)."""
     return np.moveaxis(rows[:, at : at + beams * cells].reshape(len(rows), beams, cells), 1, 2).copy()
 
 
 def axes_of(matrix: Floats) -> Floats:
-    """Return the rows of x, y and z, (3, k), of a matrix from beams to axes; of two estimates of z their mean."""
+    """Select the rows of x, y and z, (3, k), of a matrix from beams to axes; of two estimates of z their mean."""
     return matrix if len(matrix) == 3 else np.vstack([matrix[:2], matrix[2:].mean(axis=0)])

@@ -68,7 +68,7 @@ _SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # bytes that are equal in records 
 
 @dataclass(frozen=True)
 class _Layout:
-    """What all records of one configuration share."""
+    """The layout of all records of one configuration."""
 
     offset: int  # of the velocities
     cells: int
@@ -82,27 +82,28 @@ class _Layout:
         return self.offset + each * self.beams * self.cells
 
 
-def samples(found: Packets) -> Samples:
-    """Return what a Signature recorded.
+def decode(packets: Packets) -> Samples:
+    """Decode the samples of a Signature.
 
     Raises:
         InputError: no velocities of data format 3, beams without their matrix, or other than three or four beams.
     """
-    text = _text(found)
-    kind = next((kind for kind in (AVERAGE, BURST) if (found.kind == kind).any()), None)
+    text = _text(packets)
+    kind = next((kind for kind in (AVERAGE, BURST) if (packets.kind == kind).any()), None)
     if kind is None:
-        there = ", ".join(f"{k:02X}" for k in np.unique(found.kind).tolist())
+        there = ", ".join(f"{k:02X}" for k in np.unique(packets.kind).tolist())
         advice = "export its velocities, or give them as a table"
-        raise InputError(str(found.path), expected="averages or bursts", found=f"records {there}", advice=advice)
-    mine = _of_one_configuration(found, of_kind := np.flatnonzero(found.kind == kind))
-    rows = found.rows(mine)
+        raise InputError(str(packets.path), expected="averages or bursts", found=f"records {there}", advice=advice)
+    mine = _most_frequent_configuration(packets, of_kind := np.flatnonzero(packets.kind == kind))
+    rows = packets.rows(mine)
     head = np.ascontiguousarray(rows[:, : _HEAD.itemsize]).view(_HEAD)[:, 0]
-    layout = _layout(found, rows, head[0])
+    layout = _layout(packets, rows, head[0])
     raw = _velocity(rows, layout, head["scale"])
-    velocity = _in_axes(found, raw, layout, _matrix(text, SECTIONS[kind]))
-    counts = {"other_configurations": len(of_kind) - len(mine), "other_kinds": _others(found, kind)}
+    velocity = _in_axes(packets, raw, layout, _matrix(text, SECTIONS[kind]))
+    others = int(np.sum((packets.kind != kind) & (packets.kind != TEXT)))
+    counts = {"other_configurations": len(of_kind) - len(mine), "other_kinds": others}
     return Samples(
-        offset=found.start[mine],
+        offset=packets.start[mine],
         **_sensors(head),
         velocity=velocity,
         quality=_quality(rows, layout, velocity),
@@ -116,23 +117,23 @@ def samples(found: Packets) -> Samples:
         up=raw[..., 2:].mean(axis=-1) if layout.coordinates == EARTH else None,
         profiles=_profiles(rows, layout),
         counts=counts,
-        notes=tuple(_notes(found, kind, counts, "GETUSER," in text)),
+        notes=tuple(_notes(packets, kind, counts, "GETUSER," in text)),
     )
 
 
-def _text(found: Packets) -> str:
-    at = np.flatnonzero(found.kind == TEXT)
-    parts = [found.data[found.begin[k] + 1 : found.end[k]].tobytes() for k in at]
+def _text(packets: Packets) -> str:
+    at = np.flatnonzero(packets.kind == TEXT)
+    parts = [packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes() for k in at]
     return "\n".join(part.decode("latin-1") for part in parts)
 
 
 def _setting(text: str, section: str, name: str, usual: float) -> float:
-    found = re.search(rf"^{section},.*?\b{name}=(-?\d+\.?\d*)", text, re.MULTILINE)
-    return float(found[1]) if found else usual
+    match = re.search(rf"^{section},.*?\b{name}=(-?\d+\.?\d*)", text, re.MULTILINE)
+    return float(match[1]) if match else usual
 
 
 def _matrix(text: str, section: str) -> Floats | None:
-    """Return the matrix from beams to axes that the text gives for averages or bursts, (k, k)."""
+    """Parse the matrix from beams to axes that the text gives for averages or bursts, (k, k)."""
     line = re.search(rf"^GETXF{section},ROWS=(\d),COLS=(\d),(.*)$", text, re.MULTILINE)
     if line is None:
         return None
@@ -141,20 +142,20 @@ def _matrix(text: str, section: str) -> Floats | None:
     return np.array(numbers).reshape(shape) if len(numbers) == shape[0] * shape[1] else None
 
 
-def _of_one_configuration(found: Packets, at: Places) -> Places:
-    """Return those records that have the most frequent configuration."""
-    size = found.end[at] - found.begin[at]
+def _most_frequent_configuration(packets: Packets, at: Places) -> Places:
+    """Select the records of the most frequent configuration."""
+    size = packets.end[at] - packets.begin[at]
     long = at[size >= _HEAD.itemsize]
     if not len(long):
         advice = "export its velocities, or give them as a table"
-        raise InputError(str(found.path), expected="velocity records", found="shorter ones", advice=advice)
-    same = found.data[found.begin[long][:, None] + np.array(_SAME)]
-    key = np.column_stack([same, (found.end[long] - found.begin[long])[:, None].view(np.uint8)])
+        raise InputError(str(packets.path), expected="velocity records", found="shorter ones", advice=advice)
+    same = packets.data[packets.begin[long][:, None] + np.array(_SAME)]
+    key = np.column_stack([same, (packets.end[long] - packets.begin[long])[:, None].view(np.uint8)])
     _, which, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     return long[which.ravel() == count.argmax()]
 
 
-def _layout(found: Packets, rows: Bytes, head: Any) -> _Layout:
+def _layout(packets: Packets, rows: Bytes, head: Any) -> _Layout:
     bits = int(head["layout"])
     layout = _Layout(int(head["offset"]), bits & 1023, bits >> 12, bits >> 10 & 3, int(head["configuration"]))
     expected = f"velocities in data format {FORMAT} of three or four beams"
@@ -163,7 +164,7 @@ def _layout(found: Packets, rows: Bytes, head: Any) -> _Layout:
     whole = bool(layout.configuration & VELOCITY) and layout.cells > 0 and layout.coordinates <= BEAM and fits
     if head["format"] != FORMAT or layout.beams not in (3, 4) or not whole:
         advice = "export its velocities, or give them as a table"
-        raise InputError(str(found.path), expected=expected, found=shown, advice=advice)
+        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
     return layout
 
 
@@ -175,7 +176,7 @@ def _velocity(rows: Bytes, layout: _Layout, scale: Any) -> Floats:
     return np.moveaxis(velocity, 1, 2)
 
 
-def _in_axes(found: Packets, raw: Floats, layout: _Layout, matrix: Floats | None) -> Floats:
+def _in_axes(packets: Packets, raw: Floats, layout: _Layout, matrix: Floats | None) -> Floats:
     if layout.coordinates == EARTH:
         return raw[..., :2]
     if layout.coordinates == INSTRUMENT:
@@ -184,7 +185,7 @@ def _in_axes(found: Packets, raw: Floats, layout: _Layout, matrix: Floats | None
         expected = f"the matrix of its {layout.beams} beams among the text records (GETXFAVG, GETXFBURST)"
         shown = "none" if matrix is None else f"one of {matrix.shape[1]}"
         advice = "take the instrument's own file from its first byte on"
-        raise InputError(str(found.path), expected=expected, found=shown, advice=advice)
+        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
     return raw @ axes_of(matrix).T
 
 
@@ -213,36 +214,36 @@ def _sensors(head: Any) -> dict[str, Any]:
 
 
 def _ranges(head: Any, cells: int) -> tuple[float, ...]:
-    """Return the middles of the cells: the blanking and as many cells as their number."""
+    """Compute the middles of the cells: the blanking and as many cells as their number."""
     blanking = float(head["blanking"]) / (100.0 if head["status"] & CENTIMETRES else 1000.0)
     return tuple((blanking + float(head["cell"]) / 1000.0 * (1.0 + np.arange(cells))).tolist())
 
 
 def _quality(rows: Bytes, layout: _Layout, velocity: Floats) -> Flags:
     bad = np.zeros(velocity.shape[:2], dtype=bool)
-    found = _profiles(rows, layout)
-    if "correlation" in found:
-        bad |= found["correlation"].min(axis=2) < LEAST_CORRELATION
-    if "percent_good" in found:
-        bad |= found["percent_good"] < LEAST_PERCENT_GOOD
+    profiles = _profiles(rows, layout)
+    if "correlation" in profiles:
+        bad |= profiles["correlation"].min(axis=2) < LEAST_CORRELATION
+    if "percent_good" in profiles:
+        bad |= profiles["percent_good"] < LEAST_PERCENT_GOOD
     flags = np.where(bad, BAD, GOOD)
     return np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8)
 
 
 def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
-    """Return amplitudes, correlations and percent good, those that the records hold."""
+    """Select amplitudes, correlations and percent good, those that the records hold."""
     correlation, percent = _places(layout)
     amplitude = layout.offset + 2 * layout.beams * layout.cells if layout.configuration & AMPLITUDE else None
     blocks = {"echo": amplitude, "correlation": correlation}
     shape = layout.beams, layout.cells
-    found = {name: by_beam(rows, at, *shape) for name, at in blocks.items() if at is not None}
+    profiles = {name: by_beam(rows, at, *shape) for name, at in blocks.items() if at is not None}
     if percent is not None and percent + layout.cells <= rows.shape[1]:
-        found["percent_good"] = rows[:, percent : percent + layout.cells].copy()
-    return found
+        profiles["percent_good"] = rows[:, percent : percent + layout.cells].copy()
+    return profiles
 
 
 def _places(layout: _Layout) -> tuple[int | None, int | None]:
-    """Return where the correlations and the percent good begin, None where they are absent."""
+    """Locate the correlations and the percent good, None where they are absent."""
     each = layout.beams * layout.cells
     at = layout.offset + 2 * each + (each if layout.configuration & AMPLITUDE else 0)
     correlation = at if layout.configuration & CORRELATION else None
@@ -255,17 +256,13 @@ def _places(layout: _Layout) -> tuple[int | None, int | None]:
     return correlation, at if layout.configuration & PERCENT_GOOD else None
 
 
-def _others(found: Packets, kind: int) -> int:
-    return int(np.sum((found.kind != kind) & (found.kind != TEXT)))
-
-
-def _notes(found: Packets, kind: int, counts: dict[str, int], tells_declination: bool) -> Iterator[str]:
-    name = found.path.name
-    if not tells_declination:
+def _notes(packets: Packets, kind: int, counts: dict[str, int], states_declination: bool) -> Iterator[str]:
+    name = packets.path.name
+    if not states_declination:
         yield f"{name}: its text does not tell whether a declination was set; declination_applied settles it."
     if counts["other_kinds"]:
         shown = f"{name}: the {NAMES[kind]} were read; {counts['other_kinds']} records of other kinds"
-        bursts = int(np.sum(found.kind == BURST)) if kind == AVERAGE else 0
+        bursts = int(np.sum(packets.kind == BURST)) if kind == AVERAGE else 0
         yield f"{shown}{f', {bursts} of them bursts,' if bursts else ''} were passed over."
     if counts["other_configurations"]:
         shown = f"{name}: {counts['other_configurations']} {NAMES[kind]} of another configuration than most"

@@ -23,7 +23,7 @@ from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Dropped
 from compasslib.readers.pd0.frames import Places, Skipped
 from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 STRAY = 0.01  # share of another instrument's ensembles that may be damage that met its checksum
 FEWEST_BACK = 10  # numbers may fall back where a recording begins anew
@@ -39,61 +39,47 @@ MOST_OF_THREE = 0.5  # of the currents; more than that solved from three beams i
 _BIAS_TOLERANCE_DEG = 0.01
 
 
-def refuse(where: str, leaders: Ensembles) -> None:
+def refuse_mixed(where: str, leaders: Ensembles) -> None:
     """Refuse ensembles of two recordings, which would be shuffled into one, and headings that are no degrees.
-
-    Args:
-        leaders: n ensembles in the order of the files.
 
     Raises:
         InputError: two instruments, or one that looks up and one that looks down, or numbers of two recordings, or
             other than four beams, or more than STRAY of the headings beyond the circle.
     """
     for name, numbers in (("serial number", leaders.serial), ("processor board", leaders.board)):
-        several = _often(numbers)
+        several = _frequent_numbers(numbers)
         if len(several) > 1:
-            found = " and ".join(f"{name} {number} in {count}" for number, count in several.items())
+            shown = " and ".join(f"{name} {number} in {count}" for number, count in several.items())
             advice = f"name one instrument's files only, or {ADVICE}"
-            raise InputError(where, expected="ensembles of one instrument", found=found, advice=advice)
+            raise InputError(where, expected="ensembles of one instrument", found=shown, advice=advice)
     beams, count = Counter(leaders.beams.tolist()).most_common(1)[0]
     if beams != BEAMS:
         raise InputError(where, expected="4 beams", found=f"{beams} in {count} ensembles", advice=FOUR)
-    kinds = Counter(_kinds(leaders).tolist())
+    kinds = Counter(_number_kinds(leaders).tolist())
     if len(kinds) > 1 and kinds.most_common(2)[1][1] > STRAY * len(leaders):
-        found = " and ".join(f"{count} {_in_words(leaders, kind)}" for kind, count in kinds.most_common(3))
-        raise InputError(where, expected="ensembles of one instrument", found=found, advice=ADVICE)
+        shown = " and ".join(f"{count} {_describe_kind(leaders, kind)}" for kind, count in kinds.most_common(3))
+        raise InputError(where, expected="ensembles of one instrument", found=shown, advice=ADVICE)
     back = int(np.sum((np.diff(leaders.number) < 0) & (np.diff(leaders.time_s) > 0)))
     if back > max(FEWEST_BACK, STRAY * len(leaders)):
-        found = f"numbers that fall back {back} times while the clock goes on, as of two recordings mixed"
-        raise InputError(where, expected="ensemble numbers that rise with time", found=found, advice=ADVICE)
+        shown = f"numbers that fall back {back} times while the clock goes on, as of two recordings mixed"
+        raise InputError(where, expected="ensemble numbers that rise with time", found=shown, advice=ADVICE)
     beyond = int(leaders.beyond_circle.sum())
     if beyond > max(FEWEST_BACK, STRAY * len(leaders)):
         expected = "headings from 0 to 359.99 degrees, stored as hundredths"
-        found = f"{beyond} of {len(leaders)} of 360 degrees and more, as of gradians or another unit"
-        raise InputError(where, expected=expected, found=found, advice="take the file as the instrument recorded it")
+        shown = f"{beyond} of {len(leaders)} of 360 degrees and more, as of gradians or another unit"
+        raise InputError(where, expected=expected, found=shown, advice="take the file as the instrument recorded it")
 
 
-def refuse_columns(where: str, misfits: int, kept: int) -> None:
-    """Refuse a file whose blocks do not hold four columns for the cells of its leader.
-
-    Raises:
-        InputError: they are more than damage.
-    """
-    if misfits > STRAY * (misfits + kept):
+def refuse_columns(where: str, misfits: int, count: int) -> None:
+    """Refuse a file of which more blocks than by damage do not hold four columns for the cells of their leader."""
+    if misfits > STRAY * (misfits + count):
         expected = "blocks of four columns, as many rows as the leader tells cells"
-        found = f"others, perhaps of five beams, in {misfits} of {misfits + kept} ensembles"
-        raise InputError(where, expected=expected, found=found, advice=FOUR)
+        shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
+        raise InputError(where, expected=expected, found=shown, advice=FOUR)
 
 
 def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int) -> None:
-    """Refuse a file whose cells are not in the coordinates of EX.
-
-    Args:
-        other: cells that contradict EX by their percent good and velocities.
-
-    Raises:
-        InputError: most of them do.
-    """
+    """Refuse a file of whose decisive cells most (``other``) contradict EX by percent good and velocities."""
     if decisive < FEWEST_CELLS or other <= MOST * decisive:
         return
     code = Counter(leaders.coordinates.tolist()).most_common(1)[0][0]
@@ -107,14 +93,7 @@ def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int
 
 
 def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> None:
-    """Refuse a heading alignment EA that nobody says how to take, and a word on it where the file has none.
-
-    Args:
-        stated: ``heading_alignment`` of the metadata.
-
-    Raises:
-        InputError: one of the two stands without the other, or EA changes.
-    """
+    """Refuse a heading alignment EA without ``heading_alignment``, the other way round, and one that changes."""
     aligned = leaders.heading_alignment_deg
     if stated is None and aligned.any():
         raise InputError(
@@ -133,44 +112,37 @@ def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> No
         )
 
 
-def refuse_rotation(where: str, leaders: Ensembles, stated: Applied | None) -> None:
-    """Refuse degrees inside velocities that hold no north: only earth coordinates were rotated apart from headings.
-
-    Args:
-        stated: ``declination_applied`` of the metadata.
-
-    Raises:
-        InputError: velocities in beam, instrument or ship coordinates are said to hold degrees of their own.
-    """
-    if stated is not None and stated.velocity and stated.differs and (leaders.coordinates != EARTH).any():
+def refuse_rotation(where: str, stated: Applied | None, *, is_earth: bool) -> None:
+    """Refuse degrees inside velocities that hold no north: only earth coordinates were rotated apart from headings."""
+    if stated is not None and stated.velocity and stated.differs and not is_earth:
         expected = "velocity: 0, as velocities are not in earth coordinates and are turned by the headings"
         raise InputError(f"{where}: declination_applied", expected=expected, found=stated, advice="correct it")
 
 
 def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
-    """Return the instrument's serial number, empty where the file tells none; see ``match_serial_number``."""
-    return match_serial_number(where, str(next(iter(_often(leaders.serial)), "")), stated)
+    """Find the instrument's serial number, empty where the file tells none; see ``match_serial_number``."""
+    return match_serial_number(where, str(next(iter(_frequent_numbers(leaders.serial)), "")), stated)
 
 
-def match_serial_number(where: str, found: str, stated: str | None) -> str:
-    """Return the serial number that a file tells.
+def match_serial_number(where: str, recorded: str, stated: str | None) -> str:
+    """Match the serial number of a file with that of the metadata.
 
     Args:
-        found: by the file, empty where it tells none; perhaps with letters, as the other.
+        recorded: by the file, empty where it tells none; perhaps with letters, as the other.
         stated: by the metadata.
 
     Raises:
         InputError: the metadata tell another.
     """
-    number, numbers = ([int(digits) for digits in re.findall(r"\d+", text or "")] for text in (found, stated))
+    number, numbers = ([int(digits) for digits in re.findall(r"\d+", text or "")] for text in (recorded, stated))
     if number and numbers and not {*number} & {*numbers}:
         advice = "the files may be another instrument's: correct files or serial_number"
-        raise InputError(where, expected=f"serial number {stated}", found=found, advice=advice)
-    return found
+        raise InputError(where, expected=f"serial number {stated}", found=recorded, advice=advice)
+    return recorded
 
 
-def _often(numbers: NDArray[np.int64]) -> dict[int, int]:
-    """Return the numbers that are stated and no accident, the most frequent first, and how often each stands there.
+def _frequent_numbers(numbers: NDArray[np.int64]) -> dict[int, int]:
+    """Count the numbers that are stated and no accident, the most frequent first.
 
     What differs from ensemble to ensemble is no number of an instrument.
     """
@@ -178,21 +150,17 @@ def _often(numbers: NDArray[np.int64]) -> dict[int, int]:
     return {number: count for number, count in most if count > max(1.0, STRAY * len(numbers))}
 
 
-def _other(numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell ensembles that carry another number than the recording's, (n,)."""
-    own = next(iter(_often(numbers)), 0)
-    return (numbers != 0) & (numbers != own) & (own != 0)
+def _has_other_number(numbers: NDArray[np.int64]) -> Bools:
+    """Flag ensembles that carry another number than the recording's, (n,)."""
+    usual = next(iter(_frequent_numbers(numbers)), 0)
+    return (numbers != 0) & (numbers != usual) & (usual != 0)
 
 
-def stray(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
-    """Return the flag of each ensemble, (n,), counts and sentences on those that hardly belong to the rest.
-
-    Args:
-        leaders: n ensembles in the order of the files.
-    """
-    kinds = _kinds(leaders)
+def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
+    """Flag ensembles that hardly belong to the others, (n,); count them and word sentences on them."""
+    kinds = _number_kinds(leaders)
     other = kinds != np.bincount(kinds).argmax()
-    jumped = _after_a_jump(leaders.time_s, leaders.number)
+    jumped = _follows_jump(leaders.time_s, leaders.number)
     flags = np.where(other, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
     notes = []
     if other.any():
@@ -205,7 +173,7 @@ def stray(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
     return flags, {"other_instrument": int(other.sum()), "after_clock_jump": int(jumped.sum())}, notes
 
 
-def _after_a_jump(time_s: Floats, number: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _follows_jump(time_s: Floats, number: NDArray[np.int64]) -> Bools:
     steps = np.diff(time_s)
     if not len(steps):
         return np.zeros(len(time_s), dtype=bool)
@@ -214,27 +182,27 @@ def _after_a_jump(time_s: Floats, number: NDArray[np.int64]) -> NDArray[np.bool_
     return np.append(False, np.cumsum(jumps) > 0) & few
 
 
-def _kinds(leaders: Ensembles) -> NDArray[np.int64]:
+def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
     """Number the instruments, (n,): by number, frequency and beams, and by orientation where it goes with the cells."""
     angle = np.nan_to_num(leaders.beam_angle_deg)
-    other = _other(leaders.serial) | _other(leaders.board)
+    other = _has_other_number(leaders.serial) | _has_other_number(leaders.board)
     heads = np.column_stack([np.nan_to_num(leaders.frequency_khz), angle, leaders.convex, leaders.beams, other])
     cells = np.column_stack([heads, leaders.cells, leaders.cell_m, leaders.blank_m])
-    layout = _numbered(cells)
+    layout = _number_rows(cells)
     up = np.bincount(layout, leaders.looks_up) / np.bincount(layout) > 0.5
     faces = up[layout] if len(up) > 1 else np.zeros(len(leaders), dtype=bool)
-    return _numbered(np.column_stack([heads, faces]))
+    return _number_rows(np.column_stack([heads, faces]))
 
 
-def _numbered(rows: Floats) -> NDArray[np.int64]:
-    """Return the number of each row among the distinct ones, (n,); only rows unlike the one before are sorted."""
+def _number_rows(rows: Floats) -> NDArray[np.int64]:
+    """Number each row among the distinct ones, (n,); only rows unlike the one before are sorted."""
     new = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
     _, number = np.unique(rows[new], axis=0, return_inverse=True)
     return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
 
 
-def _in_words(leaders: Ensembles, kind: int) -> str:
-    first = int(np.flatnonzero(_kinds(leaders) == kind)[0])
+def _describe_kind(leaders: Ensembles, kind: int) -> str:
+    first = int(np.flatnonzero(_number_kinds(leaders) == kind)[0])
     facing = "up" if leaders.looks_up[first] else "down"
     khz, cells, size = leaders.frequency_khz[first], leaders.cells[first], leaders.cell_m[first]
     return f"of {khz:g} kHz with {cells} cells of {size:g} m looking {facing}"
@@ -242,12 +210,12 @@ def _in_words(leaders: Ensembles, kind: int) -> str:
 
 @dataclass(frozen=True)
 class FileReport:
-    """What one file held; ``skipped`` and the ensembles are all of its bytes."""
+    """Content of one file; ``skipped`` and the ensembles are all of its bytes."""
 
     path: str
     bytes_total: int
     ensembles: int  # good, dated and with velocities of four beams
-    left_out: DroppedCounts
+    dropped: DroppedCounts
     three_beam: int  # currents solved from three beams, by this reader or by the instrument
     lost: int  # ensembles missing by their numbers where bytes were skipped
     skipped: tuple[Skipped, ...]
@@ -265,12 +233,7 @@ class FileReport:
 
 
 def count_lost_ensembles(offset: Places, number: Places, skipped: Sequence[Skipped]) -> int:
-    """Return how many ensembles are missing by number where bytes were skipped between two good ones.
-
-    Args:
-        offset: (n,) where the good ones begin, bytes, ascending.
-        number: (n,) their numbers.
-    """
+    """Count the ensembles that are missing by number where bytes were skipped between two good ones."""
     after = np.searchsorted(offset, [each.offset for each in skipped])
     inside = after[(after > 0) & (after < len(offset))]
     gaps = number[inside] - number[inside - 1] - 1
@@ -279,77 +242,60 @@ def count_lost_ensembles(offset: Places, number: Places, skipped: Sequence[Skipp
 
 
 def summarize_counts(
-    reports: Sequence[FileReport], leaders: Ensembles, heading_deg: Floats, choices: Settings
+    reports: Sequence[FileReport], leaders: Ensembles, heading_deg: Floats, settings: Settings
 ) -> dict[str, int]:
-    """Return the numbers that go into the record.
-
-    Args:
-        heading_deg: (n,) NaN where missing.
-    """
+    """Sum up the counts of the record."""
     names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
     summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
-    summed |= asdict(sum((report.left_out for report in reports), DroppedCounts()))
+    summed |= asdict(sum((report.dropped for report in reports), DroppedCounts()))
     return summed | {
-        "orientation_disagrees": int(np.sum(leaders.looks_up != mostly_looks_up(leaders, choices))),
+        "orientation_disagrees": int(np.sum(leaders.looks_up != mostly_looks_up(leaders, settings))),
         "heading_missing": int(np.isnan(heading_deg).sum()),
-        "configurations": _configurations(leaders),
+        "configurations": _count_configurations(leaders),
     }
 
 
-def mostly_looks_up(leaders: Ensembles, choices: Settings) -> bool:
-    """Return whether the instrument looks up: by the metadata, else by most of its ensembles."""
-    return bool(np.mean(looks_up(leaders, choices)) > 0.5)
+def mostly_looks_up(leaders: Ensembles, settings: Settings) -> bool:
+    """Tell whether the instrument looks up: by the metadata, else by most of its ensembles."""
+    return bool(np.mean(looks_up(leaders, settings)) > 0.5)
 
 
 def describe_reading(
-    reports: Sequence[FileReport], leaders: Ensembles, counts: dict[str, int], choices: Settings
+    reports: Sequence[FileReport], leaders: Ensembles, counts: dict[str, int], settings: Settings
 ) -> tuple[str, ...]:
-    """Return the warnings of the record.
-
-    Args:
-        counts: from ``summarize_counts``, and ``velocities``, how many are known.
-    """
-    of_files = [line for report in reports for line in _of_file(report)]
-    return (*of_files, *_of_headings(leaders, counts, choices), *_of_configuration(leaders, counts, choices))
+    """Word the warnings of the record; ``counts`` are those of ``summarize_counts``, and ``velocities``."""
+    files = [line for report in reports for line in _describe_file(report)]
+    headings = _describe_headings(leaders, counts, settings)
+    return (*files, *headings, *_describe_configuration(leaders, counts, settings))
 
 
-def _of_file(report: FileReport) -> list[str]:
+def _describe_file(report: FileReport) -> list[str]:
     name = Path(report.path).name
     lines = [f"{name} {files.ESCAPES_UNDONE}; places are those of the bytes after that."] * report.escaped
     if report.skipped:
         belong = f"{name}: {report.bytes_skipped} of {report.bytes_total} bytes belong to no good ensemble"
-        lines.append(f"{belong} and were skipped{_damage(report)}.")
-        lines.append(f"{name}: skipped {_ranges(report.skipped)}.")
+        damage = (
+            f"; {report.damaged} places in them begin like an ensemble and fail its checksum, chance pairs of 7F "
+            f"included, and by the ensemble numbers {report.lost} ensembles are lost"
+        )
+        lines.append(f"{belong} and were skipped{damage if report.damaged else ''}.")
+        shown = [f"bytes {s.offset} to {s.offset + s.length - 1} ({s.reason})" for s in report.skipped[:RANGES_SHOWN]]
+        if others := report.skipped[RANGES_SHOWN:]:
+            shown.append(f"and {len(others)} more ranges of {sum(s.length for s in others)} bytes in all")
+        lines.append(f"{name}: skipped {', '.join(shown)}.")
     why = {
-        "hold no velocities": report.left_out.without_velocity,
-        "have an impossible date": report.left_out.bad_dates,
-        "hold other columns than those of four beams": report.left_out.not_of_four_beams,
+        "hold no velocities": report.dropped.without_velocity,
+        "have an impossible date": report.dropped.bad_dates,
+        "hold other columns than those of four beams": report.dropped.not_of_four_beams,
     }
     lines += [f"{name}: {count} good ensembles {reason} and were left out." for reason, count in why.items() if count]
     return lines
 
 
-def _damage(report: FileReport) -> str:
-    if not report.damaged:
-        return ""
-    return (
-        f"; {report.damaged} places in them begin like an ensemble and fail its checksum, chance pairs of 7F included, "
-        f"and by the ensemble numbers {report.lost} ensembles are lost"
-    )
-
-
-def _ranges(skipped: Sequence[Skipped]) -> str:
-    shown = [f"bytes {s.offset} to {s.offset + s.length - 1} ({s.reason})" for s in skipped[:RANGES_SHOWN]]
-    rest = skipped[RANGES_SHOWN:]
-    if rest:
-        shown.append(f"and {len(rest)} more ranges of {sum(s.length for s in rest)} bytes in all")
-    return ", ".join(shown)
-
-
-def _of_headings(leaders: Ensembles, counts: dict[str, int], choices: Settings) -> list[str]:
+def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Settings) -> list[str]:
     lines = []
-    biases, applied = np.unique(leaders.heading_bias_deg), choices.declination_applied
-    written = _list(biases)
+    biases, applied = np.unique(leaders.heading_bias_deg), settings.declination_applied
+    written = _join_numbers(biases)
     if applied is None and biases.any():
         lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
     if applied is not None and (np.abs(np.subtract.outer(biases, applied)) > _BIAS_TOLERANCE_DEG).any():
@@ -357,20 +303,20 @@ def _of_headings(leaders: Ensembles, counts: dict[str, int], choices: Settings) 
             f"declination_applied of {applied} degrees was taken out of the headings, "
             f"although the file's heading bias EB is {written} degrees."
         )
-    if leaders.heading_alignment_deg.any() and choices.heading_alignment is not None:
-        found = _list(np.unique(leaders.heading_alignment_deg))
-        added = f"heading_alignment of {choices.heading_alignment:g} degrees was added to the headings"
-        lines.append(f"{added}; the file's heading alignment EA is {found} degrees.")
+    if leaders.heading_alignment_deg.any() and settings.heading_alignment is not None:
+        shown = _join_numbers(np.unique(leaders.heading_alignment_deg))
+        added = f"heading_alignment of {settings.heading_alignment:g} degrees was added to the headings"
+        lines.append(f"{added}; the file's heading alignment EA is {shown} degrees.")
     if counts["heading_missing"]:
         lines.append(f"{counts['heading_missing']} of {len(leaders)} ensembles have no valid heading.")
     return lines
 
 
-def _of_configuration(leaders: Ensembles, counts: dict[str, int], choices: Settings) -> list[str]:
+def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings: Settings) -> list[str]:
     lines = []
     if counts["orientation_disagrees"] > FEW_DISAGREE * len(leaders):
-        word, other = ("up", "down") if mostly_looks_up(leaders, choices) else ("down", "up")
-        says = "the others do, and each was turned by its own" if choices.orientation is None else "the metadata do"
+        word, other = ("up", "down") if mostly_looks_up(leaders, settings) else ("down", "up")
+        says = "the others do, and each was turned by its own" if settings.orientation is None else "the metadata do"
         count = counts["orientation_disagrees"]
         lines.append(f"{count} of {len(leaders)} ensembles say that they looked {other}; {word} counts, as {says}.")
     if counts["three_beam"] > MOST_OF_THREE * counts["velocities"]:
@@ -393,7 +339,7 @@ def _of_configuration(leaders: Ensembles, counts: dict[str, int], choices: Setti
     return [*lines, *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
 
 
-def _configurations(leaders: Ensembles) -> int:
+def _count_configurations(leaders: Ensembles) -> int:
     """Count them; the distance of bin 1 follows the speed of sound by a centimetre and makes none."""
     columns = (
         *(leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates),
@@ -406,5 +352,5 @@ def _configurations(leaders: Ensembles) -> int:
     return len(np.unique(table[np.r_[True, changes]], axis=0))
 
 
-def _list(values: Floats) -> str:
+def _join_numbers(values: Floats) -> str:
     return " and ".join(f"{value:g}" for value in values[:5]) + (" and others" if len(values) > 5 else "")

@@ -12,25 +12,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.declination import Applied
-from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, chosen
+from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, select
 from compasslib.records import BAD, GOOD, MISSING, Flags
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 LEAST_PERCENT_GOOD = 25
 ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
-SOME = 200  # ensembles of a piece tell which columns percent good has
-Mask = NDArray[np.bool_]
+SAMPLED = 200  # ensembles of a piece tell which columns percent good has
 # Error velocity is a multiple of b1 + b2 - b3 - b4.
 _ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the metadata say about a recording; None leaves it to the file."""
+    """Settings of a recording by the metadata; None leaves it to the file."""
 
     orientation: str | None = None  # up | down
     declination_applied: Applied | None = None  # inside recorded headings and earth velocities, instead of EB
@@ -38,27 +37,27 @@ class Settings:
     serial_number: str | None = None
 
 
-def heading_bias(ensembles: Ensembles, choices: Settings) -> Floats:
-    """Return the degrees that stand inside the recorded headings, (n,): EB, unless the metadata know better."""
-    applied = choices.declination_applied
+def heading_bias(ensembles: Ensembles, settings: Settings) -> Floats:
+    """Choose the degrees inside the recorded headings, (n,): EB, unless the metadata know better."""
+    applied = settings.declination_applied
     return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), applied.heading)
 
 
-def velocity_bias(ensembles: Ensembles, choices: Settings) -> Floats:
-    """Return the degrees that were taken out of velocities, (n,): those of the headings, but for earth coordinates."""
-    bias, applied = heading_bias(ensembles, choices), choices.declination_applied
+def velocity_bias(ensembles: Ensembles, settings: Settings) -> Floats:
+    """Choose the degrees taken out of velocities, (n,): those of the headings, but for earth coordinates."""
+    bias, applied = heading_bias(ensembles, settings), settings.declination_applied
     return bias if applied is None else np.where(ensembles.coordinates == EARTH, applied.velocity, bias)
 
 
-def magnetic_heading(ensembles: Ensembles, choices: Settings) -> Floats:
-    """Return the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees."""
-    alignment = choices.heading_alignment or 0.0
-    return angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices) + alignment)
+def magnetic_heading(ensembles: Ensembles, settings: Settings) -> Floats:
+    """Compute the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees."""
+    alignment = settings.heading_alignment or 0.0
+    return angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings) + alignment)
 
 
-def looks_up(ensembles: Ensembles, choices: Settings) -> Mask:
-    """Return the orientation of each ensemble, (n,): the metadata's, or where they are silent its own."""
-    word = choices.orientation
+def looks_up(ensembles: Ensembles, settings: Settings) -> Bools:
+    """Choose the orientation of each ensemble, (n,): the metadata's, or where they are silent its own."""
+    word = settings.orientation
     return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
 
 
@@ -73,30 +72,25 @@ class Currents:
     three_beam: int  # how many come from three beams
 
 
-def compute_currents(ensembles: Ensembles, choices: Settings) -> Currents:
-    """Return the currents of ensembles in any mixture of coordinates."""
+def compute_currents(ensembles: Ensembles, settings: Settings) -> Currents:
+    """Compute the currents of ensembles in any mixture of coordinates."""
     codes = np.unique(ensembles.coordinates)
     if len(codes) == 1:
-        return _TURNS[int(codes[0])](ensembles, choices)
+        return _TURNS[int(codes[0])](ensembles, settings)
     whole, count = np.full((4, *ensembles.velocity.shape[:2]), np.nan), 0
     for code in codes:
         mine = ensembles.coordinates == code
-        part = _TURNS[int(code)](chosen(ensembles, mine), choices)
+        part = _TURNS[int(code)](select(ensembles, mine), settings)
         whole[:, mine] = part.east, part.north, part.up, part.error
         count += part.three_beam
     return Currents(whole[0], whole[1], whole[2], whole[3], count)
 
 
-def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
-    """Return the OceanSITES flag of each current, (n, m): missing, bad where too few pings were good, or good.
+def flag_currents(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
+    """Flag each current by OceanSITES, (n, m): missing, bad where too few pings were good, or good.
 
     In earth, ship and instrument coordinates columns 1 and 4 of the percent-good block are the solutions of three and
     of four beams; in beam coordinates each column is a beam, and those that are missing do not count.
-
-    Args:
-        ensembles: n ensembles of m cells.
-        east: (n, m) m/s.
-        north: (n, m) m/s.
     """
     percent, by_beam = ensembles.percent_good, ensembles.coordinates == BEAM
     share = percent[..., 0].astype(np.int16) + percent[..., 3]
@@ -106,19 +100,16 @@ def quality(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
     return np.where(np.isnan(east) | np.isnan(north), MISSING, flags).astype(np.int8)
 
 
-def contradicted_coordinates(ensembles: Ensembles) -> tuple[int, int]:
+def count_contradictions(ensembles: Ensembles) -> tuple[int, int]:
     """Count the cells that contradict the coordinates of EX, and the cells that could, in some of the ensembles.
 
     Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
     Converters also fill it (all 100, or 100 in one column), so that the velocities decide with it. Beams measure the
     same vertical flow in both pairs, and a horizontal flow in each: b1 + b2 - b3 - b4 is small beside b1 - b2 and
     beside b3 - b4. East and north of a flow to NW or SE look like one such pair, never like both.
-
-    Args:
-        ensembles: n ensembles of m cells.
     """
-    some = slice(None, None, 1 + len(ensembles) // SOME)
-    percent, velocity = ensembles.percent_good[some], ensembles.velocity[some]
+    sampled = slice(None, None, 1 + len(ensembles) // SAMPLED)
+    percent, velocity = ensembles.percent_good[sampled], ensembles.velocity[sampled]
     total = percent.sum(axis=-1, dtype=np.int16)
     decisive = (total > 0) & np.isfinite(velocity).all(axis=-1)
     filled = (percent == percent[..., :1]).all(axis=-1) | np.isin(percent, (0, ALL_PINGS)).all(axis=-1)
@@ -126,12 +117,12 @@ def contradicted_coordinates(ensembles: Ensembles) -> tuple[int, int]:
     apart, first, second = (np.abs(each) for each in (b1 + b2 - b3 - b4, b1 - b2, b3 - b4))
     beams = (total > ALL_PINGS + TWO_BEAMS) & (2.0 * apart < np.minimum(first, second))
     parts = (np.abs(total - ALL_PINGS) <= PINGS_ROUNDED) & (~filled | (2.0 * apart > first + second))
-    other = np.where((ensembles.coordinates[some] == BEAM)[:, None], parts, beams)
+    other = np.where((ensembles.coordinates[sampled] == BEAM)[:, None], parts, beams)
     return int(np.sum(other & decisive)), int(np.sum(decisive))
 
 
-def three_beam(beams: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return the beams with a single missing one filled so that the error velocity is zero, and where that was done.
+def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
+    """Fill a single missing beam so that the error velocity is zero; tell where that was done.
 
     Args:
         beams: (..., 4) m/s, NaN where missing; two or more missing ones stay missing.
@@ -140,19 +131,18 @@ def three_beam(beams: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     alone = missing.sum(axis=-1) == 1
     if not alone.any():
         return beams, alone
-    rest = np.nansum(beams * _ERROR_SIGNS, axis=-1, keepdims=True)
-    return np.where(missing & alone[..., None], -_ERROR_SIGNS * rest, beams), alone
+    error = np.nansum(beams * _ERROR_SIGNS, axis=-1, keepdims=True)
+    return np.where(missing & alone[..., None], -_ERROR_SIGNS * error, beams), alone
 
 
 def beams_to_instrument(
     beams: Floats, beam_angle_deg: ArrayLike, convex: ArrayLike = True
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return (x, y, z, error) in the instrument's axes.
+    """Combine beams to (x, y, z, error) in the instrument's axes.
 
     Args:
         beams: (..., 4) m/s, positive towards the head.
-        beam_angle_deg: of the beams from the vertical, degrees; broadcasts with (...).
-        convex: whether the head is convex; broadcasts with (...).
+        beam_angle_deg: from the vertical; broadcasts with (...), as ``convex``.
     """
     b1, b2, b3, b4 = (beams[..., i] for i in range(4))
     sine, cosine = angles.sin_cos(beam_angle_deg)
@@ -163,11 +153,9 @@ def beams_to_instrument(
 
 
 def true_pitch(tilt1_deg: ArrayLike, tilt2_deg: ArrayLike) -> Floats:
-    """Return the pitch proper, atan(tan tilt1 cos tilt2), degrees; the pitch sensor hangs inside the roll.
+    """Compute the pitch proper, atan(tan tilt1 cos tilt2), degrees, from recorded pitch and roll.
 
-    Args:
-        tilt1_deg: recorded pitch, degrees.
-        tilt2_deg: recorded roll, degrees.
+    The pitch sensor hangs inside the roll.
     """
     (sine, cosine), (_, across) = angles.sin_cos(tilt1_deg), angles.sin_cos(tilt2_deg)
     return angles.wrap180(angles.direction(sine * across, cosine))
@@ -176,13 +164,11 @@ def true_pitch(tilt1_deg: ArrayLike, tilt2_deg: ArrayLike) -> Floats:
 def instrument_to_earth(
     xyz: Sequence[Floats], heading_deg: Floats, tilt1_deg: Floats, tilt2_deg: Floats, looks_up: ArrayLike
 ) -> tuple[Floats, Floats, Floats]:
-    """Return (east, north, up), to the north that the heading refers to.
+    """Turn by heading and tilts to (east, north, up), to the north that the heading refers to.
 
     Args:
         xyz: velocities in the instrument's axes, (n, m) or (n,), m/s.
-        heading_deg: of beam 3, (n,) degrees.
-        tilt1_deg: recorded pitch, (n,) degrees.
-        tilt2_deg: recorded roll, (n,) degrees.
+        heading_deg: of beam 3, (n,).
         looks_up: (n,) or one; the maker turns an up-looker by 180 degrees about its roll axis.
     """
     x, y, z = xyz
@@ -197,12 +183,7 @@ def instrument_to_earth(
 
 
 def ship_to_earth(starboard: Floats, forward: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
-    """Return (east, north) of velocities in level axes.
-
-    Args:
-        starboard: (n, m) or (n,), m/s.
-        heading_deg: of the forward axis, (n,) degrees.
-    """
+    """Turn velocities in level axes, (n, m) or (n,), to (east, north) by the heading of the forward axis, (n,)."""
     return angles.turn(starboard, forward, _column(heading_deg, starboard))
 
 
@@ -211,50 +192,50 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
     return values.reshape(values.shape + (1,) * (like.ndim - values.ndim)) if values.ndim else values
 
 
-def _from_beams(ensembles: Ensembles, choices: Settings) -> Currents:
-    beams, solved = three_beam(ensembles.velocity)
+def _from_beams(ensembles: Ensembles, settings: Settings) -> Currents:
+    beams, solved = fill_missing_beam(ensembles.velocity)
     angle, convex = ensembles.beam_angle_deg[:, None], ensembles.convex[:, None]
     *xyz, error = beams_to_instrument(beams, angle, convex)
-    turned = _with_tilts(ensembles, choices, xyz, magnetic_heading(ensembles, choices))
+    turned = _turn_with_tilts(ensembles, settings, xyz, magnetic_heading(ensembles, settings))
     return Currents(*turned, np.where(solved, np.nan, error), int(solved.sum()))
 
 
-def _with_tilts(
-    ensembles: Ensembles, choices: Settings, xyz: Sequence[Floats], heading_deg: Floats
+def _turn_with_tilts(
+    ensembles: Ensembles, settings: Settings, xyz: Sequence[Floats], heading_deg: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    up = looks_up(ensembles, choices)
+    up = looks_up(ensembles, settings)
     return instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
 
 
-def _from_instrument(ensembles: Ensembles, choices: Settings) -> Currents:
+def _from_instrument(ensembles: Ensembles, settings: Settings) -> Currents:
     *xyz, error = np.moveaxis(ensembles.velocity, -1, 0)
-    turned = _with_tilts(ensembles, choices, xyz, magnetic_heading(ensembles, choices))
-    return Currents(*turned, error, _without_error_velocity(ensembles))
+    turned = _turn_with_tilts(ensembles, settings, xyz, magnetic_heading(ensembles, settings))
+    return Currents(*turned, error, _count_three_beam(ensembles))
 
 
-def _without_error_velocity(ensembles: Ensembles) -> int:
+def _count_three_beam(ensembles: Ensembles) -> int:
     """Count the instrument's own solutions from three beams, which have no error velocity."""
     missing = np.isnan(ensembles.velocity)
     return int(np.sum(missing[..., 3] & ~missing[..., 0]))
 
 
-def _from_ship(ensembles: Ensembles, choices: Settings) -> Currents:
+def _from_ship(ensembles: Ensembles, settings: Settings) -> Currents:
     """Turn by the recorded heading only, as EA has turned these axes to where the heading points."""
     x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
-    heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, choices))
+    heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings))
     turned = [*ship_to_earth(x, y, heading), z]
     if not ensembles.tilts_used.all():
-        tilted, level = _with_tilts(ensembles, choices, (x, y, z), heading), ensembles.tilts_used[:, None]
-        turned = [np.where(level, one, other) for one, other in zip(turned, tilted, strict=True)]
-    return Currents(turned[0], turned[1], turned[2], error, _without_error_velocity(ensembles))
+        tilted, level = _turn_with_tilts(ensembles, settings, (x, y, z), heading), ensembles.tilts_used[:, None]
+        turned = [np.where(level, a, b) for a, b in zip(turned, tilted, strict=True)]
+    return Currents(turned[0], turned[1], turned[2], error, _count_three_beam(ensembles))
 
 
-def _from_earth(ensembles: Ensembles, choices: Settings) -> Currents:
+def _from_earth(ensembles: Ensembles, settings: Settings) -> Currents:
     """Turn back by the heading bias, which the instrument turned its velocities by as well."""
-    bias = velocity_bias(ensembles, choices)
+    bias = velocity_bias(ensembles, settings)
     east, north, up, error = np.moveaxis(ensembles.velocity, -1, 0)
     east, north = angles.turn(east, north, -bias[:, None]) if bias.any() else (east.copy(), north.copy())
-    return Currents(east, north, up, error, _without_error_velocity(ensembles))
+    return Currents(east, north, up, error, _count_three_beam(ensembles))
 
 
 _TURNS: dict[int, Callable[[Ensembles, Settings], Currents]] = {

@@ -92,9 +92,9 @@ class Ensembles:
     bin1_m: Floats  # (n,)
     blank_m: Floats  # (n,)
     coordinates: Bytes  # (n,) BEAM, INSTRUMENT, SHIP or EARTH
-    tilts_used: NDArray[np.bool_]  # (n,) in the instrument's own turning
-    looks_up: NDArray[np.bool_]  # (n,) the instrument's own word
-    convex: NDArray[np.bool_]  # (n,)
+    tilts_used: Bools  # (n,) in the instrument's own turning
+    looks_up: Bools  # (n,) as the instrument states
+    convex: Bools  # (n,)
     beam_angle_deg: Floats  # (n,) from the vertical; NaN where the file does not say
     frequency_khz: Floats  # (n,)
     heading_alignment_deg: Floats  # (n,) EA
@@ -107,7 +107,7 @@ class Ensembles:
 
 @dataclass(frozen=True)
 class DroppedCounts:
-    """How many good ensembles were left out, and why."""
+    """Counts of good ensembles that were left out, by reason."""
 
     without_velocity: int = 0
     bad_dates: int = 0
@@ -122,7 +122,7 @@ class DroppedCounts:
 
 @dataclass(frozen=True, eq=False)
 class Leaders:
-    """What the leaders of some ensembles say of their headings, (n,) each."""
+    """Fields of the leaders that concern headings, (n,) each."""
 
     time_s: Floats  # since 1970-01-01 by the instrument's clock, NaN where impossible
     heading_deg: Floats  # heading bias EB included; NaN outside [0, 360)
@@ -131,21 +131,20 @@ class Leaders:
 
 
 def decode_leaders(run: EnsembleRun) -> Leaders:
-    """Return what the leaders of a run say of its headings, also where ``decode_runs`` leaves it out."""
-    found = _from_fixed(run.rows, run.layout) | _from_variable(run.rows, run.layout)
-    return Leaders(**{one.name: found[one.name] for one in fields(Leaders)})
+    """Decode the leaders of a run, also where ``decode_runs`` leaves it out."""
+    columns = _decode_fixed(run.rows, run.layout) | _decode_variable(run.rows, run.layout)
+    return Leaders(**{field.name: columns[field.name] for field in fields(Leaders)})
 
 
 def has_velocities(layout: Layout) -> bool:
-    """Return whether its ensembles hold velocities of four beams or components, and nothing else where these stand."""
+    """Tell whether its ensembles hold velocities of four beams or components, and nothing else where these stand."""
     return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
 
 
 def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, DroppedCounts]:
-    """Return the ensembles of some runs in their order, and how many of them are left out.
+    """Decode the ensembles of some runs in their order.
 
-    Args:
-        runs: runs of ensembles; what has no velocities, other columns than four or an impossible date is left out.
+    Those without velocities, of other columns than four or with an impossible date are left out and counted.
     """
     groups: dict[bytes, list[EnsembleRun]] = {}
     without_velocity = not_of_four = 0
@@ -156,26 +155,23 @@ def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, DroppedCounts]:
             not_of_four += len(run.rows)
         else:
             groups.setdefault(run.layout.signature, []).append(run)
-    ensembles = joined([_decoded(group[0].layout, group) for group in groups.values()])
+    ensembles = concatenate([_decode(group[0].layout, group) for group in groups.values()])
     if len(groups) > 1:
-        ensembles = chosen(ensembles, np.argsort(ensembles.offset))
+        ensembles = select(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
     bad_dates = int(np.sum(~dated))
     left_out = DroppedCounts(without_velocity, bad_dates, not_of_four)
-    return (chosen(ensembles, dated) if bad_dates else ensembles), left_out
+    return (select(ensembles, dated) if bad_dates else ensembles), left_out
 
 
-def joined(parts: Sequence[Ensembles]) -> Ensembles:
-    """Return ensembles one after the other, missing cells NaN (velocity) or 0.
-
-    Args:
-        parts: ensembles, perhaps of different numbers of cells; none at all gives none.
-    """
-    parts = parts or [_decoded(_NOTHING, [])]
+def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
+    """Concatenate ensembles, perhaps of different numbers of cells, missing cells NaN (velocity) or 0."""
+    parts = parts or [_decode(_NOTHING, [])]
     if len(parts) == 1:
         return parts[0]
     most = max(part.velocity.shape[1] for part in parts)
-    return Ensembles(**{f.name: stacked([getattr(part, f.name) for part in parts], most) for f in fields(Ensembles)})
+    columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(Ensembles)}
+    return Ensembles(**{name: stack_padded(column, most) for name, column in columns.items()})
 
 
 class GrowableArrays:
@@ -205,7 +201,7 @@ class GrowableArrays:
             size: bytes of the piece: they tell how many ensembles the files hold. Room that is not filled costs none.
 
         Raises:
-            InputError: the padded bins would take far more memory than the files hold.
+            TooLarge: the padded bins would take far more memory than the files hold.
         """
         more = len(next(iter(columns.values())))
         end = self._used + more
@@ -226,12 +222,8 @@ class GrowableArrays:
         self._used = end
 
 
-def stacked(parts: Sequence[NDArray[T]], cells: int) -> NDArray[T]:
-    """Return arrays one after the other, those of two or more axes padded along the second with NaN, or 0 for integers.
-
-    Args:
-        parts: arrays of equal type, (n_i,) or (n_i, m_i, ...).
-    """
+def stack_padded(parts: Sequence[NDArray[T]], cells: int) -> NDArray[T]:
+    """Concatenate arrays, those of two or more axes padded along the second with NaN, or 0 for integers."""
     if parts[0].ndim == 1:
         return np.concatenate(parts)
     whole = np.empty((sum(len(part) for part in parts), cells, *parts[0].shape[2:]), dtype=parts[0].dtype)
@@ -244,16 +236,12 @@ def stacked(parts: Sequence[NDArray[T]], cells: int) -> NDArray[T]:
     return whole
 
 
-def chosen(ensembles: Ensembles, which: Places | NDArray[np.bool_]) -> Ensembles:
-    """Return some of the ensembles, or all in another order.
-
-    Args:
-        which: indices, or (n,) booleans.
-    """
+def select(ensembles: Ensembles, which: Places | Bools) -> Ensembles:
+    """Select some of the ensembles, or all in another order, by indices or (n,) booleans."""
     return Ensembles(**{f.name: getattr(ensembles, f.name)[which] for f in fields(Ensembles)})
 
 
-def _decoded(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
+def _decode(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
     stride = layout.length + 2
     pieces = [run.rows for run in runs]
     rows = pieces[0] if len(pieces) == 1 else np.concatenate([np.empty((0, stride), np.uint8), *pieces])
@@ -266,13 +254,13 @@ def _decoded(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
         echo=_bytes_of_cells(rows, layout, ECHO),
         percent_good=_bytes_of_cells(rows, layout, PERCENT_GOOD),
         blocks=np.full(len(rows), sum(bit for block, bit in COUNTS.values() if _has_profile(layout, block)), np.uint8),
-        **_from_fixed(rows, layout),
-        **_from_variable(rows, layout),
+        **_decode_fixed(rows, layout),
+        **_decode_variable(rows, layout),
     )
 
 
 def _spare(layout: Layout, identifier: int) -> int:
-    """Return how many bytes a block has beyond four columns of the leader's cells, negative where they do not fit."""
+    """Count the bytes that a block has beyond four columns of the leader's cells, negative where they do not fit."""
     start, stop = layout.blocks.get(identifier, (0, 0))
     return stop - start - 2 - _PER_CELL[identifier] * layout.cells
 
@@ -282,7 +270,7 @@ def _has_profile(layout: Layout, identifier: int) -> bool:
 
 
 def _of_four_beams(layout: Layout) -> bool:
-    """Return whether no block has room for a fifth column or a further cell, which nothing here understands."""
+    """Tell whether no block has room for a fifth column or a further cell, which nothing here understands."""
     for identifier in layout.blocks.keys() & _PER_CELL.keys():
         spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
         last = layout.blocks[identifier][1] == layout.length
@@ -318,7 +306,7 @@ def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.
     return block.view(form)[:, 0], length
 
 
-def _from_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
+def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
     leader, length = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     system, written = leader["system"].astype(np.int64), leader["beam_angle"]
     by_bits = _BEAM_ANGLES_DEG[(system >> 8) & 3]
@@ -344,19 +332,19 @@ def _from_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
     }
 
 
-def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
+def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
     leader, length = _leader(rows, layout, VARIABLE_LEADERS, _VARIABLE)
     fixed, _ = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     heading = leader["heading"] / 100.0
     has_pressure = ((fixed["sensors"] & 0x20) > 0) & (length >= _PRESSURE_STOP)
     return {
         "number": leader["number"] + 65536 * leader["number_high"].astype(np.int64),
-        "time_s": _seconds(leader["clock"], leader["clock_2000"], leader["century"]),
+        "time_s": _clock_seconds(leader["clock"], leader["clock_2000"], leader["century"]),
         "heading_deg": np.where(heading < 360.0, heading, np.nan),
         "beyond_circle": (heading >= 360.0) & (leader["heading"] != NO_HEADING),
-        "tilt1_deg": hundredths(leader["tilt1"]),
-        "tilt2_deg": hundredths(leader["tilt2"]),
-        "temperature_c": hundredths(leader["temperature"]),
+        "tilt1_deg": from_hundredths(leader["tilt1"]),
+        "tilt2_deg": from_hundredths(leader["tilt2"]),
+        "temperature_c": from_hundredths(leader["temperature"]),
         "depth_m": leader["depth_dm"] / 10.0,
         "supply_voltage": np.where(length >= _VOLTAGE_STOP, leader["voltage"], np.nan),
         "transmit_current": np.where(length >= _VOLTAGE_STOP, leader["current"], np.nan),
@@ -366,13 +354,13 @@ def _from_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
     }
 
 
-def hundredths(counts: NDArray[np.int16]) -> Floats:
-    """Return hundredths as whole numbers count them, NaN where nothing was measured."""
+def from_hundredths(counts: NDArray[np.int16]) -> Floats:
+    """Convert counts of hundredths, NaN where nothing was measured."""
     return np.where(counts == MISSING_COUNT, np.nan, counts / 100.0)
 
 
-def _seconds(clock: Bytes, clock_2000: Bytes, century: Bytes) -> Floats:
-    """Seconds since 1970 by the clock that knows its century, else by the one of two digits; NaN where impossible."""
+def _clock_seconds(clock: Bytes, clock_2000: Bytes, century: Bytes) -> Floats:
+    """Convert the clock that knows its century, else that of two digits, to seconds since 1970, NaN if impossible."""
     newer = century > 0
     c = np.where(newer[:, None], clock_2000, clock).astype(np.int64)
     two_digits = c[:, 0] + np.where(c[:, 0] < FIRST_YEAR - 1900, 2000, 1900)

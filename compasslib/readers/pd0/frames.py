@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 from compasslib.readers import files
+from compasslib.types import Bools
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Places: TypeAlias = NDArray[np.int64]
@@ -95,31 +96,29 @@ def iter_chunks(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> It
     """
     pending: Skipped | None = None
     begun = False
-    for items, last in _scanned(path, max(1, chunk_bytes)):
+    for items, last in _scan_file(path, max(1, chunk_bytes)):
         skipped: list[Skipped] = []
         for item in items:
             if isinstance(item, Skipped):
-                pending = _joined(pending, item)
-            else:
-                skipped += [_named(pending, begun)] if pending else []
-                pending, begun = None, True
+                pending = _merge(pending, item)
+                continue
+            if pending and not begun and pending.reason == NO_ENSEMBLE:
+                pending = replace(pending, reason=BEFORE_THE_FIRST)
+            skipped += [pending] if pending else []
+            pending, begun = None, True
         # A range may go on in the next piece, so it is given only when an ensemble or the end of the file follows.
         skipped += [pending] if last and pending else []
         yield Chunk(tuple(item for item in items if isinstance(item, EnsembleRun)), tuple(skipped))
 
 
-def _joined(before: Skipped | None, after: Skipped) -> Skipped:
+def _merge(before: Skipped | None, after: Skipped) -> Skipped:
     if before is None:
         return after
     added = {name: getattr(before, name) + getattr(after, name) for name in ("length", "damaged", "failed")}
     return replace(before, **added)
 
 
-def _named(skipped: Skipped, begun: bool) -> Skipped:
-    return replace(skipped, reason=BEFORE_THE_FIRST) if not begun and skipped.reason == NO_ENSEMBLE else skipped
-
-
-def _scanned(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list[EnsembleRun | Skipped], bool]]:
+def _scan_file(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list[EnsembleRun | Skipped], bool]]:
     offset, tail, last = 0, b"", False
     undo = is_escaped(path)
     with _opened(path) as file:
@@ -136,17 +135,13 @@ def _scanned(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list
 
 
 def is_escaped(path: str | PathLike[str]) -> bool:
-    """Return whether the file came with a modem's escapes: without them more of its first ensembles are whole.
-
-    Raises:
-        InputError: the file cannot be opened or read.
-    """
+    """Tell whether the file came with a modem's escapes: without them more of its first ensembles are whole."""
     with _opened(path) as file:
-        sample = _read(file, path, files.SAMPLE_BYTES)
-    return files.looks_escaped(sample) and _whole(files.unescape(sample)) > _whole(sample)
+        sample = _read(file, path, files.ESCAPE_SAMPLE)
+    return files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
 
 
-def _whole(data: bytes) -> int:
+def _count_good(data: bytes) -> int:
     """Count the good ensembles of some bytes."""
     items, _ = _scan(np.frombuffer(data, dtype=np.uint8), 0, True)
     return sum(len(item.rows) for item in items if isinstance(item, EnsembleRun))
@@ -167,9 +162,9 @@ def _read(file: BinaryIO, path: str | PathLike[str], count: int) -> bytes:
 
 
 def _unreadable(path: str | PathLike[str], error: Exception) -> InputError:
-    found = getattr(error, "strerror", None) or str(error)
+    shown = getattr(error, "strerror", None) or str(error)
     advice = "check the path and its permissions, and name files, not folders"
-    return InputError(str(path), expected="a PD0 file that can be read", found=found, advice=advice)
+    return InputError(str(path), expected="a PD0 file that can be read", found=shown, advice=advice)
 
 
 def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[EnsembleRun | Skipped], int]:
@@ -178,22 +173,22 @@ def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[EnsembleRun | Skip
     start = 0
     while start < data.size:
         layout = layout_at(data, start)
-        count = _in_a_row(data, start, layout) if layout else 0
+        count = _count_run(data, start, layout) if layout else 0
         if layout and count:
             stop = start + count * (layout.length + 2)
             items.append(EnsembleRun(offset + start, data[start:stop].reshape(count, -1), layout))
         else:
-            candidates = candidates or _candidates(data, start, last)
+            candidates = candidates or _find_candidates(data, start, last)
             stop = _next_start(data, start, candidates, last)
             if stop == start:
                 break
-            items.append(_skip(data, candidates, start, stop, offset))
+            items.append(_describe_skipped(data, candidates, start, stop, offset))
         start = stop
     return items, start
 
 
 def layout_at(data: Bytes, start: int) -> Layout | None:
-    """Return the layout of the ensemble at a place, None where the bytes are not a whole ensemble's."""
+    """Parse the layout of the ensemble at a place, None where the bytes are not a whole ensemble's."""
     if data.size - start < _HEADER or data[start] != _MARK or data[start + 1] != _MARK:
         return None
     length, types = int(data[start + 2]) + 256 * int(data[start + 3]), int(data[start + 5])
@@ -204,7 +199,7 @@ def layout_at(data: Bytes, start: int) -> Layout | None:
 
 
 def _offsets(header: bytes) -> list[int]:
-    """Offsets that lie inside the ensemble; empty where the first, that of the fixed leader, does not."""
+    """Parse the offsets that lie inside the ensemble; empty where the first, that of the fixed leader, does not."""
     length = int.from_bytes(header[2:4], "little")
     table = [int.from_bytes(header[i : i + 2], "little") for i in range(6, len(header), 2)]
     if not table or not len(header) <= table[0] <= length - SHORTEST_FIXED:
@@ -244,23 +239,23 @@ def _has_leaders(blocks: dict[int, tuple[int, int]], first: int) -> bool:
     return max(fixed, default=0) >= SHORTEST_FIXED and max(variable, default=0) >= SHORTEST_VARIABLE
 
 
-def _in_a_row(data: Bytes, start: int, layout: Layout) -> int:
-    """Number of good ensembles of one layout from here on, looked at in windows that grow while all is well."""
+def _count_run(data: Bytes, start: int, layout: Layout) -> int:
+    """Count the good ensembles of one layout from here on, looked at in windows that grow while all is well."""
     stride = layout.length + 2
     most = (data.size - start) // stride
     done, step = 0, 1
     while done < most:
         at = start + done * stride
         rows = data[at : at + min(step, most - done) * stride].reshape(-1, stride)
-        fine = _fine(rows, layout)
-        if not fine.all():
-            return done + int(fine.argmin())
+        good = _are_good(rows, layout)
+        if not good.all():
+            return done + int(good.argmin())
         done += len(rows)
         step = max(1, min(8 * step, _WINDOW // stride))
     return done
 
 
-def _fine(rows: Bytes, layout: Layout) -> NDArray[np.bool_]:
+def _are_good(rows: Bytes, layout: Layout) -> Bools:
     length = layout.length
     sums = rows[:, :length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
     stored = rows[:, length] + rows[:, length + 1].astype(np.uint16) * np.uint16(256)
@@ -268,7 +263,7 @@ def _fine(rows: Bytes, layout: Layout) -> NDArray[np.bool_]:
     return np.asarray((sums == stored) & same.all(axis=1))
 
 
-def _candidates(whole_data: Bytes, begin: int, last: bool) -> _Candidates:
+def _find_candidates(whole_data: Bytes, begin: int, last: bool) -> _Candidates:
     data = whole_data[begin:]
     marks = np.flatnonzero((data[:-1] == _MARK) & (data[1:] == _MARK))
     headless = marks + _HEADER > data.size
@@ -291,7 +286,7 @@ def _pair(data: Bytes, at: Places) -> Places:
 
 
 def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) -> int:
-    """Where the next ensemble begins, or may begin once more of the file is read."""
+    """Find where the next ensemble begins, or may begin once more of the file is read."""
     cut = candidates.cut[np.searchsorted(candidates.cut, start) :]
     undecided = data.size if last else int(cut[0]) if cut.size else start
     for place in candidates.good[np.searchsorted(candidates.good, start) :]:
@@ -302,7 +297,7 @@ def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) ->
     return undecided
 
 
-def _skip(data: Bytes, candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
+def _describe_skipped(data: Bytes, candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
     first, end = np.searchsorted(candidates.failed, [start, stop])
     failed = int(np.sum(_has_table(data, candidates.failed[first:end])))
     reason = NO_ENSEMBLE
@@ -313,7 +308,7 @@ def _skip(data: Bytes, candidates: _Candidates, start: int, stop: int, offset: i
     return Skipped(offset + start, stop - start, reason, int(end - first), failed)
 
 
-def _has_table(data: Bytes, at: Places) -> NDArray[np.bool_]:
+def _has_table(data: Bytes, at: Places) -> Bools:
     """Tell places whose table of offsets leads to a fixed leader right behind it."""
     leader = 6 + 2 * data[at + 5].astype(np.int64)
     fits = (_pair(data, at + 6) == leader) & (leader + 2 <= _pair(data, at + 2))

@@ -37,7 +37,7 @@ Turn = Callable[[Leaders], Floats]
 
 @dataclass(frozen=True)
 class Rewritten:
-    """What became of the ensembles of one file."""
+    """Counts of the ensembles of one file that was rewritten."""
 
     corrected: int
     flagged: int  # without a heading to give
@@ -62,12 +62,12 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
             for run in chunk.runs:
                 leaders = decode_leaders(run)
                 by = turn(leaders) if has_velocities(run.layout) else np.full(len(run.rows), np.nan)
-                file.write(_turned(run, leaders, by).tobytes())
+                file.write(_turn_run(run, leaders, by).tobytes())
                 corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
     return Rewritten(corrected, flagged, tuple(skipped))
 
 
-def _turned(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
+def _turn_run(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
     rows, layout = run.rows.copy(), run.layout
     begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + HEADING_AT
     hundredths = np.rint(100.0 * angles.wrap360(leaders.heading_deg + by)) % FULL_CIRCLE
@@ -88,7 +88,7 @@ def _bytes(numbers: NDArray[np.integer]) -> Bytes:
 
 
 def _velocities(layout: Layout) -> Iterator[tuple[int, int]]:
-    """Give where velocities begin and end, in bytes of the ensemble."""
+    """Locate velocities, in bytes of the ensemble."""
     begin, stop = layout.blocks.get(VELOCITY, (0, 0))
     room = 8 * layout.cells if has_velocities(layout) else (stop - begin - 2) // 2 * 2
     if room > 0:
@@ -101,6 +101,6 @@ def _turn(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
     """Turn velocities, (k, m, 4) mm/s, of some ensembles in place; bad where the format cannot hold the result."""
     known = (counts[..., :2] != MISSING_COUNT).all(axis=-1) & which[:, None]
     turned = np.rint(np.stack(angles.turn(counts[..., 0], counts[..., 1], np.nan_to_num(by)[:, None]), axis=-1))
-    held = known & (np.abs(turned) <= LARGEST).all(axis=-1)
-    counts[held, :2] = turned[held].astype(np.int16)
-    counts[known & ~held] = MISSING_COUNT
+    fits = known & (np.abs(turned) <= LARGEST).all(axis=-1)
+    counts[fits, :2] = turned[fits].astype(np.int16)
+    counts[known & ~fits] = MISSING_COUNT
