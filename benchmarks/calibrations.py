@@ -21,7 +21,7 @@ from compasslib import angles, compass
 from compasslib.calibrations import platform
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_deviation
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # error of each setting of the bench; of each reading
 ALLOWED = {"least": 0.93, "most": 0.97}
@@ -81,14 +81,14 @@ def _recorded(truth: str, true: np.ndarray, correct_deg: np.ndarray) -> np.ndarr
         return compass.recorded_heading(true, correct_deg)
     recorded = correct_deg
     for _ in range(200):  # the series has the recorded heading as its argument
-        recorded = correct_deg - von_appen.predict(true, recorded)
+        recorded = correct_deg - series_deviation(true, recorded)
     return recorded
 
 
 def deviation(truth: str, true: np.ndarray, recorded_deg: np.ndarray) -> np.ndarray:
     """Return the true deviation at recorded headings, NaN where it is not a single one."""
     if truth == "smith":
-        return von_appen.predict(true, recorded_deg)
+        return series_deviation(true, recorded_deg)
     roots = compass.inverse(true, recorded_deg)
     return np.where(np.isfinite(roots[:, 1]), np.nan, angles.difference(roots[:, 0], recorded_deg))
 

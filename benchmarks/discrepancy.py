@@ -21,10 +21,10 @@ from types import SimpleNamespace
 import numpy as np
 import targets
 
-from compasslib import angles, compass, deviation
-from compasslib.deviation import correction
-from compasslib.deviation import model as fits
-from compasslib.deviation.model import Fit
+from compasslib import angles, compass
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.correction import correct_headings, readings_at_pairs
+from compasslib.deviation.model import DeviationFit, nearest_root, pair_speeds
 from compasslib.effects import CATALOGUE, SIDES
 from compasslib.inference import design, diagnosis, grammar, product
 from compasslib.inference.comparison import Options, compare_pairs
@@ -103,11 +103,11 @@ def field_of(drawn: sea.Drawn) -> EarthField:
     return EarthField(drawn.pairs.time_s[[0, -1]], zero, drawn.horizontal * one, drawn.vertical * one, zero)
 
 
-def fitted(drawn: sea.Drawn) -> Fit:
+def fitted(drawn: sea.Drawn) -> DeviationFit:
     """Return the house's fit, started near the truth: the search for the right fold is not on trial here."""
     _, coefficients = sea.five_term_residual(drawn.pairs.heading_deg, drawn.heading)
-    near = Fit("exact", len(drawn.pairs), coefficients, heading_density=np.full(120, 1 / 120))
-    return deviation.fit("exact", drawn.pairs, near)
+    near = DeviationFit("exact", len(drawn.pairs), coefficients, heading_density=np.full(120, 1 / 120))
+    return fit_deviation("exact", drawn.pairs, near)
 
 
 def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
@@ -143,7 +143,7 @@ def against_oracle(drawn, fit, field, found) -> dict:
     oracle = design.refit(empty, terms)
     level = compass.inverse(fit.coefficients, drawn.pairs.heading_deg)
     result = {
-        "error_before": error(fits.nearest_root(level, drawn.heading), drawn),
+        "error_before": error(nearest_root(level, drawn.heading), drawn),
         "error_oracle": error(oracle.heading_deg, drawn),
     }  # fmt: skip
     made, bare = corrected(drawn, fit, field, found)
@@ -163,16 +163,16 @@ def against_oracle(drawn, fit, field, found) -> dict:
 def corrected(drawn, fit, field, found) -> tuple:
     """Return the headings as the search has them corrected, and by the fit alone."""
     pairs, zero = drawn.pairs, np.zeros(len(drawn.pairs))
-    readings = correction.readings_of(pairs)
+    readings = readings_at_pairs(pairs)
     record = SimpleNamespace(
         time_s=pairs.time_s, heading_deg=pairs.heading_deg, heading_quality=zero, pitch_deg=pairs.pitch_deg,
         roll_deg=pairs.roll_deg,
     )  # fmt: skip
-    speed, _ = fits.speeds(pairs)
+    speed, _ = pair_speeds(pairs)
     series = {**drawn.covariates, "depth": pairs.upper_depth_m, "speed": speed}
     at = product.compass_along_record(diagnosis.product_of_diagnosis(fit, found), record, field, series)
-    made = correction.headings(readings, fit if found.fit is None else found.fit, pairs, at)
-    return made, correction.headings(readings, fit, pairs)
+    made = correct_headings(readings, fit if found.fit is None else found.fit, pairs, at)
+    return made, correct_headings(readings, fit, pairs)
 
 
 def without_compositions(measure, *asked, **options) -> dict:

@@ -22,14 +22,15 @@ import targets
 
 from compasslib import angles
 from compasslib.deviation.model import nearest_root
-from compasslib.effects import Scene, composition
+from compasslib.effects import Scene
+from compasslib.effects.forward import earth_field_in_body, invert_heading, north_shift, sensed_field
 from compasslib.inference import design, experiments
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.inference import Inference
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.inference.posterior import SURE
-from compasslib.preparation import several
+from compasslib.preparation.references import combine_references, join_references
 from compasslib.records import Pairs, take
 from tests.world import pairs as sea
 
@@ -88,7 +89,7 @@ def swung(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.nd
     bare = design.refit(found.state, []).simulation  # what the hypotheses' terms are counted beside
     h, z = (np.full(len(heading), nT) for nT in (drawn.horizontal, drawn.vertical))
     scene = Scene(0.0 * heading, h, z, *none, 0.0)
-    foretold = nearest_root(composition.headings(bare, scene, recorded), heading)
+    foretold = nearest_root(invert_heading(bare, scene, recorded), heading)
     return np.nan_to_num(angles.difference(heading + mark + noise, foretold)) / experiments.SWUNG_DEG
 
 
@@ -105,9 +106,9 @@ def strength(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np
     extra = sum((size * part.extra for part, size in drawn.parts if part.extra is not None), np.zeros((3, 2 * HALF)))
     noise = sea.red(rng, HALF, experiments.STRENGTH_S / sea.HOUR_S, experiments.STRENGTH_NT)
     logged = np.linalg.norm(sea.in_body(drawn.world, extra), axis=0)[:HALF] + noise
-    scene, north = found.state.case.scene, composition.north(found.state.simulation, found.state.case.scene)
-    earth = composition.earth_in_body(scene, experiments.known_heading(found.state) - north)
-    bare = np.linalg.norm(composition.sensed_field(design.refit(found.state, []).simulation, scene, earth), axis=1)
+    scene, north = found.state.case.scene, north_shift(found.state.simulation, found.state.case.scene)
+    earth = earth_field_in_body(scene, experiments.known_heading(found.state) - north)
+    bare = np.linalg.norm(sensed_field(design.refit(found.state, []).simulation, scene, earth), axis=1)
     return (logged - bare) * experiments.strength_unit(scene.time_s)
 
 
@@ -119,7 +120,7 @@ def beside(world: sea.World, pairs: Pairs, rng: np.random.Generator) -> Pairs:
     noise = noise + np.sqrt(0.5) * white * (rng.normal(size=n) + 1j * rng.normal(size=n))
     lower = (world.water + noise + world.slow_water.beside(rng, world.water))[: len(pairs)]
     second = replace(pairs, lower_east=lower.real, lower_north=lower.imag, lower_depth_m=pairs.lower_depth_m + 20.0)
-    return several.together(several.joined([pairs, second], ["first", "second"]))
+    return combine_references(join_references([pairs, second], ["first", "second"]))
 
 
 def measure(index: int, seed: int) -> dict:

@@ -29,11 +29,14 @@ from runs import ONE_THREAD
 from scipy.optimize import least_squares
 from targets import Measured
 
-from compasslib import angles, compass, deviation
+from compasslib import angles, compass
 from compasslib.demo import compass as needle
 from compasslib.demo import demonstration, mooring, water
 from compasslib.demo.series import HOUR_S, clockwise, stream, white_vector
-from compasslib.deviation import correction, model, von_appen
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.correction import correct_headings, to_body_frame
+from compasslib.deviation.model import observed_heading
+from compasslib.deviation.series import invert_series, multistart_least_squares, series_design
 from compasslib.plots.page import BLUE, GREY, VERMILION, WIDE_IN, legend, page
 from compasslib.records import Pairs, Readings, take
 
@@ -80,7 +83,7 @@ def draw(index: int, seed: int, heeling: bool) -> Mooring:
         time_s=time_s,
         heading_deg=angles.wrap360(heading),
         recorded_deg=recorded,
-        readings=Readings(time_s, recorded, *tilt, correction.in_body_frame(upper.real, upper.imag, recorded)),
+        readings=Readings(time_s, recorded, *tilt, to_body_frame(upper.real, upper.imag, recorded)),
         pairs=Pairs(*(x[step] for x in columns)),
     )
 
@@ -106,18 +109,18 @@ def measure(task: tuple[int, int, bool, bool]) -> Mooring:
     *task, tilted = task
     drawn = draw(*task)
     recorded, heading, pairs = drawn.recorded_deg, drawn.heading_deg, drawn.pairs
-    fit = deviation.fit("exact", pairs, dip_ratio=tilted * FIELD_NT[1] / FIELD_NT[0])
-    decision = correction.headings(drawn.readings, fit, pairs)
+    fit = fit_deviation("exact", pairs, dip_ratio=tilted * FIELD_NT[1] / FIELD_NT[0])
+    decision = correct_headings(drawn.readings, fit, pairs)
     error = angles.difference(decision.heading_deg, heading)
     rival = np.abs(angles.difference(decision.other_deg, heading))
-    published = correction.headings(drawn.readings, deviation.fit("von_appen", pairs), pairs).heading_deg
+    published = correct_headings(drawn.readings, fit_deviation("von_appen", pairs), pairs).heading_deg
 
     missed = lambda known: angles.difference(recorded, compass.recorded_heading(known, heading))  # noqa: E731
     exact = least_squares(missed, drawn.coefficients).x
     left = np.abs(angles.difference(compass.inverse(exact, recorded), heading[:, None]))
-    series = von_appen.best_of_starts(von_appen.design(heading), angles.difference(heading, recorded))
-    series_left = angles.difference(von_appen.invert(series, recorded), heading)
-    scatter = angles.difference(model.observed_heading(pairs), heading[np.isin(drawn.time_s, pairs.time_s)])
+    series = multistart_least_squares(series_design(heading), angles.difference(heading, recorded))
+    series_left = angles.difference(invert_series(series, recorded), heading)
+    scatter = angles.difference(observed_heading(pairs), heading[np.isin(drawn.time_s, pairs.time_s)])
     return Mooring(
         **vars(drawn),
         folded=fit.folded,
@@ -278,8 +281,8 @@ def clock(seed: int, heeling: bool) -> Measured:
         drawn = draw(index, seed, heeling)
         pairs, readings = (take(x, np.arange(8000)) for x in (drawn.pairs, drawn.readings))
         begin = time.perf_counter()
-        fit = deviation.fit("exact", pairs)
-        correction.headings(readings, fit, pairs)
+        fit = fit_deviation("exact", pairs)
+        correct_headings(readings, fit, pairs)
         seconds.append(time.perf_counter() - begin)
     title = "8. Fit and headings of 8000 pairs, one core"
     table(title, "n, seconds, most", [(len(seconds), median(seconds), max(seconds))])

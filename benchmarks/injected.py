@@ -30,13 +30,15 @@ import numpy as np
 import targets
 import water
 
-from compasslib import angles, deviation
-from compasslib.deviation import assessment, correction
+from compasslib import angles
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.assessment import assess_correction
+from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.effects import side_of
 from compasslib.inference import covariates
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.preparation import overlap
+from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.records import EarthField, Pairs, take
 from tests.world import pairs as sea
 
@@ -96,8 +98,8 @@ def whole(record: str, depth: int, gap: int) -> Seen:
     own = profile(record)
     trusted, top = water.as_trusted(own, depth), water.bins_of(own, slice(depth + gap, None))
     field = EarthField(own.time_s[[0, -1]], *np.zeros((4, 2)))
-    rules = [overlap.Rules(max_metres=1000.0, predict=predict) for predict in (True, False)]
-    predicted, published = (overlap.find(top, [trusted], field, one) for one in rules)
+    rules = [PairRules(max_metres=1000.0, predict=predict) for predict in (True, False)]
+    predicted, published = (find_pairs(top, [trusted], field, one) for one in rules)
     return Seen(predicted, covariates.logged_series(top, (), predicted), published)
 
 
@@ -205,7 +207,7 @@ def errors(drawn: sea.Drawn, own: Seen, fit, field, found) -> dict[str, float]:
         "error_after": bench.error(made.heading_deg, drawn),
         "error_published": published(drawn, own),
         "error_level": angles.rms(level),
-        "refuted": bool(assessment.assess(bench.of_house(drawn), fit)["refuted"]),
+        "refuted": bool(assess_correction(bench.of_house(drawn), fit)["refuted"]),
         "covered": float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg)),
         "centred": float(np.nanmean(np.abs(off - np.nanmean(off)) < 1.96 * made.sigma_deg)),
     }
@@ -219,10 +221,10 @@ def published(drawn: sea.Drawn, own: Seen) -> float:
     turn = angles.difference(recorded, pairs.heading_deg)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
     pairs = replace(pairs, heading_deg=recorded, upper_east=east, upper_north=north)
-    fit = deviation.fit("von_appen", pairs)
+    fit = fit_deviation("von_appen", pairs)
     if not fit.fitted:
         return float("nan")
-    made = correction.headings(correction.readings_of(drawn.pairs), fit, pairs)
+    made = correct_headings(readings_at_pairs(drawn.pairs), fit, pairs)
     return bench.error(made.heading_deg, drawn)
 
 

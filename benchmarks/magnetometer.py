@@ -18,7 +18,7 @@ from runs import DATA
 
 from compasslib.calibrations import magnetometer
 from compasslib.calibrations.magnetometer import ellipsoid
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design
 from tests.world import iron
 
 REAL = DATA / "magnetometer"
@@ -68,7 +68,7 @@ def errors(true, found):
     }
     off = found.table.deviation_deg - true.deviation(found.table.heading_deg)
     grid = np.arange(0.0, 360.0, 5.0)
-    known = np.linalg.lstsq(von_appen.design(grid), true.deviation(grid), rcond=None)[0]
+    known = np.linalg.lstsq(series_design(grid), true.deviation(grid), rcond=None)[0]
     series = (found.coefficients - known)[1:] / np.sqrt(np.diag(found.covariance))[1:]  # A is zero by convention
     return z | {"heading": wrapped(off) / found.table.sigma_deg, "series": series}
 

@@ -37,7 +37,7 @@ def quiet(rng, days, step_s, latitude, longitude):
     """Return a quiet series: secular variation, rocks, daily variation that differs by day, small disturbances."""
     start = 1.0e9 + DAY_S * rng.integers(3000)
     times = start + step_s * np.arange(int(days * DAY_S / step_s))
-    field = earthfield.along_time(latitude, longitude, times[0], times[-1])
+    field = earthfield.field_along(latitude, longitude, times[0], times[-1])
     hours = times / HOUR_S
     local = 2 * np.pi * (hours + longitude / 15) / 24
     day = 1 + red(rng, len(times), 5 * DAY_S / step_s, 0.25)
@@ -122,7 +122,7 @@ def constants():
     targets.head("year", "days", "rms error", "stated 1 sigma", "within 95 %, parts that overlap")
     for path in sorted(REAL.glob("*.hor")):
         series = iaga2002.read([path])
-        field = earthfield.along_time(55.3, -3.2, series.time_s[0], series.time_s[-1])
+        field = earthfield.field_along(55.3, -3.2, series.time_s[0], series.time_s[-1])
         whole = observatory.compare(series, field, limit_deg=0.5).constant_deg
         for days in (1, 3, 10, 30, 90):
             held = []

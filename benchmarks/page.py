@@ -29,7 +29,7 @@ from runs import PROJECT
 from targets import Measured
 
 from compasslib import angles
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import multistart_least_squares, series_design, series_deviation
 
 SCRIPTS = PROJECT / "workflow/scripts"
 FLEETS = (1, 10, 100)
@@ -119,7 +119,7 @@ def of_fits() -> str:
 
     rng, n = np.random.default_rng(1), 9000
     heading = rng.uniform(0.0, 360.0, n)
-    columns = von_appen.design(heading)
+    columns = series_design(heading)
     lines = ["| largest deviation | scatter | curve_fit ms | ours ms | ratio | its worst error | ours |"]
     lines.append("|---|---|---|---|---|---|---|")
     for size in (10.0, 60.0, 130.0):
@@ -127,10 +127,10 @@ def of_fits() -> str:
         deviation = angles.wrap180(columns @ true + rng.normal(0.0, 8.0, n))
 
         def theirs(deviation: np.ndarray = deviation) -> np.ndarray:
-            return curve_fit(lambda x, *c: von_appen.predict(c, x), heading, deviation, p0=np.zeros(5))[0]
+            return curve_fit(lambda x, *c: series_deviation(c, x), heading, deviation, p0=np.zeros(5))[0]
 
         def ours(deviation: np.ndarray = deviation) -> np.ndarray:
-            return von_appen.best_of_starts(columns, deviation)
+            return multistart_least_squares(columns, deviation)
 
         (slow, other), (fast, own) = timed(theirs), timed(ours)
         errors = [float(np.abs(found - true).max()) for found in (other, own)]

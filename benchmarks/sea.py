@@ -21,8 +21,8 @@ from scipy.signal import coherence, welch
 from compasslib import angles, readers
 from compasslib.demo import demonstration
 from compasslib.plots.page import BLUE, GREEN, VERMILION, WIDE_IN, page
-from compasslib.preparation import deployment
-from compasslib.preparation import water as prediction
+from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.water import usable_velocities
 from compasslib.records import Record
 
 COLOURS = {"eh2 (real, 2 m)": BLUE, "papa (real, 20 m)": GREEN, "EG4 (simulated, 4 m)": VERMILION}
@@ -40,7 +40,7 @@ def simulated() -> Record:
         demonstration.write_mooring("EG4", Path(folder) / "raw", Path(folder) / "truth.csv")
         record = readers.read("pd0", [Path(folder) / "raw/EG4/top.000"], {})
     span = record.time_s[[200, -200]]
-    settled = deployment.settle(
+    settled = apply_deployment(
         record, start_s=span[0], end_s=span[1], latitude=65.3, water_depth=900.0, nominal_depth=None
     )
     return replace(settled, depth_m=np.full(len(settled.time_s), float(np.median(settled.depth_m))))
@@ -62,7 +62,7 @@ def profiles() -> dict[str, Record]:
 
 def flow(record: Record, bin_: int) -> np.ndarray:
     """Return the currents in one bin, east + i north, m/s, NaN where bad."""
-    good = prediction.good(record)[:, bin_]
+    good = usable_velocities(record)[:, bin_]
     return np.where(good, record.east[:, bin_] + 1j * record.north[:, bin_], np.nan)
 
 

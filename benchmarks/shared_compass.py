@@ -22,9 +22,11 @@ import targets
 from discrepancy import field_of, fitted, held, line, told
 from scipy.stats import chi2, ncx2
 
-from compasslib import angles, deviation
-from compasslib.deviation import correction, exact
-from compasslib.deviation import model as fits
+from compasslib import angles
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.correction import correct_headings, readings_at_pairs
+from compasslib.deviation.exact import start_from_prior
+from compasslib.deviation.model import DeviationFit
 from compasslib.inference import joint, joint_compass
 from compasslib.inference.comparison import Options
 from compasslib.inference.joint_compass import SHARED_COEFFICIENTS, Member
@@ -132,18 +134,20 @@ def of_short(index: int, seed: int, every: int) -> dict:
     prior = joint_compass.join_records([bare, *siblings]).prior("M0")
     if prior is None:
         return {"kind": "short"}
-    alone = deviation.fit("exact", pairs)
+    alone = fit_deviation("exact", pairs)
     free = replace(prior, precision=prior.precision * np.outer([0, 1, 1, 1, 1], [0, 1, 1, 1, 1]))
-    both = deviation.fit("exact", pairs, exact.beside(free, pairs))
+    both = fit_deviation("exact", pairs, start_from_prior(free, pairs))
     row = {"kind": "short", "pairs": len(pairs)}
     some = take(record, slice(0, None, every))
     for name, fit in (("alone", alone), ("both", both)):
-        made = correction.headings(correction.readings_of(some), fit, pairs)
+        made = correct_headings(readings_at_pairs(some), fit, pairs)
         off = angles.difference(made.heading_deg, whole.heading[::every])
         row[name] = angles.rms(off[np.isfinite(off)])
         row[f"{name}_covered"] = float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg))
-    none = fits.Fit("calibration", 0, prior.mean, np.linalg.inv(prior.precision), heading_density=both.heading_density)
-    made = correction.headings(correction.readings_of(some), none, take(record, slice(0, 0)))
+    none = DeviationFit(
+        "calibration", 0, prior.mean, np.linalg.inv(prior.precision), heading_density=both.heading_density
+    )
+    made = correct_headings(readings_at_pairs(some), none, take(record, slice(0, 0)))
     off = angles.difference(made.heading_deg, whole.heading[::every])
     row |= {"none": angles.rms(off), "none_covered": float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg))}
     return row

@@ -20,7 +20,7 @@ from runs import DATA
 
 from compasslib import angles
 from compasslib.calibrations import swing
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_deviation
 
 KINDS = ("8 headings", "16 headings", "36 headings", "log", "log and ship's log")
 TRUTH_SIGMA = np.array([1.0, 5.0, 5.0, 2.0, 1.0])
@@ -66,7 +66,7 @@ def recorded(truth: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """Return what a compass with this series in the recorded heading shows."""
     gamma = heading.copy()
     for _ in range(60):
-        gamma = heading - von_appen.predict(truth, gamma)
+        gamma = heading - series_deviation(truth, gamma)
     return gamma
 
 
@@ -139,7 +139,7 @@ def measured(index: int, seed: int, folder: Path) -> dict[str, object]:
     if found.why:
         return {"kind": kind, "why": found.why}
     off = (found.coefficients - truth) / np.sqrt(np.diag(found.covariance))
-    table = (found.table.deviation_deg - von_appen.predict(truth, TABLE_DEG)) / found.table.sigma_deg
+    table = (found.table.deviation_deg - series_deviation(truth, TABLE_DEG)) / found.table.sigma_deg
     return {
         "kind": kind,
         "off": off,

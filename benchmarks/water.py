@@ -20,10 +20,12 @@ import numpy as np
 import targets
 from runs import DATA
 
-from compasslib import angles, compass, deviation, readers
-from compasslib.deviation import model
-from compasslib.preparation import deployment, overlap
-from compasslib.preparation import water as prediction
+from compasslib import angles, compass, readers
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.model import nearest_root
+from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.pairs import PairRules, find_pairs, mean_of_nearest_bins
+from compasslib.preparation.water import predict_water, usable_velocities
 from compasslib.records import EarthField, Record
 
 DEPTHS, GAPS = range(8), (1, 2, 4)  # bins that are the trusted instrument, and cells between it and the nearest one
@@ -50,7 +52,7 @@ def profile(name: str) -> Record:
     if name == "eh2":
         record = readers.read("pd0", [DATA / FILES["eh2"]], {})
         span = {"start_s": record.time_s[0], "end_s": record.time_s[-1], "latitude": 47.6}
-        record = deployment.settle(record, **span, water_depth=45.5, nominal_depth=7.0)
+        record = apply_deployment(record, **span, water_depth=45.5, nominal_depth=7.0)
         return replace(record, depth_m=np.full(len(record.time_s), 7.0), direction_reference="magnetic")
     file = np.load(DATA / FILES["papa"])
     velocity = file["vel"].astype(float)
@@ -95,11 +97,13 @@ def across(record: Record, depth: int, gap: int) -> tuple[np.ndarray, np.ndarray
         gap: cells between it and the nearest bin of the affected one.
     """
     trusted, top = bins_of(record, slice(depth, depth + 1)), bins_of(record, slice(depth + gap, None))
-    plain, _ = overlap.near_bins(top, np.zeros(len(top.time_s)), 2)
-    found = prediction.predict(top, trusted.bin_depth_m()[:, 0], 2)
+    plain, _ = mean_of_nearest_bins(top, np.zeros(len(top.time_s)), 2)
+    found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
     assert found is not None
     truth = trusted.east[:, 0] + 1j * trusted.north[:, 0]
-    fast = np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & prediction.good(trusted)[:, 0]
+    fast = (
+        np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & usable_velocities(trusted)[:, 0]
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         off = [np.imag((one - truth) * np.conj(truth) / np.abs(truth)) for one in (plain, found.velocity)]
     before, after = (np.where(fast, x, np.nan) for x in off)
@@ -133,9 +137,9 @@ def heading_error(case: Case) -> list[tuple[str, float, float, float]]:
         top = seen_by(bins_of(record, slice(case.depth + case.gap, None)), coefficients)
         errors = []
         for predict in (False, True):
-            pairs = overlap.find(top, [trusted], field, overlap.Rules(max_metres=1000.0, predict=predict))
-            fit = deviation.fit("exact", pairs)
-            heading = model.nearest_root(compass.inverse(fit.coefficients, top.heading_deg), record.heading_deg)
+            pairs = find_pairs(top, [trusted], field, PairRules(max_metres=1000.0, predict=predict))
+            fit = fit_deviation("exact", pairs)
+            heading = nearest_root(compass.inverse(fit.coefficients, top.heading_deg), record.heading_deg)
             errors.append(angles.rms(angles.difference(heading, record.heading_deg)[np.isfinite(heading)]))
         off = fit.coefficients[0] - coefficients[0]
         result.append((name, *errors, float(off / np.sqrt(fit.covariance[0, 0]))))

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,7 +54,7 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
     return angles.wrap180(angles.direction(east, north)), np.hypot(east, north), down
 
 
-def along_time(
+def field_along(
     latitude: float,
     longitude: float,
     start_s: float,
@@ -122,14 +122,14 @@ def dip_ratio(field: EarthField) -> float:
     return float(np.mean(field.vertical_nT / field.horizontal_nT))
 
 
-def from_json(content: Mapping[str, Any]) -> EarthField:
+def field_from_json(content: Mapping[str, Any]) -> EarthField:
     """Return the field that field.json holds."""
     texts: dict[str, Any] = {"source": content["source"], "warnings": tuple(content["warnings"])}
     series: dict[str, Any] = {key: np.array(value) for key, value in content.items() if key not in texts}
     return EarthField(**series, **texts)
 
 
-def log_line(name: str, field: EarthField) -> str:
+def describe_field(name: str, field: EarthField) -> str:
     """Return the log line of the job that computes the field of a mooring."""
     first, last = field.declination_deg[[0, -1]]
     horizontal = field.horizontal_nT.mean()
@@ -237,3 +237,27 @@ def _legendre(colatitude_deg: float, degrees: int) -> tuple[Floats, Floats]:
         p[n, :n] = ((2 * n - 1) * c * p[n - 1, :n] - before * older[0]) / root
         dp[n, :n] = ((2 * n - 1) * (c * dp[n - 1, :n] - s * p[n - 1, :n]) - before * older[1]) / root
     return p, dp
+
+
+class AppliedDeclination(NamedTuple):
+    """Degrees east inside recorded headings and inside recorded earth velocities."""
+
+    heading: float
+    velocity: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether only one of them was rotated, or each by its own angle."""
+        return self.heading != self.velocity
+
+    def __str__(self) -> str:
+        return f"{{heading: {self.heading:g}, velocity: {self.velocity:g}}}" if self.differs else f"{self.heading:g}"
+
+
+def parse_applied_declination(stated: float | Mapping[str, float] | None) -> AppliedDeclination | None:
+    """Return ``declination_applied`` of a mooring file, one number for both or one for each; None where it has none."""
+    if stated is None:
+        return None
+    if isinstance(stated, Mapping):
+        return AppliedDeclination(float(stated["heading"]), float(stated["velocity"]))
+    return AppliedDeclination(float(stated), float(stated))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-LONGEST, LONGEST_FOUND = 1000, 300  # characters of a part of the line, and of what was found: a cell may hold a book
+MAX_PART, MAX_FOUND = 1000, 300  # characters of a part of the line, and of what was found: a cell may hold a book
 
 
 class InputError(Exception):
@@ -13,15 +13,15 @@ class InputError(Exception):
     """
 
     def __init__(self, where: str, *, expected: str, found: object, advice: str):
-        where, expected, advice = (_short(part, LONGEST) for part in (where, expected, advice))
-        line = f"{where}: expected {expected}, found {_short(found, LONGEST_FOUND)}; {advice}"
+        where, expected, advice = (_short(part, MAX_PART) for part in (where, expected, advice))
+        line = f"{where}: expected {expected}, found {_short(found, MAX_FOUND)}; {advice}"
         # A file's name may hold bytes that are no UTF-8: they are said as escapes.
         super().__init__(" ".join(line.split()).encode("utf-8", "backslashreplace").decode())
         self.where = where
         self.others: tuple[InputError, ...] = ()  # further mistakes of the same file, for who wants to hear of all
 
 
-class Passing(InputError):
+class TransientError(InputError):
     """Trouble of the disk, or of a file that the next run makes again: it says nothing about the input."""
 
 

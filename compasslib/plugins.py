@@ -23,12 +23,12 @@ Points = dict[str, EntryPoint]
 
 
 @cache
-def declared(group: str) -> tuple[EntryPoint, ...]:
+def declared_plugins(group: str) -> tuple[EntryPoint, ...]:
     """Return the entry points of a group, whatever their names, in the order of names."""
-    return tuple(sorted(entry_points(group=group), key=lambda one: (one.name, package(one))))
+    return tuple(sorted(entry_points(group=group), key=lambda one: (one.name, package_version(one))))
 
 
-def points(group: str, own: Collection[str]) -> Points:
+def plugin_table(group: str, own: Collection[str]) -> Points:
     """Return what other packages add to a table, by name in the order of names.
 
     Args:
@@ -38,27 +38,29 @@ def points(group: str, own: Collection[str]) -> Points:
         InputError: a name that is taken, by the house or by another package.
     """
     found: Points = {}
-    for point in declared(group):
-        taken = "compasslib" if point.name in own else package(found[point.name]) if point.name in found else ""
+    for point in declared_plugins(group):
+        taken = "compasslib" if point.name in own else package_version(found[point.name]) if point.name in found else ""
         if taken:
             expected, shown = f"a name that {taken} does not use", f"{point.name!r}"
-            raise InputError(f"{package(point)}: {group}", expected=expected, found=shown, advice="rename or remove it")
+            raise InputError(
+                f"{package_version(point)}: {group}", expected=expected, found=shown, advice="rename or remove it"
+            )
         found[point.name] = point
     return found
 
 
-def loaded(point: EntryPoint) -> Any:
+def load_plugin(point: EntryPoint) -> Any:
     """Return the object that an entry point names.
 
     Raises:
         InputError: it cannot be imported.
     """
-    with refusing(point, "an importable plug-in"):
+    with plugin_errors(point, "an importable plug-in"):
         return point.load()
 
 
 @contextmanager
-def refusing(point: EntryPoint, expected: str) -> Iterator[None]:
+def plugin_errors(point: EntryPoint, expected: str) -> Iterator[None]:
     """Turn whatever a plug-in raises in the block into one line, ``SystemExit`` too; Ctrl-C stays what it is.
 
     Raises:
@@ -75,25 +77,25 @@ def refusing(point: EntryPoint, expected: str) -> Iterator[None]:
             raise
         last = traceback.extract_tb(error.__traceback__)[-1]
         shown = f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
-        where, advice = f"{package(point)}: {point.value}", "mend or remove the package"
+        where, advice = f"{package_version(point)}: {point.value}", "mend or remove the package"
         raise InputError(where, expected=expected, found=shown, advice=advice) from error
 
 
-def packages() -> tuple[str, ...]:
+def plugin_packages() -> tuple[str, ...]:
     """Return name and version of each package that adds something, in the order of names."""
-    return tuple(sorted({package(point) for group in (READERS, EFFECTS) for point in declared(group)}))
+    return tuple(sorted({package_version(point) for group in (READERS, EFFECTS) for point in declared_plugins(group)}))
 
 
-def package(point: EntryPoint) -> str:
+def package_version(point: EntryPoint) -> str:
     """Return name and version of the package that declares an entry point."""
     return f"{point.dist.name} {point.dist.version}" if point.dist else point.value
 
 
-def identity(point: EntryPoint) -> str:
+def code_identity(point: EntryPoint) -> str:
     """Return the package with a hash of its code, which changes where the version was forgotten too."""
     spec = find_spec(point.module.partition(".")[0])
     folders = spec.submodule_search_locations if spec else None
     files = [path for folder in folders or () for path in Path(folder).rglob("*.py")]
     files += [Path(spec.origin)] if spec and spec.origin and not folders else []
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files)))
-    return f"{package(point)} ({point.name}, sha256 {digest.hexdigest()[:12]})"
+    return f"{package_version(point)} ({point.name}, sha256 {digest.hexdigest()[:12]})"

@@ -134,7 +134,7 @@ class EarthField:
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectedRecord:
     """The product: what one affected instrument recorded, and the same corrected.
 
     Headings are to magnetic north, velocities to true east and north.
@@ -190,7 +190,7 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
     return replace(series, **columns)
 
 
-def joined(records: Sequence[Record]) -> Record:
+def join_records(records: Sequence[Record]) -> Record:
     """Return the records of one instrument's files as one, in order of their first times, counts added up.
 
     Raises:
@@ -216,7 +216,7 @@ def joined(records: Sequence[Record]) -> Record:
     return replace(ordered[0], **together, counts=counts, warnings=warnings)
 
 
-def stamp(time_s: float) -> str:
+def iso_time(time_s: float) -> str:
     """Return an instant as ISO 8601.
 
     Args:

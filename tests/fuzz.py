@@ -32,7 +32,8 @@ from sea import cruise
 from compasslib.config import cruise as config
 from compasslib.demo import profiler
 from compasslib.errors import InputError
-from compasslib.preparation import deployment, overlap
+from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.readers import iaga2002, mmp, netcdf, nmea, nortek, pd0, pd12, rdi_text, table
 from compasslib.records import PROBABLY_GOOD, EarthField, Record
 
@@ -177,10 +178,10 @@ def _through(record: Record) -> Record:
     for values in (record.east, record.north, record.heading_deg, record.time_s):
         if np.isinf(values).any():
             raise Wrong("an infinite value")
-    settled = deployment.settle(record, **SETTLED, latitude=60.0, nominal_depth=100.0)
+    settled = apply_deployment(record, **SETTLED, latitude=60.0, nominal_depth=100.0)
     if (np.diff(settled.time_s) <= 0).any() or len(settled.quality) != len(settled.time_s):
         raise Wrong("times that do not rise")
-    overlap.find(settled, [replace(settled, north=settled.north + 0.01, serial_number="")], FIELD, overlap.Rules())
+    find_pairs(settled, [replace(settled, north=settled.north + 0.01, serial_number="")], FIELD, PairRules())
     return record
 
 

@@ -24,7 +24,7 @@ def series(days: int, *, step_s: float = HOUR_S, seed: int = 0, swing_deg: float
     for k, kick in enumerate(rng.normal(0.0, 0.02 * np.sqrt(1 - keep**2), len(time_s))):
         noise[k] = keep * noise[k - 1] + kick
     daily = -swing_deg * np.sin(2 * np.pi * time_s / DAY_S)
-    field = earthfield.along_time(LATITUDE, LONGITUDE, time_s[0], time_s[-1])
+    field = earthfield.field_along(LATITUDE, LONGITUDE, time_s[0], time_s[-1])
     declination = earthfield.declination_at(field, time_s) + ROCKS_DEG + daily + noise
     level = np.full(len(time_s), 17000.0)
     return FieldSeries(time_s, declination, level, 2.7 * level, "Made", LATITUDE, LONGITUDE, 100.0)

@@ -17,13 +17,24 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from compasslib import angles, records
+from compasslib import angles
 from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import files, netcdf, variables
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
 from compasslib.errors import InputError
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Pairs, Record
+from compasslib.records import (
+    BAD,
+    GOOD,
+    MISSING,
+    PROBABLY_GOOD,
+    PROFILES,
+    CorrectedRecord,
+    Pairs,
+    Record,
+    join_records,
+    take,
+)
 
 SITE = Site("EG4", latitude=65.3333, longitude=-32.9550, water_depth_m=894.0)
 USUAL = {
@@ -121,7 +132,7 @@ def measured(n: int = 200, m: int = 6) -> dict:
     return {"profiles": profiles, "pressure_dbar": rng.normal(100, 1, n), "recorded_in": "earth"}
 
 
-def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: object) -> records.Corrected:
+def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: object) -> CorrectedRecord:
     record = make_record(n, m, **other)
     deviation = 25 * angles.sin_cos(record.heading_deg)[0]
     deviation[:uncorrectable] = np.nan
@@ -129,7 +140,7 @@ def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: 
     declination = np.full(n, -17.5)
     east_recorded, north_recorded = angles.turn(record.east, record.north, declination[:, None])
     east, north = angles.turn(east_recorded, north_recorded, deviation[:, None])
-    return records.Corrected(
+    return CorrectedRecord(
         record=record,
         heading_corrected_deg=corrected,
         heading_uncertainty_deg=np.where(np.isfinite(corrected), 2.0, np.nan),
@@ -336,7 +347,7 @@ def test_what_else_was_logged_comes_back(tmp_path):
     back = netcdf.read_record(tmp_path / "r.nc")
     assert back.channel_units == {"turbidity": "NTU"} and list(back.channels) == ["turbidity"]
     np.testing.assert_array_equal(back.channels["turbidity"], turbidity)
-    np.testing.assert_array_equal(records.take(back, slice(198, None)).channels["turbidity"], [198.0, np.nan])
+    np.testing.assert_array_equal(take(back, slice(198, None)).channels["turbidity"], [198.0, np.nan])
 
 
 def test_what_the_velocities_came_with_comes_back_row_by_row(tmp_path):
@@ -347,8 +358,8 @@ def test_what_the_velocities_came_with_comes_back_row_by_row(tmp_path):
     netcdf.write_record(tmp_path / "r.nc", record)
     assert netcdf.read_record(tmp_path / "r.nc").profiles == {}  # few stages need them, and they are many
     back = dataclasses.replace(record, profiles=netcdf.read_profiles(tmp_path / "r.nc"))
-    some = records.take(back, slice(2, 7))
-    assert list(some.profiles) == list(records.PROFILES)
+    some = take(back, slice(2, 7))
+    assert list(some.profiles) == list(PROFILES)
     for name, values in record.profiles.items():
         np.testing.assert_array_equal(some.profiles[name], values[2:7], err_msg=name)
         assert some.profiles[name].dtype == values.dtype
@@ -357,7 +368,7 @@ def test_what_the_velocities_came_with_comes_back_row_by_row(tmp_path):
 def test_files_of_one_instrument_keep_what_all_of_them_hold():
     one, other = make_record(5, **measured(5)), make_record(7, **measured(7), time_s=1.2e9 + np.arange(7.0))
     less = {name: values for name, values in other.profiles.items() if name != "echo"}
-    both = records.joined([dataclasses.replace(other, profiles=less), one])
+    both = join_records([dataclasses.replace(other, profiles=less), one])
     assert sorted(both.profiles) == ["correlation", "error_velocity", "percent_good", "up"]
     np.testing.assert_array_equal(both.profiles["up"], np.concatenate([one.profiles["up"], less["up"]]))
 
@@ -465,7 +476,7 @@ def test_the_table_of_the_product_s_page_is_not_stale():
 def test_a_decade_in_pieces_is_written_as_in_one(tmp_path):
     product = make_product(**measured())
     parts = [
-        dataclasses.replace(records.take(product, some), record=records.take(product.record, some))
+        dataclasses.replace(take(product, some), record=take(product.record, some))
         for some in (slice(0, 70), slice(70, 200))
     ]
     write(tmp_path / "one.nc", product), write(tmp_path / "two.nc", parts)

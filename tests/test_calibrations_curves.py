@@ -10,7 +10,7 @@ from compasslib import angles, compass
 from compasslib.calibrations import budget, curves, platform
 from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.platform import BenchReadings
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_deviation
 
 SERIES = np.array([0.6, 5.0, -3.0, 1.2, -0.7])  # degrees
 # Moncunill Marimón et al. 2023, section 5.3: deviations on N, NE, E, SE, S, SW, W, NW.
@@ -20,7 +20,7 @@ EIGHT = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])
 def smith_bench(n: int = 36, noise_deg: float = 0.3, seed: int = 1) -> BenchReadings:
     recorded = ring(n) + 3.0
     noise = np.random.default_rng(seed).normal(0.0, noise_deg, n)
-    return BenchReadings(angles.wrap360(recorded + von_appen.predict(SERIES, recorded) + noise), recorded)
+    return BenchReadings(angles.wrap360(recorded + series_deviation(SERIES, recorded) + noise), recorded)
 
 
 def calibrated(read: BenchReadings, **keys):
@@ -84,7 +84,7 @@ def test_le_menn_5_exchanges_the_letters_d_and_e():
     printed = SERIES[[0, 1, 2, 4, 3]]  # D with cos 2, E with sin 2
     (s, k), (s2, k2) = angles.sin_cos(recorded), angles.sin_cos(2.0 * recorded)
     a, b, c, d, e = printed
-    assert np.allclose(a + b * s + c * k + d * k2 + e * s2, von_appen.predict(made.coefficients, recorded))
+    assert np.allclose(a + b * s + c * k + d * k2 + e * s2, series_deviation(made.coefficients, recorded))
 
 
 def test_the_polynomial_is_that_of_le_menn_7_and_jumps_at_north():
@@ -116,7 +116,7 @@ def test_series_against_polynomial_as_on_le_menns_bench():
     expanded = []
     for _ in range(20):
         recorded = rng.uniform(0.0, 10.0) + ring()
-        deviation = von_appen.predict([0.5, 10.0, 8.0, 2.5, 1.0], recorded) + rng.normal(0.0, 0.35, 36)
+        deviation = series_deviation([0.5, 10.0, 8.0, 2.5, 1.0], recorded) + rng.normal(0.0, 0.35, 36)
         fits = [
             curves.fit_curve(form, curves.deviation_points(recorded, recorded + deviation))
             for form in (SMITH, POLYNOMIAL)
@@ -157,7 +157,7 @@ def test_readings_repeated_at_one_setting_are_not_more_headings():
 def test_the_exact_compass_is_chosen_where_the_iron_is_strong_and_the_series_where_it_is_one():
     assert calibrated(readings(ring(), (0.0, 0.4, 0.2, 0.05, 0.0))).model == "exact"
     recorded, noise = ring() + 3.0, np.random.default_rng(1).normal(0.0, 0.1, 36)
-    correct = angles.wrap360(recorded + von_appen.predict(4.0 * SERIES, recorded) + noise)
+    correct = angles.wrap360(recorded + series_deviation(4.0 * SERIES, recorded) + noise)
     made = calibrated(BenchReadings(correct, recorded))
     assert made.model == "smith" and "smith 0." in made.details["chosen_by"]
     assert set(made.details["models"]) == {"smith", "exact", "polynomial", "one_cycle"}
@@ -166,7 +166,7 @@ def test_the_exact_compass_is_chosen_where_the_iron_is_strong_and_the_series_whe
 def test_a_table_every_ten_or_fifteen_degrees_with_what_all_headings_share():
     made = calibrated(smith_bench(), table_step_deg=15.0)
     assert len(made.table.heading_deg) == 24 and made.table.heading_deg[1] == 15.0
-    off = made.table.deviation_deg - von_appen.predict(SERIES, made.table.heading_deg)
+    off = made.table.deviation_deg - series_deviation(SERIES, made.table.heading_deg)
     assert np.all(np.abs(off) < 4.0 * made.table.sigma_deg)
     rows = budget.sources({"graduation_deg": 3.0})
     shared = calibrated(smith_bench(), sources=rows)

@@ -22,7 +22,7 @@ PLACE = {"latitude": 55.3, "longitude": 356.8}
 
 
 def held(made, limit_deg=0.5):
-    field = earthfield.along_time(LATITUDE, LONGITUDE, made.time_s[0], made.time_s[-1])
+    field = earthfield.field_along(LATITUDE, LONGITUDE, made.time_s[0], made.time_s[-1])
     return observatory.compare(made, field, limit_deg=limit_deg)
 
 

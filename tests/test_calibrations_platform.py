@@ -12,12 +12,13 @@ from bench import FOLDED, MILD, readings, ring, write_table
 from sea import pairs
 from test_plots import record
 
-from compasslib import angles, calibrations, compass, deviation
+from compasslib import angles, calibrations, compass
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring, budget, platform, result
 from compasslib.calibrations.platform import BenchReadings
-from compasslib.deviation import transfer
+from compasslib.deviation import describe_fit, fit_deviation
+from compasslib.deviation.model import FieldAtPlace, fit_from_json, transfer_coefficients
 from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
@@ -280,9 +281,9 @@ def test_a_reduced_calibration_is_compared_by_what_both_have(tmp_path):
 
 def at_home(coefficients, share: float = 1.0) -> np.ndarray:
     """Return a mooring's coefficients as they are on the bench, the share of hard iron given."""
-    away = transfer.Place(float(SEA.horizontal_nT[0]), float(SEA.vertical_nT[0]))
-    home = transfer.Place(HOME["horizontal_nT"], HOME["vertical_nT"])
-    ends = transfer.carry(coefficients, np.eye(5), away, home)
+    away = FieldAtPlace(float(SEA.horizontal_nT[0]), float(SEA.vertical_nT[0]))
+    home = FieldAtPlace(HOME["horizontal_nT"], HOME["vertical_nT"])
+    ends = transfer_coefficients(coefficients, np.eye(5), away, home)
     return share * ends.if_all_hard + (1.0 - share) * ends.if_all_induced
 
 
@@ -298,8 +299,8 @@ def test_headings_of_a_mooring_lie_within_what_the_carried_calibration_states(tm
     assert fit.n_pairs == 700 and 0.0 < fit.residual_rms_deg < 60.0
     assert fit.heading_density.sum() == pytest.approx(1.0)
     assert fit.warnings[0].startswith("calibration aqd: B and C may be [")
-    assert deviation.from_json(fit.to_json()).warnings == fit.warnings
-    assert deviation.fit("calibration", seen, near=fit) is fit
+    assert fit_from_json(fit.to_json()).warnings == fit.warnings
+    assert fit_deviation("calibration", seen, near=fit) is fit
     origin = at_mooring.origin(page(made), SEA)["calibration"]
     assert origin["name"] == "aqd" and abs(origin["if_all_hard"]["B"]) < abs(origin["if_all_induced"]["B"])
     if not fit.folded:
@@ -313,9 +314,7 @@ def test_a_folded_calibration_reaches_the_mooring_without_any_pair(tmp_path):
     none = replace(seen, **{k: v[:0] for k, v in vars(seen).items() if isinstance(v, np.ndarray)})
     fit = at_mooring.carry_to_mooring(page(made), SEA, record(seen, 300), none)
     assert fit.folded and fit.n_pairs == 0 and np.isnan(fit.residual_rms_deg)
-    assert "residual" not in deviation.log_line("M1", fit) and "warning: calibration aqd" in deviation.log_line(
-        "M1", fit
-    )
+    assert "residual" not in describe_fit("M1", fit) and "warning: calibration aqd" in describe_fit("M1", fit)
 
 
 @pytest.mark.parametrize(

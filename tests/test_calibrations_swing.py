@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from compasslib import angles, calibrations, compass
 from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_deviation
 from compasslib.errors import InputError
 from compasslib.plots.calibrations import draw_swing as page
 from compasslib.plots.page import DPI, WIDTH_IN
@@ -36,7 +36,7 @@ def recorded(heading_deg, truth=TRUTH):
     """Return what a compass with this series in the recorded heading shows."""
     gamma = np.asarray(heading_deg, dtype=float)
     for _ in range(60):
-        gamma = heading_deg - von_appen.predict(truth, gamma)
+        gamma = heading_deg - series_deviation(truth, gamma)
     return angles.wrap360(gamma)
 
 
@@ -102,7 +102,7 @@ def test_true_headings_without_noise_come_back(tmp_path):
     found = swing.calibrate([path], SURE | {"declination_deg": 4.0, "table_step_deg": 15.0})
     assert found.coefficients == pytest.approx(TRUTH, abs=1e-6)
     assert found.table.heading_deg.tolist() == (15.0 * np.arange(24)).tolist()
-    assert found.table.deviation_deg == pytest.approx(von_appen.predict(TRUTH, found.table.heading_deg), abs=1e-6)
+    assert found.table.deviation_deg == pytest.approx(series_deviation(TRUTH, found.table.heading_deg), abs=1e-6)
 
 
 @pytest.mark.parametrize("declination", [10.7, -10.7])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from compasslib import angles
 from compasslib.calibrations import swing
 from compasslib.calibrations.swing import adjustment
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design
 from compasslib.errors import InputError
 
 DEVIATIONS = dict(zip(adjustment.POINTS, (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123), strict=True))
@@ -54,7 +54,7 @@ def test_set_and_drift_by_the_triangle_of_speeds(ratio, set_deg):
     (east, north), (de, dn) = angles.components(1.0, heading), angles.components(ratio, set_deg)
     beta = angles.difference(angles.direction(east + de, north + dn), heading)
     terms = adjustment.set_and_drift_terms(ratio, set_deg)
-    by_terms = von_appen.design(heading) @ [0.0, -terms["x"], terms["y"], terms["D"], -terms["E"]]
+    by_terms = series_design(heading) @ [0.0, -terms["x"], terms["y"], terms["D"], -terms["E"]]
     assert np.max(np.abs(beta - by_terms)) <= 57.3 * ratio**3 / 3.0 * (1.0 + ratio) + 1e-9
     assert max(abs(terms["D"]), abs(terms["E"])) <= adjustment.error_bound_deg(ratio) + 1e-12
 
@@ -72,7 +72,7 @@ KNOWN = {"A": 0.4, "D": 1.5, "E": -0.6}
 
 
 def deviation(b: float, c: float, heading: float) -> float:
-    return (von_appen.design([heading]) @ [KNOWN["A"], b, c, KNOWN["D"], KNOWN["E"]]).item()
+    return (series_design([heading]) @ [KNOWN["A"], b, c, KNOWN["D"], KNOWN["E"]]).item()
 
 
 @given(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(0.0, 360.0), st.floats(60.001, 119.999))
@@ -115,7 +115,7 @@ def test_nullifying():  # MM section 7.2, point 7
     found = adjustment.plan_magnets(np.array([0.2, 6.0, -3.0, 0.5, 0.1]), 15.0)
     assert found["largest_deg"]["none"] > 4.0 > found["largest_deg"]["B"]
     assert found["text"].startswith("Nullify B:")
-    without = von_appen.design(np.arange(0.0, 360.0, 15.0)) @ [0.2, 0.0, -3.0, 0.5, 0.1]
+    without = series_design(np.arange(0.0, 360.0, 15.0)) @ [0.2, 0.0, -3.0, 0.5, 0.1]
     assert found["residual_table_deg"]["B"] == pytest.approx(without)
 
 

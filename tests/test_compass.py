@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sea import SHARED
 
 from compasslib import angles, compass
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_deviation
 
 SOFT = st.floats(-0.15, 0.15)
 HARD = st.floats(-1.6, 1.6)
@@ -80,7 +80,7 @@ def test_first_order_is_the_published_series():
     small = np.array([0.2, 1.0, -0.7, 0.4, 0.3])
     heading = np.arange(0.0, 360.0, 10.0)
     exact = angles.difference(heading, compass.recorded_heading(np.deg2rad(small), heading))
-    assert exact == pytest.approx(von_appen.predict(small, heading), abs=0.05)  # second order of one degree
+    assert exact == pytest.approx(series_deviation(small, heading), abs=0.05)  # second order of one degree
 
 
 def test_le_menn_4_with_atan2_is_the_same_compass():

@@ -10,7 +10,7 @@ ROOT = PROJECT / "compasslib"
 ENGINE = [
     *ROOT.glob("inference/**/*.py"),
     *ROOT.glob("statistics/*.py"),
-    ROOT / "effects/term.py",
+    ROOT / "effects/effect.py",
     ROOT / "effects/composed.py",
 ]
 LONGEST = 40  # of a value as the page shows it

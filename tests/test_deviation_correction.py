@@ -7,10 +7,31 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, pairs
 
-from compasslib import angles, deviation
+from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.attributes import Site
-from compasslib.deviation import along, assessment, branches, correction, doubts, exact, likelihood, model, von_appen
+from compasslib.deviation import deviation_json, find_implausibility
+from compasslib.deviation.assessment import (
+    REFUTED_DEG,
+    _vector_correlation,
+    assess_correction,
+    compare_forms,
+    describe_forms,
+)
+from compasslib.deviation.branches import MERGED_DEG, MotionModel, WaterTurns, _water_turns, forward_backward
+from compasslib.deviation.correction import (
+    MIN_PROBABILITY,
+    correct,
+    correct_headings,
+    correct_in_pieces,
+    readings_at_pairs,
+)
+from compasslib.deviation.doubts import UNIFORM_SIGMA_DEG, doubt_whole_record
+from compasslib.deviation.exact import fit_exact
+from compasslib.deviation.likelihood import CELL_CENTRES, CELLS
+from compasslib.deviation.model import unfitted
+from compasslib.deviation.series import fit_series
+from compasslib.deviation.tilt import compass_series
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record, take
 
 
@@ -41,12 +62,12 @@ def field_of(seen: Pairs, declination: float = 0.0) -> EarthField:
 @pytest.fixture(scope="module")
 def folded():
     seen, heading = pairs(FOLDED, n=4000, seed=4)
-    return seen, heading, exact.fit(seen)
+    return seen, heading, fit_exact(seen)
 
 
 def test_mild_record_is_corrected_to_its_stated_uncertainty():
     seen, heading = pairs(MILD, n=4000, seed=3)
-    product = correction.correct(record_of(seen), exact.fit(seen), field_of(seen), seen)
+    product = correct(record_of(seen), fit_exact(seen), field_of(seen), seen)
     off = angles.difference(product.heading_corrected_deg, heading)
     assert angles.rms(off) < 2.5 < angles.rms(angles.difference(seen.heading_deg, heading))
     assert np.mean(np.abs(off) < 1.96 * product.heading_uncertainty_deg) > 0.9
@@ -55,7 +76,7 @@ def test_mild_record_is_corrected_to_its_stated_uncertainty():
 
 def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declination():
     seen, _ = pairs(MILD, n=400)
-    product = correction.correct(record_of(seen), exact.fit(seen), field_of(seen, 18.0), seen)
+    product = correct(record_of(seen), fit_exact(seen), field_of(seen, 18.0), seen)
     assert np.hypot(product.east, product.north) == pytest.approx(
         np.hypot(product.east_recorded, product.north_recorded)
     )
@@ -67,11 +88,11 @@ def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declinat
 
 def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch):
     seen, _ = pairs(MILD, n=400)
-    asked = (record_of(seen), exact.fit(seen), field_of(seen, 18.0), seen)
-    monkeypatch.setattr(correction, "PIECE", 150)
-    several = correction.in_pieces(*asked)
+    asked = (record_of(seen), fit_exact(seen), field_of(seen, 18.0), seen)
+    monkeypatch.setattr("compasslib.deviation.correction.PIECE", 150)
+    several = correct_in_pieces(*asked)
     assert [len(piece.record.time_s) for piece in several] == [150, 150, 100]
-    for name, product in (("whole.nc", correction.correct(*asked)), ("pieces.nc", several)):
+    for name, product in (("whole.nc", correct(*asked)), ("pieces.nc", several)):
         netcdf.write_corrected(tmp_path / name, product, site=Site("M", 60.0, -30.0))
     with netCDF4.Dataset(tmp_path / "whole.nc") as one, netCDF4.Dataset(tmp_path / "pieces.nc") as other:
         assert list(one.variables) == list(other.variables) and str(one.__dict__) == str(other.__dict__)
@@ -81,10 +102,10 @@ def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch
 
 def test_branches_of_a_folded_compass(folded):
     seen, heading, fit = folded
-    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    product = correct(record_of(seen), fit, field_of(seen), seen)
     off = np.abs(angles.difference(product.heading_corrected_deg, heading))
     assert np.isfinite(off).all() and np.median(off) < 3.0
-    sure = product.branch_probability >= correction.SURE
+    sure = product.branch_probability >= MIN_PROBABILITY
     assert 0.7 < sure.mean() < 1.0 and np.mean(off[sure] < 40.0) > 0.94
     assert (product.heading_corrected_quality[~sure] == PROBABLY_BAD).all()
 
@@ -93,9 +114,9 @@ def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
     seen, heading, fit = folded
     kept = np.ones(len(seen), dtype=bool)
     kept[1000:1168] = False
-    few = assessment.take(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
-    few = assessment.take(few, np.isin(few.time_s, seen.time_s[kept]))
-    decision = correction.headings(assessment.take(correction.readings_of(seen), kept), fit, few)
+    few = take(seen, np.flatnonzero(np.arange(len(seen)) % 12 == 0))
+    few = take(few, np.isin(few.time_s, seen.time_s[kept]))
+    decision = correct_headings(take(readings_at_pairs(seen), kept), fit, few)
     off = np.abs(angles.difference(decision.heading_deg, heading[kept]))
     two = np.isfinite(decision.other_deg)
     assert np.median(off) < 4.0
@@ -104,12 +125,12 @@ def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
 
 
 def test_posterior_is_a_distribution_and_memory_ends_in_a_long_gap():
-    evidence = np.ones((3, likelihood.CELLS))
+    evidence = np.ones((3, CELLS))
     evidence[0, 10] = 1e9
-    flat = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
-    habit = branches.Habit(width_deg=6.0, water_m_s=10.0, leaps=0.01)
+    flat = np.full(CELLS, 1.0 / CELLS)
+    habit = MotionModel(width_deg=6.0, water_m_s=10.0, leaps=0.01)
     near, far = (
-        branches.smooth(evidence, branches.Moves(np.array([1.0, gap]), np.zeros(2), np.zeros(2)), habit, flat)
+        forward_backward(evidence, WaterTurns(np.array([1.0, gap]), np.zeros(2), np.zeros(2)), habit, flat)
         for gap in (1.0, 5000.0)
     )
     assert near.sum(axis=1) == pytest.approx(np.ones(3))
@@ -120,18 +141,18 @@ def test_an_instrument_that_turns_in_steady_water_turns_the_water_against_it():
     """Clockwise by 30 degrees: the water turns by -30 in its frame, and the heading's step is +30."""
     heading = np.array([40.0, 70.0])
     water = 0.4 * angles.phasor(200.0 - heading)
-    evidence = np.ones((2, likelihood.CELLS))
-    evidence[0] = np.exp(-0.5 * (angles.difference(likelihood.CELL_CENTRES, 40.0) / 4.0) ** 2)
-    flat = np.full(likelihood.CELLS, 1.0 / likelihood.CELLS)
-    moves = branches._moves(np.array([0.0, 3600.0]), water)
-    posterior = branches.smooth(evidence, moves, branches.Habit(80.0, 0.03, 0.003), flat)
-    assert angles.mean(likelihood.CELL_CENTRES, weights=posterior[1]) == pytest.approx(70.0, abs=3.0)
+    evidence = np.ones((2, CELLS))
+    evidence[0] = np.exp(-0.5 * (angles.difference(CELL_CENTRES, 40.0) / 4.0) ** 2)
+    flat = np.full(CELLS, 1.0 / CELLS)
+    moves = _water_turns(np.array([0.0, 3600.0]), water)
+    posterior = forward_backward(evidence, moves, MotionModel(80.0, 0.03, 0.003), flat)
+    assert angles.mean(CELL_CENTRES, weights=posterior[1]) == pytest.approx(70.0, abs=3.0)
 
 
 def test_published_method_gives_up_outside_its_stretch():
     seen, _ = pairs((0.0, 1.1, 0.7, 0.0, 0.0), n=3000, spread=35.0, seed=3)
-    fit = von_appen.fit(seen)
-    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    fit = fit_series(seen)
+    product = correct(record_of(seen), fit, field_of(seen), seen)
     lost = ~np.isfinite(product.heading_corrected_deg)
     assert fit.folded and lost.any()
     assert (product.heading_corrected_quality[lost] == BAD).all()
@@ -141,12 +162,12 @@ def test_published_method_gives_up_outside_its_stretch():
 @pytest.mark.parametrize("method", ["exact", "von_appen"])
 def test_nothing_fitted_gives_nan_flag_4_and_an_assessment_that_says_so(method):
     seen, _ = pairs(n=5)
-    fit = model.too_few(method, 5)
-    product = correction.correct(record_of(seen), fit, field_of(seen), seen)
+    fit = unfitted(method, 5)
+    product = correct(record_of(seen), fit, field_of(seen), seen)
     assert np.isnan(product.heading_corrected_deg).all() and (product.heading_corrected_quality == BAD).all()
-    verdict = assessment.assess(seen, fit)
+    verdict = assess_correction(seen, fit)
     assert verdict["before"]["n"] == 5 and verdict["after"]["n"] == 0
-    assert deviation.described(fit, record_of(seen))["correctable_fraction"] == 0.0
+    assert deviation_json(fit, record_of(seen))["correctable_fraction"] == 0.0
 
 
 def test_missing_velocities_stay_missing_and_bad_headings_are_not_corrected():
@@ -155,14 +176,14 @@ def test_missing_velocities_stay_missing_and_bad_headings_are_not_corrected():
     quality, heading = record.quality.copy(), record.heading_quality.copy()
     quality[3], heading[5] = MISSING, BAD
     changed = replace(record, quality=quality, heading_quality=heading)
-    product = correction.correct(changed, exact.fit(seen), field_of(seen), seen)
+    product = correct(changed, fit_exact(seen), field_of(seen), seen)
     assert product.velocity_quality[3, 0] == MISSING
     assert np.isnan(product.heading_corrected_deg[5]) and product.velocity_quality[5, 0] == BAD
 
 
 def test_assessment_is_on_held_out_pairs_and_sees_the_gain():
     seen, _ = pairs((0.0, 0.5, -0.3, 0.0, 0.0), n=3000, seed=8)
-    verdict = assessment.assess(seen, exact.fit(seen))
+    verdict = assess_correction(seen, fit_exact(seen))
     assert verdict["after"]["rms_deg"] < verdict["before"]["rms_deg"]
     assert verdict["after"]["vector_correlation"]["magnitude"] > verdict["before"]["vector_correlation"]["magnitude"]
     assert verdict["held_out"]["n"] == len(seen)
@@ -170,26 +191,26 @@ def test_assessment_is_on_held_out_pairs_and_sees_the_gain():
 
 def test_vector_correlation_angle_is_the_turn_of_the_upper_water():
     lower = np.array([0.1 + 0.2j, -0.3 + 0.1j, 0.2 - 0.2j])
-    found = assessment._vector_correlation(lower * angles.phasor(-30.0), lower)  # clockwise by 30 degrees
+    found = _vector_correlation(lower * angles.phasor(-30.0), lower)  # clockwise by 30 degrees
     assert found == {"magnitude": pytest.approx(1.0), "angle_deg": pytest.approx(30.0)}
 
 
 def test_a_heading_that_may_be_anything_has_the_uncertainty_of_the_whole_circle():
     seen, _ = pairs(n=120, seed=10)
-    product = correction.correct(record_of(seen), von_appen.fit(seen), field_of(seen), seen)
+    product = correct(record_of(seen), fit_series(seen), field_of(seen), seen)
     assert np.nanmin(product.heading_uncertainty_deg) > 0.0
-    assert np.nanmax(product.heading_uncertainty_deg) <= correction.KNOWS_NOTHING_DEG
+    assert np.nanmax(product.heading_uncertainty_deg) <= UNIFORM_SIGMA_DEG
 
 
 def test_forms_are_compared_on_held_out_blocks_and_a_folded_compass_shows():
     """Over folded headings the series cannot turn zero times; over mild ones the three are nearly the same."""
     seen = [pairs(coefficients, n=6000, seed=4)[0] for coefficients in (FOLDED, (0.0, 0.1, 0.05, 0.0, 0.0))]
-    folded, mild = (assessment.compare_forms(p, exact.fit(p)) for p in seen)
+    folded, mild = (compare_forms(p, fit_exact(p)) for p in seen)
     assert folded["exact"]["minus_exact"] == 0.0
     for name in ("series_in_correct", "series_in_recorded"):
         assert folded[name]["minus_exact"] < -2.5 * folded[name]["minus_exact_sigma"] < 0.0
         assert abs(mild[name]["minus_exact"]) < max(0.01, 3.0 * mild[name]["minus_exact_sigma"])
-    line = assessment.forms_line("M1", folded)
+    line = describe_forms("M1", folded)
     assert line.startswith("M1: cross-validation: the Fourier series in correct heading predicts worse than the exact ")
     assert "that in recorded heading predicts worse than the exact compass (-" in line and "\n" not in line
 
@@ -207,11 +228,11 @@ def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
     seen, _ = pairs(iron, n=1200, seed=31)
     velocity = READ_WRONGLY[mistake](seen.lower_east + 1j * seen.lower_north)
     wrong = replace(seen, lower_east=velocity.real, lower_north=velocity.imag)
-    fit, record = exact.fit(wrong), record_of(wrong)
-    said = deviation.implausible(fit, record) or assessment.assess(wrong, fit)["refuted"]
+    fit, record = fit_exact(wrong), record_of(wrong)
+    said = find_implausibility(fit, record) or assess_correction(wrong, fit)["refuted"]
     assert "flagged doubtful" in said
-    denied = [doubts.whole_record(doubts.KNOWS_NOTHING_DEG, said)]
-    product = correction.correct(record, fit, field_of(wrong), wrong, doubts=denied)
+    denied = [doubt_whole_record(UNIFORM_SIGMA_DEG, said)]
+    product = correct(record, fit, field_of(wrong), wrong, doubts=denied)
     assert (product.heading_corrected_quality >= PROBABLY_BAD).all()
     assert (product.heading_uncertainty_deg > 100.0).all()
 
@@ -222,10 +243,10 @@ def test_a_reading_that_the_compass_cannot_have_made_is_flagged_and_not_guessed(
     outside = angles.wrap360(high + (360.0 - (high - low)) / 2.0)
     record = record_of(seen)
     heading = np.where(np.arange(len(seen)) % 50 == 7, outside, record.heading_deg)
-    product = correction.correct(replace(record, heading_deg=heading), fit, field_of(seen), seen)
+    product = correct(replace(record, heading_deg=heading), fit, field_of(seen), seen)
     assert (product.heading_corrected_quality[heading == outside] == PROBABLY_BAD).all()
-    assert not deviation.implausible(fit, record)
-    assert "cannot have recorded 100%" in deviation.implausible(
+    assert not find_implausibility(fit, record)
+    assert "cannot have recorded 100%" in find_implausibility(
         fit, replace(record, heading_deg=np.full(len(seen), outside))
     )
 
@@ -239,7 +260,7 @@ def test_wild_headings_are_caught_and_right_ones_near_strong_iron_are_not(streng
     spikes = rng.choice([-1.0, 1.0], len(seen)) * rng.uniform(60.0, 180.0, len(seen))
     record = record_of(replace(seen, heading_deg=angles.wrap360(seen.heading_deg + np.where(wild, spikes, 0.0))))
     right = take(seen, ~wild)
-    product = correction.correct(record, exact.fit(right), field_of(seen), right)
+    product = correct(record, fit_exact(right), field_of(seen), right)
     flagged = product.heading_corrected_quality > GOOD
     assert flagged[wild].mean() > 0.8 and flagged[~wild].mean() < 0.045
     assert np.isnan(product.heading_corrected_deg[product.record.heading_quality == BAD]).all()
@@ -248,9 +269,9 @@ def test_wild_headings_are_caught_and_right_ones_near_strong_iron_are_not(streng
 def test_both_headings_stay_open_where_hardly_a_pair_shows_the_branch(folded):
     seen, heading, fit = folded
     told = replace(fit, noise=replace(fit.noise, floor_deg=60.0))  # scatter in which no two branches are apart
-    product = correction.correct(record_of(seen), told, field_of(seen), seen)
-    roots = along.of_fit(told, correction.readings_of(seen)).roots()
-    two = np.abs(angles.difference(roots[:, 0], roots[:, 1])) > 2.0 * branches.MERGED_DEG
+    product = correct(record_of(seen), told, field_of(seen), seen)
+    roots = compass_series(told, readings_at_pairs(seen)).roots()
+    two = np.abs(angles.difference(roots[:, 0], roots[:, 1])) > 2.0 * MERGED_DEG
     assert two.sum() > 100 and (product.heading_corrected_quality[two] == PROBABLY_BAD).all()
     off = np.abs(angles.difference(product.heading_corrected_deg, heading))[two]
     assert np.mean(off < 1.96 * product.heading_uncertainty_deg[two]) > 0.95
@@ -261,7 +282,7 @@ def test_pairs_of_a_few_days_are_no_surer_than_they_can_be():
     for seed in range(11, 16):
         seen, heading = pairs(MILD, n=1000, seed=seed)
         few = take(seen, slice(0, 80))
-        product = correction.correct(record_of(seen), exact.fit(few), field_of(seen), few)
+        product = correct(record_of(seen), fit_exact(few), field_of(seen), few)
         off = np.abs(angles.difference(product.heading_corrected_deg, heading))
         covered.append(np.mean(off < 1.96 * product.heading_uncertainty_deg))
     assert min(covered) > 0.85
@@ -275,6 +296,6 @@ def test_directions_that_agree_no_better_than_those_of_other_days_deny_the_corre
     )  # a mean flow rules: unrelated ones scatter less
     seen = take(seen, inside)
     other = replace(seen, lower_east=np.roll(seen.lower_east, 700), lower_north=np.roll(seen.lower_north, 700))
-    own, strange = (assessment.assess(x, exact.fit(x)) for x in (seen, other))
+    own, strange = (assess_correction(x, fit_exact(x)) for x in (seen, other))
     assert own["refuted"] == "" and own["after"]["rms_deg"] < own["rms_of_other_days_deg"]
-    assert strange["after"]["rms_deg"] < assessment.REFUTED_DEG and "of other days" in strange["refuted"]
+    assert strange["after"]["rms_deg"] < REFUTED_DEG and "of other days" in strange["refuted"]

@@ -14,8 +14,18 @@ from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.files import read_json
 from compasslib.calibrations import at_mooring
-from compasslib.deviation import constant, correction, doubts, exact, windows
-from compasslib.deviation.model import Fit
+from compasslib.deviation.assessment import ConstantOffset, find_constant_offset
+from compasslib.deviation.correction import correct
+from compasslib.deviation.doubts import (
+    UNIFORM_SIGMA_DEG,
+    Doubt,
+    doubt_whole_record,
+    doubts_from_json,
+    evaluate_doubts,
+    find_doubtful_windows,
+)
+from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
+from compasslib.deviation.model import DeviationFit
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.pipeline.process import process_mooring
@@ -24,14 +34,14 @@ from compasslib.records import GOOD, PROBABLY_BAD, Pairs
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
 
 
-def fitted(angle_deg: float, sigma_deg: float = SIGMA_DEG) -> Fit:
+def fitted(angle_deg: float, sigma_deg: float = SIGMA_DEG) -> DeviationFit:
     a = np.tan(np.deg2rad(angle_deg))
     covariance = np.diag(np.full(5, np.deg2rad(sigma_deg) ** 2))
-    return Fit("exact", 1000, np.array([a, 0.3, 0.1, 0.0, 0.0]), covariance)
+    return DeviationFit("exact", 1000, np.array([a, 0.3, 0.1, 0.0, 0.0]), covariance)
 
 
-def series(angle_deg: float) -> Fit:
-    return Fit("von_appen", 1000, np.array([angle_deg, 3.0, 1.0, 0.0, 0.0]), np.diag(np.full(5, SIGMA_DEG**2)))
+def series(angle_deg: float) -> DeviationFit:
+    return DeviationFit("von_appen", 1000, np.array([angle_deg, 3.0, 1.0, 0.0, 0.0]), np.diag(np.full(5, SIGMA_DEG**2)))
 
 
 @pytest.fixture(scope="module")
@@ -55,19 +65,19 @@ def some() -> Pairs:
     ],
 )
 def test_a_constant_is_questioned_where_a_mistake_explains_it_and_an_ordinary_one_hardly_does(some, fit, effect, words):
-    found = constant.of_fit(fit, some, DECLINATION_DEG)
+    found = find_constant_offset(fit, some, DECLINATION_DEG)
     assert found.effect == effect and (words in found.text if words else not found.text)
     assert found.probability > 10.0 / 11.0 if effect else found.probability == 0.0
 
 
 def test_a_small_declination_is_told_from_an_ordinary_constant_by_the_odds(some):
     """6° within 1°: 12 to 1 against a normal constant of 4°; within 2.9° of it, 3 to 1."""
-    assert constant.of_fit(fitted(6.0, 1.0), some, 6.0).effect == "declination_error"
-    assert constant.of_fit(fitted(6.0, 1.4), some, 8.7).effect == ""
+    assert find_constant_offset(fitted(6.0, 1.0), some, 6.0).effect == "declination_error"
+    assert find_constant_offset(fitted(6.0, 1.4), some, 8.7).effect == ""
 
 
 def test_a_heading_bias_that_was_subtracted_is_named_with_its_instrument(some):
-    found = constant.of_fit(fitted(-45.5), some, DECLINATION_DEG, {"top": 0.0, "deep": 45.0})
+    found = find_constant_offset(fitted(-45.5), some, DECLINATION_DEG, {"top": 0.0, "deep": 45.0})
     assert found.effect == "declination_error"
     assert "EB of +45.0° that was subtracted from the directions of deep" in found.text
 
@@ -81,8 +91,8 @@ def turned(seen: Pairs, side: str, angle_deg: float) -> Pairs:
 
 def test_of_a_calibration_made_elsewhere_the_mean_residual_is_the_constant():
     seen, _ = pairs(MILD, n=1500, seed=3)
-    carried = replace(exact.fit(seen), method="calibration")
-    found = constant.of_fit(carried, turned(seen, "lower", 18.0), DECLINATION_DEG)
+    carried = replace(fit_exact(seen), method="calibration")
+    found = find_constant_offset(carried, turned(seen, "lower", 18.0), DECLINATION_DEG)
     assert found.effect == "declination_error" and found.angle_deg == pytest.approx(18.0, abs=3.0)
 
 
@@ -91,9 +101,9 @@ def test_a_two_valued_compass_whose_readings_are_all_turned_is_fitted_by_its_con
     """From starts without a constant it ends in soft iron of 60 %, as no instrument has."""
     seen, _ = pairs(FOLDED, n=3000, seed=5)
     wrong = replace(turned(seen, "upper", angle_deg), heading_deg=angles.wrap360(seen.heading_deg + angle_deg))
-    fit = exact.fit(wrong)
+    fit = fit_exact(wrong)
     assert float(angles.wrap180(angles.direction(fit.coefficients[0], 1.0))) == pytest.approx(-angle_deg, abs=4.0)
-    assert np.hypot(*fit.coefficients[3:5]) < exact.MOST_SOFT
+    assert np.hypot(*fit.coefficients[3:5]) < MAX_SOFT_IRON
 
 
 # ------------------------------------------------------------------------------------------------------------- windows
@@ -112,8 +122,8 @@ def spoilt(seen: Pairs, some: slice) -> Pairs:
 def test_a_stretch_repeated_from_elsewhere_is_doubted_with_its_dates_and_the_rest_is_not(iron, some):
     seen, _ = pairs(iron, n=3000, seed=21)
     wrong = spoilt(seen, some)
-    found = windows.doubtful(wrong, exact.fit(wrong))
-    inside, _ = doubts.along_time(found, wrong.time_s)
+    found = find_doubtful_windows(wrong, fit_exact(wrong))
+    inside, _ = evaluate_doubts(found, wrong.time_s)
     assert inside[some].mean() > 0.6 and np.delete(inside, np.arange(3000)[some]).mean() < 0.1
     assert all(doubt.sigma_deg >= 10.0 and "directions differ from the reference" in doubt.why for doubt in found)
 
@@ -122,7 +132,7 @@ def test_a_stretch_repeated_from_elsewhere_is_doubted_with_its_dates_and_the_res
 @pytest.mark.parametrize("seed", range(4))
 def test_a_sound_record_has_no_doubtful_stretch(iron, seed):
     seen, _ = pairs(iron, n=3000, seed=seed)
-    assert windows.doubtful(seen, exact.fit(seen)) == ()
+    assert find_doubtful_windows(seen, fit_exact(seen)) == ()
 
 
 def with_others(seen: Pairs, every: int) -> Pairs:
@@ -138,7 +148,7 @@ def with_others(seen: Pairs, every: int) -> Pairs:
 @pytest.mark.parametrize("every", [2, 3, 7, 12])
 def test_samples_of_another_record_at_every_kth_place_are_doubted_by_their_period(iron, every):
     wrong = with_others(pairs(iron, n=3000, seed=22)[0], every)
-    first, *_ = windows.doubtful(wrong, exact.fit(wrong))
+    first, *_ = find_doubtful_windows(wrong, fit_exact(wrong))
     assert np.isinf(first.from_s) and first.sigma_deg > 20.0 and f"one in {every} differ" in first.why
 
 
@@ -146,17 +156,17 @@ def test_an_hour_of_the_day_that_differs_is_told_by_its_hour():
     seen, _ = pairs(MILD, n=3000, seed=23)
     hour = np.rint(seen.time_s / 3600.0).astype(int) % 24
     velocity = angles.turn(seen.upper_east, seen.upper_north, np.where(hour == 14, 50.0, 0.0))
-    first, *_ = windows.doubtful(
-        wrong := replace(seen, upper_east=velocity[0], upper_north=velocity[1]), exact.fit(wrong)
+    first, *_ = find_doubtful_windows(
+        wrong := replace(seen, upper_east=velocity[0], upper_north=velocity[1]), fit_exact(wrong)
     )
     assert "those of 14:00 UTC differ" in first.why
 
 
 def test_doubts_lower_the_flag_and_widen_the_uncertainty_there_and_nowhere_else():
     seen, _ = pairs(MILD, n=600, seed=2)
-    record, fit = record_of(seen), exact.fit(seen)
-    stretch = doubts.Doubt(float(record.time_s[100]), float(record.time_s[199]), 20.0, "for a test")
-    plain, doubted = (correction.correct(record, fit, field_of(seen), seen, doubts=said) for said in ((), (stretch,)))
+    record, fit = record_of(seen), fit_exact(seen)
+    stretch = Doubt(float(record.time_s[100]), float(record.time_s[199]), 20.0, "for a test")
+    plain, doubted = (correct(record, fit, field_of(seen), seen, doubts=said) for said in ((), (stretch,)))
     inside = np.zeros(len(record.time_s), dtype=bool)
     inside[100:200] = True
     assert (doubted.heading_corrected_quality[inside] == PROBABLY_BAD).all()
@@ -169,17 +179,17 @@ def test_doubts_lower_the_flag_and_widen_the_uncertainty_there_and_nowhere_else(
 
 
 def test_doubts_come_back_from_deviation_json():
-    every = (doubts.Doubt(1.2e9, 1.3e9, 12.0, "why"), doubts.whole_record(30.0, "all of it"))
-    assert doubts.from_json([doubt.to_json() for doubt in every]) == every
+    every = (Doubt(1.2e9, 1.3e9, 12.0, "why"), doubt_whole_record(30.0, "all of it"))
+    assert doubts_from_json([doubt.to_json() for doubt in every]) == every
 
 
 # ------------------------------------------------------------------------------------------------ steps, other faults
 def test_the_step_of_coarse_headings_is_in_their_uncertainty_where_they_are_coarse():
     seen, heading = pairs(MILD, n=2000, seed=4)
-    record, fit = record_of(seen), exact.fit(seen)
+    record, fit = record_of(seen), fit_exact(seen)
     part = np.arange(2000) < 1000
     coarse = replace(record, heading_deg=np.where(part, 10.0 * np.floor(record.heading_deg / 10.0), record.heading_deg))
-    plain, found = (correction.correct(each, fit, field_of(seen), seen) for each in (record, coarse))
+    plain, found = (correct(each, fit, field_of(seen), seen) for each in (record, coarse))
     error = np.abs(angles.difference(found.heading_corrected_deg, heading))
     assert np.mean(error[part] < 1.96 * found.heading_uncertainty_deg[part]) > 0.9
     np.testing.assert_array_equal(found.heading_uncertainty_deg[~part], plain.heading_uncertainty_deg[~part])
@@ -187,7 +197,7 @@ def test_the_step_of_coarse_headings_is_in_their_uncertainty_where_they_are_coar
 
 def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
     seen, _ = pairs(MILD, n=1500, seed=6)
-    own = replace(exact.fit(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
+    own = replace(fit_exact(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
     other = replace(own, coefficients=own.coefficients + np.array([0.0, -1.0, 0.6, 0.0, 0.0]))
     moved = replace(own, coefficients=own.coefficients + np.array([0.2, 0.0, 0.0, 0.0, 0.0]))
     assert [bool(at_mooring.contradiction(fit, seen)) for fit in (own, moved, other)] == [False, False, True]
@@ -196,14 +206,16 @@ def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
 def test_directions_that_agree_with_no_heading_doubt_the_record():
     seen, _ = pairs(MILD, n=2000, seed=8)
     wrong = with_others(seen, 12)
-    assert diagnoses._doubt_outliers(exact.fit(seen)) == ()
-    (doubt,) = diagnoses._doubt_outliers(exact.fit(wrong))
+    assert diagnoses._doubt_outliers(fit_exact(seen)) == ()
+    (doubt,) = diagnoses._doubt_outliers(fit_exact(wrong))
     assert "disagree with the fitted compass altogether" in doubt.why and doubt.sigma_deg > 15.0
 
 
 # --------------------------------------------------------------------------------------------- verdict, flags and words
-def concluded(seen: Pairs, *, fit: Fit | None = None, fixed: constant.Constant | None = None, calibration: str = ""):
-    fit = exact.fit(seen) if fit is None else fit
+def concluded(
+    seen: Pairs, *, fit: DeviationFit | None = None, fixed: ConstantOffset | None = None, calibration: str = ""
+):
+    fit = fit_exact(seen) if fit is None else fit
     found = Diagnosis("consistent")
     return diagnoses.conclude(
         lambda _: found, seen, record_of(seen), field_of(seen), {}, fit=fit, constant=fixed, calibration=calibration
@@ -226,11 +238,11 @@ def test_a_doubtful_stretch_makes_the_verdict_unexplained_and_says_when():
 
 def test_a_calibration_of_another_compass_is_insufficient_and_named():
     seen, _ = pairs(MILD, n=1500, seed=6)
-    other = replace(exact.fit(seen), method="calibration", covariance=np.eye(5) * 1e-4)
+    other = replace(fit_exact(seen), method="calibration", covariance=np.eye(5) * 1e-4)
     other = replace(other, coefficients=np.array([0.0, -0.7, 0.7, 0.0, 0.0]))
     made = concluded(seen, fit=other, calibration="bench")
     assert made.diagnosis.verdict == "insufficient" and made.diagnosis.why.startswith("calibration bench: ")
-    assert made.product.doubts[0].sigma_deg == doubts.KNOWS_NOTHING_DEG
+    assert made.product.doubts[0].sigma_deg == UNIFORM_SIGMA_DEG
 
 
 @pytest.mark.parametrize("confirmed", [False, True])

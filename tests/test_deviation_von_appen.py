@@ -5,44 +5,51 @@ import pytest
 from sea import MILD, pairs
 
 from compasslib import angles
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import (
+    fit_series,
+    inverse_table,
+    invert_series,
+    series_deviation,
+    series_folds,
+    series_slope,
+)
 
 
 @pytest.mark.parametrize(("b", "recorded"), [(0, 90), (20, 70), (45, 45), (57.3, 32.7), (90, 0), (135, -45)])
 def test_figure_5_at_a_correct_heading_of_90(b, recorded):
-    assert 90.0 - von_appen.predict((0, b, 0, 0, 0), 90.0) == pytest.approx(recorded)
+    assert 90.0 - series_deviation((0, b, 0, 0, 0), 90.0) == pytest.approx(recorded)
 
 
 def test_series_folds_beyond_180_over_pi():
     edge = 180.0 / np.pi
-    assert not von_appen.folds((0, edge - 0.01, 0, 0, 0))
-    assert von_appen.folds((0, edge + 0.05, 0, 0, 0))
+    assert not series_folds((0, edge - 0.01, 0, 0, 0))
+    assert series_folds((0, edge + 0.05, 0, 0, 0))
 
 
 @pytest.mark.parametrize("coefficients", [(3, 10, -8, 2, 1), (-1, 40, 20, 3, 2)])
 def test_lookup_inverts_the_series_on_the_whole_circle(coefficients):
     heading = np.arange(0.3, 360.0, 1.7)
-    recorded = angles.wrap360(heading - von_appen.predict(coefficients, heading))
+    recorded = angles.wrap360(heading - series_deviation(coefficients, heading))
     # linear interpolation in a table of a quarter degree
-    assert np.abs(angles.difference(von_appen.invert(coefficients, recorded), heading)).max() < 0.02
+    assert np.abs(angles.difference(invert_series(coefficients, recorded), heading)).max() < 0.02
 
 
 def test_folded_series_inverts_only_its_sluggish_stretch():
     coefficients = (0, 100.0, 0, 0, 0)
-    gamma, beta = von_appen.lookup_table(coefficients)
+    gamma, beta = inverse_table(coefficients)
     assert (np.diff(gamma) > 0).all() and (np.diff(beta) < 0).all()
-    assert (von_appen.slope(coefficients, beta[1:-1]) < 0).all()
+    assert (series_slope(coefficients, beta[1:-1]) < 0).all()
     inside, outside = float(gamma.mean()), float(gamma[-1]) + 20.0
-    found = von_appen.invert(coefficients, np.array([inside, outside, np.nan]))
+    found = invert_series(coefficients, np.array([inside, outside, np.nan]))
     assert np.isfinite(found[0]) and np.isnan(found[1:]).all()
-    assert angles.difference(found[0] - von_appen.predict(coefficients, found[0]), inside) == pytest.approx(0, abs=0.02)
+    assert angles.difference(found[0] - series_deviation(coefficients, found[0]), inside) == pytest.approx(0, abs=0.02)
 
 
 def test_fit_recovers_a_curve_without_noise():
     seen, _ = pairs(MILD, n=500)
     heading = np.linspace(0.0, 359.0, 500)
     truth = np.array([3.0, 20.0, -10.0, 2.0, 1.0])
-    deviation = von_appen.predict(truth, heading)
+    deviation = series_deviation(truth, heading)
     lower = angles.turn(seen.upper_east, seen.upper_north, deviation)
     clean = type(seen)(
         **{
@@ -52,7 +59,7 @@ def test_fit_recovers_a_curve_without_noise():
             "lower_north": lower[1],
         }
     )
-    fit = von_appen.fit(clean)
+    fit = fit_series(clean)
     assert fit.coefficients == pytest.approx(truth, abs=1e-6)
     assert fit.recorded_range_deg == (0.0, 360.0) and not fit.folded
 
@@ -60,10 +67,10 @@ def test_fit_recovers_a_curve_without_noise():
 def test_shared_noise_biases_it_as_the_design_says():
     """The noisy lower direction stands on both axes: the slope is drawn towards +1 (the reason for the exact fit)."""
     seen, _ = pairs((0, 0, 0, 0, 0), n=6000, spread=35.0)
-    assert np.hypot(*von_appen.fit(seen).coefficients[1:3]) > 10.0
+    assert np.hypot(*fit_series(seen).coefficients[1:3]) > 10.0
 
 
 def test_too_few_pairs_are_said():
     seen, _ = pairs(n=10)
-    fit = von_appen.fit(seen)
+    fit = fit_series(seen)
     assert not fit.fitted and fit.why == "10 overlapping pairs, at least 30 are needed"

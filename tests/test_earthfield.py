@@ -29,7 +29,7 @@ def test_the_model_is_the_one_that_others_evaluate(place):
 
 
 def test_along_the_deployment_and_between_nodes():
-    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0)
+    field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0)
     assert field.declination_deg[[0, -1]] == pytest.approx([-23.59, -23.22], abs=0.01)
     middle = (field.time_s[3] + field.time_s[4]) / 2
     exact = earthfield.igrf(*EG4, [middle])[0][0]
@@ -38,10 +38,12 @@ def test_along_the_deployment_and_between_nodes():
 
 @pytest.mark.parametrize(("given", "warned"), [(-23.0, False), (23.4, True), (-24.8, True)])
 def test_a_given_number_overrides_and_a_disagreement_is_said(given, warned):
-    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, given)
+    field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, given)
     assert (field.declination_deg == given).all() and field.source == "metadata"
     assert bool(field.warnings) == warned
-    again = earthfield.from_json({k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(field).items()})
+    again = earthfield.field_from_json(
+        {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(field).items()}
+    )
     assert again.warnings == field.warnings
 
 
@@ -56,12 +58,12 @@ def test_a_given_number_overrides_and_a_disagreement_is_said(given, warned):
     ],
 )
 def test_the_mistake_in_a_given_declination_is_named(given, said):
-    assert said in earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, given).warnings[0]
+    assert said in earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, given).warnings[0]
 
 
 @pytest.mark.parametrize(("applied", "warned"), [({"top": -22.0}, False), ({"top": 23.4}, True), ({}, False)])
 def test_a_declination_that_a_file_is_said_to_hold_is_held_against_the_model(applied, warned):
-    field = earthfield.along_time(*EG4, 1188864000.0, 1223078400.0, applied=applied)
+    field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, applied=applied)
     assert field.source == "IGRF" and bool(field.warnings) == warned
     assert not warned or field.warnings[0].startswith("top: declination_applied +23.40 degrees in the metadata is")
 
@@ -75,11 +77,11 @@ def test_the_advice_for_dates_after_the_model_works():
     """A declination in degrees needs the model for H and Z alone, which change by a thousandth a year."""
     start_s, end_s = (datetime(year, 6, 1).timestamp() for year in (2029, 2031))
     with pytest.raises(InputError, match="or write the declination in degrees"):
-        earthfield.along_time(*EG4, start_s, end_s)
-    field = earthfield.along_time(*EG4, start_s, end_s, -18.0)
+        earthfield.field_along(*EG4, start_s, end_s)
+    field = earthfield.field_along(*EG4, start_s, end_s, -18.0)
     assert (field.declination_deg == -18.0).all() and np.isfinite(field.horizontal_nT).all()
     assert any("IGRF ends with 2029" in said for said in field.warnings)
-    assert not any("IGRF ends" in said for said in earthfield.along_time(*EG4, 1.6e9, 1.7e9, -20.0).warnings)
+    assert not any("IGRF ends" in said for said in earthfield.field_along(*EG4, 1.6e9, 1.7e9, -20.0).warnings)
     place = {"latitude": EG4[0], "longitude": EG4[1], "date_s": end_s}
     assert calibrations.resolve_settings({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
     with pytest.raises(InputError, match="found 2031-06-01"):

@@ -7,12 +7,23 @@ import numpy as np
 import pytest
 
 from compasslib import angles, compass
-from compasslib.deviation import tilt
-from compasslib.effects import CATALOGUE, Scene, composition, page, short
-from compasslib.effects.composed import BeamGain, PivotFriction, composed, of_name, placed
-from compasslib.effects.composition import Simulation
+from compasslib.deviation.tilt import tilted_coefficients
+from compasslib.effects import CATALOGUE, Scene
+from compasslib.effects.composed import BeamGain, PivotFriction, compose_effect, effect_by_name, place_effect
+from compasslib.effects.effect import turning_scene
+from compasslib.effects.forward import (
+    ForwardModel,
+    added_term_jacobian,
+    earth_field_in_body,
+    heading_jacobian,
+    heading_slope,
+    invert_heading,
+    recorded_heading,
+    water_veer,
+)
 from compasslib.effects.iron import Heeling, TemperatureOfField
-from compasslib.effects.reading import CompassLag, Octantal, Sextantal, TiltUncompensated
+from compasslib.effects.page import page
+from compasslib.effects.readout import CompassLag, Octantal, Sextantal, TiltUncompensated
 from compasslib.inference import comparison, wording
 
 NAMES = [
@@ -66,7 +77,7 @@ SCENE = Scene(
 )
 FLAT = replace(SCENE, pitch_deg=np.zeros(N), roll_deg=np.zeros(N))
 COMPASS_AND_WATER = [term for term in CATALOGUE if "mooring" in term.recordings and term.acts_on != "time"]
-MOVING = short.moving(SCENE, lambda ahead_s: 0.01 * ahead_s * np.ones(N))
+MOVING = turning_scene(SCENE, lambda ahead_s: 0.01 * ahead_s * np.ones(N))
 
 
 def absent(kind):
@@ -102,106 +113,106 @@ def test_a_term_says_what_it_is(kind):
 def test_defaults_do_nothing_and_values_do_something_finite(kind):
     x = acted_on(kind)
     assert kind() == absent(kind).at(0.0 * kind.steps()) or kind.dated()
-    np.testing.assert_allclose(absent(kind).act(x, MOVING), x, rtol=1e-12)
-    changed = of_some_size(kind).act(x, MOVING)
+    np.testing.assert_allclose(absent(kind).apply(x, MOVING), x, rtol=1e-12)
+    changed = of_some_size(kind).apply(x, MOVING)
     assert changed.shape == x.shape and np.isfinite(changed).all() and np.abs(changed - x).max() > 0.0
 
 
 @pytest.mark.parametrize("kind", COMPASS_AND_WATER, ids=lambda k: k.__name__)
 def test_the_inverse_undoes_the_forward_model(kind):
-    simulation = Simulation(LEVEL, H_NT, (of_some_size(kind),))
-    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
-    roots = composition.headings(simulation, SCENE, recorded)
+    simulation = ForwardModel(LEVEL, H_NT, (of_some_size(kind),))
+    recorded = recorded_heading(simulation, SCENE, HEADING)
+    roots = invert_heading(simulation, SCENE, recorded)
     assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-6
 
 
 @pytest.mark.parametrize("kind", COMPASS_AND_WATER, ids=lambda k: k.__name__)
 def test_the_column_is_the_numeric_difference_of_the_inverse(kind):
-    simulation = Simulation(LEVEL, H_NT, (absent(kind),))
-    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
-    columns = composition.derivative(simulation, SCENE, HEADING, first=5)
+    simulation = ForwardModel(LEVEL, H_NT, (absent(kind),))
+    recorded = recorded_heading(simulation, SCENE, HEADING)
+    columns = heading_jacobian(simulation, SCENE, HEADING, first=5)
     for j, step in enumerate(kind.steps()):
         shift = 0.1 * step * (np.arange(len(kind.steps())) == j)
         shown = []
         for sign in (1.0, -1.0):
             moved = simulation.at(np.append(LEVEL, sign * shift))
-            shown.append(composition.headings(moved, SCENE, recorded)[:, 0] + composition.veer(moved, SCENE))
+            shown.append(invert_heading(moved, SCENE, recorded)[:, 0] + water_veer(moved, SCENE))
         numeric = angles.difference(*shown) / (0.2 * step)
         # The column is one-sided with a twentieth of a step: it may be off by a hundredth of a degree a step.
         np.testing.assert_allclose(columns[:, j] * step, numeric * step, atol=0.02, rtol=0.01)
 
 
 NOBODY_LISTED = [
-    placed(composed("field_horizontal", "depth", "quadratic")),
-    placed(composed("field_down", "temperature", "lagged"), 5 * 86400.0),
-    placed(composed("reading", "heading", "bump"), 200.0, 40.0),
-    placed(composed("reading", "pitch", "memory"), 1.5),
-    placed(composed("lobe3", "temperature", "linear")),
-    placed(composed("lobe4", "voltage", "saturating"), 0.2, 0.5),
-    placed(composed("field_horizontal", "time", "box"), TIME_S[50], TIME_S[150]),
-    placed(composed("flow_gain", "speed", "threshold"), 0.3),
-    placed(composed("flow_offset", "time", "decay"), TIME_S[0], 40 * 86400.0),
-    placed(composed("reading", "temperature*time", "linear")),
+    place_effect(compose_effect("field_horizontal", "depth", "quadratic")),
+    place_effect(compose_effect("field_down", "temperature", "lagged"), 5 * 86400.0),
+    place_effect(compose_effect("reading", "heading", "bump"), 200.0, 40.0),
+    place_effect(compose_effect("reading", "pitch", "memory"), 1.5),
+    place_effect(compose_effect("lobe3", "temperature", "linear")),
+    place_effect(compose_effect("lobe4", "voltage", "saturating"), 0.2, 0.5),
+    place_effect(compose_effect("field_horizontal", "time", "box"), TIME_S[50], TIME_S[150]),
+    place_effect(compose_effect("flow_gain", "speed", "threshold"), 0.3),
+    place_effect(compose_effect("flow_offset", "time", "decay"), TIME_S[0], 40 * 86400.0),
+    place_effect(compose_effect("reading", "temperature*time", "linear")),
 ]
 
 
 @pytest.mark.parametrize("bare", NOBODY_LISTED, ids=lambda term: term.name)
 def test_a_composition_obeys_the_laws_of_every_term(bare):
     x = acted_on(type(bare))
-    np.testing.assert_allclose(bare.act(x, SCENE), x, rtol=1e-12)
+    np.testing.assert_allclose(bare.apply(x, SCENE), x, rtol=1e-12)
     term = bare.at(0.5 * bare.steps())
-    simulation = Simulation(LEVEL, H_NT, (term,))
-    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
-    roots = composition.headings(simulation, SCENE, recorded)
+    simulation = ForwardModel(LEVEL, H_NT, (term,))
+    recorded = recorded_heading(simulation, SCENE, HEADING)
+    roots = invert_heading(simulation, SCENE, recorded)
     assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-5
-    assert of_name(term.name) is type(term) if term.name.startswith("composed:") else term.name in NAMES
-    beside = composition.beside(Simulation(LEVEL, H_NT), SCENE, HEADING, bare)
-    alone = composition.derivative(Simulation(LEVEL, H_NT, (bare,)), SCENE, HEADING, first=5)
+    assert effect_by_name(term.name) is type(term) if term.name.startswith("composed:") else term.name in NAMES
+    beside = added_term_jacobian(ForwardModel(LEVEL, H_NT), SCENE, HEADING, bare)
+    alone = heading_jacobian(ForwardModel(LEVEL, H_NT, (bare,)), SCENE, HEADING, first=5)
     np.testing.assert_allclose(beside * bare.steps(), alone * bare.steps(), atol=0.02)
 
 
 def test_a_reading_that_stands_bends_no_rival():
     stands = Sextantal(6.0, -3.0)
     rival = Octantal()
-    empty = Simulation(LEVEL, H_NT)
-    beside = composition.beside(Simulation(LEVEL, H_NT, (stands,)), FLAT, HEADING, rival)
-    slopes = [composition.steepness(x, FLAT, HEADING) for x in (empty, Simulation(LEVEL, H_NT, (stands,)))]
-    alone = composition.derivative(Simulation(LEVEL, H_NT, (rival,)), FLAT, HEADING, first=5)
+    empty = ForwardModel(LEVEL, H_NT)
+    beside = added_term_jacobian(ForwardModel(LEVEL, H_NT, (stands,)), FLAT, HEADING, rival)
+    slopes = [heading_slope(x, FLAT, HEADING) for x in (empty, ForwardModel(LEVEL, H_NT, (stands,)))]
+    alone = heading_jacobian(ForwardModel(LEVEL, H_NT, (rival,)), FLAT, HEADING, first=5)
     clear = np.abs(slopes[1]) > 0.3
     np.testing.assert_allclose((beside * slopes[1][:, None])[clear], (alone * slopes[0][:, None])[clear], atol=0.05)
 
 
 def test_without_terms_and_tilt_it_is_the_exact_compass():
-    recorded = composition.recorded_heading(Simulation(LEVEL, H_NT), FLAT, HEADING)
+    recorded = recorded_heading(ForwardModel(LEVEL, H_NT), FLAT, HEADING)
     assert np.abs(angles.difference(recorded, compass.recorded_heading(LEVEL, HEADING))).max() < 1e-9
 
 
 def test_heeling_is_the_vertical_iron_of_the_tilted_compass():
     level = np.array([0.0, 0.25, -0.2, 0.02, 0.01])  # A turns the reading here and tilts with the iron there
-    ours = composition.recorded_heading(Simulation(level, H_NT, (Heeling(3000.0),)), SCENE, HEADING)
-    tilted = tilt.coefficients_at(level, 3000.0 / H_NT, Z_NT / H_NT, SCENE.pitch_deg, SCENE.roll_deg)
+    ours = recorded_heading(ForwardModel(level, H_NT, (Heeling(3000.0),)), SCENE, HEADING)
+    tilted = tilted_coefficients(level, 3000.0 / H_NT, Z_NT / H_NT, SCENE.pitch_deg, SCENE.roll_deg)
     assert np.abs(angles.difference(ours, compass.recorded_heading(tilted, HEADING))).max() < 1e-9
 
 
 def test_a_compass_without_compensation_reads_the_angle_in_its_own_plane():
-    simulation = Simulation(np.zeros(5), H_NT, (TiltUncompensated(1.0),))
-    body = composition.earth_in_body(SCENE, HEADING)
+    simulation = ForwardModel(np.zeros(5), H_NT, (TiltUncompensated(1.0),))
+    body = earth_field_in_body(SCENE, HEADING)
     expected = angles.argument(body[:, 0] - 1j * body[:, 1])
-    assert np.abs(angles.difference(composition.recorded_heading(simulation, SCENE, HEADING), expected)).max() < 1e-9
+    assert np.abs(angles.difference(recorded_heading(simulation, SCENE, HEADING), expected)).max() < 1e-9
 
 
 def test_terms_compose_on_the_field_and_not_by_adding_deviations():
     warm = TemperatureOfField(2500.0, -1500.0)
-    alone, with_iron = Simulation(np.zeros(5), H_NT, (warm,)), Simulation(LEVEL, H_NT, (warm,))
-    turned = [angles.difference(composition.recorded_heading(s, FLAT, HEADING), HEADING) for s in (alone, with_iron)]
+    alone, with_iron = ForwardModel(np.zeros(5), H_NT, (warm,)), ForwardModel(LEVEL, H_NT, (warm,))
+    turned = [angles.difference(recorded_heading(s, FLAT, HEADING), HEADING) for s in (alone, with_iron)]
     iron = angles.difference(compass.recorded_heading(LEVEL, HEADING), HEADING)
     assert angles.rms(turned[1] - turned[0] - iron) > 1.0
 
 
 def test_six_degrees_of_the_third_harmonic_are_undone_exactly():
-    simulation = Simulation(LEVEL, H_NT, (Sextantal(6.0, -3.0),))
-    recorded = composition.recorded_heading(simulation, FLAT, HEADING)
-    left = angles.difference(composition.headings(simulation, FLAT, recorded)[:, 0], HEADING)
+    simulation = ForwardModel(LEVEL, H_NT, (Sextantal(6.0, -3.0),))
+    recorded = recorded_heading(simulation, FLAT, HEADING)
+    left = angles.difference(invert_heading(simulation, FLAT, recorded)[:, 0], HEADING)
     assert np.abs(left).max() < 1e-6
 
 
@@ -225,12 +236,12 @@ STRONG = np.array([0.03, -0.9, 0.95, 0.03, -0.02])  # iron stronger than the ear
 def test_the_inverse_holds_the_heading_up_to_the_bounds_of_every_effect_beside_others(kind, iron):
     beside = [other for other in (Heeling, TemperatureOfField, Sextantal, Octantal) if other is not kind]
     terms = sorted([at_its_bound(kind), *map(of_some_size, beside)], key=lambda term: CATALOGUE.index(type(term)))
-    simulation = Simulation(iron, H_NT, tuple(terms))
-    recorded = composition.recorded_heading(simulation, SCENE, HEADING)
-    roots = composition.headings(simulation, SCENE, recorded)
+    simulation = ForwardModel(iron, H_NT, tuple(terms))
+    recorded = recorded_heading(simulation, SCENE, HEADING)
+    roots = invert_heading(simulation, SCENE, recorded)
     # Where two headings meet at a fold, rounding of the reading grows by its root.
     assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-3
-    again = [composition.recorded_heading(simulation, SCENE, root) for root in roots.T]
+    again = [recorded_heading(simulation, SCENE, root) for root in roots.T]
     assert np.nanmax(np.abs(angles.difference(np.array(again), recorded))) < 1e-5
 
 
@@ -240,27 +251,27 @@ def test_a_harmonic_is_undone_as_long_as_the_reading_turns_with_the_field(kind, 
     amplitude = turns * 57.29577951 / kind.order
     term = kind(0.6 * amplitude, -0.8 * amplitude)
     x = np.linspace(-400.0, 800.0, 12_345)
-    assert np.abs(term.undone(term.act(x, FLAT), FLAT) - x).max() < 1e-6  # at 0.999 a reading turns by a thousandth
+    assert np.abs(term.invert(term.apply(x, FLAT), FLAT) - x).max() < 1e-6  # at 0.999 a reading turns by a thousandth
     assert term.plausible == (turns < 0.8)
 
 
 @pytest.mark.parametrize("kind", [Sextantal, Octantal])
 def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
-    simulation = Simulation(LEVEL, H_NT, (kind(0.75 * 57.3 / kind.order, 0.75 * 57.3 / kind.order),))
-    recorded = composition.recorded_heading(simulation, FLAT, HEADING)
+    simulation = ForwardModel(LEVEL, H_NT, (kind(0.75 * 57.3 / kind.order, 0.75 * 57.3 / kind.order),))
+    recorded = recorded_heading(simulation, FLAT, HEADING)
     assert not simulation.terms[0].plausible
-    assert np.isnan(composition.headings(simulation, FLAT, recorded)).all()
+    assert np.isnan(invert_heading(simulation, FLAT, recorded)).all()
 
 
 def test_every_form_that_says_mooring_is_tried_in_one():
     tried, _ = comparison.testable_effects(SCENE, reference_magnetic=False)
-    found_apart = {kind for kind in CATALOGUE if kind.found_by}
+    found_apart = {kind for kind in CATALOGUE if kind.detector}
     assert set(tried) - found_apart == {kind for kind in CATALOGUE if "mooring" in kind.recordings} - found_apart
 
 
 def test_the_page_of_the_catalogue_is_not_stale():
     page_file = Path(__file__).resolve().parents[1] / "docs/physics.md"
-    assert page_file.read_text() == page.page(), "run python -m compasslib.effects.page > docs/physics.md"
+    assert page_file.read_text() == page(), "run python -m compasslib.effects.page > docs/physics.md"
 
 
 @pytest.mark.parametrize(
@@ -276,4 +287,4 @@ def test_every_effect_says_its_physics_and_is_told_from_effects_that_there_are()
     names = {term.name for term in CATALOGUE}
     assert names <= wording.PHYSICS.keys()
     for term in CATALOGUE:
-        assert set(term.told_from) <= names - {term.name}, term.__name__
+        assert set(term.separated_by) <= names - {term.name}, term.__name__

@@ -16,7 +16,7 @@ from launch import PROJECT, change, keeps_contract, snakemake
 
 from compasslib import angles
 from compasslib.pipeline.process import process_mooring
-from compasslib.preparation import deployment
+from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import table
 
 EXAMPLE = PROJECT / "examples/lowered_adcp"
@@ -97,5 +97,5 @@ def test_a_nominal_depth_does_not_shift_the_bins_of_a_table(tmp_path):
     path.write_text("time,z,u,v\n" + "".join(rows))
     read = table.read([path], columns={"time": "time", "depth": "z", "east": "u", "north": "v"})
     span = {"start_s": read.time_s[0], "end_s": read.time_s[-1], "water_depth": 2300.0, "latitude": 36.5}
-    settled = deployment.settle(read, **span, nominal_depth=5.0)
+    settled = apply_deployment(read, **span, nominal_depth=5.0)
     assert settled.bin_depth_m()[0] == pytest.approx([24.0, 40.0, 56.0])

@@ -17,7 +17,7 @@ from pd0_encoder import ensemble
 from sea import SHARED, START, cruise
 from test_archive import PROCESSING, USUAL
 
-from compasslib import angles, records
+from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import HALF_WRITTEN
@@ -25,11 +25,11 @@ from compasslib.cli import export, main
 from compasslib.cli import export as export_command
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
-from compasslib.preparation import deployment
+from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
 from compasslib.readers.pd0 import rewrite
 from compasslib.readers.pd0.frames import iter_chunks
-from compasslib.records import MISSING, Corrected
+from compasslib.records import MISSING, CorrectedRecord, Record
 
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
 READ = {"declination_applied": None, "heading_alignment": None}
@@ -294,7 +294,7 @@ def test_a_genuine_record_goes_through_every_form(tmp_path):
     from scipy.io import loadmat
 
     days = [np.datetime64(f"2006-06-{day:02d}").astype("M8[s]").astype(float) for day in (1, 8)]
-    record = deployment.settle(
+    record = apply_deployment(
         pd0.read([EH2], orientation="down", **READ),
         **{"start_s": days[0], "end_s": days[1], "water_depth": 45.5, "latitude": 47.5977, "nominal_depth": 7.0},
     )
@@ -314,10 +314,10 @@ def test_a_genuine_record_goes_through_every_form(tmp_path):
     np.testing.assert_array_equal(data["ECHO_INTENSITY"], np.moveaxis(record.profiles["echo"], 2, 0))
 
 
-def _product(record: records.Record) -> Corrected:
+def _product(record: Record) -> CorrectedRecord:
     by, n = deviation(record.heading_deg), len(record.time_s)
     east, north = angles.turn(record.east, record.north, by[:, None])
-    return Corrected(
+    return CorrectedRecord(
         record=record,
         heading_corrected_deg=angles.wrap360(record.heading_deg + by),
         heading_uncertainty_deg=np.ones(n),

@@ -10,9 +10,10 @@ import pytest
 from iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, START_S, series, write
 from sea import SHARED
 
-from compasslib import deviation, earthfield
+from compasslib import earthfield
 from compasslib.calibrations import declination as calibrated_declination
 from compasslib.calibrations import observatory
+from compasslib.deviation import fit_deviation
 from compasslib.errors import InputError
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import declination
@@ -26,7 +27,7 @@ PLACE = {"latitude": 55.3, "longitude": 356.8}
 
 
 def judged(made, number=None):
-    field = earthfield.along_time(LATITUDE, LONGITUDE, made.time_s[0], made.time_s[-1], number)
+    field = earthfield.field_along(LATITUDE, LONGITUDE, made.time_s[0], made.time_s[-1], number)
     found = declination.diagnose_series(made, field, Options())
     json.dumps(found.to_json())
     return found
@@ -158,12 +159,12 @@ def test_a_series_becomes_a_moorings_covariate(tmp_path):
 
 def test_a_moorings_observatory_is_held_against_its_own_place_and_the_moorings(tmp_path):
     path, here = write(tmp_path / "a.hor", series(40)), {"latitude": 56.0, "longitude": -5.0}
-    field = earthfield.along_time(56.0, -5.0, START_S, START_S + 40 * DAY_S)
+    field = earthfield.field_along(56.0, -5.0, START_S, START_S + 40 * DAY_S)
     assert calibrated_declination.with_observatory_warnings(field, [], here) is field
     assert calibrated_declination.with_observatory_warnings(field, [path], here).warnings == ()
     far = calibrated_declination.with_observatory_warnings(field, [path], {"latitude": 30.0, "longitude": 5.0}).warnings
     assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
-    later = earthfield.along_time(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
+    later = earthfield.field_along(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
     assert (
         "a declination on 16 % of the deployment's days"
         in calibrated_declination.with_observatory_warnings(later, [path], here).warnings[0]
@@ -198,7 +199,7 @@ def moored(share: float, *, magnetic: bool):
     return diagnose(
         pairs,
         {"declination_observatory": departure},
-        deviation.fit("exact", pairs),
+        fit_deviation("exact", pairs),
         field,
         Options(reference_magnetic=magnetic),
     )

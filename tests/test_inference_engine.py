@@ -5,12 +5,12 @@ import pytest
 from sea import pairs
 
 from compasslib import angles
-from compasslib.deviation import model as fits
-from compasslib.effects.term import YEAR_S
+from compasslib.deviation.model import observed_deviation
+from compasslib.effects.effect import YEAR_S
 from compasslib.inference import comparison, covariates, finding, omnibus, wording
 from compasslib.inference.kinds import mooring
 from compasslib.records import take
-from compasslib.statistics import whitening
+from compasslib.statistics.whitening import whitened_basis
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
 
@@ -39,7 +39,7 @@ def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
     assert found.offset_named and not found.drift_named
     assert found.offset_h == pytest.approx(ahead_h, abs=4 * found.offset_sigma_h + 0.05)
     again = mooring.repair_pairs(wrong, found)
-    own, off = (angles.rms(fits.observed_deviation(x) - 0.0) for x in (again, wrong))
+    own, off = (angles.rms(observed_deviation(x) - 0.0) for x in (again, wrong))
     assert own < off
 
 
@@ -62,7 +62,7 @@ def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_te
     heading = np.random.default_rng(0).normal(120.0, 34.0, 8000)
     harmonics = omnibus.fourier_columns(heading, range(7, omnibus.HEADING_HARMONICS + 1))
     kept = omnibus._well_determined(harmonics)
-    bare, seen = (np.sum(whitening.directions(x) ** 2, axis=1).max() for x in (harmonics, kept))  # leverage of a sample
+    bare, seen = (np.sum(whitened_basis(x) ** 2, axis=1).max() for x in (harmonics, kept))  # leverage of a sample
     assert seen < 0.1 < 0.9 < bare and kept.shape[1] >= 10
 
 

@@ -11,10 +11,11 @@ from sea import FOLDED, pairs
 
 from benchmarks import discrepancy as bench
 from benchmarks.discrepancy import field_of, fitted
-from compasslib import angles, compass, deviation
+from compasslib import angles, compass
 from compasslib.archive.files import read_json, write_json
 from compasslib.demo import demonstration
-from compasslib.deviation import model as fits
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.model import nearest_root, pair_speeds, unfitted
 from compasslib.inference import covariates, design, diagnosis, long_record
 from compasslib.inference import finding as findings
 from compasslib.inference import product as products
@@ -119,9 +120,9 @@ def test_the_corrected_headings_lose_what_was_found(two):
     tilt, recorded = (sample.pitch_deg, sample.roll_deg), sample.heading_deg
     scene = applied.scene(sample.time_s, recorded, tilt, drawn.covariates, field=field_of(drawn))
     at = applied.along(scene, recorded)
-    after = fits.nearest_root(at.roots(), drawn.heading)
+    after = nearest_root(at.roots(), drawn.heading)
     level = compass.inverse(fitted(drawn).coefficients, recorded)
-    before = fits.nearest_root(level, drawn.heading)
+    before = nearest_root(level, drawn.heading)
     error = [angles.rms(angles.difference(heading, drawn.heading)) for heading in (before, after)]
     assert error[0] > 3.5 and error[1] < 1.5
     sigma = at.sigma(after)
@@ -163,7 +164,7 @@ def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
 
 def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
     sample, _ = pairs(FOLDED, n=1200, seed=3)
-    exact, series = deviation.fit("exact", sample), deviation.fit("von_appen", sample)
+    exact, series = fit_deviation("exact", sample), fit_deviation("von_appen", sample)
     (finding,) = mooring.exact_compass_findings(sample, exact, series, 0.5)
     assert (finding.effect, finding.side, finding.applied) == ("large_deviation", "compass", True)
     assert finding.held_out.p_value < 0.01 and finding.rms_effect_deg > 5.0
@@ -215,7 +216,7 @@ def test_water_that_veers_frees_the_fit_and_turns_no_heading():
     assert again.accounted == product.accounted and again.left_deg == 0.0
     freed = again.applied[0].compass.simulation.coefficients
     roots = [compass.inverse(c, drawn.pairs.heading_deg) for c in (product.fit.coefficients, freed)]
-    before, after = (angles.rms(angles.difference(fits.nearest_root(x, drawn.heading), drawn.heading)) for x in roots)
+    before, after = (angles.rms(angles.difference(nearest_root(x, drawn.heading), drawn.heading)) for x in roots)
     assert after < 0.5 * before
     assert [one.weight for one in found.applied] == pytest.approx([0.5, 0.5], abs=0.1)  # half believed
     assert found.applied[1].compass is None and found.applied[1].effect == "none"
@@ -360,21 +361,21 @@ def test_a_finding_that_held_out_days_deny_is_none():
 
 def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
     seen, _ = pairs(FOLDED, n=2000, seed=3)
-    exact, series = (deviation.fit(method, seen) for method in ("exact", "von_appen"))
+    exact, series = (fit_deviation(method, seen) for method in ("exact", "von_appen"))
     (finding,) = mooring.exact_compass_findings(seen, exact, series, 0.5)
     some = take(seen, np.arange(0, len(seen), 2))
     assert finding.held_out.rms_after_deg == angles.rms(mooring.held_out_residual(some, exact))
     # A stretch by itself: the other half knows nothing of it.
     first = np.arange(len(seen)) < 240
     turned = replace(seen, heading_deg=angles.wrap360(seen.heading_deg + 60.0 * first))
-    left = mooring.held_out_residual(turned, deviation.fit("exact", take(seen, ~first)))
+    left = mooring.held_out_residual(turned, fit_deviation("exact", take(seen, ~first)))
     assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
 
 
 def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
     ahead = drawn.truth["clock_offset"]["hours"]
-    upper, lower = fits.speeds(drawn.pairs)
+    upper, lower = pair_speeds(drawn.pairs)
     few = take(drawn.pairs, np.flatnonzero(np.abs(upper - lower) < np.quantile(np.abs(upper - lower), 0.6)))
     near, every = mooring.estimate_clock_error(few), mooring.estimate_clock_error(drawn.pairs)
     assert abs(every.offset_h - ahead) < 0.15 < abs(near.offset_h - ahead)
@@ -428,7 +429,7 @@ def test_too_little_is_insufficient_and_says_how_much_is_needed():
     few = take(drawn.pairs, np.arange(150))
     found = diagnose(few, {}, fit, field_of(drawn))
     assert found.verdict == "insufficient" and "150 overlapping pairs over 6 days" in found.why
-    nothing = fits.too_few("exact", 3)
+    nothing = unfitted("exact", 3)
     assert "3 overlapping pairs" in diagnose(few, {}, nothing, field_of(drawn)).why
 
 
@@ -463,7 +464,7 @@ def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
     mirrored, _ = pairs(n=500, seed=10)
     mirrored = replace(mirrored, lower_east=mirrored.lower_north, lower_north=mirrored.lower_east)
     earth = EarthField(mirrored.time_s[[0, -1]], *np.full((4, 2), 12000.0))
-    found = diagnose(mirrored, {}, deviation.fit("exact", mirrored), earth)
+    found = diagnose(mirrored, {}, fit_deviation("exact", mirrored), earth)
     assert found.verdict == "insufficient" and "the branch of the compass is known for" in found.why
 
 

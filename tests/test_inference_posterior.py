@@ -9,8 +9,7 @@ import pytest
 from test_inference_mooring import field_of, fitted, seen
 
 from compasslib import angles
-from compasslib.deviation import along
-from compasslib.deviation.along import Along
+from compasslib.deviation.tilt import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
 from compasslib.inference import design, inference, long_record, noise
 from compasslib.inference.comparison import compare_pairs
@@ -123,21 +122,23 @@ def test_what_lives_in_one_fifth_is_held_out_within_it(lobes):
     assert long_record.cross_validate(late, 0).method == "within_event"
 
 
-def compass_off_by(deg: float, sigma_deg: float, weight: float, others: tuple[Along, ...] = ()) -> Along:
+def compass_off_by(
+    deg: float, sigma_deg: float, weight: float, others: tuple[CompassSeries, ...] = ()
+) -> CompassSeries:
     def turned(heading_deg: Floats) -> Floats:
         return np.ones((len(heading_deg), 1))
 
     reading = np.arange(0.0, 360.0, 30.0) + deg
-    return Along(reading, np.zeros(5), np.array([[sigma_deg**2]]), turned, weight=weight, others=others)
+    return CompassSeries(reading, np.zeros(5), np.array([[sigma_deg**2]]), turned, weight=weight, others=others)
 
 
 def test_an_even_contest_moves_the_heading_half_way_and_says_so():
     at = compass_off_by(0.0, 1.0, 0.5, (compass_off_by(4.0, 1.0, 0.5),))
-    made = along.averaged(at, np.arange(0.0, 360.0, 30.0))
+    made = average_compasses(at, np.arange(0.0, 360.0, 30.0))
     assert made.shift_deg == pytest.approx(2.0, abs=1e-9)
     assert made.sigma_deg == pytest.approx(np.hypot(1.0, 2.0))
     assert np.all(made.agreed == 0.5)  # they are four standard errors apart
-    sure = along.averaged(replace(at, weight=0.97, others=(compass_off_by(4.0, 1.0, 0.03),)), np.zeros(12))
+    sure = average_compasses(replace(at, weight=0.97, others=(compass_off_by(4.0, 1.0, 0.03),)), np.zeros(12))
     assert np.all(sure.agreed > 0.9) and np.all(np.abs(angles.wrap180(sure.shift_deg)) < 0.2)
 
 

@@ -256,7 +256,7 @@ def test_every_form_of_the_catalogue_is_tried_where_it_says(monkeypatch, tmp_pat
     kind = "swing"
     made = swing.sail(np.random.default_rng(1), swing.Boat(log_scale=1.02), 5.0)
     kinds.diagnose("swing", [drawn.written(made, tmp_path / "swing.csv")], {"declination": 5.0}, OPTIONS)
-    for term in (term for term in CATALOGUE if not term.found_by):
+    for term in (term for term in CATALOGUE if not term.detector):
         assert set(term.recordings) - {"mooring", "declination"} == tried.get(term, set()), term.__name__
     assert set(tried) <= set(CATALOGUE)
 

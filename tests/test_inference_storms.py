@@ -8,11 +8,11 @@ import pytest
 from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.demo.series import DAY_S, red_noise
-from compasslib.effects import Scene, composition
+from compasslib.effects import Scene
 from compasslib.effects.composed import IronMovedByPitch, IronMovedByRoll
-from compasslib.effects.composition import Simulation
 from compasslib.effects.earth import VectorDisturbance
-from compasslib.effects.reading import TemperatureOfTilt
+from compasslib.effects.forward import ForwardModel, recorded_heading
+from compasslib.effects.readout import TemperatureOfTilt
 from compasslib.inference import covariates, design, noise
 from compasslib.inference.comparison import compare_pairs
 from tests.world import pairs as world
@@ -81,8 +81,8 @@ def test_tilts_that_shift_with_temperature_turn_as_those_of_the_other_simulation
     off = replace(sea, sensed=sea.tilt + np.outer([0.6, -0.4], warm))
     north, down = (np.full(500, nT) for nT in sea.earth)
     scene = Scene(sea.time_s, north, down, *off.sensed, sea.time_s[0], {"temperature": warm})
-    term = Simulation(np.zeros(5), sea.earth[0], (TemperatureOfTilt(0.6, -0.4),))
-    read = composition.recorded_heading(term, scene, sea.heading)
+    term = ForwardModel(np.zeros(5), sea.earth[0], (TemperatureOfTilt(0.6, -0.4),))
+    read = recorded_heading(term, scene, sea.heading)
     assert np.ptp(warm) > 4.0 and np.abs(angles.difference(read, world.compass(off))).max() < 1e-6
     assert angles.rms(angles.difference(world.compass(off), world.compass(sea))) > 0.5
 

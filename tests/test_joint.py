@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compasslib import deviation
-from compasslib.deviation import exact
-from compasslib.deviation.prior import Prior
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.exact import start_from_prior
+from compasslib.deviation.model import CoefficientPrior, fit_from_json
 from compasslib.inference import joint, joint_compass, joint_effects
 from compasslib.inference.design import Products
 from compasslib.inference.joint_compass import EffectInformation, Member
@@ -126,20 +126,20 @@ def few_headings():
 
 def test_a_short_record_gains_by_what_others_tell(few_headings):
     pairs, _ = few_headings
-    alone = deviation.fit("exact", pairs)
+    alone = fit_deviation("exact", pairs)
     precision = np.diag([0.0, *([0.01**-2.0] * 4)])
-    beside = deviation.fit("exact", pairs, exact.beside(Prior(np.array(TRUE), precision), pairs))
+    beside = fit_deviation("exact", pairs, start_from_prior(CoefficientPrior(np.array(TRUE), precision), pairs))
     off = [np.abs(fit.coefficients - TRUE)[1:].max() for fit in (alone, beside)]
     assert off[1] < 0.03 < off[0]
     assert (np.sqrt(np.diag(beside.covariance))[1:] < 0.02).all()
-    assert np.array_equal(deviation.from_json(beside.to_json() | {"warnings": ()}).prior.mean, TRUE)
+    assert np.array_equal(fit_from_json(beside.to_json() | {"warnings": ()}).prior.mean, TRUE)
 
 
 def test_a_long_record_keeps_its_own(few_headings):
     pairs, _ = sea.under_a_compass(TRUE, n=3000, seed=5)
-    alone = deviation.fit("exact", pairs)
-    vague = Prior(np.array([0.0, 0.1, 0.1, 0.0, 0.0]), np.diag([0.0, *([0.5**-2.0] * 4)]))
-    beside = deviation.fit("exact", take(pairs, slice(None)), exact.beside(vague, pairs))
+    alone = fit_deviation("exact", pairs)
+    vague = CoefficientPrior(np.array([0.0, 0.1, 0.1, 0.0, 0.0]), np.diag([0.0, *([0.5**-2.0] * 4)]))
+    beside = fit_deviation("exact", take(pairs, slice(None)), start_from_prior(vague, pairs))
     assert np.abs(beside.coefficients - alone.coefficients).max() < 0.01
 
 

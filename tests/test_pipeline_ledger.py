@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from compasslib.archive import provenance
-from compasslib.errors import InputError, Passing
+from compasslib.errors import InputError, TransientError
 from compasslib.pipeline import ledger
 
 CHAIN = {
@@ -111,7 +111,9 @@ def test_an_input_that_is_not_what_its_job_wrote_is_refused_in_one_line(chain):
     ledger.hold({path: digest for path, (_, digest) in good.items()})
     flip("results/M1/overlap.nc")
     bad = ledger.looked_at(["results/M1/overlap.nc"])
-    with pytest.raises(Passing, match=r"results/M1/overlap.nc: expected the file that its job wrote, found another"):
+    with pytest.raises(
+        TransientError, match=r"results/M1/overlap.nc: expected the file that its job wrote, found another"
+    ):
         ledger.hold({path: digest for path, (_, digest) in bad.items()})
 
 
@@ -120,15 +122,15 @@ def test_a_file_that_changes_while_it_is_read_is_refused_and_one_touched_is_not(
     os.utime("raw/a")
     ledger.unchanged(before)
     flip("raw/a")
-    with pytest.raises(Passing, match="raw/a: expected a file that stays as it is"):
+    with pytest.raises(TransientError, match="raw/a: expected a file that stays as it is"):
         ledger.unchanged(before)
 
 
 def test_a_raw_file_that_is_gone_is_an_error_of_the_input_and_a_result_that_is_gone_is_not(chain):
     with pytest.raises(InputError, match="raw/b: expected a file that can be read") as caught:
         ledger.looked_at(["raw/b"])
-    assert not isinstance(caught.value, Passing)
-    with pytest.raises(Passing):
+    assert not isinstance(caught.value, TransientError)
+    with pytest.raises(TransientError):
         ledger.looked_at(["results/M1/nothing"])
 
 

@@ -22,16 +22,17 @@ from scipy.signal import lfilter
 from compasslib import angles, compass
 from compasslib.archive import files as archive_files
 from compasslib.archive import summary as archive_currents
-from compasslib.deviation import correction, model, von_appen
+from compasslib.deviation.correction import correct
 from compasslib.deviation.likelihood import CELLS
-from compasslib.deviation.model import Fit
+from compasslib.deviation.model import DeviationFit, observed_heading, unfitted
+from compasslib.deviation.series import fit_series, invert_series, series_deviation
 from compasslib.errors import InputError
 from compasslib.plots import curves as plots_curves
 from compasslib.plots import deviation, diagnosis, timeseries
 from compasslib.plots import page as plots_page
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
-from compasslib.records import BAD, GOOD, Corrected, EarthField, Pairs, Record, take
+from compasslib.records import BAD, GOOD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.explanation import diagnosis_caption
 
 START_S, SAMPLES = 1188864000.0, 700
@@ -44,8 +45,8 @@ class Mooring:
     """What the figures of one mooring are drawn from."""
 
     pairs: Pairs
-    fit: Fit
-    product: Corrected
+    fit: DeviationFit
+    product: CorrectedRecord
 
     def draw(self, figure: str, path) -> None:
         if figure == "deviation":
@@ -119,10 +120,10 @@ def record(pairs: Pairs, samples: int = SAMPLES) -> Record:
     )
 
 
-def exact_fit(coefficients, pairs: Pairs) -> Fit:
+def exact_fit(coefficients, pairs: Pairs) -> DeviationFit:
     """Return what the exact fit would find, without the seconds that it takes."""
-    habit = 1.0 + np.histogram(model.observed_heading(pairs), CELLS, (0.0, 360.0))[0]
-    return Fit(
+    habit = 1.0 + np.histogram(observed_heading(pairs), CELLS, (0.0, 360.0))[0]
+    return DeviationFit(
         method="exact",
         n_pairs=len(pairs),
         coefficients=np.array(coefficients),
@@ -133,23 +134,23 @@ def exact_fit(coefficients, pairs: Pairs) -> Fit:
     )
 
 
-def corrected(recorded: Record, fit: Fit, pairs: Pairs) -> Corrected:
+def corrected(recorded: Record, fit: DeviationFit, pairs: Pairs) -> CorrectedRecord:
     field = EarthField(np.array([START_S, START_S + 1e8]), *(np.zeros(2) for _ in range(4)))
-    return correction.correct(recorded, fit, field, pairs)
+    return correct(recorded, fit, field, pairs)
 
 
 SMALL, LARGE = overlaps(UNFOLDED), overlaps(FOLDED)
 NONE, FEW = take(SMALL, np.zeros(0, dtype=int)), take(SMALL, np.arange(7))
 SMALL_FIT, LARGE_FIT = exact_fit(UNFOLDED, SMALL), exact_fit(FOLDED, LARGE)
-UNREFERENCED = model.too_few("exact", 0)
+UNREFERENCED = unfitted("exact", 0)
 DEAF = replace(record(SMALL), heading_deg=np.full(SAMPLES, np.nan), depth_m=np.full(SAMPLES, np.nan))
 KINDS = {
     "unfolded": (SMALL, SMALL_FIT, record(SMALL)),
     "folded": (LARGE, LARGE_FIT, record(LARGE)),
-    "published": (SMALL, von_appen.fit(SMALL), record(SMALL)),
-    "published and folded": (LARGE, von_appen.fit(LARGE), record(LARGE)),
+    "published": (SMALL, fit_series(SMALL), record(SMALL)),
+    "published and folded": (LARGE, fit_series(LARGE), record(LARGE)),
     "no fit and no pairs": (NONE, UNREFERENCED, record(SMALL)),
-    "too few pairs": (FEW, model.too_few("exact", 7), record(SMALL)),
+    "too few pairs": (FEW, unfitted("exact", 7), record(SMALL)),
     "fit from elsewhere": (NONE, replace(LARGE_FIT, n_pairs=0), record(LARGE)),
     "nothing recorded": (NONE, UNREFERENCED, DEAF),
     "two days": (NONE, UNREFERENCED, record(SMALL, 48)),
@@ -496,13 +497,13 @@ IRON = st.tuples(*(st.floats(-low, low) for low in (0.3, 2.0, 2.0, 0.3, 0.3)))
 @settings(max_examples=40, deadline=None)
 def test_curve_is_the_compass_over_one_turn(iron, begin):
     for method, coefficients in (("exact", iron), ("von_appen", 60.0 * np.array(iron))):
-        fit = Fit(method, 0, coefficients=np.array(coefficients))
+        fit = DeviationFit(method, 0, coefficients=np.array(coefficients))
         curve = plots_curves.curve(fit, begin, [])
         assert curve.heading_deg[0] == begin and curve.heading_deg[-1] == pytest.approx(begin + 360.0)
         if method == "exact":
             expected = compass.recorded_heading(coefficients, curve.heading_deg)
         else:
-            expected = curve.heading_deg - von_appen.predict(coefficients, curve.heading_deg)
+            expected = curve.heading_deg - series_deviation(coefficients, curve.heading_deg)
         np.testing.assert_allclose(angles.difference(curve.recorded_deg, expected), 0.0, atol=1e-6)
         assert np.abs(np.diff(curve.deviation_deg)).max() <= 180.0
         assert -180.0 <= np.median(curve.deviation_deg) < 180.0 + 1e-6
@@ -513,9 +514,9 @@ def test_stretches_are_what_each_method_inverts():
     large = plots_curves.curve(LARGE_FIT, 0.0, [])
     assert set(small.stretch) == {INVERTED}
     assert set(large.stretch) == {INVERTED, BACKWARDS}
-    published = von_appen.fit(LARGE)
+    published = fit_series(LARGE)
     curve = plots_curves.curve(published, 0.0, [])
-    inverted = von_appen.invert(published.coefficients, curve.recorded_deg)
+    inverted = invert_series(published.coefficients, curve.recorded_deg)
     kept = curve.stretch == INVERTED
     assert set(curve.stretch) == {INVERTED, GIVEN_UP}
     off = angles.difference(inverted, curve.heading_deg)[kept]

@@ -17,9 +17,10 @@ import yaml
 from launch import PROJECT, change, snakemake
 from sea import cruise
 
-from compasslib import effects, plugins, readers
+from compasslib import plugins, readers
 from compasslib.cli import main
 from compasslib.config import cruise as config
+from compasslib.effects import CATALOGUE, all_effects, meanings, side_of
 from compasslib.errors import InputError
 
 PIP = [sys.executable, "-m", "pip"] if find_spec("pip") else [shutil.which("pip"), "--python", sys.executable]
@@ -87,7 +88,7 @@ def declare(folder: Path, monkeypatch, group: str, name: str, value: str, packag
     (there / "entry_points.txt").write_text(f"[{group}]\n{name} = {value}\n")
     (folder / "tiltmeter.py").write_text("\n".join(blocks("python")))
     monkeypatch.syspath_prepend(str(folder))
-    for known in (plugins.declared, effects.all_terms):
+    for known in (plugins.declared_plugins, all_effects):
         known.cache_clear()
 
 
@@ -95,7 +96,7 @@ def declare(folder: Path, monkeypatch, group: str, name: str, value: str, packag
 def _forget():
     yield
     sys.modules.pop("tiltmeter", None)
-    for known in (plugins.declared, effects.all_terms):
+    for known in (plugins.declared_plugins, all_effects):
         known.cache_clear()
 
 
@@ -104,7 +105,7 @@ def _forget():
     [
         (plugins.READERS, "pd0", "tiltmeter:read", "expected a name that compasslib does not use, found 'pd0'"),
         (plugins.EFFECTS, "heeling", "tiltmeter:ClampCreep", "expected a name that compasslib does not use"),
-        (plugins.EFFECTS, "other", "tiltmeter:ClampCreep", "expected a Term whose name is 'other', found <class"),
+        (plugins.EFFECTS, "other", "tiltmeter:ClampCreep", "expected an Effect whose name is 'other', found <class"),
         (plugins.EFFECTS, "clamp_creep", "tiltmeter:absent", "expected an importable plug-in, found AttributeError"),
     ],
 )
@@ -113,7 +114,7 @@ def test_a_name_that_is_taken_and_a_plug_in_that_is_none_are_refused_in_one_line
 ):
     declare(tmp_path, monkeypatch, group, name, value)
     with pytest.raises(InputError) as caught:
-        readers.format_names() if group == plugins.READERS else effects.all_terms()
+        readers.format_names() if group == plugins.READERS else all_effects()
     assert str(caught.value).startswith("tiltmeter 0.1: ") and words in str(caught.value)
 
 
@@ -164,12 +165,12 @@ def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):
 
 
 def test_an_effect_of_a_package_comes_after_the_catalogue_with_its_side_and_its_words(tmp_path, monkeypatch):
-    assert effects.all_terms() == effects.CATALOGUE
+    assert all_effects() == CATALOGUE
     declare(tmp_path, monkeypatch, plugins.EFFECTS, "clamp_creep", "tiltmeter:ClampCreep")
-    *own, creep = effects.all_terms()
-    assert tuple(own) == effects.CATALOGUE and creep.name == "clamp_creep"
-    assert effects.side_of("clamp_creep") == "compass"
-    assert effects.meanings("clamp_creep") == {"deg_root_year": "turn in the first year"}
+    *own, creep = all_effects()
+    assert tuple(own) == CATALOGUE and creep.name == "clamp_creep"
+    assert side_of("clamp_creep") == "compass"
+    assert meanings("clamp_creep") == {"deg_root_year": "turn in the first year"}
 
 
 def test_a_reader_s_keys_are_its_keyword_only_parameters_and_it_must_return_a_record(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from test_archive import make_record
 
 from compasslib.errors import InputError
 from compasslib.inference import covariates
-from compasslib.preparation import channels
+from compasslib.preparation.deployment import add_covariates, add_field_strength
 from compasslib.records import MAGNETOMETER
 
 HEADER = "when,ntu\n"
@@ -28,12 +28,12 @@ def given(path, rows):
 def test_a_series_is_read_between_its_values_and_not_in_its_gaps(record, tmp_path):
     begin = record.time_s[0]
     rows = [(begin - 1800.0 * k, 2.0 * k) for k in (-1, -2, -3)] + [(begin + 9 * 1800.0, 18.0)]
-    found = channels.beside(record, given(tmp_path / "t.csv", rows))
+    found = add_covariates(record, given(tmp_path / "t.csv", rows))
     np.testing.assert_array_equal(found.channels["turbidity"], [np.nan, -4.0, np.nan, np.nan, np.nan, np.nan])
     assert found.channel_units == {"turbidity": "NTU"} and found.warnings == record.warnings
     table = tmp_path / "t.csv"
     table.write_text(table.read_text().replace(",", ";"))
-    again = channels.beside(
+    again = add_covariates(
         record, {"turbidity": {**given(tmp_path / "u.csv", rows)["turbidity"], "files": [str(table)]}}
     )
     assert again.warnings[-1] == "turbidity: the table was read as it is written: cells between semicolons"
@@ -42,7 +42,7 @@ def test_a_series_is_read_between_its_values_and_not_in_its_gaps(record, tmp_pat
 def test_a_series_of_another_year_is_refused_in_one_line(record, tmp_path):
     rows = [(record.time_s[0] + 4e7 + 3600.0 * k, k) for k in range(5)]
     with pytest.raises(InputError, match=r"t\.csv: expected values of turbidity while .*found 2008-12-.*check times"):
-        channels.beside(record, given(tmp_path / "t.csv", rows))
+        add_covariates(record, given(tmp_path / "t.csv", rows))
 
 
 def with_magnetometer(n=600, strength=lambda t: 1.0):
@@ -59,17 +59,17 @@ def with_magnetometer(n=600, strength=lambda t: 1.0):
 
 
 def test_the_instruments_magnetometer_tells_when_the_field_changed_and_not_where_it_pointed():
-    step = channels.witnessed(with_magnetometer(strength=lambda t: np.where(t > np.median(t), 1.02, 1.0)))
+    step = add_field_strength(with_magnetometer(strength=lambda t: np.where(t > np.median(t), 1.02, 1.0)))
     seen = step.channels["field_strength"]
     assert np.mean(seen[300:]) - np.mean(seen[:300]) == pytest.approx(1.8, abs=0.3)  # of 2: a tenth of it is fixed iron
     assert f"saw the field's strength change by {np.std(seen):.2f} % rms" in step.warnings[-1]
-    still = channels.witnessed(with_magnetometer()).channels["field_strength"]
+    still = add_field_strength(with_magnetometer()).channels["field_strength"]
     assert np.std(still) < 0.3
     drivers = covariates.logged_series(step, [])
     assert "field_strength" in drivers and not set(MAGNETOMETER) & set(drivers)
 
 
 def test_a_record_without_a_magnetometer_or_with_one_of_zeros_stays_as_it_is(record):
-    assert channels.witnessed(record) is record
+    assert add_field_strength(record) is record
     dead = replace(with_magnetometer(), channels=dict.fromkeys(MAGNETOMETER, np.zeros(600)))
-    assert channels.witnessed(dead) is dead
+    assert add_field_strength(dead) is dead

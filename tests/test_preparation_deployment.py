@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_preparation_overlap import HOUR, record
 
-from compasslib.preparation import deployment
+from compasslib.preparation.deployment import apply_deployment
 from compasslib.records import BAD, GOOD
 
 SETTINGS = {"start_s": 0.0, "end_s": 20 * HOUR, "water_depth": 500.0, "latitude": 65.0, "nominal_depth": 100.0}
@@ -15,17 +15,17 @@ SETTINGS = {"start_s": 0.0, "end_s": 20 * HOUR, "water_depth": 500.0, "latitude"
 def test_clock_offset_and_drift_are_taken_out():
     drifting = record(HOUR * np.arange(21) + 30.0 + np.linspace(0.0, 60.0, 21))
     begin = SETTINGS | {"start_s": -10.0}
-    settled = deployment.settle(drifting, **begin, clock_offset_seconds=30.0, clock_drift_seconds=60.0)
+    settled = apply_deployment(drifting, **begin, clock_offset_seconds=30.0, clock_drift_seconds=60.0)
     assert settled.time_s[:20] == pytest.approx(HOUR * np.arange(20), abs=1.0)
 
 
 def test_samples_outside_the_deployment_are_counted_and_left_out():
-    settled = deployment.settle(record(HOUR * np.arange(-3, 30)), **SETTINGS)
+    settled = apply_deployment(record(HOUR * np.arange(-3, 30)), **SETTINGS)
     assert len(settled.time_s) == 21 and settled.counts["outside_deployment"] == 12
 
 
 def test_time_is_put_in_order_and_repeats_are_dropped_both_said():
-    settled = deployment.settle(record(HOUR * np.array([0, 1, 3, 2, 2, 4])), **SETTINGS)
+    settled = apply_deployment(record(HOUR * np.array([0, 1, 3, 2, 2, 4])), **SETTINGS)
     assert list(settled.time_s / HOUR) == [0, 1, 2, 3, 4]
     assert settled.counts["time_backwards"] == 1 and settled.counts["time_repeated"] == 1
     assert any("backwards" in sentence for sentence in settled.warnings)
@@ -41,13 +41,13 @@ def test_time_is_put_in_order_and_repeats_are_dropped_both_said():
 )
 def test_depth_comes_from_pressure_then_depth_field_then_metadata(pressure, field, expected):
     given = replace(record(HOUR * np.arange(11)), pressure_dbar=pressure, depth_m=field)
-    settled = deployment.settle(given, **SETTINGS)
+    settled = apply_deployment(given, **SETTINGS)
     assert settled.depth_m[[0, -1]] == pytest.approx(expected, abs=3.0)
 
 
 def test_pressure_offset_is_subtracted():
     given = replace(record(HOUR * np.arange(11)), pressure_dbar=np.linspace(101.0, 201.0, 11))
-    settled = [deployment.settle(given, **SETTINGS, pressure_offset=offset) for offset in (0.0, 10.0)]
+    settled = [apply_deployment(given, **SETTINGS, pressure_offset=offset) for offset in (0.0, 10.0)]
     assert settled[0].depth_m[0] - settled[1].depth_m[0] == pytest.approx(9.9, abs=0.1)
     np.testing.assert_allclose(settled[0].pressure_dbar - settled[1].pressure_dbar, 10.0)
 
@@ -57,24 +57,22 @@ def test_profiles_that_hold_nothing_inside_the_deployment_are_left_out():
     shape = given.east.shape
     up, counts = np.full(shape, np.nan, np.float32), np.zeros((*shape, 4), np.uint8)
     up[1], error = 0.1, np.full(shape, 0.02, np.float32)  # upward velocities before the deployment alone
-    settled = deployment.settle(
-        replace(given, profiles={"up": up, "error_velocity": error, "echo": counts}), **SETTINGS
-    )
+    settled = apply_deployment(replace(given, profiles={"up": up, "error_velocity": error, "echo": counts}), **SETTINGS)
     assert list(settled.profiles) == ["error_velocity"] and settled.profiles["error_velocity"].shape[0] == 9
 
 
 def test_bins_above_the_surface_and_in_the_side_lobes_are_flagged():
     given = replace(record(HOUR * np.arange(3), ranges=(10.0, 88.0, 97.0, 110.0)), beam_angle_deg=20.0)
-    settled = deployment.settle(given, **SETTINGS)
+    settled = apply_deployment(given, **SETTINGS)
     # cos 20 degrees of 100 m is 94 m, less half a bin
     assert settled.counts["side_lobe"] == 2 * 3 and settled.counts["beyond_boundary"] == 3
     assert list(settled.quality[0]) == [GOOD, BAD, BAD, BAD]
-    down = deployment.settle(replace(given, looks_up=False), **(SETTINGS | {"water_depth": 205.0}))
+    down = apply_deployment(replace(given, looks_up=False), **(SETTINGS | {"water_depth": 205.0}))
     assert down.counts["beyond_boundary"] == 3
 
 
 def test_excluded_windows_are_flagged_not_deleted():
-    settled = deployment.settle(record(HOUR * np.arange(10)), **SETTINGS, exclude=[(2 * HOUR, 3 * HOUR)])
+    settled = apply_deployment(record(HOUR * np.arange(10)), **SETTINGS, exclude=[(2 * HOUR, 3 * HOUR)])
     assert list(np.flatnonzero(settled.heading_quality == BAD)) == [2, 3]
     assert (settled.quality[2:4] == BAD).all() and len(settled.time_s) == 10
 
@@ -83,19 +81,19 @@ def test_impossible_speeds_and_tilts_are_flagged_and_said():
     given = record(HOUR * np.arange(4))
     east = given.east.copy()
     east[1] = 9.0
-    settled = deployment.settle(replace(given, east=east, pitch_deg=np.array([3.0, 3.0, 80.0, 3.0])), **SETTINGS)
+    settled = apply_deployment(replace(given, east=east, pitch_deg=np.array([3.0, 3.0, 80.0, 3.0])), **SETTINGS)
     assert settled.counts["impossible_speed"] == 3 and settled.counts["steep_tilt"] == 3
     assert len([said for said in settled.warnings if "velocities flagged" in said]) == 2
 
 
 def test_applied_declination_is_turned_back():
     given = record(HOUR * np.arange(3), east=0.0, north=0.2, heading=5.0)
-    settled = deployment.settle(given, **SETTINGS, declination_applied=18.0)
+    settled = apply_deployment(given, **SETTINGS, declination_applied=18.0)
     assert settled.heading_deg == pytest.approx(347.0)
     assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
-    settled = deployment.settle(given, **SETTINGS, declination_applied={"heading": 18.0, "velocity": 0.0})
+    settled = apply_deployment(given, **SETTINGS, declination_applied={"heading": 18.0, "velocity": 0.0})
     assert settled.heading_deg == pytest.approx(347.0) and settled.north == pytest.approx(0.2)
-    settled = deployment.settle(given, **SETTINGS, declination_applied={"heading": 0.0, "velocity": 18.0})
+    settled = apply_deployment(given, **SETTINGS, declination_applied={"heading": 0.0, "velocity": 18.0})
     assert settled.heading_deg == pytest.approx(5.0)
     assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
 
@@ -103,7 +101,7 @@ def test_applied_declination_is_turned_back():
 def test_a_clock_that_was_set_back_leaves_out_what_follows_and_shuffles_nothing():
     hours = np.concatenate([np.arange(12.0), np.arange(9.0)])
     given = replace(record(HOUR * hours), heading_deg=np.arange(21.0))
-    settled = deployment.settle(given, **SETTINGS)
+    settled = apply_deployment(given, **SETTINGS)
     assert list(settled.heading_deg) == list(range(12)) and settled.counts["clock_unsure"] == 9
     assert any("the clock was set back 1 times" in said for said in settled.warnings)
 
@@ -111,7 +109,7 @@ def test_a_clock_that_was_set_back_leaves_out_what_follows_and_shuffles_nothing(
 def test_files_in_another_order_and_files_given_twice_are_no_set_clock():
     parts = [np.arange(11.0, 16.0), np.arange(0.0, 8.0), np.arange(4.0, 8.0)]
     hours = np.concatenate(parts)
-    settled = deployment.settle(replace(record(HOUR * hours), heading_deg=hours), **SETTINGS)
+    settled = apply_deployment(replace(record(HOUR * hours), heading_deg=hours), **SETTINGS)
     assert list(settled.heading_deg) == [*range(8), *range(11, 16)]
     assert settled.counts["clock_unsure"] == 0 and settled.counts["time_repeated"] == 4
 
@@ -119,19 +117,19 @@ def test_files_in_another_order_and_files_given_twice_are_no_set_clock():
 def test_two_downloads_that_overlap_are_one_record_without_a_word_and_other_values_are_said():
     hours = np.concatenate([np.arange(0.0, 12.0), np.arange(8.0, 21.0)])
     twice = replace(record(HOUR * hours), heading_deg=10.0 * hours)
-    settled = deployment.settle(twice, **SETTINGS)
+    settled = apply_deployment(twice, **SETTINGS)
     assert list(settled.time_s / HOUR) == list(range(21))
     assert settled.counts["time_repeated"] == 4 and settled.counts["time_backwards"] == 0
     assert not any("time" in said or "clock" in said for said in settled.warnings)
     heading = np.where(np.arange(len(hours)) == 12, 3.0, twice.heading_deg)
-    settled = deployment.settle(replace(twice, heading_deg=heading), **SETTINGS)
+    settled = apply_deployment(replace(twice, heading_deg=heading), **SETTINGS)
     assert any("1 samples repeat a time" in said for said in settled.warnings)
 
 
 def test_profiles_of_files_sorted_by_name_fill_each_others_gaps():
     begins = [0.0, 100.0, 110.0, 20.0, 200.0]  # A1, A10, A11, A2, A20
     hours = np.concatenate([begin + 0.1 * np.arange(20) for begin in begins])
-    settled = deployment.settle(record(HOUR * hours), **SETTINGS | {"end_s": 300 * HOUR})
+    settled = apply_deployment(record(HOUR * hours), **SETTINGS | {"end_s": 300 * HOUR})
     assert len(settled.time_s) == 100 and settled.counts["clock_unsure"] == 0
 
 
@@ -140,16 +138,16 @@ def test_profiles_of_files_sorted_by_name_fill_each_others_gaps():
 def test_a_single_wild_time_costs_its_sample(wrong, at):
     hours = np.arange(20.0)
     hours[at] += wrong
-    settled = deployment.settle(record(HOUR * hours), **SETTINGS)
+    settled = apply_deployment(record(HOUR * hours), **SETTINGS)
     assert len(settled.time_s) == 19 and settled.counts["time_wild"] + settled.counts["outside_deployment"] == 1
     assert settled.counts["clock_unsure"] == 0
 
 
 def test_a_record_outside_its_deployment_or_without_samples_is_said():
-    settled = deployment.settle(record(HOUR * np.arange(5000, 5020)), **SETTINGS)
+    settled = apply_deployment(record(HOUR * np.arange(5000, 5020)), **SETTINGS)
     assert len(settled.time_s) == 0 and "20 of 20 samples (1970-07-28 to 1970-07-29) lie outside" in settled.warnings[0]
-    assert deployment.settle(record([]), **SETTINGS).warnings == ("there is no sample with a time",)
-    short = deployment.settle(record(HOUR * np.arange(5)), **SETTINGS)
+    assert apply_deployment(record([]), **SETTINGS).warnings == ("there is no sample with a time",)
+    short = apply_deployment(record(HOUR * np.arange(5)), **SETTINGS)
     assert "the record covers 20% of the deployment (1970-01-01 to 1970-01-01)" in short.warnings
 
 
@@ -165,7 +163,7 @@ LONG = SETTINGS | {"end_s": 60 * HOUR}
 
 
 def test_a_good_record_is_not_doubted():
-    settled = deployment.settle(turning(), **LONG)
+    settled = apply_deployment(turning(), **LONG)
     assert settled.warnings == () and (settled.heading_quality == GOOD).all()
     assert not any(n for key, n in settled.counts.items() if key != "side_lobe")
 
@@ -174,24 +172,24 @@ def test_a_compass_that_stands_still_for_hours_is_doubted_there_and_one_that_alw
     given = turning()
     partly, always = given.heading_deg.copy(), np.full(60, 120.0)
     partly[20:40] = partly[20]
-    settled = deployment.settle(replace(given, heading_deg=partly), **LONG)
+    settled = apply_deployment(replace(given, heading_deg=partly), **LONG)
     assert list(np.flatnonzero(settled.heading_quality == 3)) == list(range(21, 40))
     assert settled.counts["heading_stuck"] == 19
-    settled = deployment.settle(replace(given, heading_deg=always), **LONG)
+    settled = apply_deployment(replace(given, heading_deg=always), **LONG)
     assert (settled.heading_quality == 3).all() and settled.counts["heading_frozen"] == 60
 
 
 def test_a_coarse_compass_in_slack_water_is_not_stuck():
     given = turning()
     coarse = np.repeat(np.arange(0.0, 60.0, 10.0), 10) + 13.0  # repeats itself nine times in ten
-    settled = deployment.settle(replace(given, heading_deg=coarse), **LONG)
+    settled = apply_deployment(replace(given, heading_deg=coarse), **LONG)
     assert settled.counts["heading_stuck"] == 0
 
 
 def test_frozen_tilts_and_headings_within_five_degrees_are_counted_and_said():
     given = turning()
     stuck = replace(given, pitch_deg=np.full(60, 3.0), roll_deg=np.full(60, -2.0))
-    settled = deployment.settle(replace(stuck, heading_deg=90.0 + given.heading_deg / 100.0), **LONG)
+    settled = apply_deployment(replace(stuck, heading_deg=90.0 + given.heading_deg / 100.0), **LONG)
     assert settled.counts["tilt_frozen"] == 60 and settled.counts["heading_narrow"] == 60
     assert any("tilt sensor is stuck" in said for said in settled.warnings)
     assert any("all headings lie within 3." in said for said in settled.warnings)
@@ -201,11 +199,11 @@ def test_velocities_that_freeze_and_depths_out_of_the_water_are_flagged():
     given = turning()
     east, depth = given.east.copy(), np.linspace(90.0, 110.0, 60)
     east[30:50], depth[5] = east[30], -400.0
-    settled = deployment.settle(replace(given, east=east, depth_m=depth), **LONG)
+    settled = apply_deployment(replace(given, east=east, depth_m=depth), **LONG)
     assert settled.counts["frozen_velocity"] == 19 * 3 and (settled.quality[31:50] == BAD).all()
     assert settled.counts["impossible_depth"] == 3 and (settled.quality[5] == BAD).all()
 
 
 def test_a_depth_that_is_not_used_and_not_that_of_the_metadata_is_said():
-    settled = deployment.settle(replace(turning(), depth_m=np.full(60, 505.0)), **LONG)
+    settled = apply_deployment(replace(turning(), depth_m=np.full(60, 505.0)), **LONG)
     assert any("the file's depth of 505 m never varies and was not used" in said for said in settled.warnings)

@@ -11,7 +11,7 @@ import pytest
 from pd0_encoder import START, ensemble
 from sea import SHARED
 
-from compasslib.preparation import deployment
+from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
 
 CELLS, CELL_CM, BIN1_CM = 30, 400, 600
@@ -52,7 +52,7 @@ def recorded(folder: Path, *blocks: bytes, n: int = 60, word: str = "up"):
     ]
     (folder / "a.000").write_bytes(b"".join(each))
     read = pd0.read([folder / "a.000"], orientation=word, declination_applied=None, heading_alignment=None)
-    return deployment.settle(read, **SETTINGS)
+    return apply_deployment(read, **SETTINGS)
 
 
 def told(record) -> list[str]:
@@ -112,7 +112,7 @@ def test_genuine_records_show_their_boundary_and_which_way_they_looked(name, wor
     read = pd0.read([path], orientation=None, declination_applied=None, heading_alignment=None)
     settings = SETTINGS | {"nominal_depth": depth, "water_depth": bottom}
     settings |= {"start_s": read.time_s[0] + 43200.0 * (word == "down"), "end_s": read.time_s[-1]}
-    right = deployment.settle(read, **settings)
+    right = apply_deployment(read, **settings)
     assert right.counts["echo_of_boundary"] > 0.99 * len(right.time_s) and told(right) == []
-    wrong = deployment.settle(replace(read, looks_up=word != "up"), **settings)
+    wrong = apply_deployment(replace(read, looks_up=word != "up"), **settings)
     assert "it looked the other way" in told(wrong)[0]

@@ -9,8 +9,9 @@ from sea import FOLDED, MILD, pairs
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.preparation import clock_offset, gridding, overlap
-from compasslib.preparation.overlap import Rules
+from compasslib.preparation.clocks import ClockOffset, take
+from compasslib.preparation.gridding import grid_indices, interpolate_series
+from compasslib.preparation.pairs import PairRules, check_pairs, estimate_clock_offset, find_pairs
 from compasslib.records import BAD, GOOD, EarthField, Record
 from tests.world.pairs import red_from_rest as red_noise
 
@@ -41,12 +42,12 @@ def record(times, *, depth=100.0, ranges=(10.0, 14.0, 18.0), east=0.2, north=0.1
 
 def test_grid_takes_the_phase_of_the_series_so_headings_are_never_mixed():
     times = 1000.0 + HOUR * np.arange(10)
-    assert list(gridding.on_grid(times, step_s=HOUR, tolerance_s=1800.0)) == list(range(10))
+    assert list(grid_indices(times, step_s=HOUR, tolerance_s=1800.0)) == list(range(10))
 
 
 def test_grid_thins_fast_sampling_and_leaves_gaps_out():
     times = np.concatenate([600.0 * np.arange(60), 100000.0 + 600.0 * np.arange(6)])
-    index = gridding.on_grid(times, step_s=HOUR, tolerance_s=1800.0)
+    index = grid_indices(times, step_s=HOUR, tolerance_s=1800.0)
     assert list(times[index][:10]) == list(HOUR * np.arange(10))
     assert len(index) == 13  # at a gap's edges the nearest sample stands for its node
 
@@ -54,7 +55,7 @@ def test_grid_thins_fast_sampling_and_leaves_gaps_out():
 def test_interpolation_is_linear_in_short_gaps_nearest_in_long_ones_else_nan():
     series, values = np.array([0.0, HOUR, 10 * HOUR]), np.array([0.0, 2.0, 8.0])
     at = np.array([HOUR / 2, 1.25 * HOUR, 5 * HOUR, 9.75 * HOUR])
-    found = gridding.interpolate(series, values, at, tolerance_s=1800.0)
+    found = interpolate_series(series, values, at, tolerance_s=1800.0)
     assert found == pytest.approx([1.0, 2.0, np.nan, 8.0], nan_ok=True)
 
 
@@ -62,7 +63,7 @@ def test_first_two_bins_of_the_upper_and_nearest_two_of_the_lower_are_averaged()
     upper = record(HOUR * np.arange(5), ranges=(4.0, 8.0, 12.0))
     lower = record(HOUR * np.arange(5) + 300.0, depth=130.0, ranges=(5.0, 15.0, 25.0, 35.0), up=True)
     lower = replace(lower, east=np.tile([0.1, 0.2, 0.3, 0.5], (5, 1)))
-    found = overlap.find(upper, [lower], NORTH_FIELD, Rules())
+    found = find_pairs(upper, [lower], NORTH_FIELD, PairRules())
     assert found.upper_depth_m == pytest.approx(94.0)
     assert found.lower_depth_m == pytest.approx(100.0)  # bins at 95 and 105 m lie nearest to the sphere at 100 m
     speed = np.hypot(found.lower_east, found.lower_north)
@@ -74,13 +75,13 @@ def test_first_two_bins_of_the_upper_and_nearest_two_of_the_lower_are_averaged()
 def test_pairs_are_less_than_20_minutes_and_20_metres_apart(minutes, depth, pairs):
     upper = record(12 * HOUR * np.arange(4))
     lower = record(12 * HOUR * np.arange(4) + 60 * minutes, depth=depth, ranges=(0.0,), up=False)
-    assert len(overlap.find(upper, [lower], NORTH_FIELD, Rules())) == pairs
+    assert len(find_pairs(upper, [lower], NORTH_FIELD, PairRules())) == pairs
 
 
 def test_blow_down_is_followed_by_both():
     depth = np.array([100.0, 180.0, 300.0, 180.0])
     upper, lower = record(HOUR * np.arange(4), depth=depth), record(HOUR * np.arange(4), depth=104.0, ranges=(0.0,))
-    assert len(overlap.find(upper, [lower], NORTH_FIELD, Rules())) == 1
+    assert len(find_pairs(upper, [lower], NORTH_FIELD, PairRules())) == 1
 
 
 def test_a_profiler_is_averaged_near_the_sphere_only():
@@ -88,14 +89,14 @@ def test_a_profiler_is_averaged_near_the_sphere_only():
     depth = np.tile(np.linspace(90.0, 390.0, 300), 3)
     lower = record(times, depth=depth, ranges=(0.0,), up=False)
     upper = record(HOUR * np.arange(30))
-    found = overlap.find(upper, [lower], NORTH_FIELD, Rules())
+    found = find_pairs(upper, [lower], NORTH_FIELD, PairRules())
     assert len(found) == 3 and np.abs(found.lower_depth_m - found.upper_depth_m).max() < 20.0
 
 
 def test_magnetic_directions_get_the_declination_and_true_ones_do_not():
     upper = record(HOUR * np.arange(3), east=0.0, north=0.2)
     lower = replace(record(HOUR * np.arange(3), ranges=(0.0,), east=0.0, north=0.2), direction_reference="true")
-    found = overlap.find(upper, [lower], NORTH_FIELD, Rules())
+    found = find_pairs(upper, [lower], NORTH_FIELD, PairRules())
     assert np.rad2deg(np.arctan2(found.upper_east, found.upper_north)) == pytest.approx(10.0)
     assert np.rad2deg(np.arctan2(found.lower_east, found.lower_north)) == pytest.approx(0.0)
 
@@ -104,16 +105,16 @@ def test_flagged_values_make_no_pairs_and_no_reference_makes_none():
     upper = record(HOUR * np.arange(3))
     lower = record(HOUR * np.arange(3), ranges=(0.0,), depth=90.0)
     bad = replace(lower, quality=np.full((3, 1), BAD, dtype=np.int8))
-    assert len(overlap.find(upper, [lower], NORTH_FIELD, Rules())) == 3
-    assert len(overlap.find(upper, [bad], NORTH_FIELD, Rules())) == 0
-    assert len(overlap.find(upper, [], NORTH_FIELD, Rules())) == 0
+    assert len(find_pairs(upper, [lower], NORTH_FIELD, PairRules())) == 3
+    assert len(find_pairs(upper, [bad], NORTH_FIELD, PairRules())) == 0
+    assert len(find_pairs(upper, [], NORTH_FIELD, PairRules())) == 0
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("coefficients", [MILD, FOLDED])
 def test_pairs_of_a_compass_however_wrong_are_in_the_frame_that_is_told(coefficients, seed):
     seen, _ = pairs(coefficients, seed=seed)
-    assert overlap.checked(seen, record([0.0]), [record([0.0])]).warnings == ()
+    assert check_pairs(seen, record([0.0]), [record([0.0])]).warnings == ()
 
 
 @pytest.mark.parametrize(("sign", "turns"), [(1, 1), (1, -1), (-1, 1), (-1, 2), (-1, 0)])
@@ -122,15 +123,15 @@ def test_velocities_in_another_frame_than_told_are_refused(sign, turns):
     seen, _ = pairs(MILD)
     upper = angles.turn(sign * seen.upper_east, seen.upper_north, turns * seen.heading_deg)
     with pytest.raises(InputError, match=r"only where they are (turned|mirrored).*; check coordinates"):
-        overlap.checked(replace(seen, upper_east=upper[0], upper_north=upper[1]), record([0.0]), [record([0.0])])
+        check_pairs(replace(seen, upper_east=upper[0], upper_north=upper[1]), record([0.0]), [record([0.0])])
 
 
 def test_one_serial_number_in_the_files_of_both_is_refused():
     upper, lower = (replace(record([0.0]), serial_number=number) for number in ("8104", "7514"))
     seen, _ = pairs(MILD)
-    assert len(overlap.checked(seen, upper, [lower])) == len(seen)
+    assert len(check_pairs(seen, upper, [lower])) == len(seen)
     with pytest.raises(InputError, match="expected two instruments, found serial number 8104 in the files of both"):
-        overlap.checked(seen, upper, [upper])
+        check_pairs(seen, upper, [upper])
 
 
 def instruments(n=6000, *, seed=3, cell_m=4.0) -> tuple[Record, Record]:
@@ -151,12 +152,12 @@ def late(lower: Record, hours) -> Record:
 @pytest.mark.parametrize("hours", [-744, -36, -12, 7, 13, 24, 120])
 def test_a_clock_that_is_hours_days_or_a_month_off_is_put_right_and_said(hours):
     upper, lower = instruments()
-    found = overlap.clocks(upper, [late(lower, hours)], Rules())
+    found = estimate_clock_offset(upper, [late(lower, hours)], PairRules())
     assert set(found.ahead_h) == {hours}
     said = f"the clock of the reference is {abs(hours)} h {'ahead of' if hours > 0 else 'behind'} the affected one"
     assert said in found.warnings[0]
     pairs, right = (
-        overlap.find(upper, [one], NORTH_FIELD, Rules(), clocks)
+        find_pairs(upper, [one], NORTH_FIELD, PairRules(), clocks)
         for one, clocks in ((late(lower, hours), found), (lower, None))
     )
     assert len(pairs) >= len(right) - abs(hours) and found.warnings[0] in pairs.warnings
@@ -170,8 +171,8 @@ def test_a_clock_that_drifts_by_many_hours_or_was_set_in_between_is_put_right(gr
     upper, lower = instruments()
     share = np.linspace(0.0, 1.0, len(lower.time_s))
     wrong = late(lower, grows * share + step * (share > 0.4))
-    wrong = clock_offset.take(wrong, np.argsort(wrong.time_s, kind="stable"))
-    found = overlap.clocks(upper, [wrong], Rules())
+    wrong = take(wrong, np.argsort(wrong.time_s, kind="stable"))
+    found = estimate_clock_offset(upper, [wrong], PairRules())
     told = np.interp(upper.time_s, found.time_s, found.ahead_h) - grows * share - step * (share > 0.4)
     # A drift within an hour, a setting within a day.
     assert np.mean(np.abs(told) <= 1.0) > 0.99 and len(found.warnings) == 1
@@ -181,12 +182,12 @@ def test_ordinary_clocks_are_left_alone_and_a_few_hours_are_left_to_the_search()
     for seed in range(4):
         upper, lower = instruments(1500 * (seed + 1), seed=seed)
         for hours in (-0.4, 0.0, 0.4, 4.0):
-            assert overlap.clocks(upper, [late(lower, hours)], Rules()) == clock_offset.Clocks()
+            assert estimate_clock_offset(upper, [late(lower, hours)], PairRules()) == ClockOffset()
 
 
 def test_speeds_that_have_nothing_in_common_are_said_and_nothing_is_put_right():
     upper, other = instruments(seed=3)[0], instruments(seed=4)[1]
-    found = overlap.clocks(upper, [other], Rules())
+    found = estimate_clock_offset(upper, [other], PairRules())
     assert not any(found.ahead_h) and len(found.warnings) == 1
 
 
@@ -201,7 +202,7 @@ def test_a_tide_alone_cannot_tell_its_own_periods_apart():
     )
     lower = replace(lower, east=(0.1 + tide.real + noise[2])[:, None], north=(tide.imag * 0.3 + noise[3])[:, None])
     for hours in (0, 12, 25):
-        assert not any(overlap.clocks(upper, [late(lower, hours)], Rules()).ahead_h)
+        assert not any(estimate_clock_offset(upper, [late(lower, hours)], PairRules()).ahead_h)
 
 
 OWN = {
@@ -238,7 +239,7 @@ def meter(upper: Record, current: np.ndarray, depth: float = 105.0) -> Record:
 def test_the_compromised_instrument_s_own_record_is_no_trusted_one(what):
     upper, _ = instruments(1500)
     trusted = [OWN[what](upper)]
-    found = overlap.find(upper, trusted, NORTH_FIELD, Rules(), overlap.clocks(upper, trusted, Rules()))
+    found = find_pairs(upper, trusted, NORTH_FIELD, PairRules(), estimate_clock_offset(upper, trusted, PairRules()))
     assert not len(found) and "one recording was given twice" in found.warnings[0]
 
 
@@ -247,7 +248,7 @@ def test_two_instruments_and_a_deeper_cell_told_at_its_own_depth_are_two_recordi
     deeper = meter(upper, velocity(upper)[:, 2:4].mean(axis=1).round(4), depth=100.0 - 14.0)
     near = meter(upper, u_near(upper) + np.random.default_rng(2).normal(0.0, 0.007, (1500, 2)) @ [1.0, 1.0j])
     for trusted in (lower, deeper, near):
-        assert overlap.clocks(upper, [trusted], Rules()).one_recording == ""
+        assert estimate_clock_offset(upper, [trusted], PairRules()).one_recording == ""
 
 
 # -------------------------------------------------------------------------------------------------- variability
@@ -276,6 +277,6 @@ def test_a_reference_that_was_filtered_or_held_is_told_by_its_variability(change
     upper, lower = instruments(seed=5)
     flow = change(lower.east[:, 0] + 1j * lower.north[:, 0])
     east, north = (np.repeat(part[:, None], lower.east.shape[1], axis=1) for part in (flow.real, flow.imag))
-    pairs = overlap.find(upper, [replace(lower, east=east, north=north)], NORTH_FIELD, Rules())
+    pairs = find_pairs(upper, [replace(lower, east=east, north=north)], NORTH_FIELD, PairRules())
     said = [warning for warning in pairs.warnings if "reference's" in warning]
     assert (len(said) == 1 and words in said[0]) if words else not said

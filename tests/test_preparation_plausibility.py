@@ -18,7 +18,9 @@ from compasslib import angles, report
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise as config
 from compasslib.pipeline import plan
-from compasslib.preparation import deployment, overlap, plausibility
+from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.pairs import PairRules, find_pairs
+from compasslib.preparation.quality import flag_quality
 from compasslib.readers import pd0
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, EarthField
 from compasslib.report import words
@@ -79,7 +81,7 @@ FAULTS = {
 
 
 def settled(fault: str):
-    return deployment.settle(FAULTS[fault][0], **LONG)
+    return apply_deployment(FAULTS[fault][0], **LONG)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -92,13 +94,13 @@ def test_every_fault_is_counted_and_said(fault):
 
 def test_no_count_of_the_deployment_is_without_its_fault():
     quiet = {"side_lobe", "beyond_boundary", "excluded", "echo_of_boundary"}  # the sea's and the user's own
-    assert set(deployment.settle(echoes(100.0, 110.0), **LONG).counts) == {*FAULTS, *quiet}
+    assert set(apply_deployment(echoes(100.0, 110.0), **LONG).counts) == {*FAULTS, *quiet}
 
 
 def test_a_meter_that_shows_one_velocity_from_first_to_last_is_bad_and_still_water_is_not():
     assert (settled("frozen_velocity").quality[1:] == BAD).all()
     still = replace(turning(), east=np.zeros((N, 3)), north=np.zeros((N, 3)))
-    assert deployment.settle(still, **LONG).counts["frozen_velocity"] == 0
+    assert apply_deployment(still, **LONG).counts["frozen_velocity"] == 0
 
 
 def test_a_compass_that_only_trembles_is_stuck():
@@ -110,7 +112,7 @@ def test_a_compass_that_only_trembles_is_stuck():
 def test_a_fill_value_among_headings_is_flagged_whole_and_nothing_else(share, value):
     n = 2000
     given, at, _ = wild(np.random.default_rng(7).random(n) < share, value, n)
-    found = plausibility.flagged(given, 500.0)
+    found = flag_quality(given, 500.0)
     assert (found.heading_quality[at] == BAD).all() and (found.heading_quality[~at] == GOOD).all()
     assert any(
         f"{at.sum()} headings flagged: they read {value:.2f} degrees, a fill value" in said for said in found.warnings
@@ -124,7 +126,7 @@ def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
     n, rng = 4000, np.random.default_rng(8)
     at = rng.random(n) < share
     given, at, true = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
-    found = plausibility.flagged(given, 500.0)
+    found = flag_quality(given, 500.0)
     left = np.where(found.heading_quality == GOOD, angles.difference(given.heading_deg, true), np.nan)
     assert np.sqrt(np.nanmean(left**2)) < kept_deg
     assert np.mean(found.heading_quality[at] > GOOD) > 0.85 and np.mean(found.heading_quality[~at] > GOOD) < 0.12
@@ -136,12 +138,12 @@ def test_headings_of_the_compass_to_correct_are_counted_said_and_left_to_the_cor
     at = rng.random(n) < 0.01
     given, at, _ = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
     given.heading_deg[::400] = 327.68
-    reference, affected = (plausibility.flagged(given, 500.0, affected=which) for which in (False, True))
+    reference, affected = (flag_quality(given, 500.0, affected=which) for which in (False, True))
     assert affected.counts == reference.counts and affected.counts["heading_wild"] > 10
     assert (affected.heading_quality[::400] == BAD).all() and (affected.heading_quality == BAD).sum() == 10
     assert any("and they are judged by their corrected headings" in said for said in affected.warnings)
     field = EarthField(given.time_s[[0, -1]], np.zeros(2), *np.full((3, 2), 12000.0))
-    paired = [overlap.find(one, [wake_locked(n)], field, overlap.Rules()) for one in (reference, affected)]
+    paired = [find_pairs(one, [wake_locked(n)], field, PairRules()) for one in (reference, affected)]
     np.testing.assert_array_equal(paired[0].time_s, paired[1].time_s)
 
 
@@ -149,7 +151,7 @@ def test_a_few_in_a_row_that_come_back_are_flagged():
     given, at, _ = wild(
         [40, 41, 42, 200, 201, 390, 391, 392, 393], [340.0, 341.0, 339.0, 10.0, 9.0, 5.0, 6.0, 7.0, 8.0], 600
     )
-    found = plausibility.flagged(given, 500.0)
+    found = flag_quality(given, 500.0)
     fast = given.east[:, 0] > np.median(given.east[:, 0])
     assert (found.heading_quality[at & fast] == BAD).all() and (found.heading_quality[~at] == GOOD).mean() > 0.98
 
@@ -160,7 +162,7 @@ def test_genuine_compasses_hold_no_outlier(name):
     if not files:
         pytest.skip(f"no {SHARED}/pd0/{name}*")
     read = pd0.read(files, orientation=None, declination_applied=None, heading_alignment=None)
-    found = plausibility.flagged(read, 1e5)
+    found = flag_quality(read, 1e5)
     assert not any(found.counts[key] for key in ("heading_fill", "heading_wild", "heading_unsure"))
 
 
@@ -172,7 +174,7 @@ def test_a_compass_that_turns_freely_or_is_coarse_is_left_alone():
         (free, []),
         (coarse, ["headings step by 5 degrees: the step is included in their uncertainty"]),
     ):
-        found = plausibility.flagged(given, 500.0)
+        found = flag_quality(given, 500.0)
         assert (found.heading_quality == GOOD).all() and list(found.warnings) == said
 
 
@@ -180,14 +182,14 @@ def test_what_was_recorded_on_deck_is_doubted_by_its_own_depth_and_a_profiler_is
     n = 2000
     sound = replace(wake_locked(n), depth_m=100.0 + np.random.default_rng(3).uniform(0.0, 20.0, n))
     deck = np.arange(n) < 300
-    found = plausibility.flagged(replace(sound, depth_m=np.where(deck, 0.5, sound.depth_m)), 500.0)
+    found = flag_quality(replace(sound, depth_m=np.where(deck, 0.5, sound.depth_m)), 500.0)
     assert (found.heading_quality[deck] >= PROBABLY_BAD).all() and (found.quality[deck] >= BAD).all()
     assert (found.heading_quality[~deck] == GOOD).all() and found.counts[
         "out_of_water"
     ] == deck.sum() * found.quality.shape[1]
     assert "300 samples between" in " ".join(found.warnings)
     profiling = replace(sound, depth_m=60.0 - 55.0 * np.cos(np.arange(n) / 6.0))
-    assert "out_of_water" not in plausibility.flagged(profiling, 500.0).counts
+    assert "out_of_water" not in flag_quality(profiling, 500.0).counts
 
 
 def test_clean_headings_near_strong_iron_keep_their_flag_through_the_chain(tmp_path):

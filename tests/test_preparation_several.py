@@ -11,12 +11,14 @@ import yaml
 from sea import MILD
 from test_preparation_water import ALL_NEAR, CELL_M, FIELD, instrument, layers, seen
 
-from compasslib import angles, compass, deviation
+from compasslib import angles, compass
 from compasslib.archive import netcdf
-from compasslib.deviation import model
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.model import nearest_root
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
-from compasslib.preparation import overlap, several
+from compasslib.preparation.pairs import PairRules, find_pairs
+from compasslib.preparation.references import combine_references, join_references
 from compasslib.records import take
 
 NAMES = ("low", "mid", "high")
@@ -34,33 +36,33 @@ def trio(seed, faults=None, predict=True):
     for name, bin_ in zip(NAMES, (0, 1, 5), strict=True):
         wrong = turned(flow[:, bin_ : bin_ + 1], zero + (faults or {}).get(name, 0.0))
         meter = instrument(wrong, CELL_M * (bin_ - 1), heading_deg=np.full(len(flow), np.nan))
-        found.append(overlap.find(top, [meter], FIELD, overlap.Rules(max_metres=ALL_NEAR.max_metres, predict=predict)))
+        found.append(find_pairs(top, [meter], FIELD, PairRules(max_metres=ALL_NEAR.max_metres, predict=predict)))
     return found, top, heading
 
 
 def error_deg(pairs, top, heading):
-    fit = deviation.fit("exact", pairs)
-    found = model.nearest_root(compass.inverse(fit.coefficients, top.heading_deg), heading)
+    fit = fit_deviation("exact", pairs)
+    found = nearest_root(compass.inverse(fit.coefficients, top.heading_deg), heading)
     return float(angles.rms(angles.difference(found, heading)[np.isfinite(found)]))
 
 
 def test_one_trusted_instrument_is_as_ever():
     (pairs, *_), _, _ = trio(1)
-    assert several.joined([pairs], ["low"]) is pairs
-    assert several.together(pairs) == pairs
+    assert join_references([pairs], ["low"]) is pairs
+    assert combine_references(pairs) == pairs
 
 
 def test_pairs_of_all_stand_by_time_and_together_they_are_one_a_time_with_less_noise():
     ratios = []
     for seed in (1, 2, 3):
         found, top, heading = trio(seed)
-        every = several.joined(found, NAMES)
+        every = join_references(found, NAMES)
         assert len(every) == sum(map(len, found)) and not every.warnings
         assert (np.diff(every.time_s) >= 0.0).all() and every.reference_names == NAMES
         for k, own in enumerate(found):
             mine = take(every, every.reference_index == k)
             np.testing.assert_array_equal(mine.lower_east, own.lower_east)
-        one = several.together(every)
+        one = combine_references(every)
         assert len(one) == len(np.unique(every.time_s)) and one.reference_index is None
         ratios.append(error_deg(one, top, heading) / min(error_deg(pairs, top, heading) for pairs in found[:2]))
     assert np.median(ratios) < 0.8
@@ -69,7 +71,7 @@ def test_pairs_of_all_stand_by_time_and_together_they_are_one_a_time_with_less_n
 def test_together_where_one_has_gaps_and_turns_as_each_does():
     found, *_ = trio(4)
     found[1] = take(found[1], slice(0, 800))
-    one = several.together(several.joined(found, NAMES))
+    one = combine_references(join_references(found, NAMES))
     assert len(one) == len(found[0])
     shift = 37.0 * np.sin(np.arange(len(one)))
 
@@ -77,34 +79,34 @@ def test_together_where_one_has_gaps_and_turns_as_each_does():
         east, north = angles.turn(pairs.upper_east, pairs.upper_north, shift[np.searchsorted(one.time_s, pairs.time_s)])
         return type(pairs)(**{**vars(pairs), "upper_east": east, "upper_north": north})
 
-    again = several.together(several.joined([by_heading(pairs) for pairs in found], NAMES))
+    again = combine_references(join_references([by_heading(pairs) for pairs in found], NAMES))
     np.testing.assert_allclose(again.upper_east, by_heading(one).upper_east, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_those_that_agree_are_not_doubted(seed):
-    assert not several.joined(trio(seed)[0], NAMES).warnings
+    assert not join_references(trio(seed)[0], NAMES).warnings
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_of_three_the_one_that_disagrees_is_left_out_and_told(name):
     found, top, heading = trio(5, {name: 12.0})
-    every = several.joined(found, NAMES)
+    every = join_references(found, NAMES)
     (said,) = every.warnings
     assert f"{name} is left out" in said and "12 ± " in said
     assert NAMES.index(name) not in every.reference_index
-    assert error_deg(several.together(every), top, heading) < 3.0
+    assert error_deg(combine_references(every), top, heading) < 3.0
 
 
 def test_a_step_is_dated():
     found, *_ = trio(6, {"mid": np.where(np.arange(3000) < 1800, 0.0, 15.0)})
-    (said,) = several.joined(found, NAMES).warnings
+    (said,) = join_references(found, NAMES).warnings
     assert "mid is left out" in said and "more from about" in said
 
 
 def test_of_two_that_disagree_the_first_stands_alone():
     found, *_ = trio(7, {"mid": -10.0})
-    every = several.joined(found[:2], NAMES[:2])
+    every = join_references(found[:2], NAMES[:2])
     assert "cannot be determined" in every.warnings[0] and set(every.reference_index) == {0}
 
 
@@ -123,7 +125,7 @@ def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
     assert pairs.reference_names == ("deep", "other")
     assert np.bincount(pairs.reference_index).tolist() == [1200, 600]
     assert any("(deep 1200, other 600)" in line for line in lines)
-    assert len(several.together(pairs)) == 1200
+    assert len(combine_references(pairs)) == 1200
 
     said["reference"] = ["deep", "deep"]
     file.write_text(yaml.safe_dump(said))

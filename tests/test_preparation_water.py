@@ -6,16 +6,24 @@ import numpy as np
 import pytest
 from sea import FOLDED, MILD, SHARED
 
-from compasslib import angles, compass, deviation, readers
-from compasslib.deviation import model
-from compasslib.preparation import overlap, water
-from compasslib.preparation.overlap import Rules
+from compasslib import angles, compass, readers
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.model import nearest_root
+from compasslib.preparation.pairs import PairRules, find_pairs
+from compasslib.preparation.water import (
+    VEER_S,
+    _predict_veer,
+    fails_speed_check,
+    fit_structure,
+    mean_shear_sigma,
+    predict_water,
+)
 from compasslib.records import BAD, EarthField, Record
 from tests.world.pairs import red_from_rest
 
 HOURS, CELL_M, BINS = 3000, 4.0, 12
 FIELD = EarthField(np.array([0.0, 2e9]), np.zeros(2), *(np.ones((3, 2)) * 12000.0))
-ALL_NEAR = Rules(max_metres=1000.0)
+ALL_NEAR = PairRules(max_metres=1000.0)
 
 
 def layers(seed: int, *, noise_m_s: float = 0.01, bins: int = BINS + 2) -> np.ndarray:
@@ -59,26 +67,26 @@ def seen(coefficients, flow: np.ndarray, seed: int = 1) -> tuple[Record, Record,
 
 
 def errors(top: Record, trusted: Record, heading: np.ndarray, **rules) -> float:
-    pairs = overlap.find(top, [trusted], FIELD, replace(ALL_NEAR, **rules))
-    fit = deviation.fit("exact", pairs)
-    found = model.nearest_root(compass.inverse(fit.coefficients, top.heading_deg), heading)
+    pairs = find_pairs(top, [trusted], FIELD, replace(ALL_NEAR, **rules))
+    fit = fit_deviation("exact", pairs)
+    found = nearest_root(compass.inverse(fit.coefficients, top.heading_deg), heading)
     return angles.rms(angles.difference(found, heading)[np.isfinite(found)])
 
 
 def test_weights_add_up_and_uniform_water_stays_as_it_is():
-    learnt = water.structure(seen(MILD, layers(1))[0])
+    learnt = fit_structure(seen(MILD, layers(1))[0])
     for away in (np.array([8.0, 12.0, 16.0]), np.array([-4.0, 4.0, 8.0, 12.0]), np.array([40.0])):
         assert learnt.weights(away).sum() == pytest.approx(1.0)
     top, trusted, _ = seen(MILD, np.tile(layers(1)[:, :1], (1, BINS + 2)))
-    assert water.predict(top, trusted.bin_depth_m()[:, 0], 2) is None  # there is nothing to learn: the mean stays
+    assert predict_water(top, trusted.bin_depth_m()[:, 0], 2) is None  # there is nothing to learn: the mean stays
     noisy = seen(MILD, layers(1)[:, :1] + 1e-4 * layers(2))[0]
-    predicted = water.predict(noisy, trusted.bin_depth_m()[:, 0], 2)
+    predicted = predict_water(noisy, trusted.bin_depth_m()[:, 0], 2)
     assert np.abs(predicted.velocity - (top.east[:, 0] + 1j * top.north[:, 0])).max() < 1e-3
 
 
 def test_at_the_depth_of_a_bin_it_is_that_bin_but_for_noise():
     top, _, _ = seen(MILD, layers(2, noise_m_s=1e-4))
-    found = water.predict(top, top.bin_depth_m()[:, 3], 2)
+    found = predict_water(top, top.bin_depth_m()[:, 3], 2)
     off = found.velocity - (top.east[:, 3] + 1j * top.north[:, 3])
     assert np.sqrt(np.mean(np.abs(off) ** 2)) < 0.1 * np.std(top.east[:, 4] - top.east[:, 3])
 
@@ -86,7 +94,7 @@ def test_at_the_depth_of_a_bin_it_is_that_bin_but_for_noise():
 def test_it_is_nearer_to_the_trusted_water_than_the_mean_of_bins_and_says_by_how_much():
     flow = layers(3)
     top, trusted, _ = seen((0.0,) * 5, flow)
-    found = water.predict(top, trusted.bin_depth_m()[:, 0], 2)
+    found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
     mean = flow[:, 2:4].mean(axis=1)
     real = [float(np.sqrt(np.mean(np.abs(x - flow[:, 0]) ** 2) / 2.0)) for x in (mean, found.velocity)]
     assert real[1] < 0.75 * real[0]
@@ -106,7 +114,7 @@ def test_it_turns_as_the_profile_does_so_that_nothing_of_a_compass_is_swallowed(
     velocity = (plain.east + 1j * plain.north) * by
     turned = replace(plain, east=velocity.real, north=velocity.imag)
     depth = trusted.bin_depth_m()[:, 0]
-    before, after = (water.predict(one, depth, 2).velocity for one in (plain, turned))
+    before, after = (predict_water(one, depth, 2).velocity for one in (plain, turned))
     assert np.abs(after - before * by[:, 0]).max() < 1e-9
 
 
@@ -128,7 +136,7 @@ def test_water_that_turns_with_depth_for_good_is_followed_and_what_is_left_is_st
         for by_cell in (0.0, 3.0):
             flow = layers(seed) * angles.phasor(by_cell * np.arange(BINS + 2))
             top, trusted, _ = seen((0.0,) * 5, flow)
-            found = water.predict(top, trusted.bin_depth_m()[:, 0], 2)
+            found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
             turned = angles.argument(np.sum(found.velocity * np.conj(flow[:, 0] / np.abs(flow[:, 0]))))
             left.append(float(angles.wrap180(turned)))
             stated.append(found.veer_deg)
@@ -140,7 +148,7 @@ def test_water_that_turns_with_depth_for_good_is_followed_and_what_is_left_is_st
 def test_a_profile_too_short_to_follow_the_turning_states_it(bins):
     flow = layers(3, bins=bins + 2) * angles.phasor(4.0 * np.arange(bins + 2))
     top, trusted, _ = seen((0.0,) * 5, np.delete(np.column_stack([flow, flow[:, -1:]]), 1, axis=1))
-    found = water.predict(top, trusted.bin_depth_m()[:, 0], 2)
+    found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
     assert 2.0 < found.veer_deg < 20.0
 
 
@@ -151,25 +159,25 @@ def test_the_mean_of_bins_states_how_far_it_may_be_turned(bins, apart):
     for by_cell in (0.0, 4.0):
         top, trusted, _ = seen((0.0,) * 5, layers(3, bins=bins + 2) * angles.phasor(by_cell * np.arange(bins + 2)))
         away = (trusted.bin_depth_m() - top.bin_depth_m()[:, :1]) * apart / 2.0  # of two cells
-        stated.append(water.turned_for_good(top, top.bin_depth_m()[:, 0] + away[:, 0], 2))
+        stated.append(mean_shear_sigma(top, top.bin_depth_m()[:, 0] + away[:, 0], 2))
     still, turning = stated
     assert still < 2.5 and 0.5 < turning / (4.0 * max(apart, 1.0)) < 3.0
 
 
 def test_a_turning_that_passes_180_degrees_is_followed_the_short_way():
     hours = np.arange(HOURS)
-    turn = np.where(hours // (water.VEER_S / 3600.0) % 2 == 0, 170.0, 190.0)
+    turn = np.where(hours // (VEER_S / 3600.0) % 2 == 0, 170.0, 190.0)
     flow = 0.3 * np.exp(1j * np.deg2rad(turn[:, None] * np.arange(6)))
     top = instrument(flow, CELL_M, heading_deg=np.zeros(HOURS))
     away = CELL_M * np.arange(1, 7)
-    turned, _ = water._veer(top, away, CELL_M, lambda bins_m: np.full(len(bins_m), 1.0 / len(bins_m)), 1)
+    turned, _ = _predict_veer(top, away, CELL_M, lambda bins_m: np.full(len(bins_m), 1.0 / len(bins_m)), 1)
     assert np.abs(turned).min() > 150.0
 
 
 def test_one_cell_cannot_tell_how_far_it_may_be_turned():
     top, trusted, _ = seen((0.0,) * 5, layers(3, bins=3))
     few = replace(top, **{name: getattr(top, name)[:, :1] for name in ("east", "north", "bin_range_m", "quality")})
-    assert water.turned_for_good(few, trusted.bin_depth_m()[:, 0], 2) == 0.0
+    assert mean_shear_sigma(few, trusted.bin_depth_m()[:, 0], 2) == 0.0
 
 
 def test_bins_that_are_bad_are_left_out_and_without_a_profile_it_is_the_mean_of_the_bins():
@@ -178,15 +186,15 @@ def test_bins_that_are_bad_are_left_out_and_without_a_profile_it_is_the_mean_of_
     quality = np.where(wild > 0, BAD, 1).astype(np.int8)
     spoilt = replace(top, east=top.east + wild, quality=quality)
     depth = trusted.bin_depth_m()[:, 0]
-    clean, left_out = (water.predict(one, depth, 2).velocity for one in (top, spoilt))
+    clean, left_out = (predict_water(one, depth, 2).velocity for one in (top, spoilt))
     assert np.sqrt(np.mean(np.abs(clean - left_out) ** 2)) < 0.015  # the turning is learnt without them
     for some in (slice(0, 1), slice(0, 3)):
         few = replace(
             top,
             **{name: getattr(top, name)[:, some] for name in ("east", "north", "bin_range_m", "quality")},
         )
-        assert water.predict(few, depth, 2) is None
-        found = [overlap.find(few, [trusted], FIELD, replace(ALL_NEAR, predict=on)) for on in (False, True)]
+        assert predict_water(few, depth, 2) is None
+        found = [find_pairs(few, [trusted], FIELD, replace(ALL_NEAR, predict=on)) for on in (False, True)]
         assert found[0].upper_east == pytest.approx(found[1].upper_east) and found[1].expected_m_s is None
 
 
@@ -216,9 +224,9 @@ def test_speeds_deny_a_prediction_that_is_further_from_the_trusted_water_and_no_
     mean, trusted = flow[:, 2:4].mean(axis=1), flow[:, 0]
     wild = mean + 0.1 * (red_from_rest(rng, HOURS, 6, 1.0) + 1j * red_from_rest(rng, HOURS, 6, 1.0))
     better = (mean + trusted) / 2.0
-    assert water.denied_by_speeds(time_s, mean, wild, trusted)
-    assert not water.denied_by_speeds(time_s, mean, better, trusted)
-    equal = [water.denied_by_speeds(time_s, *layers(seed)[:, [3, 2, 0]].T) for seed in range(20, 40)]
+    assert fails_speed_check(time_s, mean, wild, trusted)
+    assert not fails_speed_check(time_s, mean, better, trusted)
+    equal = [fails_speed_check(time_s, *layers(seed)[:, [3, 2, 0]].T) for seed in range(20, 40)]
     assert np.mean(equal) < 0.2
 
 
@@ -229,5 +237,5 @@ def test_a_depth_that_is_stated_wrongly_is_said_with_the_depth_whose_speeds_agre
     right = float(top.bin_depth_m()[0, 3])
     for depth, expected in ((right, ""), (float(top.bin_depth_m()[0, 7]), f"{4 * CELL_M:.0f} m below it")):
         trusted = instrument(flow[:, 5:6], 0.0, heading_deg=heading, depth=depth)
-        warnings = overlap.find(top, [trusted], FIELD, replace(ALL_NEAR, predict=True)).warnings
+        warnings = find_pairs(top, [trusted], FIELD, replace(ALL_NEAR, predict=True)).warnings
         assert any(expected in one for one in warnings) if expected else not warnings

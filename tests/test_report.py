@@ -25,10 +25,11 @@ from launch import change, snakemake
 from sea import cruise
 from two_heads_files import cast
 
-from compasslib import effects, report
+from compasslib import report
 from compasslib.archive import calibrations, files
 from compasslib.archive.files import write_json
 from compasslib.calibrations import result, two_heads
+from compasslib.effects import SIDES
 from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
@@ -276,7 +277,7 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
 
 
 def test_every_effect_stands_in_the_answer_as_a_clause_of_physics_and_its_name_in_brackets():
-    for effect in effects.SIDES:
+    for effect in SIDES:
         (clause,) = explanation.candidate_names({"effect": effect, "alternatives": []})
         begun, name = clause.rstrip(")").split(" (")
         assert name == words.plain(effect) and len(begun.split()) > 2 and begun != name

@@ -14,8 +14,8 @@ from launch import change, environment, snakemake
 from sea import cruise
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from compasslib import deviation
 from compasslib.archive.files import read_json
+from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
 from compasslib.pipeline import process as processing
 from compasslib.stages import correct
@@ -71,11 +71,11 @@ def test_stages_and_the_library_take_one_thread_and_give_the_others_back(process
         seen["library"] = threads_of_linear_algebra()
         return SimpleNamespace(fitted=False)
 
-    monkeypatch.setitem(deviation.METHODS, "exact", fit)
+    monkeypatch.setitem(METHODS, "exact", fit)
     monkeypatch.setattr(correct, "compare", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
     with threadpool_limits(2, user_api="blas"):
         processing._do("compare", processing.Wildcards("M1"), {})
-        deviation.fit("exact", None)
+        fit_deviation("exact", None)
         assert threads_of_linear_algebra() == {2}
     assert seen == {"stage": {1}, "library": {1}}
 

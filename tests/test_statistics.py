@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from compasslib import angles
-from compasslib.statistics import arma, autocorrelation, bfgs, blocks, gauss_newton, robust, whitening
+from compasslib.statistics.least_squares import MAX_STEP_DEG, gauss_newton, minimize_bfgs, robust_width
+from compasslib.statistics.noise import (
+    arma_correlation,
+    arma_covariance,
+    arma_innovations,
+    arma_variance_ratio,
+    effective_sample_size,
+    lag_matrix,
+)
+from compasslib.statistics.resampling import block_jackknife, block_sums, cluster_variance_inflation, resample_blocks
+from compasslib.statistics.whitening import clip_response, clip_standardized, fit_whitener, robust_widths
 from tests.world.pairs import red_from_rest as red_noise
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
@@ -24,10 +34,10 @@ def test_the_solver_finds_a_valley_and_a_bound():
 
     free = np.array([(-np.inf, np.inf)] * 2)
     cut = np.array([(-np.inf, 0.5), (-np.inf, np.inf)])
-    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
-    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
+    assert minimize_bfgs(valley, np.array([-1.2, 1.0]), free, 200)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
+    assert minimize_bfgs(valley, np.array([-1.2, 1.0]), cut, 200)[0] == pytest.approx([0.5, 0.25], abs=1e-3)
     flat = np.zeros((2, 2))  # a curvature that tells nothing is begun anew, no error
-    assert bfgs.minimise(valley, np.array([-1.2, 1.0]), free, 200, flat)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
+    assert minimize_bfgs(valley, np.array([-1.2, 1.0]), free, 200, flat)[0] == pytest.approx([1.0, 1.0], abs=1e-3)
 
 
 @dataclass(frozen=True)
@@ -52,17 +62,17 @@ class Root:
 
 def test_gauss_and_newton_cut_and_halve_a_step_that_is_too_long():
     def found(begin):
-        return gauss_newton.fit(begin, rounds=60, close=1e-9, worse=1.0).x
+        return gauss_newton(begin, rounds=60, close=1e-9, worse=1.0).x
 
     assert found(Root(1.0)) == pytest.approx(3.0, abs=1e-9)
     assert found(Root(4.0, too_long=3.0)) == pytest.approx(3.0, abs=1e-6)
     assert found(Root(4.0, too_long=3.0, least=2.9)) == pytest.approx(3.0, abs=1e-6)
-    assert gauss_newton.fit(Root(100.0), rounds=1, close=0.0, worse=1.0).x == 100.0 - gauss_newton.LONGEST
+    assert gauss_newton(Root(100.0), rounds=1, close=0.0, worse=1.0).x == 100.0 - MAX_STEP_DEG
 
 
 def test_draws_of_noise_are_its_own_blocks_with_either_sign():
     series = np.arange(1.0, 13.0)
-    drawn = blocks.drawn(series, 4, 50, seed=0)
+    drawn = resample_blocks(series, 4, 50, seed=0)
     steps = np.diff(drawn.reshape(50, 3, 4), axis=2)
     assert drawn.shape == (50, 12)
     assert np.all(np.isin(np.abs(steps), [1.0, 11.0]))  # 11 where a block goes on at the beginning
@@ -72,7 +82,7 @@ def test_draws_of_noise_are_its_own_blocks_with_either_sign():
 def test_the_robust_width_is_that_of_normal_noise_whatever_the_outliers():
     noise = np.random.default_rng(7).normal(0.0, 3.0, 20_000)
     noise[:1000] = 1e9
-    assert robust.width(noise) == pytest.approx(3.0, rel=0.08)
+    assert robust_width(noise) == pytest.approx(3.0, rel=0.08)
 
 
 def test_effective_number_of_red_noise():
@@ -82,7 +92,7 @@ def test_effective_number_of_red_noise():
     for i in range(1, n):
         series[i] = keep * series[i - 1] + rng.normal()
     expected = n * (1 - keep) / (1 + keep)
-    assert autocorrelation.effective_number(series, 3600.0 * np.arange(n)) == pytest.approx(expected, rel=0.15)
+    assert effective_sample_size(series, 3600.0 * np.arange(n)) == pytest.approx(expected, rel=0.15)
 
 
 def test_correlated_noise_widens_the_covariance():
@@ -93,15 +103,15 @@ def test_correlated_noise_widens_the_covariance():
         for k in range(1, n):
             noise[k] = 0.6 * noise[k - 1] + rng.normal()
         fitted = np.linalg.lstsq(columns, noise, rcond=None)[0]
-        spread = arma.covariance(noise - columns @ fitted, columns)
+        spread = arma_covariance(noise - columns @ fitted, columns)
         off.append(fitted / np.sqrt(np.diag(spread)))
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.2  # by independent errors it would be 2
 
 
 def test_the_filter_takes_the_correlation_out_and_treats_columns_alike():
     residual = red_noise(np.random.default_rng(1), 4000, 10, 8.0)
-    width = whitening.widths(residual, np.zeros(4000))
-    white = whitening.whitener(residual, width, TIME_S)
+    width = robust_widths(residual, np.zeros(4000))
+    white = fit_whitener(residual, width, TIME_S)
     innovation = white(residual[:, None])[:, 0]
     assert abs(np.corrcoef(innovation[1:], innovation[:-1])[0, 1]) < 0.05  # 3 standard errors at n = 4000
     columns = np.random.default_rng(2).normal(size=(4000, 3))
@@ -115,8 +125,8 @@ def test_gaps_and_missing_samples_count_as_nothing():
     residual[rng.random(4000) < 0.1] = np.nan
     kept = np.ones(4000, dtype=bool)
     kept[1000:1700] = False
-    width = whitening.widths(residual[kept], np.zeros(kept.sum()))
-    white = whitening.whitener(residual[kept], width, TIME_S[kept])
+    width = robust_widths(residual[kept], np.zeros(kept.sum()))
+    white = fit_whitener(residual[kept], width, TIME_S[kept])
     shown = white(np.nan_to_num(residual[kept])[:, None])
     assert np.isfinite(shown).all() and np.isinf(width[np.isnan(residual[kept])]).all()
 
@@ -124,14 +134,14 @@ def test_gaps_and_missing_samples_count_as_nothing():
 def test_the_width_grows_with_slowness():
     rng = np.random.default_rng(4)
     slowness = rng.uniform(2.0, 20.0, 4000)
-    width = whitening.widths(rng.normal(0.0, 2.0 * slowness), slowness)
+    width = robust_widths(rng.normal(0.0, 2.0 * slowness), slowness)
     np.testing.assert_allclose(np.median(width / (2.0 * slowness)), 1.0, atol=0.1)
 
 
 def test_the_width_goes_on_falling_where_the_water_is_fastest():
     rng = np.random.default_rng(4)
     slowness = rng.lognormal(1.0, 0.6, 8000)
-    width = whitening.widths(rng.normal(0.0, np.hypot(1.0, 2.0 * slowness)), slowness)
+    width = robust_widths(rng.normal(0.0, np.hypot(1.0, 2.0 * slowness)), slowness)
     fastest = np.argsort(slowness)[:80]  # of a bin of 667; its width is known within 4 %, its fall within 10 %
     np.testing.assert_allclose(np.mean(width[fastest] / np.hypot(1.0, 2.0 * slowness[fastest])), 1.0, atol=0.15)
 
@@ -139,7 +149,7 @@ def test_the_width_goes_on_falling_where_the_water_is_fastest():
 def test_the_width_goes_on_growing_where_the_water_is_slowest():
     rng = np.random.default_rng(4)
     slowness = rng.lognormal(1.0, 0.6, 8000)
-    width = whitening.widths(rng.normal(0.0, slowness), slowness)
+    width = robust_widths(rng.normal(0.0, slowness), slowness)
     slowest = np.argsort(slowness)[-80:]  # of a bin of 667; its width is known within 4 %
     np.testing.assert_allclose(np.mean(width[slowest] / slowness[slowest]), 1.0, atol=0.1)
 
@@ -147,7 +157,7 @@ def test_the_width_goes_on_growing_where_the_water_is_slowest():
 @pytest.mark.parametrize("spread", [12.0, 45.0, 70.0, 1000.0])
 def test_a_direction_that_points_anywhere_tells_nothing(spread):
     directions = angles.wrap180(np.random.default_rng(5).normal(0.0, spread, 40_000))
-    width = whitening.widths(directions, np.zeros(40_000))[0]
+    width = robust_widths(directions, np.zeros(40_000))[0]
     # The mean of a wrapped normal law's sines knows rho**2 / variance.
     rho, twice = (np.exp(-((k * np.radians(spread)) ** 2) / 2.0) for k in (1, 2))
     known = np.degrees(np.sqrt((1.0 - twice) / 2.0)) / max(rho, 1e-9)
@@ -156,7 +166,7 @@ def test_a_direction_that_points_anywhere_tells_nothing(spread):
 
 def test_slow_water_that_points_the_other_way_is_on_neither_side():
     width = np.full(7, 40.0)
-    shown = whitening.clipped(np.array([-181.0, -179.0, 0.0, 20.0, 100.0, 179.0, 181.0]), width)
+    shown = clip_standardized(np.array([-181.0, -179.0, 0.0, 20.0, 100.0, 179.0, 181.0]), width)
     np.testing.assert_allclose(shown, [1.0 / 40.0, -1.0 / 40.0, 0.0, 0.5, 2.0, 1.0 / 40.0, -1.0 / 40.0], atol=1e-12)
 
 
@@ -164,15 +174,15 @@ def test_the_response_is_what_is_left_of_a_small_shift():
     rng = np.random.default_rng(6)
     residual = angles.wrap180(40.0 * rng.standard_t(4.0, 200_000))
     width = np.full(len(residual), 40.0)
-    moved = np.mean(whitening.clipped(residual + 1.0, width) - whitening.clipped(residual, width)) * 40.0
-    assert whitening.response(residual, width) == pytest.approx(moved, abs=0.01)
+    moved = np.mean(clip_standardized(residual + 1.0, width) - clip_standardized(residual, width)) * 40.0
+    assert clip_response(residual, width) == pytest.approx(moved, abs=0.01)
 
 
 def test_filtered_noise_of_a_law_is_white():
     law, n = (0.9, -0.5), 300
-    root = np.linalg.cholesky(arma.correlation(*law, arma.lags_between(n)) * arma.first_variance(law))
+    root = np.linalg.cholesky(arma_correlation(*law, lag_matrix(n)) * arma_variance_ratio(law))
     drawn = root @ np.random.default_rng(1).normal(size=(n, 400))
-    white = arma.filtered(drawn, law)
+    white = arma_innovations(drawn, law)
     assert np.std(white) == pytest.approx(1.0, abs=0.02)
     assert abs(np.mean(white[1:] * white[:-1])) < 0.01
     np.testing.assert_allclose(np.sum(white**2, axis=0), np.sum(np.linalg.solve(root, drawn) ** 2, axis=0), rtol=0.01)
@@ -186,16 +196,16 @@ def test_jackknife_is_that_of_refits_without_each_block():
     pulls = rows * (observed - rows @ whole)[:, None]
     moved = np.array([np.linalg.lstsq(rows[block != b], observed[block != b])[0] - whole for b in range(6)])
     expected = moved.T @ moved * 5.0 / 6.0
-    np.testing.assert_allclose(blocks.jackknife(rows, pulls, block, rows.T @ rows), expected, rtol=1e-9)
+    np.testing.assert_allclose(block_jackknife(rows, pulls, block, rows.T @ rows), expected, rtol=1e-9)
 
 
 def test_blocks_that_are_alike_make_scores_uneven():
     rng = np.random.default_rng(6)
     block, basis = np.repeat(np.arange(200), 25), np.full((5000, 1), 5000**-0.5)
     each, shared = rng.normal(size=5000), rng.normal(size=200)[block]
-    np.testing.assert_array_equal(blocks.sums(each[:, None], np.repeat([3, 0], 2500))[:, 0] != 0.0, [True, True])
-    ratio, count = blocks.unevenness(basis, each, block, 1.0)
+    np.testing.assert_array_equal(block_sums(each[:, None], np.repeat([3, 0], 2500))[:, 0] != 0.0, [True, True])
+    ratio, count = cluster_variance_inflation(basis, each, block, 1.0)
     assert count == pytest.approx(200.0)
     assert ratio == pytest.approx(1.0, abs=0.3)  # three standard errors of 200 squares
-    ratio, _ = blocks.unevenness(basis, shared, block, 1.0)
+    ratio, _ = cluster_variance_inflation(basis, shared, block, 1.0)
     assert ratio == pytest.approx(25.0, rel=0.3)

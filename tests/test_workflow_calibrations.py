@@ -18,7 +18,7 @@ from sea import cruise, pairs
 
 from compasslib import angles, earthfield
 from compasslib.config import cruise as config
-from compasslib.deviation import transfer
+from compasslib.deviation.model import FieldAtPlace, transfer_coefficients
 from compasslib.pipeline import plan
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
@@ -31,8 +31,8 @@ def at_brest(coefficients) -> np.ndarray:
     places = []
     for latitude, longitude, time_s in ((65.3333, -32.955, 1191000000.0), (48.4, -4.5, 1664409600.0)):
         _, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, time_s))
-        places.append(transfer.Place(horizontal, vertical))
-    return transfer.carry(coefficients, np.eye(5), *places).if_all_hard
+        places.append(FieldAtPlace(horizontal, vertical))
+    return transfer_coefficients(coefficients, np.eye(5), *places).if_all_hard
 
 
 @pytest.fixture(scope="module")

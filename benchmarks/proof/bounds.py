@@ -14,7 +14,9 @@ import numpy as np
 from benchmarks.proof import measure
 from compasslib import angles
 from compasslib.archive import netcdf
-from compasslib.deviation import exact, model, von_appen
+from compasslib.deviation.exact import fit_exact
+from compasslib.deviation.model import LETTERS, fit_from_json
+from compasslib.deviation.series import fit_series, invert_series
 from compasslib.records import take
 
 
@@ -29,8 +31,8 @@ def errors_deg(results: Path, locked: Path, name: str, deviation: dict[str, Any]
         return {"published_deg": None, "sampled_deg": None}
     time_s, heading, recorded, plain, veer = np.load(locked / f"{name}.npy")
     pairs = netcdf.read_pairs(results / "overlap.nc")
-    series = von_appen.fit(pairs)
-    published = von_appen.invert(series.coefficients, recorded)
+    series = fit_series(pairs)
+    published = invert_series(series.coefficients, recorded)
     at = np.searchsorted(time_s, pairs.time_s).clip(0, time_s.size - 1)
     pairs, at = take(pairs, time_s[at] == pairs.time_s), at[time_s[at] == pairs.time_s]
     upper = angles.turn(pairs.upper_east, pairs.upper_north, measure.turn(plain, recorded)[at])
@@ -43,8 +45,8 @@ def errors_deg(results: Path, locked: Path, name: str, deviation: dict[str, Any]
         lower_east=lower[0],
         lower_north=lower[1],
     )
-    fit = exact.fit(freed, model.from_json(deviation))
-    letters = dict(zip(model.LETTERS, fit.coefficients.tolist(), strict=True))
+    fit = fit_exact(freed, fit_from_json(deviation))
+    letters = dict(zip(LETTERS, fit.coefficients.tolist(), strict=True))
     known = np.isfinite(heading)
     sampled = measure.corrected_by(letters, plain[known], heading[known])
     return {

@@ -219,7 +219,7 @@ def _surroundings() -> Iterator[Entity]:
     """Python, what adds readers or effects, the lock, and the installed version of each package that the lock names."""
     python = platform.python_version()
     yield _tool(f"pkg:generic/python@{python}", "python", python, "https://www.python.org/")
-    for package in plugins.packages():
+    for package in plugins.plugin_packages():
         name, version = package.rsplit(" ", 1)
         yield _tool(f"pkg:generic/{quote(name)}@{version}", name, version)
     lock = provenance.PROJECT / LOCK

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib.archive.variables import BEAM, BIN, FILL, Variable
-from compasslib.errors import InputError, Passing
+from compasslib.errors import InputError, TransientError
 
 RERUN = "run the cruise again, which makes it anew, or restore it from a copy"  # a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
@@ -47,7 +47,9 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     except (OSError, RuntimeError) as error:  # RuntimeError: netCDF's word for a full disk
         found = getattr(error, "strerror", None) or str(error)
         advice = "free some space or mend the permissions, and run again"
-        raise Passing(str(path), expected="room and the right to write it", found=found, advice=advice) from error
+        raise TransientError(
+            str(path), expected="room and the right to write it", found=found, advice=advice
+        ) from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -94,7 +96,7 @@ def _jsonable(value: Any) -> Any:
 
 def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
     advice = RERUN
-    return Passing(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
+    return TransientError(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
 
 
 @contextmanager

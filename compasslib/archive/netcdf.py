@@ -33,7 +33,7 @@ from compasslib.archive.files import (
     write_variable,
 )
 from compasslib.archive.variables import Variable, quality_variable
-from compasslib.records import BAD, MISSING, PROBABLY_GOOD, Corrected, Flags, Pairs, Record, Rows
+from compasslib.records import BAD, MISSING, PROBABLY_GOOD, CorrectedRecord, Flags, Pairs, Record, Rows
 from compasslib.types import Floats
 
 
@@ -205,7 +205,7 @@ Columns = dict[str, Column]
 
 def write_corrected(
     path: str | Path,
-    product: Corrected | Iterable[Corrected],
+    product: CorrectedRecord | Iterable[CorrectedRecord],
     *,
     site: Site,
     attributes: Mapping[str, object] | None = None,
@@ -219,7 +219,7 @@ def write_corrected(
         attributes: global attributes of the user, and make and number of the instrument.
         processing: how and when the product was made; see ``archive.attributes.global_attributes``.
     """
-    pieces = [product] if isinstance(product, Corrected) else product
+    pieces = [product] if isinstance(product, CorrectedRecord) else product
     whole = _seen(pieces)
     attributes = global_attributes(
         site,
@@ -261,7 +261,7 @@ class _Whole:
     instrument: dict[str, str]  # what its files tell of it
 
 
-def _seen(pieces: Iterable[Corrected]) -> _Whole:
+def _seen(pieces: Iterable[CorrectedRecord]) -> _Whole:
     times, instrument, depths, counts = [], [], [], np.zeros(4, dtype=int)
     declination: list[float] = []
     for piece in pieces:
@@ -296,7 +296,7 @@ def _ends(values: Floats) -> list[float]:
     return [float(known.min()), float(known.max())] if known.size else []
 
 
-def read_corrected(path: str | Path, *, velocities: bool = True) -> Corrected:
+def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRecord:
     """Return the product that ``write_corrected`` wrote, for looking at it.
 
     The record inside has no supply voltage, no profiles, no counts and no warnings, and its velocities are the recorded
@@ -310,7 +310,7 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> Corrected:
     """
     bins = None if velocities else 0
     with open_netcdf(path) as nc:
-        return Corrected(
+        return CorrectedRecord(
             record=_record_of(nc, bins),
             heading_corrected_deg=read_variable(nc, "HEADING_CORRECTED"),
             heading_uncertainty_deg=read_variable(nc, "HEADING_CORRECTED_UNCERTAINTY"),
@@ -351,7 +351,7 @@ def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
     )
 
 
-def _columns(product: Corrected, whole: _Whole) -> Columns:
+def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
     record, nominal = product.record, whole.nominal_depth
     depth, instrument_depth = record.bin_depth_m(), record.depth_m
     corrected = _kept(product.heading_corrected_quality, product.heading_corrected_deg, BAD)

@@ -85,7 +85,7 @@ def software() -> str:
     unknown = why if why == _NONE else "commit unknown"
     edited = "" if all(line.startswith("#") for line in lines) else ", edited since"
     state = f"{commit}{edited}" if commit else f"{unknown}, modules sha256 {digest(_modules())[:12]}"
-    others = ", ".join(plugins.packages())
+    others = ", ".join(plugins.plugin_packages())
     return f"compasslib {__version__} ({state})" + (f" with {others}" if others else "")
 
 

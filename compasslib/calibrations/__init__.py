@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from compasslib.readers import detect
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
     from compasslib.calibrations.result import Calibration

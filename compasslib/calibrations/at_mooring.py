@@ -11,11 +11,18 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.calibrations.budget import too_exact
 from compasslib.calibrations.result import LETTERS
-from compasslib.deviation import exact, likelihood, model, transfer
-from compasslib.deviation.model import Fit, Noise
-from compasslib.deviation.transfer import Place, Transferred
+from compasslib.deviation.exact import fit_exact, smooth_density
+from compasslib.deviation.likelihood import CELLS
+from compasslib.deviation.model import (
+    DeviationFit,
+    FieldAtPlace,
+    ScatterNoise,
+    TransferredCoefficients,
+    heading_residual,
+    transfer_coefficients,
+)
 from compasslib.records import BAD, EarthField, Pairs, Record
-from compasslib.statistics import autocorrelation
+from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
 METHOD = "calibration"
@@ -25,7 +32,7 @@ MIN_CONTRADICTION_DEG = 5.0
 MIN_NOISE_DEG, MAX_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
 
 
-def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> Fit:
+def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> DeviationFit:
     """Carry the exact compass of a calibration into a mooring's field; no coefficients where that is unknown.
 
     Args:
@@ -33,10 +40,10 @@ def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Reco
     """
     missing = _missing_part(content)
     if missing:
-        return Fit(METHOD, len(pairs), why=f"calibration {content['name']}: {missing}")
+        return DeviationFit(METHOD, len(pairs), why=f"calibration {content['name']}: {missing}")
     transferred = _transfer(content, field)
-    noise = Noise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, MIN_NOISE_DEG, MAX_NOISE_DEG)))
-    fit = Fit(
+    noise = ScatterNoise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, MIN_NOISE_DEG, MAX_NOISE_DEG)))
+    fit = DeviationFit(
         METHOD,
         len(pairs),
         transferred.coefficients,
@@ -47,13 +54,13 @@ def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Reco
     return evaluate_on_record(fit, record, pairs)
 
 
-def evaluate_on_record(fit: Fit, record: Record, pairs: Pairs) -> Fit:
+def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> DeviationFit:
     """Evaluate a compass known beforehand on the record of a mooring; nothing is fitted."""
-    off = model.residual(fit, pairs)
+    off = heading_residual(fit, pairs)
     off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]
     return replace(
         fit,
-        n_effective=autocorrelation.effective_number(off, when) if len(off) else 0.0,
+        n_effective=effective_sample_size(off, when) if len(off) else 0.0,
         residual_rms_deg=angles.rms(off),
         recorded_range_deg=compass.recorded_range(fit.coefficients),
         folded=not compass.turns_full_circle(fit.coefficients),
@@ -61,12 +68,12 @@ def evaluate_on_record(fit: Fit, record: Record, pairs: Pairs) -> Fit:
     )
 
 
-def contradiction(fit: Fit, pairs: Pairs) -> str:
+def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
     """Say why a calibration cannot be of the compass that the pairs show; empty where it can.
 
     A constant between the two is no reason: mounts and mean veers make one.
     """
-    fitted = exact.fit(pairs)
+    fitted = fit_exact(pairs)
     if not (fit.fitted and fitted.fitted):
         return ""
     iron, both = slice(1, 5), fit.covariance[:5, :5] + fitted.covariance[:5, :5]
@@ -103,24 +110,24 @@ def _missing_part(content: Mapping[str, Any]) -> str:
     return ""
 
 
-def _transfer(content: Mapping[str, Any], field: EarthField) -> Transferred:
+def _transfer(content: Mapping[str, Any], field: EarthField) -> TransferredCoefficients:
     given, home = content["exact"], content["place"]["field"]
     covariance = np.array(given["covariance"], dtype=float)
     # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
     covariance[0, 0] += ((content["uncertainty"]["standard_deg"] or 0.0) * angles.DEGREE) ** 2
-    away = Place(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
-    at_home = Place(home["horizontal_nT"], home["vertical_nT"])
-    return transfer.carry([given["coefficients"][k] for k in LETTERS], covariance, at_home, away)
+    away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
+    at_home = FieldAtPlace(home["horizontal_nT"], home["vertical_nT"])
+    return transfer_coefficients([given["coefficients"][k] for k in LETTERS], covariance, at_home, away)
 
 
 def _heading_density(coefficients: Floats, record: Record) -> Floats:
     """Histogram the correct headings of the record alone, both roots counted where there are two."""
     recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
     roots = compass.inverse(coefficients, recorded)
-    count = np.histogram(roots[np.isfinite(roots)], likelihood.CELLS, (0.0, 360.0))[0]
-    return exact.smoothed(1e-6 + count)
+    count = np.histogram(roots[np.isfinite(roots)], CELLS, (0.0, 360.0))[0]
+    return smooth_density(1e-6 + count)
 
 
-def _warnings(content: Mapping[str, Any], there: Transferred) -> tuple[str, ...]:
+def _warnings(content: Mapping[str, Any], there: TransferredCoefficients) -> tuple[str, ...]:
     warnings = (there.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
     return tuple(f"calibration {content['name']}: {warning}" for warning in warnings if warning)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles, compass
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design
 from compasslib.types import Floats
 
 SECTOR_DEG = 10.0
@@ -124,7 +124,7 @@ def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSqu
 
 def max_leakage(points: Points) -> float:
     """Bound how much of a quadrantal deviation would appear in A, B or C where it is left out."""
-    columns = von_appen.design(points.recorded_deg)
+    columns = series_design(points.recorded_deg)
     return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
 
 
@@ -215,8 +215,8 @@ def published_polynomial(curve: FittedCurve) -> list[float]:
     return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops the last ones that are 0
 
 
-ONE_CYCLE = _series("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: von_appen.design(x)[:, :3])
-SMITH = _series("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", von_appen.design)
+ONE_CYCLE = _series("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: series_design(x)[:, :3])
+SMITH = _series("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", series_design)
 POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _powers)
 
 

@@ -289,7 +289,7 @@ def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> Ea
         )
     given = settings.get("declination")
     number = None if given in (None, "auto") else float(given)
-    return earthfield.along_time(
+    return earthfield.field_along(
         latitude, float(angles.wrap180(longitude)), float(series.time_s[0]), float(series.time_s[-1]), number
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from compasslib import angles
 from compasslib.calibrations import budget, resolve_settings
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
-from compasslib.deviation.transfer import WEAKEST_NT
+from compasslib.deviation.model import MIN_HORIZONTAL_NT
 from compasslib.types import Floats
 
 LETTERS = "ABCDE"
@@ -68,9 +68,9 @@ def to_json(
         earlier: calibration.json of those that it is to be compared with, by name; at most one.
     """
     field, warnings = settings.get("field"), [*made.warnings]
-    if field is not None and field["horizontal_nT"] < WEAKEST_NT:
+    if field is not None and field["horizontal_nT"] < MIN_HORIZONTAL_NT:
         weak = f"the horizontal field is {field['horizontal_nT']:.0f} nT"
-        warnings.append(f"{weak}; below {WEAKEST_NT:.0f} nT no correction holds")
+        warnings.append(f"{weak}; below {MIN_HORIZONTAL_NT:.0f} nT no correction holds")
     common = {
         "name": name,
         "kind": made.kind,

@@ -21,11 +21,11 @@ from compasslib.config import compasses, identity
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
 from compasslib.config.schema import Covariate, Instrument, Mooring
-from compasslib.declination import Applied, applied
+from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
 from compasslib.pipeline.process import Wildcards, process_mooring, read_settings
-from compasslib.preparation import overlap
+from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
 from compasslib.records import BAD, Pairs, Record
@@ -208,7 +208,7 @@ def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[
         return (name, part, instrument.format, "0", *[""] * (len(HEAD) - 4))
     steps = np.diff(time_s)
     usual = float(np.median(steps)) if len(steps) else np.nan
-    valid, inside = record.heading_quality < BAD, applied(instrument.declination_applied)
+    valid, inside = record.heading_quality < BAD, parse_applied_declination(instrument.declination_applied)
     return (
         name, part, instrument.format, f"{len(time_s)}", _span(usual), f"{int(np.sum(steps > GAP * usual))}",
         *(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]]), _depths(record.depth_m),
@@ -239,7 +239,7 @@ def _sectors(heading_deg: Floats) -> str:
     return f"{len(np.unique(known // SECTOR_DEG))} of {SECTORS} sectors" if len(known) else "none"
 
 
-def _directions(record: Record, inside: Applied | None) -> str:
+def _directions(record: Record, inside: AppliedDeclination | None) -> str:
     if record.direction_reference == "true":
         return "true"
     if record.velocity_bias_deg not in (None, record.heading_bias_deg):
@@ -255,15 +255,15 @@ def _directions(record: Record, inside: Applied | None) -> str:
 def _inspect_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Inspection:
     job, problems = Wildcards(name), []
     try:
-        along = earthfield.along_time(**rules.place_and_declination(job))
+        along = earthfield.field_along(**rules.place_and_declination(job))
     except InputError as error:
         return Inspection((), (f"{name}: {error}",))
     east = np.quantile(along.declination_deg, [0.0, 1.0])
     lines = [f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})"]
     warnings = [f"{name}: {text}" for text in along.warnings]
-    asked = overlap.Rules(**rules.pairing_rules(job) | {"predict": False})
+    asked = PairRules(**rules.pairing_rules(job) | {"predict": False})
     for role, reference in zip(rules.roles([name])[name][1:], records[1:], strict=True):
-        pairs = overlap.find(records[0], [reference], along, asked)
+        pairs = find_pairs(records[0], [reference], along, asked)
         lines.append(f"  with {role}: {_describe_pairs(pairs)}")
         if len(pairs):
             warnings += [f"{name} with {role}: {text}" for text in pairs.warnings]

@@ -22,11 +22,11 @@ from compasslib.archive.files import HALF_WRITTEN, atomic_write, open_netcdf, re
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
 from compasslib.cli import results
 from compasslib.config import cruise as config
-from compasslib.declination import applied
+from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
 from compasslib.pipeline.process import Wildcards
-from compasslib.preparation import deployment
+from compasslib.preparation.deployment import to_utc
 from compasslib.readers.pd0 import rewrite
 from compasslib.readers.pd0.fields import Leaders
 from compasslib.records import PROBABLY_BAD
@@ -166,9 +166,9 @@ class _Product:
         """Return corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees."""
         if not len(self._time_s):
             return np.full(len(leaders.time_s), np.nan)
-        settled, stated = self._deployment, applied(self._reader["declination_applied"])
+        settled, stated = self._deployment, parse_applied_declination(self._reader["declination_applied"])
         deployed = settled["start_s"], settled["end_s"]
-        utc = deployment.utc(leaders.time_s, deployed, settled["clock_offset_seconds"], settled["clock_drift_seconds"])
+        utc = to_utc(leaders.time_s, deployed, settled["clock_offset_seconds"], settled["clock_drift_seconds"])
         at = np.minimum(np.searchsorted(self._time_s, utc - SAME_TIME_S), len(self._time_s) - 1)
         bias = leaders.heading_bias_deg if stated is None else stated.heading
         magnetic = leaders.heading_deg - bias + (self._reader["heading_alignment"] or 0.0)

@@ -22,9 +22,8 @@ from compasslib.config.draft import Drafted, Mooring, Place, Roles
 from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import shown
 from compasslib.errors import InputError
-from compasslib.preparation import affected as affected_compass
-from compasslib.preparation import deployment
-from compasslib.preparation.affected import Explained
+from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
+from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import detect, headers, iaga2002, nmea
 from compasslib.readers.table import read_series
 from compasslib.records import Record
@@ -397,14 +396,14 @@ def _by_directions(
     instruments: Mapping[str, Drafted], turning: Sequence[str], records: Mapping[str, Record]
 ) -> tuple[str, str] | None:
     """Compare every two compasses; the affected one's heading explains the difference of directions in all pairs."""
-    shares: dict[tuple[str, str], Explained] = {}
+    shares: dict[tuple[str, str], ExplainedShare] = {}
     for one, other in combinations(turning, 2):
         both = [_settled(instruments[name], records[instruments[name].files[0]]) for name in (one, other)]
-        if found := affected_compass.compare(*both):
+        if found := compare_headings(*both):
             shares[one, other], shares[other, one] = found
     for name in turning:
         pairs = [(shares[key], shares[key[::-1]], key[1]) for key in shares if key[0] == name]
-        if pairs and all(affected_compass.is_affected(own, others) for own, others, _ in pairs):
+        if pairs and all(is_affected(own, others) for own, others, _ in pairs):
             share = min(own.share for own, _, _ in pairs)
             rest = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
             return name, f"its heading explains {share:.0%} of the difference of directions, {rest}"
@@ -412,7 +411,7 @@ def _by_directions(
 
 
 def _settled(drafted: Drafted, record: Record) -> Record:
-    return deployment.settle(
+    return apply_deployment(
         record,
         start_s=drafted.start_s,
         end_s=drafted.end_s,

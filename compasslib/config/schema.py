@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from compasslib import readers
 from compasslib.config import paths, values
 from compasslib.config.values import iso, problem, shown
-from compasslib.declination import applied
+from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
 from compasslib.readers.flags import normalize
 
@@ -334,7 +334,7 @@ class Instrument(TableKeys):
 
     @model_validator(mode="after")
     def _velocities_turned_by_the_heading(self) -> Self:
-        inside = applied(self.declination_applied)
+        inside = parse_applied_declination(self.declination_applied)
         turned = self.format == "mmp_acm" or bool(self.columns and self.columns.x)
         if inside is not None and inside.differs and turned:
             expected = "one number, as these velocities are turned by the headings"

@@ -3,8 +3,8 @@
 Two hundred hours of water that both instruments measure, the upper one under a compass with B = 0.3:
 
 >>> import numpy as np
->>> from compasslib import deviation
 >>> from compasslib import angles, compass
+>>> from compasslib.deviation import fit_deviation
 >>> from compasslib.records import Pairs
 >>> rng, n = np.random.default_rng(1), 200
 >>> correct, flow = rng.uniform(0.0, 360.0, n), rng.uniform(0.0, 360.0, n)
@@ -13,7 +13,7 @@ Two hundred hours of water that both instruments measure, the upper one under a 
 >>> level, metres = np.zeros(n), np.full(n, 100.0)
 >>> hours = 3600.0 * np.arange(n)
 >>> pairs = Pairs(hours, recorded, level, level, *upper, *angles.sin_cos(flow), metres, metres + 8.0, level, level)
->>> fit = deviation.fit("exact", pairs)
+>>> fit = fit_deviation("exact", pairs)
 >>> round(float(fit.coefficients[1]), 2), fit.folded
 (0.3, False)
 """
@@ -26,34 +26,38 @@ from typing import Any
 import numpy as np
 
 from compasslib import compass
-from compasslib.deviation import exact, tilt, von_appen
-from compasslib.deviation.model import Fit, from_json
+from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
+from compasslib.deviation.model import DeviationFit
+from compasslib.deviation.series import fit_series, invert_series
+from compasslib.deviation.tilt import coefficients_along, fit_tilt
 from compasslib.records import BAD, Pairs, Record
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
 
-__all__ = ["METHODS", "Fit", "described", "fit", "from_json", "implausible", "log_line"]
+__all__ = ["METHODS", "DeviationFit", "describe_fit", "deviation_json", "find_implausibility", "fit_deviation"]
 
 BEYOND = 5.0  # compass noises beyond the fold at which a reading is no noise any more
 SURE_SIGMAS = 2.0
 MOST_IMPOSSIBLE = 0.25  # readings that a model which holds cannot have recorded: outliers are fewer
 
 
-def _as_it_is(pairs: Pairs, near: Fit | None) -> Fit:
+def _keep_calibration(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
     """Return a calibration made elsewhere: pairs do not change it."""
     if near is None:
         raise ValueError("a calibration is carried to a mooring, not fitted there")
     return near
 
 
-METHODS: dict[str, Callable[[Pairs, Fit | None], Fit]] = {
-    "exact": exact.fit,
-    "von_appen": von_appen.fit,
-    "calibration": _as_it_is,
+METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
+    "exact": fit_exact,
+    "von_appen": fit_series,
+    "calibration": _keep_calibration,
 }
 
 
 @single_threaded()
-def fit(method: str, pairs: Pairs, near: Fit | None = None, *, dip_ratio: float = 0.0) -> Fit:
+def fit_deviation(
+    method: str, pairs: Pairs, near: DeviationFit | None = None, *, dip_ratio: float = 0.0
+) -> DeviationFit:
     """Return a deviation model fitted to overlapping measurements.
 
     Args:
@@ -62,10 +66,10 @@ def fit(method: str, pairs: Pairs, near: Fit | None = None, *, dip_ratio: float 
         dip_ratio: Z/H of the earth's field where tilt is to be in the model (``exact`` only); 0 for a level one.
     """
     found = METHODS[method](pairs, near)
-    return tilt.fit(pairs, found, dip_ratio) if dip_ratio and found.fitted else found
+    return fit_tilt(pairs, found, dip_ratio) if dip_ratio and found.fitted else found
 
 
-def correctable_fraction(fit: Fit, record: Record) -> float:
+def correctable_fraction(fit: DeviationFit, record: Record) -> float:
     """Return the share of the recorded headings that the model can have recorded, 0 to 1.
 
     Args:
@@ -77,12 +81,12 @@ def correctable_fraction(fit: Fit, record: Record) -> float:
     if not (fit.fitted and recorded.size):
         return 0.0
     if fit.method == "von_appen":
-        return float(np.isfinite(von_appen.invert(fit.coefficients, recorded)).mean())
-    coefficients = tilt.along(fit, record.pitch_deg[usable], record.roll_deg[usable])
+        return float(np.isfinite(invert_series(fit.coefficients, recorded)).mean())
+    coefficients = coefficients_along(fit, record.pitch_deg[usable], record.roll_deg[usable])
     return float(np.isfinite(compass.inverse(coefficients, recorded)).any(axis=1).mean())
 
 
-def implausible(fit: Fit, record: Record) -> str:
+def find_implausibility(fit: DeviationFit, record: Record) -> str:
     """Return why a model cannot be that of the instrument, nothing where it can.
 
     A reference whose components were exchanged or signed wrongly, or that is turned by a right angle, is water that no
@@ -95,13 +99,13 @@ def implausible(fit: Fit, record: Record) -> str:
     return _soft_without_measure(fit) or _impossible(fit, record)
 
 
-def _soft_without_measure(fit: Fit) -> str:
+def _soft_without_measure(fit: DeviationFit) -> str:
     if not fit.fitted or fit.method != "exact":
         return ""
     soft = fit.coefficients[3:5]
     size = float(np.hypot(*soft))
     sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
-    if size - SURE_SIGMAS * sigma < exact.MOST_SOFT:
+    if size - SURE_SIGMAS * sigma < MAX_SOFT_IRON:
         return ""
     return (
         f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that all "
@@ -109,13 +113,13 @@ def _soft_without_measure(fit: Fit) -> str:
     )
 
 
-def _impossible(fit: Fit, record: Record) -> str:
+def _impossible(fit: DeviationFit, record: Record) -> str:
     """Say where the readings are none of the model's compass."""
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size) or fit.method == "von_appen":
         return ""
-    coefficients = tilt.along(fit, record.pitch_deg[usable], record.roll_deg[usable])
+    coefficients = coefficients_along(fit, record.pitch_deg[usable], record.roll_deg[usable])
     near = [recorded + share * BEYOND * fit.noise.compass_deg for share in (0.0, -0.5, 0.5, -1.0, 1.0)]
     possible = np.any([np.isfinite(compass.inverse(coefficients, x)).any(axis=1) for x in near], axis=0)
     if possible.mean() > 1.0 - MOST_IMPOSSIBLE:
@@ -126,19 +130,19 @@ def _impossible(fit: Fit, record: Record) -> str:
     )
 
 
-def described(fit: Fit, record: Record) -> dict[str, Any]:
+def deviation_json(fit: DeviationFit, record: Record) -> dict[str, Any]:
     """Return deviation.json.
 
     Args:
         fit: the model, perhaps without coefficients.
         record: the affected instrument.
     """
-    said = tuple(sentence for sentence in (implausible(fit, record),) if sentence)
+    said = tuple(sentence for sentence in (find_implausibility(fit, record),) if sentence)
     fraction = correctable_fraction(fit, record)
     return fit.to_json() | {"correctable_fraction": fraction, "warnings": (*fit.warnings, *said)}
 
 
-def log_line(name: str, fit: Fit) -> str:
+def describe_fit(name: str, fit: DeviationFit) -> str:
     """Return what the job says of its result."""
     if not fit.fitted:
         return f"{name}: no deviation fitted: {fit.why}"

@@ -7,26 +7,28 @@ four), the model is fitted without some of them and tried on those.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, deviation
-from compasslib.deviation import correction, exact, model
-from compasslib.deviation.forms import EXACT, FORMS
-from compasslib.deviation.model import Fit
+from compasslib import angles
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.correction import correct_headings, readings_at_pairs
+from compasslib.deviation.exact import held_out_scores
+from compasslib.deviation.likelihood import EXACT, FORMS
+from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
 from compasslib.records import Pairs, take
-from compasslib.statistics import autocorrelation
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
+from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Complexes, Floats
 
 BLOCK_S = 10 * 86400.0
 FOLDS = 2
 LEAST_BLOCKS = 2 * FOLDS
-FEWEST_FOR_FORMS = 4 * model.FEWEST_PAIRS
+FEWEST_FOR_FORMS = 4 * MIN_PAIRS
 REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104, slow ones two depths apart by 42
 FEWEST_TO_REFUTE = 10
 UNRELATED_DEG = 360.0 / np.sqrt(12.0)
@@ -52,7 +54,7 @@ WATER = ("mean_of_bins", "predicted")  # by the profile: rms of one component at
 FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
 
 
-def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
+def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
     """Return the corrected heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
 
     The exact fit starts from the whole one: which fold is the right one is taken as known. A calibration made
@@ -65,14 +67,14 @@ def held_out_headings(pairs: Pairs, fit: Fit) -> Floats:
     block = _blocks(pairs.time_s) % FOLDS
     for fold in range(FOLDS):
         left_out, kept = block == fold, take(pairs, block != fold)
-        again = deviation.fit(fit.method, kept, near=fit, dip_ratio=fit.dip_ratio)
-        decision = correction.headings(correction.readings_of(pairs), again, kept)
+        again = fit_deviation(fit.method, kept, near=fit, dip_ratio=fit.dip_ratio)
+        decision = correct_headings(readings_at_pairs(pairs), again, kept)
         heading[left_out] = decision.heading_deg[left_out]
     return heading
 
 
 @single_threaded()
-def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any] | None:
+def compare_forms(pairs: Pairs, fit: DeviationFit) -> dict[str, Any] | None:
     """Return how well each form of the curve predicts pairs that it has not seen, against the exact compass.
 
     None where another method was fitted or the pairs are too few.
@@ -85,7 +87,7 @@ def compare_forms(pairs: Pairs, fit: Fit) -> dict[str, Any] | None:
     pairs = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
     block = _blocks(pairs.time_s)
     near = {EXACT.name: fit}
-    scores = {f.name: exact.held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
+    scores = {f.name: held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
     return {name: _against(score, scores[EXACT.name], block) for name, score in scores.items()}
 
 
@@ -108,7 +110,7 @@ def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dic
 
 
 @single_threaded()
-def assess(pairs: Pairs, fit: Fit, plain: Pairs | None = None) -> dict[str, Any]:
+def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
     """Return assessment.json: direction difference upper minus lower, before and after.
 
     Args:
@@ -169,7 +171,7 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
     )
 
 
-def _misread(pairs: Pairs, fit: Fit, after: dict[str, Any]) -> str:
+def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
     """Say where another reading of the reference's components agrees far better, nothing where none does."""
     if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
         return ""
@@ -194,11 +196,11 @@ def _left_by(pairs: Pairs) -> float:
 
     Of a folded compass one in five may be such: they would make up most of an rms.
     """
-    fit = deviation.fit(EXACT.name, pairs)
-    return float(np.median(np.abs(np.nan_to_num(model.residual(fit, pairs), nan=UNRELATED_DEG))))
+    fit = fit_deviation(EXACT.name, pairs)
+    return float(np.median(np.abs(np.nan_to_num(heading_residual(fit, pairs), nan=UNRELATED_DEG))))
 
 
-def log_line(name: str, verdict: dict[str, Any]) -> str:
+def describe_assessment(name: str, verdict: dict[str, Any]) -> str:
     """Return what the job says of its result."""
     before, after = verdict["before"], verdict["after"]
     if not after["n"]:
@@ -210,7 +212,7 @@ def log_line(name: str, verdict: dict[str, Any]) -> str:
     return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
 
 
-def forms_line(name: str, compared: dict[str, Any] | None) -> str:
+def describe_forms(name: str, compared: dict[str, Any] | None) -> str:
     """Return what the job says of its result.
 
     Args:
@@ -238,7 +240,7 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
         "n": len(pairs),
         "mean_deg": float(angles.wrap180(angles.mean(off))),
         "rms_deg": angles.rms(off),
-        "rms_deg_sigma": angles.rms(off) / np.sqrt(2.0 * autocorrelation.effective_number(off, pairs.time_s)),
+        "rms_deg_sigma": angles.rms(off) / np.sqrt(2.0 * effective_sample_size(off, pairs.time_s)),
         "median_absolute_deg": float(np.median(np.abs(off))),
         "vector_correlation": _vector_correlation(east + 1j * north, pairs.lower_east + 1j * pairs.lower_north),
     }
@@ -249,3 +251,115 @@ def _vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) ->
     product = np.mean(a * np.conj(b)) / np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2))
     angle = -float(angles.wrap180(angles.argument(product)))  # clockwise positive: upper minus lower
     return {"magnitude": float(np.abs(product)), "angle_deg": angle}
+
+
+LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # a smaller constant is not questioned
+NEAR_SIGMAS = 2.0  # within which it equals the angle of a mistake
+ORDINARY_DEG = 4.0  # standard deviation of the constants of correctly configured moorings: mounts and mean veers
+LEAST_ODDS = 10.0  # of the mistake against an ordinary constant
+LARGE_DEG = 10.0  # a constant beyond this is mentioned even where no mistake explains it
+DECLINATION = {
+    1: "equal to the declination ({:+.1f}°): the directions of the reference hold it twice, being true already "
+    "(direction_reference, declination_applied), or it was subtracted from affected headings that never held it "
+    "(declination_applied)",
+    -1: "equal to minus the declination ({:+.1f}°): the directions of the reference lack it, being magnetic "
+    "(direction_reference, declination_applied), or the affected headings hold it already (declination_applied)",
+    2: "equal to twice the declination ({:+.1f}°): it was applied with the wrong sign (declination_applied, longitude)",
+    -2: "equal to minus twice the declination ({:+.1f}°): it was applied with the wrong sign (declination_applied, "
+    "longitude)",
+}
+BIAS = (
+    "equal to the heading bias EB of {:+.1f}° that was subtracted from the directions of {}, which may not hold it "
+    "(declination_applied: 0 keeps them)"
+)
+BACKWARDS = "half a turn: the instrument is mounted backwards, or both components of one instrument have the other sign"
+
+
+@dataclass(frozen=True)
+class ConstantOffset:
+    """The constant of a fit, and the mistake in the configuration that explains it, if one does."""
+
+    angle_deg: float
+    sigma_deg: float
+    effect: str = ""  # declination_error or mounting_offset; empty where no mistake explains it
+    cause: str = ""
+    probability: float = 0.0  # of the mistake, against an ordinary constant at even prior odds
+
+    @property
+    def text(self) -> str:
+        """What is known of it, in words; empty where it is as small as those of correct moorings."""
+        size = f"the two instruments differ by a constant of {self.angle_deg:+.1f}° (1σ {self.sigma_deg:.1f}°)"
+        if self.effect:
+            return f"{size}, {self.cause}"
+        if abs(self.angle_deg) > LARGE_DEG and abs(self.angle_deg) > NEAR_SIGMAS * self.sigma_deg:
+            return (
+                f"{size}: a mounting offset or a mistake; check declination, longitude, direction_reference and "
+                "declination_applied"
+            )
+        return ""
+
+
+def find_constant_offset(
+    fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
+) -> ConstantOffset | None:
+    """Compare the constant between the instruments with the angles that mistakes in the configuration leave.
+
+    Args:
+        fit: the fitted compass; of a calibration made elsewhere the constant is the mean residual of the pairs.
+        declination_deg: mean declination of the deployment, east positive.
+        heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
+
+    Returns:
+        The constant; None where the fit has none.
+    """
+    measured = _measured(fit, pairs)
+    if measured is None:
+        return None
+    angle, sigma = measured
+    if abs(angle) <= max(LEAST_DEG, LEAST_SIGMAS * sigma):
+        return ConstantOffset(angle, sigma)
+    questioned = []
+    for effect, cause, mistake in _mistakes(declination_deg, heading_bias_deg or {}):
+        off = float(angles.wrap180(angle - mistake))
+        log_odds = _log_density(off, sigma) - _log_density(angle, np.hypot(sigma, ORDINARY_DEG))
+        if abs(off) <= NEAR_SIGMAS * sigma and log_odds > np.log(LEAST_ODDS):
+            questioned.append(ConstantOffset(angle, sigma, effect, cause, float(1.0 / (1.0 + np.exp(-log_odds)))))
+    if not questioned:
+        return ConstantOffset(angle, sigma)
+    first = max(questioned, key=lambda constant: constant.probability)
+    causes = "; or ".join(dict.fromkeys(constant.cause for constant in questioned))
+    return ConstantOffset(angle, sigma, first.effect, causes, first.probability)
+
+
+def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
+    """Return the constant and its standard error, degrees."""
+    if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant means nothing there
+        return None
+    if fit.method == "calibration":
+        residual = heading_residual(fit, pairs)
+        known = np.isfinite(residual)
+        if known.sum() < MIN_PAIRS:
+            return None
+        n = effective_sample_size(residual[known], pairs.time_s[known])
+        own = float(np.sqrt(fit.covariance[0, 0])) / angles.DEGREE
+        mean = float(angles.wrap180(angles.mean(residual[known])))
+        return mean, float(np.hypot(own, angles.rms(residual[known]) / np.sqrt(n)))
+    a, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
+    if fit.method == "von_appen":
+        return float(angles.wrap180(a)), sigma
+    return float(angles.wrap180(angles.direction(a, 1.0))), sigma / angles.DEGREE
+
+
+def _mistakes(declination_deg: float, heading_bias_deg: Mapping[str, float]) -> Iterator[tuple[str, str, float]]:
+    """Give the effect, the cause in words and the angle that each mistake leaves, degrees."""
+    for times, cause in DECLINATION.items():
+        yield "declination_error", cause.format(declination_deg), times * declination_deg
+    for name, bias in heading_bias_deg.items():
+        if bias:
+            yield from (("declination_error", BIAS.format(bias, name), angle) for angle in (bias, -bias))
+    yield "mounting_offset", BACKWARDS, 180.0
+
+
+def _log_density(off_deg: float, sigma_deg: float) -> float:
+    """Return the logarithm of a normal density, without the constant that all share."""
+    return -0.5 * (off_deg / sigma_deg) ** 2 - float(np.log(sigma_deg))

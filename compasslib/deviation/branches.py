@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import likelihood
-from compasslib.deviation.along import Along
-from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNPREDICTED
-from compasslib.deviation.model import Fit
+from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNEXPLAINED_DENSITY, compass_noise_density
+from compasslib.deviation.model import DeviationFit
+from compasslib.deviation.tilt import CompassSeries
 from compasslib.records import Readings
 from compasslib.types import Complexes, Floats
 
@@ -39,7 +38,7 @@ SHARED_NOISE = 0.5  # neighbouring overlaps share the water's veer: each counts 
 
 
 @dataclass(frozen=True)
-class Decision:
+class HeadingDecision:
     """The heading chosen at each sample, with how sure that is."""
 
     heading_deg: Floats  # (n,) NaN where nothing was recorded
@@ -50,7 +49,9 @@ class Decision:
     other_deg: Floats  # (n,) the other root, NaN where there is none
 
 
-def decide(readings: Readings, along: Along, fit: Fit, seen: NDArray[np.intp], scatter: Floats) -> Decision:
+def choose_branches(
+    readings: Readings, along: CompassSeries, fit: DeviationFit, seen: NDArray[np.intp], scatter: Floats
+) -> HeadingDecision:
     """Return the heading at each sample of a compass that can fold.
 
     Args:
@@ -64,15 +65,17 @@ def decide(readings: Readings, along: Along, fit: Fit, seen: NDArray[np.intp], s
     if not np.isfinite(roots[:, 1]).any():
         return _single(roots[:, 0], along)
     evidence = _evidence(along, fit.noise.compass_deg)
-    impossible = evidence.max(axis=1) < 2.0 * UNPREDICTED  # its heading is that of the hours around, and no more
+    impossible = (
+        evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY
+    )  # its heading is that of the hours around, and no more
     evidence[seen] *= scatter**SHARED_NOISE
-    moves = _moves(readings.time_s, readings.water)
-    posterior = smooth(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
+    moves = _water_turns(readings.time_s, readings.water)
+    posterior = forward_backward(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
     decision = _chosen(posterior, roots, readings.heading_deg)
     return replace(decision, probability=np.where(impossible, 0.0, decision.probability))
 
 
-def undecided(decision: Decision, shown: int, pairs: int) -> Decision:
+def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingDecision:
     """Return the decision with either of two headings left open where too few pairs show which branch is right.
 
     Args:
@@ -87,7 +90,7 @@ def undecided(decision: Decision, shown: int, pairs: int) -> Decision:
     return replace(decision, sigma_deg=np.hypot(decision.sigma_deg, apart), probability=probability)
 
 
-def resolved(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
+def shows_branch(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
     """Tell at which overlaps the directions show the branch: only one heading, or two far apart, (n,).
 
     Args:
@@ -100,7 +103,7 @@ def resolved(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True)
-class Moves:
+class WaterTurns:
     """What is seen between neighbouring samples, (n - 1,) each."""
 
     steps: Floats  # sampling intervals
@@ -109,7 +112,7 @@ class Moves:
 
 
 @dataclass(frozen=True)
-class Habit:
+class MotionModel:
     """How the heading and the water move over one sampling interval."""
 
     width_deg: float  # step of the heading
@@ -117,7 +120,7 @@ class Habit:
     leaps: float  # share of samples at which the heading starts anew
 
 
-def smooth(evidence: Floats, moves: Moves, habit: Habit, stationary: Floats) -> Floats:
+def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, stationary: Floats) -> Floats:
     """Return the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
 
     Args:
@@ -164,7 +167,7 @@ class _Kernels:
         return ahead, back / self.norm[s, 0] + self.leaps[s, 0] * (message @ self.stationary)
 
 
-def _kernels(moves: Moves, habits: Sequence[Habit], stationary: Floats) -> _Kernels:
+def _kernels(moves: WaterTurns, habits: Sequence[MotionModel], stationary: Floats) -> _Kernels:
     steps = np.minimum(moves.steps, LONGEST_GAP)[:, None, None]
     width, change, leap = np.array([(h.width_deg, h.water_m_s, h.leaps) for h in habits]).T[:, :, None]
     away = angles.wrap180(CELL_CENTRES)
@@ -195,38 +198,38 @@ def _forward(evidence: Floats, kernels: _Kernels) -> Iterator[tuple[Floats, Floa
         yield state, mass
 
 
-def _moves(time_s: Floats, water: Complexes) -> Moves:
+def _water_turns(time_s: Floats, water: Complexes) -> WaterTurns:
     if len(time_s) < 2:
-        return Moves(*np.zeros((3, 0)))
+        return WaterTurns(*np.zeros((3, 0)))
     product = water[1:] * np.conj(water[:-1])
     known = np.isfinite(product)
-    return Moves(
+    return WaterTurns(
         steps=np.maximum(np.rint(np.diff(time_s) / np.median(np.diff(time_s))), 1.0),
         turn_deg=np.where(known, angles.argument(np.where(known, product, 1.0)), 0.0),
         strength=np.where(known, np.abs(product), 0.0),
     )
 
 
-def _learn(evidence: Floats, moves: Moves, density: Floats) -> Habit:
+def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
     """Return the habit under which the record itself is likeliest, one trait after the other."""
     begin = max(0, (len(evidence) - LEARNING_SAMPLES) // 2)
     some = evidence[begin : begin + LEARNING_SAMPLES]
     between = slice(begin, begin + len(some) - 1)
-    part = Moves(moves.steps[between], moves.turn_deg[between], moves.strength[between])
+    part = WaterTurns(moves.steps[between], moves.turn_deg[between], moves.strength[between])
 
     @cache  # often the width that came first stays, and the water's changes are asked twice
-    def likelier(*habits: Habit) -> Habit:
+    def likelier(*habits: MotionModel) -> MotionModel:
         masses = np.array([mass for _, mass in _forward(some, _kernels(part, habits, density))])
         return habits[int(np.argmax(np.log(masses).sum(axis=0)))]
 
-    habit = Habit(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])
+    habit = MotionModel(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])
     habit = likelier(*(replace(habit, water_m_s=change) for change in WATER_CHANGES))
     habit = likelier(*(replace(habit, width_deg=width) for width in STEP_WIDTHS_DEG))
     habit = likelier(*(replace(habit, water_m_s=change) for change in WATER_CHANGES))
     return likelier(*(replace(habit, leaps=leaps) for leaps in LEAP_SHARES))
 
 
-def _evidence(along: Along, compass_deg: float) -> Floats:
+def _evidence(along: CompassSeries, compass_deg: float) -> Floats:
     """Return how likely each cell makes the recorded heading, (n, CELLS); flat where nothing was recorded."""
     known = np.isfinite(along.reading_deg)
     recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
@@ -244,10 +247,10 @@ def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compa
     """Return the density of each recorded heading given each cell, (k, CELLS)."""
     offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, heading_deg))
     hats = FINE.hats()
-    return np.asarray(likelihood.compass_noise(offset, compass_deg) @ (hats / hats.sum(axis=0)) + UNPREDICTED)
+    return np.asarray(compass_noise_density(offset, compass_deg) @ (hats / hats.sum(axis=0)) + UNEXPLAINED_DENSITY)
 
 
-def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
+def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDecision:
     """Give each cell to the nearer root; take the root with more mass and the mean heading of its cells.
 
     Near a fold the roots meet and every cell counts.
@@ -267,7 +270,7 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
     known = np.isfinite(recorded_deg)
     two = np.isfinite(roots).all(axis=1) & ~close
     other = np.where(takes_first, roots[:, 1], roots[:, 0])
-    return Decision(
+    return HeadingDecision(
         heading_deg=np.where(known, heading, np.nan),
         sigma_deg=np.where(known, np.sqrt(variance), np.nan),
         probability=np.where(known, np.where(two, share, 1.0), np.nan),
@@ -275,9 +278,9 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> Decision:
     )
 
 
-def _single(root: Floats, along: Along) -> Decision:
+def _single(root: Floats, along: CompassSeries) -> HeadingDecision:
     slope = np.maximum(np.abs(compass.slope(along.coefficients, root - along.north_deg)), 0.05)
-    return Decision(
+    return HeadingDecision(
         heading_deg=angles.wrap360(root),
         sigma_deg=PRECISION_DEG / slope,
         probability=np.where(np.isfinite(root), 1.0, np.nan),

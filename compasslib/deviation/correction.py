@@ -8,28 +8,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass, deviation, earthfield
-from compasslib.deviation import along, branches, likelihood, model, von_appen
-from compasslib.deviation.along import Along, Averaged
-from compasslib.deviation.branches import Decision
-from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
-from compasslib.deviation.model import Fit
-from compasslib.preparation import plausibility
+from compasslib import angles, compass, earthfield
+from compasslib.deviation import find_implausibility
+from compasslib.deviation.branches import PRECISION_DEG, HeadingDecision, choose_branches, open_branches, shows_branch
+from compasslib.deviation.doubts import UNIFORM_SIGMA_DEG, Doubt, doubt_whole_record, evaluate_doubts
+from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
+from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
+from compasslib.deviation.series import invert_series, series_sigma, series_slope
+from compasslib.deviation.tilt import MIN_SLOPE, CompassAverage, CompassSeries, average_compasses, compass_series
+from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
 from compasslib.records import (
     BAD,
     GOOD,
     MISSING,
     PROBABLY_BAD,
     PROBABLY_GOOD,
-    Corrected,
+    CorrectedRecord,
     EarthField,
     Pairs,
     Readings,
     Record,
     take,
 )
-from compasslib.statistics import resolution
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
+from compasslib.statistics.resampling import angle_resolution, rounding_sigma
 from compasslib.types import Complexes, Floats
 
 Flags = NDArray[np.int8]
@@ -37,7 +39,7 @@ Flags = NDArray[np.int8]
 PIECE = 32_768  # samples whose velocities are turned at once: of forty bins, 10 MB an array
 FAST = 2.0  # times as fast as its instrument a compass may turn and its recorded headings still tell outliers
 AGREED = 0.9  # weight of compasses that agree below which a heading is flagged
-SURE = 0.95  # a branch less probable than this is flagged: the record cannot tell
+MIN_PROBABILITY = 0.95  # a branch less probable than this is flagged: the record cannot tell
 # An allowance, a degree of tilt, for what a level model leaves out: at 5 degrees a vertical field of the iron of 4 % of
 # H, or one of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
 LEFT_OUT_BY_TILT = 0.08
@@ -46,14 +48,14 @@ DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; c
 
 
 @dataclass(frozen=True)
-class Pieces:
+class CorrectedPieces:
     """A corrected record in pieces along time, at least one; a piece's velocities are turned when it is asked for."""
 
     record: Record
-    decision: Decision
+    decision: HeadingDecision
     field: EarthField
 
-    def __iter__(self) -> Iterator[Corrected]:
+    def __iter__(self) -> Iterator[CorrectedRecord]:
         for begin in range(0, max(len(self.record.time_s), 1), PIECE):
             some = slice(begin, begin + PIECE)
             yield _turned(take(self.record, some), take(self.decision, some), self.field)
@@ -62,14 +64,14 @@ class Pieces:
 @single_threaded()
 def correct(
     record: Record,
-    fit: Fit,
+    fit: DeviationFit,
     field: EarthField,
     pairs: Pairs,
-    at: Along | None = None,
+    at: CompassSeries | None = None,
     *,
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
-) -> Corrected:
+) -> CorrectedRecord:
     """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
 
     Args:
@@ -83,35 +85,40 @@ def correct(
     return _turned(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
-def in_pieces(
+def correct_in_pieces(
     record: Record,
-    fit: Fit,
+    fit: DeviationFit,
     field: EarthField,
     pairs: Pairs,
-    at: Along | None = None,
+    at: CompassSeries | None = None,
     *,
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
-) -> Pieces:
+) -> CorrectedPieces:
     """Return what ``correct`` does of the same arguments, in pieces along time: a decade's velocities fit in memory."""
-    return Pieces(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
+    return CorrectedPieces(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
 def _decided(
-    record: Record, fit: Fit, pairs: Pairs, at: Along | None, unmodelled_deg: float, doubts: Sequence[Doubt]
-) -> tuple[Record, Decision]:
-    record, decision = _without_outliers(record, headings(readings_of_record(record), fit, pairs, at), fit)
-    if why := deviation.implausible(fit, record):
-        doubts = (*doubts, whole_record(KNOWS_NOTHING_DEG, why))
-    doubted, doubted_deg = along_time(doubts, record.time_s)
-    slope = np.maximum(np.nan_to_num(_slope(fit, decision.heading_deg), nan=1.0), along.FLATTEST)
-    rounded_deg = resolution.sigma(resolution.along(record.heading_deg)) / slope
+    record: Record,
+    fit: DeviationFit,
+    pairs: Pairs,
+    at: CompassSeries | None,
+    unmodelled_deg: float,
+    doubts: Sequence[Doubt],
+) -> tuple[Record, HeadingDecision]:
+    record, decision = _without_outliers(record, correct_headings(record_readings(record), fit, pairs, at), fit)
+    if why := find_implausibility(fit, record):
+        doubts = (*doubts, doubt_whole_record(UNIFORM_SIGMA_DEG, why))
+    doubted, doubted_deg = evaluate_doubts(doubts, record.time_s)
+    slope = np.maximum(np.nan_to_num(_slope(fit, decision.heading_deg), nan=1.0), MIN_SLOPE)
+    rounded_deg = rounding_sigma(angle_resolution(record.heading_deg)) / slope
     sigma = np.sqrt(decision.sigma_deg**2 + unmodelled_deg**2 + doubted_deg**2 + rounded_deg**2)
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return record, replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG), probability=probability)
+    return record, replace(decision, sigma_deg=np.minimum(sigma, UNIFORM_SIGMA_DEG), probability=probability)
 
 
-def _without_outliers(record: Record, decision: Decision, fit: Fit) -> tuple[Record, Decision]:
+def _without_outliers(record: Record, decision: HeadingDecision, fit: DeviationFit) -> tuple[Record, HeadingDecision]:
     """Flag headings to which no instrument turned, and remove the decision where that is certain.
 
     Where iron makes the compass turn much faster than the instrument, a right heading may be an outlier as it was
@@ -120,27 +127,28 @@ def _without_outliers(record: Record, decision: Decision, fit: Fit) -> tuple[Rec
     judged = record.heading_deg
     if _slope(fit, np.arange(360.0)).max() > FAST:
         with np.errstate(invalid="ignore"):
-            judged = np.where(decision.probability < SURE, np.nan, decision.heading_deg)
-    flags = plausibility.heading_outliers(record, judged)
+            judged = np.where(decision.probability < MIN_PROBABILITY, np.nan, decision.heading_deg)
+    flags = heading_outlier_flags(record, judged)
     columns = {name: np.where(flags == BAD, np.nan, column) for name, column in vars(decision).items()}
-    return plausibility.with_headings_flagged(record, flags), Decision(**columns)
+    return apply_heading_flags(record, flags), HeadingDecision(**columns)
 
 
-def _slope(fit: Fit, heading_deg: Floats) -> Floats:
+def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
     """Return how many times as fast as its instrument the compass turns, (n,); 1 without a fit."""
     if not fit.fitted:
         return np.ones(heading_deg.shape)
-    return np.abs((von_appen if fit.method == "von_appen" else compass).slope(fit.coefficients, heading_deg))
+    slope = series_slope if fit.method == "von_appen" else compass.slope
+    return np.abs(slope(fit.coefficients, heading_deg))
 
 
-def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:
+def _turned(record: Record, decision: HeadingDecision, field: EarthField) -> CorrectedRecord:
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = _recorded_to_true(record, declination)
     corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
     direction_sigma = np.hypot(decision.sigma_deg, DECLINATION_SIGMA_DEG)
     quality = _heading_quality(record, decision)
-    return Corrected(
+    return CorrectedRecord(
         record=record,
         heading_corrected_deg=decision.heading_deg,
         heading_uncertainty_deg=decision.sigma_deg,
@@ -157,7 +165,7 @@ def _turned(record: Record, decision: Decision, field: EarthField) -> Corrected:
     )
 
 
-def log_line(name: str, product: Pieces) -> str:
+def describe_correction(name: str, product: CorrectedPieces) -> str:
     """Return what the job says of its result."""
     record, decision = product.record, product.decision
     recorded, corrected = np.isfinite(record.heading_deg), np.isfinite(decision.heading_deg)
@@ -171,7 +179,9 @@ def log_line(name: str, product: Pieces) -> str:
     )
 
 
-def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None) -> Decision:
+def correct_headings(
+    readings: Readings, fit: DeviationFit, pairs: Pairs, at: CompassSeries | None = None
+) -> HeadingDecision:
     """Return the correct heading, its standard deviation and how sure its branch is.
 
     Args:
@@ -182,26 +192,26 @@ def headings(readings: Readings, fit: Fit, pairs: Pairs, at: Along | None = None
     """
     if not fit.fitted:
         nothing = np.full(readings.heading_deg.shape, np.nan)
-        return Decision(nothing, nothing, nothing, nothing)
+        return HeadingDecision(nothing, nothing, nothing, nothing)
     if fit.method == "von_appen" and at is None:
         decision = _published(readings.heading_deg, fit)
     else:
-        at = along.of_fit(fit, readings) if at is None else at
+        at = compass_series(fit, readings) if at is None else at
         seen, width, scatter = _overlaps(readings.time_s, fit, pairs)
-        decision = branches.decide(readings, at, fit, seen, scatter)
-        shown = int(branches.resolved(at.roots()[seen], width).sum())
-        decision = branches.undecided(decision, shown, len(pairs))
+        decision = choose_branches(readings, at, fit, seen, scatter)
+        shown = int(shows_branch(at.roots()[seen], width).sum())
+        decision = open_branches(decision, shown, len(pairs))
     if at is None:
-        parameters = von_appen.sigma(fit, decision.heading_deg)
+        parameters = series_sigma(fit, decision.heading_deg)
     else:
-        average = along.averaged(at, decision.heading_deg)
+        average = average_compasses(at, decision.heading_deg)
         decision, parameters = _moved(decision, average), average.sigma_deg
     left_out = np.zeros(parameters.shape) if at is not None and at.tilted else _left_out_by_tilt(readings)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
-    return replace(decision, sigma_deg=np.minimum(sigma, KNOWS_NOTHING_DEG))
+    return replace(decision, sigma_deg=np.minimum(sigma, UNIFORM_SIGMA_DEG))
 
 
-def _moved(decision: Decision, average: Averaged) -> Decision:
+def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
     """Return the decision moved to the average of the compasses, as unsure as they where they do not agree."""
     heading = angles.wrap360(decision.heading_deg + average.shift_deg)
     probability = np.where(average.agreed < AGREED, average.agreed, np.inf)
@@ -217,13 +227,13 @@ def _left_out_by_tilt(readings: Readings) -> Floats:
     return LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
 
 
-def readings_of(pairs: Pairs) -> Readings:
+def readings_at_pairs(pairs: Pairs) -> Readings:
     """Return what the affected compass recorded at the overlaps."""
-    water = in_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
+    water = to_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
     return Readings(pairs.time_s, pairs.heading_deg, pairs.pitch_deg, pairs.roll_deg, water)
 
 
-def in_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
+def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
     """Return a current in the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward.
 
     Args:
@@ -234,7 +244,7 @@ def in_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexe
     return (north + 1j * east) * np.conj(angles.phasor(recorded_deg))
 
 
-def readings_of_record(record: Record) -> Readings:
+def record_readings(record: Record) -> Readings:
     """Return what the affected compass recorded, headings that are flagged bad left out.
 
     Args:
@@ -250,21 +260,21 @@ def _water(record: Record) -> Complexes:
     count = good.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))
-    return in_body_frame(east, north, record.heading_deg)
+    return to_body_frame(east, north, record.heading_deg)
 
 
-def _published(recorded_deg: Floats, fit: Fit) -> Decision:
-    heading = von_appen.invert(fit.coefficients, recorded_deg)
-    slope = np.maximum(np.abs(von_appen.slope(fit.coefficients, heading)), 0.05)
+def _published(recorded_deg: Floats, fit: DeviationFit) -> HeadingDecision:
+    heading = invert_series(fit.coefficients, recorded_deg)
+    slope = np.maximum(np.abs(series_slope(fit.coefficients, heading)), 0.05)
     one = np.where(np.isfinite(heading), 1.0, np.nan)
-    return Decision(heading, one * branches.PRECISION_DEG / slope, one, np.full(heading.shape, np.nan))
+    return HeadingDecision(heading, one * PRECISION_DEG / slope, one, np.full(heading.shape, np.nan))
 
 
-def _overlaps(time_s: Floats, fit: Fit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats, Floats]:
+def _overlaps(time_s: Floats, fit: DeviationFit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats, Floats]:
     seen = np.searchsorted(time_s, pairs.time_s)
-    width = likelihood.widths(fit.noise, *model.speeds(pairs))
-    chords = likelihood.squared_chords(model.observed_heading(pairs))
-    return seen, width, likelihood.scatter(chords, width, fit.noise.outliers)
+    width = scatter_widths(fit.noise, *pair_speeds(pairs))
+    chords = squared_chords(observed_heading(pairs))
+    return seen, width, scatter_density(chords, width, fit.noise.outliers)
 
 
 def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floats]:
@@ -273,9 +283,9 @@ def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floa
     return angles.turn(record.east, record.north, declination[:, None])
 
 
-def _heading_quality(record: Record, decision: Decision) -> Flags:
+def _heading_quality(record: Record, decision: HeadingDecision) -> Flags:
     with np.errstate(invalid="ignore"):
-        unsure = decision.probability < SURE
+        unsure = decision.probability < MIN_PROBABILITY
     quality = np.where(unsure, PROBABLY_BAD, np.maximum(record.heading_quality, GOOD))
     return np.where(np.isfinite(decision.heading_deg), quality, BAD).astype(np.int8)
 

@@ -1,18 +1,28 @@
-"""Stretches of a record whose corrected headings may be wrong by more than the fit's own uncertainty."""
+"""Stretches of a record whose corrected headings may be wrong by more than the fit's own uncertainty.
+
+Part of a record may be repeated, stuck, taken out of the water, or measured by another compass. The observed heading
+minus the corrected one is described window by window: its mean, its dependence on the corrected heading, its scatter,
+and how often the compass cannot have recorded what it did. A window that lies far outside the other windows is
+doubtful, whatever the fit to the whole record says. So is a record of which every k-th sample, or one hour of the day,
+differs from the others: two recordings were put together, or samples have another sample's time.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from compasslib.records import stamp
+from compasslib import angles
+from compasslib.deviation.model import DeviationFit, heading_residual, observed_heading, pair_speeds
+from compasslib.records import Pairs, iso_time
 from compasslib.types import Bools, Floats
 
-KNOWS_NOTHING_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
+UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 
 
 @dataclass(frozen=True)
@@ -27,18 +37,18 @@ class Doubt:
     def to_json(self) -> dict[str, Any]:
         """Return it for deviation.json; the ends of a whole record are null."""
         ends = {"from": self.from_s, "to": self.to_s}
-        return {name: stamp(when) if np.isfinite(when) else None for name, when in ends.items()} | {
+        return {name: iso_time(when) if np.isfinite(when) else None for name, when in ends.items()} | {
             "sigma_deg": self.sigma_deg,
             "why": self.why,
         }
 
 
-def whole_record(sigma_deg: float, why: str) -> Doubt:
+def doubt_whole_record(sigma_deg: float, why: str) -> Doubt:
     """Doubt every heading of a record."""
     return Doubt(-np.inf, np.inf, sigma_deg, why)
 
 
-def from_json(content: Sequence[Mapping[str, Any]]) -> tuple[Doubt, ...]:
+def doubts_from_json(content: Sequence[Mapping[str, Any]]) -> tuple[Doubt, ...]:
     """Return the doubts that a deviation.json lists."""
 
     def instant(text: str | None, absent: float) -> float:
@@ -50,11 +60,194 @@ def from_json(content: Sequence[Mapping[str, Any]]) -> tuple[Doubt, ...]:
     )
 
 
-def along_time(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Floats]:
+def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Floats]:
     """Return which samples are doubted, and the standard deviation that the doubts add to each, (n,) degrees each."""
     doubted, variance = np.zeros(time_s.shape, dtype=bool), np.zeros(time_s.shape)
     for doubt in doubts:
         inside = (time_s >= doubt.from_s) & (time_s <= doubt.to_s)
         doubted |= inside
         variance[inside] += doubt.sigma_deg**2
-    return doubted, np.minimum(np.sqrt(variance), KNOWS_NOTHING_DEG)
+    return doubted, np.minimum(np.sqrt(variance), UNIFORM_SIGMA_DEG)
+
+
+WINDOW_S, MIN_WINDOW_PAIRS = 5 * 86400.0, 40  # of a window: several days of water, and enough pairs for four numbers
+MIN_WINDOWS = 6  # from which the others tell what is usual
+# Robust standard deviations beyond which a window is far off the others: turn, dependence, log scatter, share lost.
+# Real water between two depths turned for five days by 28°, and with the heading by 30° (eh2): 6 of them.
+FAR_SIGMAS = np.array([8.0, 8.0, 3.0, 6.0])
+GROWS = 0.5  # of these, for a window beside one that is far off
+# Least spread between windows: mean turn and heading dependence in degrees, logarithm of the scatter, share lost.
+LEAST_SPREAD = np.array([5.0, 5.0, 5.0, 0.2, 0.03])
+# Least departure that matters, in the same units; the heading dependence as the length of its two components.
+LEAST_TURN_DEG, LEAST_DEPENDENCE_DEG, LEAST_LOG_SCATTER, LEAST_LOST = 20.0, 10.0, 0.5, 0.25
+# Period and remainder of the index of samples that are compared with the others.
+INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
+# Least turn and log scatter of one index against the others, and excess of its rms; sound moorings 5°, 0.26.
+INDEX_TURN_DEG, INDEX_TURN_SIGMAS, INDEX_LOG_SCATTER, INDEX_RMS_DEG = 12.0, 6.0, 0.5, 15.0
+CLEARER = 1.5  # times more of a departure before a longer period is taken
+CLIP = 4.0  # widths beyond which a residual counts no more: slow water may point anywhere
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What each of k windows shows."""
+
+    first: NDArray[np.intp]  # (k,) index of the first pair
+    last: NDArray[np.intp]  # (k,) index of the last pair
+    features: Floats  # (k, 5) mean turn, sine and cosine of the corrected heading (degrees), log scatter, share lost
+    rms_deg: Floats  # (k,) of the residual
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Observed minus corrected headings of n pairs."""
+
+    residual_deg: Floats  # (n,) NaN where the compass cannot have recorded what it did
+    width_deg: Floats  # (n,) that is expected of each
+    heading_deg: Floats  # (n,) corrected
+
+    @property
+    def lost(self) -> Bools:
+        """(n,) where the compass cannot have recorded what it did."""
+        return np.isnan(self.residual_deg)
+
+    def rms_deg(self, some: NDArray[np.intp] | Bools) -> float:
+        """Compute the rms of some residuals; the lost ones count as directions that may be anything."""
+        return angles.rms(np.where(self.lost[some], UNIFORM_SIGMA_DEG, self.residual_deg[some]))
+
+
+def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
+    """Find the windows of a record, and the samples of one index, that the rest of it does not foretell.
+
+    Args:
+        pairs: overlapping measurements as the compass of the fit would have recorded them.
+        fit: the exact compass.
+    """
+    if not fit.fitted or fit.method == "von_appen" or len(pairs) < MIN_WINDOWS * MIN_WINDOW_PAIRS:
+        return ()
+    residual = heading_residual(fit, pairs)
+    heading = observed_heading(pairs) - np.nan_to_num(residual)
+    seen = Residuals(residual, fit.noise.width_deg(*pair_speeds(pairs)), heading)
+    windows = _described(pairs.time_s, seen)
+    far = _far_windows(windows)
+    usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
+    return (*_by_index(pairs.time_s, seen), *_doubts(pairs, windows, far, usual))
+
+
+def _by_index(time_s: Floats, seen: Residuals) -> tuple[Doubt, ...]:
+    """Doubt a record of which every k-th sample, or one hour of the day, differs most from the others."""
+    step_s = float(np.median(np.diff(time_s)))
+    index = np.rint(time_s / step_s).astype(int)
+    worst, why = 0.0, ""
+    for period, k in INDICES:
+        some = index % period == k
+        if min(some.sum(), (~some).sum()) < MIN_WINDOW_PAIRS:
+            continue
+        (turn, error, scatter), (others, _, usual) = (_turn_and_scatter(part, seen) for part in (some, ~some))
+        turn = abs(float(angles.difference(turn, others)))
+        rms, rest = (seen.rms_deg(part) for part in (some, ~some))
+        excess = float(np.sqrt(max(rms**2 - rest**2, 0.0)))
+        turned = turn > max(INDEX_TURN_DEG, INDEX_TURN_SIGMAS * error)
+        scattered = scatter - usual > INDEX_LOG_SCATTER and excess > INDEX_RMS_DEG
+        if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period holds the shorter one
+            worst = max(turn, excess)
+            day = f"those of {k * step_s / 3600.0:02.0f}:00 UTC" if abs(period * step_s - 86400.0) < 1.0 else ""
+            why = (
+                f"of the hours paired with the reference, {day or f'one in {period}'} differ by {rms:.0f}° rms and the "
+                f"others by {rest:.0f}°: two recordings may have been put together in one instrument's file, or some "
+                "samples have the time of others"
+            )
+    return (doubt_whole_record(min(worst, UNIFORM_SIGMA_DEG), why),) if why else ()
+
+
+def _turn_and_scatter(some: Bools, seen: Residuals) -> tuple[float, float, float]:
+    """Compute the mean residual of some pairs, its standard error (degrees) and the log of its scatter in widths."""
+    known = some & ~seen.lost
+    if known.sum() < MIN_WINDOW_PAIRS:
+        return np.nan, np.nan, np.nan
+    residual, width = seen.residual_deg[known], seen.width_deg[known]
+    turn = float(angles.argument(np.sum(angles.phasor(residual) / width**2)))
+    scatter = np.clip(angles.difference(residual, turn) / width, -CLIP, CLIP)
+    size = float(np.sqrt(np.mean(scatter**2) + 1e-6))
+    return turn, size / float(np.sqrt(np.sum(1.0 / width**2))), float(np.log(size))
+
+
+def _described(time_s: Floats, seen: Residuals) -> Windows:
+    parts = _cut(time_s)
+    features = [_features(some, seen) for some in parts]
+    first, last = (np.array([some[k] for some in parts]) for k in (0, -1))
+    return Windows(first, last, np.array(features), np.array([seen.rms_deg(some) for some in parts]))
+
+
+def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
+    """Return the pairs of each window: as many windows of LENGTH_S as hold enough pairs on the average."""
+    span = float(np.ptp(time_s))
+    length = max(WINDOW_S, span * MIN_WINDOW_PAIRS / len(time_s))
+    number = np.floor((time_s - time_s[0]) / length).astype(int)
+    cut = [np.flatnonzero(number == k) for k in range(number[-1] + 1)]
+    return [some for some in cut if len(some) >= MIN_WINDOW_PAIRS // 2]
+
+
+def _features(some: NDArray[np.intp], seen: Residuals) -> list[float]:
+    residual, lost, width, heading = seen.residual_deg, seen.lost, seen.width_deg, seen.heading_deg
+    known = some[~lost[some]]
+    if len(known) < MIN_WINDOW_PAIRS // 4:
+        return [0.0, 0.0, 0.0, 0.0, float(lost[some].mean())]
+    weight = 1.0 / width[known] ** 2
+    turn = float(angles.argument(np.sum(weight * angles.phasor(residual[known]))))
+    left = angles.difference(residual[known], turn)
+    sine, cosine = angles.sin_cos(heading[known])
+    design = np.column_stack([np.ones(len(known)), sine, cosine])
+    # The prior keeps a window of one heading from telling a turn as a dependence on heading.
+    normal = (design.T * weight) @ design + np.diag([0.0, 1.0, 1.0]) / 30.0**2
+    bounded = np.clip(left, -CLIP * width[known], CLIP * width[known])
+    fitted = np.linalg.solve(normal, (design.T * weight) @ bounded)
+    scatter = np.clip((left - design @ fitted) / width[known], -CLIP, CLIP)
+    turn = float(angles.wrap180(turn + fitted[0]))
+    return [turn, fitted[1], fitted[2], 0.5 * float(np.log(np.mean(scatter**2) + 1e-6)), float(lost[some].mean())]
+
+
+def _far_windows(windows: Windows) -> Bools:
+    """Tell which windows lie far outside the others and differ by an amount that matters, (k,)."""
+    features = windows.features
+    if len(features) < MIN_WINDOWS:
+        return np.zeros(len(features), dtype=bool)
+    off = features - np.median(features, axis=0)
+    off[:, 0] = angles.wrap180(off[:, 0])
+    spread = np.maximum(1.4826 * np.median(np.abs(off), axis=0), LEAST_SPREAD)
+    z = off / spread
+    matters = np.column_stack([
+        np.abs(off[:, 0]) > LEAST_TURN_DEG,
+        np.hypot(off[:, 1], off[:, 2]) > LEAST_DEPENDENCE_DEG,
+        off[:, 3] > LEAST_LOG_SCATTER,
+        off[:, 4] > LEAST_LOST,
+    ])  # fmt: skip
+    departure = np.column_stack([np.abs(z[:, 0]), np.hypot(z[:, 1], z[:, 2]), z[:, 3], z[:, 4]]) / FAR_SIGMAS
+    return _grown(*(np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS)))
+
+
+def _grown(far: Bools, near: Bools) -> Bools:
+    """Return the windows that are far off, with those beside them that are nearly so: a stretch begins in a window."""
+    for _ in range(len(far)):
+        grown = far | (near & (np.append(far[1:], False) | np.append(False, far[:-1])))
+        if (grown == far).all():
+            break
+        far = grown
+    return far
+
+
+def _doubts(pairs: Pairs, windows: Windows, far: Bools, usual_deg: float) -> Iterator[Doubt]:
+    """Give a doubt for each run of neighbouring windows that are far off."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(int), [0]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        n = len(far)
+        from_s = pairs.time_s[windows.first[begin]] if begin else -np.inf
+        to_s = pairs.time_s[windows.last[end - 1]] if end < n else np.inf
+        rms = float(np.sqrt(np.mean(windows.rms_deg[begin:end] ** 2)))
+        sigma = float(min(np.sqrt(max(rms**2 - usual_deg**2, LEAST_DEPENDENCE_DEG**2)), UNIFORM_SIGMA_DEG))
+        shown = [iso_time(float(pairs.time_s[k])) for k in (windows.first[begin], windows.last[end - 1])]
+        why = (
+            f"from {shown[0]} to {shown[1]} directions differ from the reference by {rms:.0f}° rms and by "
+            f"{usual_deg:.0f}° in the rest of the record: the compass, the record or the reference was another then"
+        )
+        yield Doubt(float(from_s), float(to_s), sigma, why)

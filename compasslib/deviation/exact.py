@@ -12,20 +12,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import likelihood, model, spread
-from compasslib.deviation.forms import EXACT, Form
-from compasslib.deviation.likelihood import CELL_DEG, COARSE, FINE, FREEDOM, Grid, Sample, widths
-from compasslib.deviation.model import Fit, Noise
-from compasslib.deviation.prior import Prior
+from compasslib.deviation.likelihood import (
+    CELL_CENTRES,
+    CELL_DEG,
+    CELLS,
+    COARSE,
+    EXACT,
+    FINE,
+    STUDENT_DOF,
+    BinnedSample,
+    CurveForm,
+    HeadingGrid,
+    bin_sample,
+    heading_given_reading,
+    heading_occupancy,
+    log_likelihood,
+    log_likelihood_and_gradient,
+    pair_log_likelihoods,
+    pair_scores,
+    scatter_density,
+    scatter_widths,
+    squared_chords,
+)
+from compasslib.deviation.model import (
+    MIN_PAIRS,
+    CoefficientPrior,
+    DeviationFit,
+    ScatterNoise,
+    heading_residual,
+    observed_deviation,
+    observed_heading,
+    pair_speeds,
+    unfitted,
+)
 from compasslib.records import Pairs
-from compasslib.statistics import autocorrelation, bfgs
+from compasslib.statistics.least_squares import minimize_bfgs, robust_width
+from compasslib.statistics.noise import effective_sample_size
+from compasslib.statistics.resampling import block_jackknife, block_sums, blocks_by_span
 from compasslib.types import Floats
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
 START_PAIRS, START_COUNT, START_KEPT, START_ROUNDS = 900, 5, 2, 2
-START_NOISE, START_COMPASS_DEG = Noise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
-MOST_SOFT = 0.3  # D and E together; spheres and frames induce a few per cent
+START_NOISE, START_COMPASS_DEG = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
+MAX_SOFT_IRON = 0.3  # D and E together; spheres and frames induce a few per cent
 TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # of all readings, that these begin with
 ROUNDS, STEPS, NOISE_PAIRS = 2, 40, 1000
 # Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
@@ -40,39 +70,41 @@ PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
 NOISE_BOUNDS = np.array([(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)])
 NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # weak, of width 1
 NOISE_STEPS = 15
-POWER = (FREEDOM + 1.0) / 2.0  # of Student's t: three
+POWER = (STUDENT_DOF + 1.0) / 2.0  # of Student's t: three
 
 
-def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
+def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Return the exact compass that best explains the overlap's directions given the recorded headings.
 
     Args:
         near: a fit to start from, where the right fold is known already.
     """
-    if len(pairs) < model.FEWEST_PAIRS:
-        return model.too_few("exact", len(pairs))
+    if len(pairs) < MIN_PAIRS:
+        return unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
     state = _maximised(overlap, EXACT, near)
     if prior is None or near is None:
         return _described(state, pairs, overlap)
-    counted = spread.repeated(pairs, _described(state, pairs, overlap).n_effective)
+    counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
     believed = replace(prior, precision=counted * prior.precision)
     for _ in range(ROUNDS):
         state = _improve(state, overlap, FINE, EXACT, believed=believed)
     return replace(_described(state, pairs, overlap, believed), prior=prior)
 
 
-def beside(prior: Prior, pairs: Pairs) -> Fit:
+def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
     """Return where a fit starts of which other records tell the compass: its A is that of the pairs' middle."""
-    bare = Fit("exact", len(pairs), prior.mean, heading_density=np.full(likelihood.CELLS, 1.0 / likelihood.CELLS))
-    off = model.residual(bare, pairs)
+    bare = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
+    off = heading_residual(bare, pairs)
     turned = np.where(np.isfinite(off), angles.phasor(off), 0.0).sum()
     mean = prior.mean.copy()
     mean[0] += 0.0 if prior.precision[0, 0] else np.clip(np.angle(turned), -0.5, 0.5)
     return replace(bare, coefficients=mean, prior=prior)
 
 
-def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], near: Fit | None = None) -> Floats:
+def held_out_scores(
+    form: CurveForm, pairs: Pairs, fold: NDArray[np.signedinteger], near: DeviationFit | None = None
+) -> Floats:
     """Return the log-likelihood of each pair under a form fitted to the other folds, (n,).
 
     Args:
@@ -87,14 +119,14 @@ def held_out_scores(form: Form, pairs: Pairs, fold: NDArray[np.signedinteger], n
         for _ in range(ROUNDS):
             state = _improve(state, overlap.take(seen), FINE, form)
         data = overlap.take(left_out).sample(state.noise, FINE, form)
-        scores[left_out] = likelihood.values(state.parameters, data, state.prior, FINE)
+        scores[left_out] = pair_log_likelihoods(state.parameters, data, state.prior, FINE)
     return scores
 
 
-def _maximised(overlap: _Overlap, form: Form, near: Fit | None) -> _State:
+def _maximised(overlap: Overlap, form: CurveForm, near: DeviationFit | None) -> OptimizerState:
     state = _refined(_start(overlap, form) if near is None else _at(near), overlap, form)
     soft = float(np.hypot(*state.parameters[3:5]))
-    if near is not None or form is not EXACT or soft < MOST_SOFT:
+    if near is not None or form is not EXACT or soft < MAX_SOFT_IRON:
         return state
     # More soft iron than an instrument has stands for something else: where a compass is two-valued, for readings that
     # are all turned by one angle.
@@ -102,13 +134,13 @@ def _maximised(overlap: _Overlap, form: Form, near: Fit | None) -> _State:
     return min([state, *turned], key=lambda each: each.loss)
 
 
-def _refined(state: _State, overlap: _Overlap, form: Form) -> _State:
+def _refined(state: OptimizerState, overlap: Overlap, form: CurveForm) -> OptimizerState:
     for _ in range(ROUNDS):
         state = _improve(state, overlap, FINE, form)
     return state
 
 
-def _start_turned(overlap: _Overlap, angle_deg: float, form: Form) -> _State:
+def _start_turned(overlap: Overlap, angle_deg: float, form: CurveForm) -> OptimizerState:
     """Start from readings that an angle was added to: q e^{i angle} is q with other coefficients, up to a factor."""
     start = _start(replace(overlap, recorded_deg=angles.wrap360(overlap.recorded_deg - angle_deg)), form)
     turn = angles.phasor(angle_deg) / float(angles.sin_cos(angle_deg)[1])
@@ -118,12 +150,12 @@ def _start_turned(overlap: _Overlap, angle_deg: float, form: Form) -> _State:
     return replace(start, parameters=np.append(scaled, start.parameters[5]))
 
 
-def _overlap(pairs: Pairs) -> _Overlap:
-    observed = model.observed_heading(pairs)
-    return _Overlap(pairs.heading_deg, observed, likelihood.squared_chords(observed), *model.speeds(pairs))
+def _overlap(pairs: Pairs) -> Overlap:
+    observed = observed_heading(pairs)
+    return Overlap(pairs.heading_deg, observed, squared_chords(observed), *pair_speeds(pairs))
 
 
-def scores_at(coefficients: Floats, pairs: Pairs, fit: Fit) -> tuple[float, Floats]:
+def scores_at(coefficients: Floats, pairs: Pairs, fit: DeviationFit) -> tuple[float, Floats]:
     """Return the log-likelihood of other coefficients under a fit's scatter, and each pair's gradient by A..E, (n, 5).
 
     Args:
@@ -131,12 +163,12 @@ def scores_at(coefficients: Floats, pairs: Pairs, fit: Fit) -> tuple[float, Floa
     """
     data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
     parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
-    value = likelihood.value(parameters, data, fit.heading_density, FINE)
-    return value, likelihood.scores(parameters, data, fit.heading_density, FINE)[:, :5]
+    value = log_likelihood(parameters, data, fit.heading_density, FINE)
+    return value, pair_scores(parameters, data, fit.heading_density, FINE)[:, :5]
 
 
 @dataclass(frozen=True)
-class _Overlap:
+class Overlap:
     """The pairs as the fit needs them, (n,) each."""
 
     recorded_deg: Floats
@@ -145,28 +177,28 @@ class _Overlap:
     upper_speed: Floats
     lower_speed: Floats
 
-    def width_deg(self, noise: Noise) -> Floats:
-        return likelihood.widths(noise, self.upper_speed, self.lower_speed)
+    def width_deg(self, noise: ScatterNoise) -> Floats:
+        return scatter_widths(noise, self.upper_speed, self.lower_speed)
 
-    def take(self, index: NDArray[np.signedinteger]) -> _Overlap:
-        return _Overlap(*(column[index] for column in vars(self).values()))
+    def take(self, index: NDArray[np.signedinteger]) -> Overlap:
+        return Overlap(*(column[index] for column in vars(self).values()))
 
-    def sample(self, noise: Noise, grid: Grid, form: Form) -> Sample:
-        density = likelihood.scatter(self.squared_chord, self.width_deg(noise), noise.outliers)
-        return likelihood.sample(self.recorded_deg, density, grid, form)
+    def sample(self, noise: ScatterNoise, grid: HeadingGrid, form: CurveForm) -> BinnedSample:
+        density = scatter_density(self.squared_chord, self.width_deg(noise), noise.outliers)
+        return bin_sample(self.recorded_deg, density, grid, form)
 
 
 @dataclass(frozen=True)
-class _State:
+class OptimizerState:
     """Where a search for the maximum stands."""
 
     parameters: Floats  # A..E and log(compass noise / degree)
-    noise: Noise
+    noise: ScatterNoise
     prior: Floats
     loss: float = float("inf")
 
 
-def _start(overlap: _Overlap, form: Form) -> _State:
+def _start(overlap: Overlap, form: CurveForm) -> OptimizerState:
     """Climb from the best of many strengths and directions of the iron, on the pairs whose directions say most.
 
     The scatter is fitted anew for each maximum before they are compared: under too wide a scatter a fold blurs and a
@@ -175,11 +207,11 @@ def _start(overlap: _Overlap, form: Form) -> _State:
     width = overlap.width_deg(START_NOISE)
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))])
     few = overlap.take(clear[:: max(1, len(clear) // START_PAIRS)])
-    prior = smoothed(np.histogram(few.observed_deg, bins=likelihood.CELLS, range=(0.0, 360.0))[0].astype(float))
+    prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
     data = few.sample(START_NOISE, COARSE, form)
     starts = [_iron(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
-    values = [-likelihood.value(start, data, prior, COARSE) for start in starts]
-    states = [_State(starts[i], START_NOISE, prior) for i in np.argsort(values)[:START_COUNT]]
+    values = [-log_likelihood(start, data, prior, COARSE) for start in starts]
+    states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:START_COUNT]]
     states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:START_KEPT]
     for _ in range(START_ROUNDS):
@@ -187,39 +219,41 @@ def _start(overlap: _Overlap, form: Form) -> _State:
     return min(states, key=lambda state: state.loss)
 
 
-def _at(fit: Fit) -> _State:
-    return _State(np.append(fit.coefficients, np.log(fit.noise.compass_deg)), fit.noise, fit.heading_density)
+def _at(fit: DeviationFit) -> OptimizerState:
+    return OptimizerState(np.append(fit.coefficients, np.log(fit.noise.compass_deg)), fit.noise, fit.heading_density)
 
 
 def _improve(
-    state: _State,
-    overlap: _Overlap,
-    grid: Grid,
-    form: Form,
+    state: OptimizerState,
+    overlap: Overlap,
+    grid: HeadingGrid,
+    form: CurveForm,
     prior_width: Floats = PRIOR_WIDTH,
     *,
-    believed: Prior | None = None,
-) -> _State:
+    believed: CoefficientPrior | None = None,
+) -> OptimizerState:
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, believed=believed)
-    prior = smoothed(likelihood.occupancy(parameters, data, state.prior, grid))
-    return _State(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
+    prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
+    return OptimizerState(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
-def _described(state: _State, pairs: Pairs, overlap: _Overlap, believed: Prior | None = None) -> Fit:
+def _described(
+    state: OptimizerState, pairs: Pairs, overlap: Overlap, believed: CoefficientPrior | None = None
+) -> DeviationFit:
     data = overlap.sample(state.noise, FINE, EXACT)
     parameters, _ = _maximise(state.parameters, data, state.prior, FINE, believed=believed)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
-    scores = likelihood.scores(parameters, data, state.prior, FINE)[:, :5]
-    bare = Fit("exact", len(pairs), parameters[:5], noise=noise)
-    left = model.residual(bare, pairs)
+    scores = pair_scores(parameters, data, state.prior, FINE)[:, :5]
+    bare = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
+    left = heading_residual(bare, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
     known = np.isfinite(standard)
-    effective = autocorrelation.effective_number(standard[known], pairs.time_s[known])
+    effective = effective_sample_size(standard[known], pairs.time_s[known])
     return replace(
         bare,
-        covariance=spread.covariance(scores, PRIOR_WIDTH[:5] ** -2.0, bare, pairs, effective, believed),
+        covariance=robust_covariance(scores, PRIOR_WIDTH[:5] ** -2.0, bare, pairs, effective, believed),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -235,10 +269,15 @@ def _iron(strength: float, towards_deg: float) -> Floats:
 
 
 def _penalised(
-    parameters: Floats, data: Sample, prior: Floats, grid: Grid, prior_width: Floats, believed: Prior | None
+    parameters: Floats,
+    data: BinnedSample,
+    prior: Floats,
+    grid: HeadingGrid,
+    prior_width: Floats,
+    believed: CoefficientPrior | None,
 ) -> tuple[float, Floats]:
     """Return minus the log-likelihood and the priors' part, with gradient."""
-    value, slopes = likelihood.value_and_gradient(parameters, data, prior, grid)
+    value, slopes = log_likelihood_and_gradient(parameters, data, prior, grid)
     pull = (parameters - PRIOR_CENTRE) / prior_width
     loss, slopes = -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
     if believed is not None:
@@ -249,44 +288,43 @@ def _penalised(
 
 def _maximise(
     parameters: Floats,
-    data: Sample,
+    data: BinnedSample,
     prior: Floats,
-    grid: Grid,
+    grid: HeadingGrid,
     prior_width: Floats = PRIOR_WIDTH,
     *,
-    believed: Prior | None = None,
+    believed: CoefficientPrior | None = None,
 ) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
         return _penalised(at, data, prior, grid, prior_width, believed)
 
-    scores = likelihood.scores(parameters, data, prior, grid)
+    scores = pair_scores(parameters, data, prior, grid)
     curvature = scores.T @ scores + np.diag(prior_width**-2.0)
     if believed is not None:
         curvature[:5, :5] += believed.precision
-    return bfgs.minimise(loss, parameters, PARAMETER_BOUNDS, STEPS, curvature)
+    return minimize_bfgs(loss, parameters, PARAMETER_BOUNDS, STEPS, curvature)
 
 
-def smoothed(mass: Floats) -> Floats:
+def smooth_density(mass: Floats) -> Floats:
     """Return a distribution of headings, smoothed and with a uniform floor, that sums to 1.
 
     Args:
         mass: counts on the cells, (CELLS,), not all zero.
     """
-    distance = angles.wrap180(likelihood.CELL_CENTRES)
+    distance = angles.wrap180(CELL_CENTRES)
     kernel = np.exp(-0.5 * (distance / PRIOR_SMOOTHING_DEG) ** 2)
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))
     smooth = np.maximum(smooth, 0.0) / smooth.sum()
     return (1.0 - PRIOR_FLOOR) * smooth + PRIOR_FLOOR / len(mass)
 
 
-def _fit_noise(near: Noise, overlap: _Overlap, parameters: Floats, prior: Floats, form: Form) -> Noise:
+def _fit_noise(
+    near: ScatterNoise, overlap: Overlap, parameters: Floats, prior: Floats, form: CurveForm
+) -> ScatterNoise:
     """Fit floor, slow part and outliers of the scatter with the compass held."""
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
-    given = likelihood.given_recorded(parameters, few.recorded_deg, prior, FINE, form)
-    return fit_noise(ScatterData(given, few.squared_chord, few.upper_speed, few.lower_speed), near)
-
-
-# The scatter of directions fitted with the compass held: its floor, what slow water adds, the outliers.
+    given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
+    return fit_scatter(ScatterData(given, few.squared_chord, few.upper_speed, few.lower_speed), near)
 
 
 @dataclass(frozen=True)
@@ -299,7 +337,7 @@ class ScatterData:
     lower_speed: Floats  # (n,) m/s
 
 
-def fit_noise(seen: ScatterData, near: Noise) -> Noise:
+def fit_scatter(seen: ScatterData, near: ScatterNoise) -> ScatterNoise:
     """Return the scatter under which the observed headings are likeliest; the compass's own noise is not in it.
 
     Args:
@@ -307,15 +345,15 @@ def fit_noise(seen: ScatterData, near: Noise) -> Noise:
     """
 
     def loss(x: Floats) -> tuple[float, Floats]:
-        value, slope = log_likelihood(x, seen)
+        value, slope = scatter_log_likelihood(x, seen)
         off = x - NOISE_PRIOR
         return 0.5 * float(off @ off) - value, off - slope
 
     start = [np.log(near.floor_deg), np.log(near.slow_deg_m_s), np.log(near.outliers / (1.0 - near.outliers))]
-    return _noise(bfgs.minimise(loss, np.array(start), NOISE_BOUNDS, NOISE_STEPS)[0])
+    return _scatter_noise(minimize_bfgs(loss, np.array(start), NOISE_BOUNDS, NOISE_STEPS)[0])
 
 
-def log_likelihood(x: Floats, seen: ScatterData) -> tuple[float, Floats]:
+def scatter_log_likelihood(x: Floats, seen: ScatterData) -> tuple[float, Floats]:
     """Return the log-likelihood and its gradient.
 
     With r = 1 / (1 + chord^2 / (FREEDOM width^2)) the density is r^POWER over its sum, and a relative change of the
@@ -324,9 +362,9 @@ def log_likelihood(x: Floats, seen: ScatterData) -> tuple[float, Floats]:
     Args:
         x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
     """
-    noise = _noise(x)
-    width = widths(noise, seen.upper_speed, seen.lower_speed)
-    ratio = seen.squared_chord / (FREEDOM * width[:, None] ** 2)
+    noise = _scatter_noise(x)
+    width = scatter_widths(noise, seen.upper_speed, seen.lower_speed)
+    ratio = seen.squared_chord / (STUDENT_DOF * width[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
     density = ratio * ratio  # a power is ten times as slow
@@ -343,5 +381,119 @@ def log_likelihood(x: Floats, seen: ScatterData) -> tuple[float, Floats]:
     return float(np.sum(np.log(joint))), np.array(slope)
 
 
-def _noise(x: Floats) -> Noise:
-    return Noise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
+def _scatter_noise(x: Floats) -> ScatterNoise:
+    return ScatterNoise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
+
+
+BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
+MIN_BLOCKS = 12
+# Independent pairs in time, and by water that is passed through, as a lowered instrument does: days show hardly any of
+# the veer's own memory, which takes itself for its mean.
+MAX_PER_DAY, LAYER_M = 4.0, 20.0
+OCTANTS = 8
+# Gradient by a dimensionless coefficient: of a direction known to a degree it is 60. Where the iron's field cancels
+# the earth's the compass turns round at once, the gradient has no bound, and one pair would settle all coefficients.
+MAX_SCORE = 1e3
+# Correlation of the veer with the heading's own excursions. The wake locks the heading to water that is itself sheared
+# across the sphere; simulated moorings show 0.03 to 0.1, and no record can tell that part from iron. Assumed.
+WAKE_LOCKED_VEER = 0.05
+
+
+def robust_covariance(
+    scores: Floats,
+    precision: Floats,
+    fit: DeviationFit,
+    pairs: Pairs,
+    effective: float,
+    believed: CoefficientPrior | None = None,
+) -> Floats:
+    """Return the covariance that holds for autocorrelated pairs and for water that veers by direction.
+
+    Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
+    real water veers between two depths differently for each direction of flow, for months, which no block of days
+    shows. What the octants vary beyond the blocks is added, and so is what the profile tells of water turned for good;
+    then an allowance for veer that follows the heading.
+
+    Args:
+        scores: each pair's gradient of the log-likelihood, (n, p).
+        precision: of the weak priors, (p,).
+        fit: coefficients and noise of the exact compass.
+        believed: what other records tell, counted as often as the pairs repeat each other (``repeated``).
+    """
+    scores = np.clip(scores, -MAX_SCORE, MAX_SCORE)
+    information = scores.T @ scores + np.diag(precision)
+    if believed is not None:
+        information[:5, :5] += believed.precision
+    along_time = _jackknife(scores, information, pairs, effective)
+    inverse = np.linalg.inv(information)
+    octant = _flow_octant(fit, pairs)
+    sums = block_sums(scores, octant)
+    across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
+    by_degree = _by_degree(fit, pairs)
+    turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
+    locked = inverse @ (scores.T @ (by_degree * _locked_veer(fit, pairs)))
+    few = len(np.unique(blocks_by_span(pairs.time_s, BLOCK_S))) < MIN_BLOCKS
+    if believed is not None and not few:  # with few, the inverse holds it already
+        along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ believed.precision @ inverse[:5]
+    shown = along_time + positive_part(across - along_time)
+    return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
+
+
+def _by_degree(fit: DeviationFit, pairs: Pairs) -> Floats:
+    """Return what a degree of veer does to each pair's log-likelihood, (n,)."""
+    left = np.nan_to_num(heading_residual(fit, pairs))
+    return (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * _direction_sigma(fit, pairs) ** 2 + left**2)
+
+
+def _direction_sigma(fit: DeviationFit, pairs: Pairs) -> Floats:
+    """Return the noise of each pair's direction, degrees, (n,)."""
+    return fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
+
+
+def _locked_veer(fit: DeviationFit, pairs: Pairs) -> Floats:
+    """Return veer in step with the heading at each pair, one standard deviation, degrees, (n,)."""
+    left, weight = np.nan_to_num(heading_residual(fit, pairs)), _direction_sigma(fit, pairs) ** -2.0
+    heading = angles.wrap360(observed_heading(pairs) - left)
+    excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
+    excursion = excursion - np.average(excursion, weights=weight)
+    excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
+    return WAKE_LOCKED_VEER * robust_width(left) * excursion
+
+
+def _jackknife(scores: Floats, information: Floats, pairs: Pairs, effective: float) -> Floats:
+    """Return the covariance by leaving out each block of days, or by how many pairs count where there are few.
+
+    The information is the scores' outer product: it stays positive where the record hardly determines a coefficient.
+    """
+    block = blocks_by_span(pairs.time_s, BLOCK_S)
+    if len(np.unique(block)) < MIN_BLOCKS:
+        return np.asarray(np.linalg.inv(information) * len(pairs) / independent_pairs(pairs, effective))
+    return block_jackknife(scores, scores, block, information)
+
+
+def independent_pairs(pairs: Pairs, effective: float) -> float:
+    """Return how many pairs count, what they are fitted with taken off."""
+    apart = MAX_PER_DAY * float(np.ptp(pairs.time_s)) / 86400.0 + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
+    return max(min(effective, apart) - 5.0, 3.0)
+
+
+def pairs_per_independent(pairs: Pairs, effective: float) -> float:
+    return len(pairs) / independent_pairs(pairs, effective)
+
+
+def _flow_octant(fit: DeviationFit, pairs: Pairs) -> NDArray[np.intp]:
+    """Return the octant of the flow's direction, from both instruments alike so that neither's noise decides it."""
+    turn = np.nan_to_num(observed_deviation(pairs) - heading_residual(fit, pairs))
+    east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
+    towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
+    return np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
+
+
+def positive_part(matrix: Floats) -> Floats:
+    """Return the nearest matrix that can be a covariance.
+
+    Args:
+        matrix: symmetric but for rounding, (p, p).
+    """
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -15,39 +15,106 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
-from compasslib.deviation.forms import EXACT, Form
-from compasslib.deviation.model import Noise
+from compasslib import angles, compass
+from compasslib.deviation.model import ScatterNoise
+from compasslib.deviation.series import series_design, series_deviation
 from compasslib.types import Floats
 
 CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
 CELL_DEG = 360.0 / CELLS
-FREEDOM = 5.0  # degrees of freedom of the scatter's tails
-UNPREDICTED = 1e-5  # e0, density per degree of recorded headings that the model does not explain
+STUDENT_DOF = 5.0  # degrees of freedom of the scatter's tails
+UNEXPLAINED_DENSITY = 1e-5  # e0, density per degree of recorded headings that the model does not explain
 REACH = 8.0  # of the compass's noise; beyond, its density is 1e-14 of its peak and far below e0
 
 CELL_CENTRES = CELL_DEG * np.arange(CELLS)
 Indices = NDArray[np.intp]
-PAIRS_A_BLOCK = 8  # rows that are multiplied at once; a bin's last block is filled up
+ROWS_PER_BLOCK = 8  # rows that are multiplied at once; a bin's last block is filled up
+
+
+Sides = tuple[Floats, Floats]
+
+
+class CurveForm(Protocol):
+    """A curve between correct heading beta and recorded heading gamma with five coefficients."""
+
+    @property
+    def name(self) -> str:
+        """Its name in the results."""
+
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return what agrees where a recorded heading came from a correct one, (k,) and (f,) degrees."""
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return the derivative by the coefficients of the second side less the first, (5, 1 or k, 1 or f) degrees."""
 
 
 @dataclass(frozen=True)
-class Sample:
+class ExactForm:
+    """The exact compass, gamma = arg q(beta): any strength of iron (compass.py)."""
+
+    name: str = "exact"
+
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return the recorded heading and arg q."""
+        return recorded_deg, compass.recorded_heading(coefficients, heading_deg)
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return the derivative of arg q."""
+        return compass.gradient(coefficients, heading_deg)[:, None, :]
+
+
+@dataclass(frozen=True)
+class SeriesInCorrect:
+    """Smith's series in the correct heading, gamma = beta - Delta(beta) (von Appen 2015, eq. 1)."""
+
+    name: str = "series_in_correct"
+
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return the recorded heading, and the correct one minus the deviation there."""
+        return recorded_deg, heading_deg - series_deviation(coefficients, heading_deg) / angles.DEGREE
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return minus the series' columns."""
+        return -series_design(heading_deg).T[:, None, :] / angles.DEGREE
+
+
+@dataclass(frozen=True)
+class SeriesInRecorded:
+    """The same series in the recorded heading, beta = gamma + Delta(gamma) (Moncunill 2023, eq. 1; Le Menn 2023, 5)."""
+
+    name: str = "series_in_recorded"
+
+    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
+        """Return the recorded heading plus the deviation there, and the correct one."""
+        return recorded_deg + series_deviation(coefficients, recorded_deg) / angles.DEGREE, heading_deg
+
+    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
+        """Return minus the series' columns."""
+        return -series_design(recorded_deg).T[:, :, None] / angles.DEGREE
+
+
+EXACT = ExactForm()
+FORMS: tuple[CurveForm, ...] = (EXACT, SeriesInCorrect(), SeriesInRecorded())
+
+
+@dataclass(frozen=True)
+class BinnedSample:
     """The pairs as the likelihood needs them, in order of the recorded heading's bin."""
 
     row: NDArray[np.intp]  # (n,) which occupied bin each sample lies in
     occupied: NDArray[np.intp]  # the occupied bins
-    scatter: Blocks  # (n, CELLS) K, by occupied bin
+    scatter: RowBlocks  # (n, CELLS) K, by occupied bin
     order: NDArray[np.intp]  # position of each row in the pairs
-    form: Form = EXACT  # the curve that is held against them
+    form: CurveForm = EXACT  # the curve that is held against them
 
 
 @dataclass(frozen=True)
-class Grid:
+class HeadingGrid:
     """Fine headings on which the compass is evaluated, and how they share out on the cells."""
 
     fine: int  # points over the circle, a multiple of CELLS
@@ -72,7 +139,7 @@ class Grid:
         return np.where(away < 1.0, inner, outer)
 
 
-COARSE, FINE = Grid(360), Grid(720)
+COARSE, FINE = HeadingGrid(360), HeadingGrid(720)
 
 
 def squared_chords(observed_deg: Floats) -> Floats:
@@ -87,7 +154,7 @@ def squared_chords(observed_deg: Floats) -> Floats:
     return (2.0 / angles.DEGREE * (sine * towards[1] - cosine * towards[0])) ** 2
 
 
-def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
+def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
     """Return K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
 
     Args:
@@ -95,7 +162,7 @@ def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats
         width_deg: width for each of them, (n,), degrees.
         outliers: share that says nothing.
     """
-    ratio = squared_chord / (FREEDOM * width_deg[:, None] ** 2)
+    ratio = squared_chord / (STUDENT_DOF * width_deg[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
     density = ratio * ratio
@@ -105,7 +172,9 @@ def scatter(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats
     return density
 
 
-def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid, form: Form = EXACT) -> Sample:
+def bin_sample(
+    recorded_deg: Floats, scatter_density: Floats, grid: HeadingGrid, form: CurveForm = EXACT
+) -> BinnedSample:
     """Return the pairs sorted by the recorded heading's bin.
 
     Args:
@@ -116,10 +185,10 @@ def sample(recorded_deg: Floats, scatter_density: Floats, grid: Grid, form: Form
     bins = grid.bin_of(recorded_deg)
     order = np.argsort(bins, kind="stable")
     occupied, begins, row = np.unique(bins[order], return_index=True, return_inverse=True)
-    return Sample(row, occupied, blocks(scatter_density[order], begins), order, form)
+    return BinnedSample(row, occupied, block_rows(scatter_density[order], begins), order, form)
 
 
-def compass_noise(offset_deg: Floats, compass_deg: float) -> Floats:
+def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
     """Return G, the density of recorded headings about what the curve predicts, per degree, of the offsets' shape.
 
     Args:
@@ -129,17 +198,17 @@ def compass_noise(offset_deg: Floats, compass_deg: float) -> Floats:
     return np.exp(-0.5 * (offset_deg / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
 
 
-def value(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> float:
+def log_likelihood(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> float:
     """Return the log-likelihood.
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
         prior: pi on the cells, (CELLS,), sums to 1.
     """
-    return float(np.sum(values(parameters, data, prior, grid)))
+    return float(np.sum(pair_log_likelihoods(parameters, data, prior, grid)))
 
 
-def values(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
+def pair_log_likelihoods(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
     """Return each pair's log-likelihood, in the order of the pairs, (n,).
 
     Args:
@@ -152,7 +221,9 @@ def values(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
     return result
 
 
-def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> tuple[float, Floats]:
+def log_likelihood_and_gradient(
+    parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid
+) -> tuple[float, Floats]:
     """Return the log-likelihood and its gradient by A..E and log(compass noise).
 
     Args:
@@ -165,10 +236,10 @@ def value_and_gradient(parameters: Floats, data: Sample, prior: Floats, grid: Gr
     towards = np.sum(pull.take(parts.cell) * parts.share, axis=1)
     pull = towards * parts.near.offset / np.exp(2.0 * parameters[5])
     by_width = float(np.sum(pull * parts.near.offset) - np.sum(towards))
-    return total, np.append(_slopes(parameters, data, grid, parts) @ pull, by_width)
+    return total, np.append(_form_slopes(parameters, data, grid, parts) @ pull, by_width)
 
 
-def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
+def pair_scores(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
     """Return each pair's gradient by A..E and log(compass noise), in the order of the pairs, (n, 6).
 
     Args:
@@ -178,14 +249,14 @@ def scores(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Float
     parts = _parts(parameters, data, prior, grid)
     pull = parts.near.offset / np.exp(2.0 * parameters[5])
     result = np.empty((len(data.row), 6))
-    for j, by in enumerate([*_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
+    for j, by in enumerate([*_form_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
         moved = _on_cells(parts, by, len(data.occupied))
         by_joint, by_marginal = data.scatter.times(moved) / parts.joint, moved.sum(axis=1) / parts.marginal
         result[data.order, j] = by_joint - by_marginal[data.row]
     return result
 
 
-def occupancy(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Floats:
+def heading_occupancy(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
     """Return how many pairs have their correct heading in each cell, by the posterior, (CELLS,).
 
     Args:
@@ -196,7 +267,9 @@ def occupancy(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> Fl
     return np.asarray(np.sum(parts.given * data.scatter.summed(1.0 / parts.joint), axis=0))
 
 
-def given_recorded(parameters: Floats, recorded_deg: Floats, prior: Floats, grid: Grid, form: Form) -> Floats:
+def heading_given_reading(
+    parameters: Floats, recorded_deg: Floats, prior: Floats, grid: HeadingGrid, form: CurveForm
+) -> Floats:
     """Return the distribution of the correct heading on the cells for each recorded one, (n, CELLS).
 
     Args:
@@ -212,7 +285,7 @@ def given_recorded(parameters: Floats, recorded_deg: Floats, prior: Floats, grid
 
 @dataclass(frozen=True)
 class _Layout:
-    near: Near  # correct headings, fine, near the recorded ones; k of them
+    near: NearbyHeadings  # correct headings, fine, near the recorded ones; k of them
     cell: NDArray[np.intp]  # (k, 4) recorded heading and cell as one number
     share: Floats  # (k, 4) prior times G times spline
     given: Floats  # (occupied, CELLS) joint density of recorded heading and cell
@@ -224,34 +297,36 @@ class _Parts(_Layout):
     joint: Floats  # (n,) as the sample is sorted
 
 
-def _parts(parameters: Floats, data: Sample, prior: Floats, grid: Grid) -> _Parts:
+def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> _Parts:
     laid = _laid_out(parameters, data.occupied, prior, grid, data.form)
     return _Parts(**vars(laid), joint=data.scatter.times(laid.given))
 
 
-def _laid_out(parameters: Floats, occupied: NDArray[np.intp], prior: Floats, grid: Grid, form: Form) -> _Layout:
+def _laid_out(
+    parameters: Floats, occupied: NDArray[np.intp], prior: Floats, grid: HeadingGrid, form: CurveForm
+) -> _Layout:
     width = float(np.exp(parameters[5]))
     sides = form.sides(parameters[:5], grid.heading_deg[occupied], grid.heading_deg)
-    near = nearby(*sides, min(REACH * width, 180.0))
+    near = nearby_headings(*sides, min(REACH * width, 180.0))
     cells, weights = _splines(grid)
     prior_fine = _hats(grid) @ prior
     # take() copies whole rows, where an index in brackets picks number by number: a third of the time.
-    density = compass_noise(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
+    density = compass_noise_density(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
     cell = (near.row * CELLS)[:, None] + cells.take(near.column, axis=0)
     share = density[:, None] * weights.take(near.column, axis=0)
-    given = _summed(cell, share, len(occupied)) + UNPREDICTED * prior
+    given = _sum_cells(cell, share, len(occupied)) + UNEXPLAINED_DENSITY * prior
     return _Layout(near, cell, share, given, given.sum(axis=1))
 
 
-def _summed(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
+def _sum_cells(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
     return np.bincount(cell.ravel(), share.ravel(), rows * CELLS).astype(float, copy=False).reshape(rows, CELLS)
 
 
 def _on_cells(parts: _Layout, weight: Floats, rows: int) -> Floats:
-    return _summed(parts.cell, parts.share * weight[:, None], rows)
+    return _sum_cells(parts.cell, parts.share * weight[:, None], rows)
 
 
-def _slopes(parameters: Floats, data: Sample, grid: Grid, parts: _Layout) -> Floats:
+def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:
     """Return minus the offset's derivative by A..E at the places laid out, (5, k) degrees."""
     slopes = data.form.slopes(parameters[:5], grid.heading_deg[data.occupied], grid.heading_deg)
     _, rows, columns = slopes.shape  # one of them is 1: the form's slopes vary along the other
@@ -259,12 +334,12 @@ def _slopes(parameters: Floats, data: Sample, grid: Grid, parts: _Layout) -> Flo
 
 
 @cache
-def _hats(grid: Grid) -> Floats:
+def _hats(grid: HeadingGrid) -> Floats:
     return grid.hats()
 
 
 @cache
-def _splines(grid: Grid) -> tuple[NDArray[np.intp], Floats]:
+def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
     """Return the four cells that each fine heading shares out on, and its shares, (fine, 4) each."""
     hats = _hats(grid)
     first = np.arange(grid.fine) * CELLS // grid.fine
@@ -272,7 +347,7 @@ def _splines(grid: Grid) -> tuple[NDArray[np.intp], Floats]:
     return cells, np.take_along_axis(hats, cells, axis=1)
 
 
-def widths(noise: Noise, upper_speed: Floats, lower_speed: Floats) -> Floats:
+def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats) -> Floats:
     """Return the scatter's width of each pair, never over a full turn, degrees.
 
     Args:
@@ -288,7 +363,7 @@ def widths(noise: Noise, upper_speed: Floats, lower_speed: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Near:
+class NearbyHeadings:
     """Which correct headings lie near which recorded ones; k of them."""
 
     row: Indices  # (k,) of the recorded heading
@@ -296,7 +371,7 @@ class Near:
     offset: Floats  # (k,) first side minus second, degrees
 
 
-def nearby(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> Near:
+def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> NearbyHeadings:
     """Return all places where two sides differ by less than a reach.
 
     Args:
@@ -311,11 +386,11 @@ def nearby(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> Nea
     count = end - begin
     row = np.repeat(np.arange(len(recorded)), count)
     at = np.arange(len(row)) + np.repeat(begin - np.cumsum(count) + count, count)
-    return Near(row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at))
+    return NearbyHeadings(row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at))
 
 
 @dataclass(frozen=True)
-class Blocks:
+class RowBlocks:
     """The rows of a matrix in groups of different lengths, laid out in blocks of one length."""
 
     rows: Floats  # (b, PAIRS_A_BLOCK, c), ones where a block is filled up
@@ -342,7 +417,7 @@ class Blocks:
         return np.add.reduceat(np.matmul(laid[:, None, :], self.rows)[:, 0, :], self.first, axis=0)
 
 
-def blocks(matrix: Floats, begins: Indices) -> Blocks:
+def block_rows(matrix: Floats, begins: Indices) -> RowBlocks:
     """Lay out a matrix whose rows are sorted by group.
 
     Args:
@@ -350,10 +425,10 @@ def blocks(matrix: Floats, begins: Indices) -> Blocks:
         begins: first row of each group, (g,).
     """
     count = np.diff(np.append(begins, len(matrix)))
-    each = -(-count // PAIRS_A_BLOCK)
+    each = -(-count // ROWS_PER_BLOCK)
     first = np.cumsum(each) - each
-    place = np.arange(len(matrix)) + np.repeat(first * PAIRS_A_BLOCK - begins, count)
-    rows = np.ones((int(each.sum()) * PAIRS_A_BLOCK, matrix.shape[1]))
+    place = np.arange(len(matrix)) + np.repeat(first * ROWS_PER_BLOCK - begins, count)
+    rows = np.ones((int(each.sum()) * ROWS_PER_BLOCK, matrix.shape[1]))
     rows[place] = matrix
-    shape = (-1, PAIRS_A_BLOCK, matrix.shape[1])
-    return Blocks(rows.reshape(shape), place, np.repeat(np.arange(len(count)), each), first)
+    shape = (-1, ROWS_PER_BLOCK, matrix.shape[1])
+    return RowBlocks(rows.reshape(shape), place, np.repeat(np.arange(len(count)), each), first)

@@ -1,4 +1,9 @@
-"""The fitted deviation as it travels: coefficients with covariance, noise, what can be inverted."""
+"""The fitted deviation: coefficients with covariance, noise, prior, and their transfer to another place.
+
+B and C are (P + cZ)/(lambda H) and (Q + fZ)/(lambda H): the hard iron's part P, Q falls as 1/H, the part cZ, fZ that
+the vertical field induces as tan I = Z/H. A, D and E come from horizontal induction and do not change. One calibration
+shows the sum only; two at different tan I separate the parts (physics page, section 3; von Appen 2015, introduction).
+"""
 
 from __future__ import annotations
 
@@ -7,23 +12,22 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compasslib import angles, compass
-from compasslib.deviation import prior as priors
-from compasslib.deviation.prior import Prior
 from compasslib.records import Pairs
 from compasslib.types import Floats
 
-FEWEST_PAIRS = 30
+MIN_PAIRS = 30
 LETTERS = "ABCDE"
 
 
-def _nothing() -> Floats:
+def _empty() -> Floats:
     return np.zeros(0)
 
 
 @dataclass(frozen=True)
-class Noise:
+class ScatterNoise:
     """Scatter of the observed heading about the compass: a floor, a part that grows as 1/speed, outliers."""
 
     floor_deg: float = 8.0
@@ -43,24 +47,24 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Fit:
+class DeviationFit:
     """A deviation model fitted to one mooring; without coefficients where there was too little to fit."""
 
     method: str  # von_appen | exact | calibration: the exact compass, calibrated elsewhere
     n_pairs: int
-    coefficients: Floats = field(default_factory=_nothing)  # (5,) A..E: degrees for von_appen, dimensionless for exact
-    covariance: Floats = field(default_factory=_nothing)  # (5, 5)
+    coefficients: Floats = field(default_factory=_empty)  # (5,) A..E: degrees for von_appen, dimensionless for exact
+    covariance: Floats = field(default_factory=_empty)  # (5, 5)
     n_effective: float = 0.0
     residual_rms_deg: float = float("nan")
     recorded_range_deg: tuple[float, float] | None = None
     folded: bool = False
-    noise: Noise = Noise()  # only the exact fit estimates it
+    noise: ScatterNoise = ScatterNoise()  # only the exact fit estimates it
     heeling: float = 0.0  # K, vertical hard iron over the horizontal field; its row of the covariance is the sixth
     dip_ratio: float = 0.0  # Z/H that the tilt was fitted with; 0 for a level model
-    heading_density: Floats = field(default_factory=_nothing)  # prior of the correct heading on its cells, sums to 1
+    heading_density: Floats = field(default_factory=_empty)  # prior of the correct heading on its cells, sums to 1
     why: str = ""  # the reason, where nothing was fitted
     warnings: tuple[str, ...] = ()  # sentences for the report
-    prior: Prior | None = None  # what other records of the same compass told beforehand
+    prior: CoefficientPrior | None = None  # what other records of the same compass told beforehand
 
     def to_json(self) -> dict[str, Any]:
         """Return deviation.json's content but for the share that is correctable."""
@@ -94,10 +98,10 @@ class Fit:
         return self.dip_ratio != 0.0
 
 
-def from_json(content: Mapping[str, Any]) -> Fit:
+def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
     """Return the fit that a deviation.json describes."""
     letters, span, rms = content["coefficients"], content["recorded_range_deg"], content["residual_rms_deg"]
-    return Fit(
+    return DeviationFit(
         method=content["method"],
         n_pairs=content["n_pairs"],
         coefficients=np.array([letters[k] for k in LETTERS] if letters else [], dtype=float),
@@ -106,20 +110,20 @@ def from_json(content: Mapping[str, Any]) -> Fit:
         residual_rms_deg=float("nan") if rms is None else rms,
         recorded_range_deg=None if span is None else (span[0], span[1]),
         folded=content["folded"],
-        noise=Noise(**content["noise"]),
+        noise=ScatterNoise(**content["noise"]),
         heeling=content.get("heeling") or 0.0,
         dip_ratio=content.get("dip_ratio") or 0.0,
         heading_density=np.array(content["heading_density"], dtype=float),
         why=content["why"],
         warnings=tuple(content.get("warnings", ())),
-        prior=priors.from_json(content.get("prior")),
+        prior=prior_from_json(content.get("prior")),
     )
 
 
-def too_few(method: str, n_pairs: int) -> Fit:
+def unfitted(method: str, n_pairs: int) -> DeviationFit:
     """Return the fit that says there was not enough to fit."""
-    why = "no overlapping pairs" if n_pairs == 0 else f"{n_pairs} overlapping pairs, at least {FEWEST_PAIRS} are needed"
-    return Fit(method=method, n_pairs=n_pairs, why=why)
+    why = "no overlapping pairs" if n_pairs == 0 else f"{n_pairs} overlapping pairs, at least {MIN_PAIRS} are needed"
+    return DeviationFit(method=method, n_pairs=n_pairs, why=why)
 
 
 def observed_heading(pairs: Pairs) -> Floats:
@@ -145,13 +149,98 @@ def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:
     return roots_deg[np.arange(len(roots_deg)), nearer]
 
 
-def residual(fit: Fit, pairs: Pairs) -> Floats:
+def heading_residual(fit: DeviationFit, pairs: Pairs) -> Floats:
     """Return the observed heading minus the model's, the nearer of two roots, degrees; NaN without a root."""
     roots = compass.inverse(fit.coefficients, pairs.heading_deg)
     observed = observed_heading(pairs)
     return angles.difference(observed, nearest_root(roots, observed))
 
 
-def speeds(pairs: Pairs) -> tuple[Floats, Floats]:
+def pair_speeds(pairs: Pairs) -> tuple[Floats, Floats]:
     """Return the speeds of the upper and the lower water, m/s."""
     return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
+
+
+@dataclass(frozen=True)
+class CoefficientPrior:
+    """A normal law of A..E; where its precision is 0 it tells nothing."""
+
+    mean: Floats  # (5,)
+    precision: Floats  # (5, 5)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for deviation.json."""
+        return {"mean": self.mean.tolist(), "precision": self.precision.tolist()}
+
+
+def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | None:
+    """Return the prior that a deviation.json holds, None where it holds none."""
+    return None if content is None else CoefficientPrior(np.array(content["mean"]), np.array(content["precision"]))
+
+
+SEMICIRCULAR = (1, 2)  # B and C
+MIN_HORIZONTAL_NT = 5000.0  # below this horizontal field no correction is to be trusted (Le Menn et al. 2023)
+
+
+@dataclass(frozen=True)
+class FieldAtPlace:
+    """The earth's field where a compass is."""
+
+    horizontal_nT: float
+    vertical_nT: float  # down positive
+
+
+@dataclass(frozen=True)
+class TransferredCoefficients:
+    """Coefficients at another place, with what is not known about them."""
+
+    coefficients: Floats  # (5,) A..E of the exact compass, dimensionless
+    covariance: Floats  # (5, 5) the ambiguity between hard and induced iron included
+    if_all_hard: Floats  # (5,) the one extreme
+    if_all_induced: Floats  # (5,) the other
+    warning: str  # a sentence where the two differ or the field is too weak, else empty
+
+
+def transfer_coefficients(
+    coefficients: ArrayLike, covariance: ArrayLike, home: FieldAtPlace, away: FieldAtPlace
+) -> TransferredCoefficients:
+    """Return coefficients calibrated at one place as they are at another.
+
+    How much of B and C hard iron makes is unknown: the middle between all and none is taken, and half their distance is
+    a uniform uncertainty.
+
+    Args:
+        coefficients: A..E of the exact compass at home, dimensionless, (5,).
+        covariance: their covariance, (5, 5).
+        away: field at the deployment.
+    """
+    given, semicircular = np.asarray(coefficients, dtype=float), np.isin(np.arange(5), SEMICIRCULAR)
+    as_hard, as_induced = _iron_ratios(home, away)
+    all_hard, all_induced = (np.where(semicircular, given * ratio, given) for ratio in (as_hard, as_induced))
+    scale = np.where(semicircular, 0.5 * as_hard + 0.5 * as_induced, 1.0)
+    spread = np.abs(all_hard - all_induced) / np.sqrt(12.0)
+    carried = np.asarray(covariance, dtype=float) * np.outer(scale, scale) + np.outer(spread, spread)
+    return TransferredCoefficients(
+        given * scale, carried, all_hard, all_induced, _transfer_warning(all_hard, all_induced, away)
+    )
+
+
+def _iron_ratios(home: FieldAtPlace, away: FieldAtPlace) -> tuple[float, float]:
+    """Return how hard and induced parts of B and C grow from one place to the other."""
+    by_strength = home.horizontal_nT / away.horizontal_nT
+    return by_strength, by_strength * away.vertical_nT / home.vertical_nT
+
+
+def _transfer_warning(all_hard: Floats, all_induced: Floats, away: FieldAtPlace) -> str:
+    if away.horizontal_nT < MIN_HORIZONTAL_NT:
+        return (
+            f"the horizontal field is {away.horizontal_nT:.0f} nT; below {MIN_HORIZONTAL_NT:.0f} nT no correction holds"
+        )
+    apart = float(np.hypot(*(all_hard - all_induced)[list(SEMICIRCULAR)]))
+    if apart < 0.01:
+        return ""
+    return (
+        f"B and C may be {np.round(all_hard[[1, 2]], 3).tolist()} (all hard iron) or "
+        f"{np.round(all_induced[[1, 2]], 3).tolist()} (all induced by the vertical field); a second calibration at "
+        "another dip would tell"
+    )

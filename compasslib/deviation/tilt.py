@@ -1,4 +1,4 @@
-"""The exact compass with tilt: five coefficients of the level compass and one of heeling, in the full three dimensions.
+"""The exact compass with tilt, and any compass along the samples of a record.
 
 Iron turns with the instrument, the earth's field does not. With the level coefficients known, tilt adds one unknown at
 first order: what stands along the instrument's own vertical, the hard iron's third axis and (S33 - S11) Z together.
@@ -9,22 +9,22 @@ of K, so the level likelihood serves.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation import exact, model, spread
-from compasslib.deviation.model import Fit
-from compasslib.deviation.prior import Prior
-from compasslib.records import Pairs
+from compasslib.deviation.exact import PRIOR_WIDTH, pairs_per_independent, robust_covariance, scores_at
+from compasslib.deviation.model import CoefficientPrior, DeviationFit, nearest_root, observed_heading
+from compasslib.records import Pairs, Readings
 from compasslib.types import Floats
 
-STEPS = 8
+MAX_STEPS = 8
 HEELING_PRIOR = 0.5  # width of the weak prior of K: vertical iron of half the horizontal field
 
 
-def coefficients_at(level: Floats, heeling: float, dip_ratio: float, pitch_deg: Floats, roll_deg: Floats) -> Floats:
+def tilted_coefficients(level: Floats, heeling: float, dip_ratio: float, pitch_deg: Floats, roll_deg: Floats) -> Floats:
     """Return A..E at each tilt, (5, n).
 
     Args:
@@ -46,7 +46,7 @@ def coefficients_at(level: Floats, heeling: float, dip_ratio: float, pitch_deg: 
     )
 
 
-def along(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
+def coefficients_along(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
     """Return the coefficients of a fit at each sample, (5, n), or (5,) where it is level.
 
     Args:
@@ -55,10 +55,10 @@ def along(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
     """
     if not fit.tilted:
         return fit.coefficients
-    return coefficients_at(fit.coefficients, fit.heeling, fit.dip_ratio, pitch_deg, roll_deg)
+    return tilted_coefficients(fit.coefficients, fit.heeling, fit.dip_ratio, pitch_deg, roll_deg)
 
 
-def jacobian(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
+def tilt_jacobian(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
     """Return the derivative of the coefficients at each tilt by A..E and K, (5, 6, n).
 
     Args:
@@ -70,14 +70,14 @@ def jacobian(fit: Fit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
     columns = []
     for unit in 1e-5 * np.eye(6):
         ahead, behind = (
-            coefficients_at((at + s * unit)[:5], (at + s * unit)[5], fit.dip_ratio, pitch_deg, roll_deg)
+            tilted_coefficients((at + s * unit)[:5], (at + s * unit)[5], fit.dip_ratio, pitch_deg, roll_deg)
             for s in (1.0, -1.0)
         )
         columns.append((ahead - behind) / 2e-5)
     return np.stack(columns, axis=1)
 
 
-def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
+def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFit:
     """Return the compass with heeling that best explains the pairs, starting from the level one.
 
     Args:
@@ -87,9 +87,9 @@ def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
     """
     at = np.append(level.coefficients, 0.0)
     value, scores = _scores(at, pairs, level, dip_ratio)
-    precision = np.append(exact.PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
+    precision = np.append(PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
     believed, told, expected = _believed(pairs, level)
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         pull = scores.sum(axis=0) - precision * at - told @ (at - expected)
         step = np.linalg.solve(scores.T @ scores + np.diag(precision) + told, pull)
         tried, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)
@@ -101,33 +101,114 @@ def fit(pairs: Pairs, level: Fit, dip_ratio: float) -> Fit:
         at, value, scores = tried, better, new
     found = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
     levelled = _levelled(at, pairs, dip_ratio)
-    covariance = spread.covariance(scores, precision, found, levelled, level.n_effective, believed)
+    covariance = robust_covariance(scores, precision, found, levelled, level.n_effective, believed)
     return replace(found, covariance=covariance)
 
 
-def _believed(pairs: Pairs, level: Fit) -> tuple[Prior | None, Floats, Floats]:
+def _believed(pairs: Pairs, level: DeviationFit) -> tuple[CoefficientPrior | None, Floats, Floats]:
     """Return what other records tell as often as the pairs repeat each other; its precision and mean with K, (6,)."""
     told, expected = np.zeros((6, 6)), np.zeros(6)
     if level.prior is None:
         return None, told, expected
-    counted = spread.repeated(pairs, level.n_effective)
+    counted = pairs_per_independent(pairs, level.n_effective)
     believed = replace(level.prior, precision=counted * level.prior.precision)
     told[:5, :5], expected[:5] = believed.precision, believed.mean
     return believed, told, expected
 
 
-def _scores(at: Floats, pairs: Pairs, level: Fit, dip_ratio: float) -> tuple[float, Floats]:
+def _scores(at: Floats, pairs: Pairs, level: DeviationFit, dip_ratio: float) -> tuple[float, Floats]:
     """Return the log-likelihood and each pair's gradient by A..E and K, (n, 6)."""
-    value, scores = exact.scores_at(at[:5], _levelled(at, pairs, dip_ratio), level)
+    value, scores = scores_at(at[:5], _levelled(at, pairs, dip_ratio), level)
     tried = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
-    return value, np.einsum("nj,jkn->nk", scores, jacobian(tried, pairs.pitch_deg, pairs.roll_deg))
+    return value, np.einsum("nj,jkn->nk", scores, tilt_jacobian(tried, pairs.pitch_deg, pairs.roll_deg))
 
 
 def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
     """Return the pairs as a level compass would have recorded them, at the heading that the overlap favours."""
-    tilted = coefficients_at(at[:5], at[5], dip_ratio, pairs.pitch_deg, pairs.roll_deg)
-    heading = model.nearest_root(compass.inverse(tilted, pairs.heading_deg), model.observed_heading(pairs))
+    tilted = tilted_coefficients(at[:5], at[5], dip_ratio, pairs.pitch_deg, pairs.roll_deg)
+    heading = nearest_root(compass.inverse(tilted, pairs.heading_deg), observed_heading(pairs))
     moved = compass.recorded_heading(tilted, heading) - compass.recorded_heading(at[:5], heading)
     shift = np.where(np.isfinite(moved), angles.wrap180(moved), 0.0)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, -shift)
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg - shift), upper_east=east, upper_north=north)
+
+
+DISTINCT_SIGMAS = 3.0  # standard errors by which two compasses are apart that do not agree
+MIN_SLOPE = 0.3  # least slope that is divided by; at a fold the spread over both branches holds the rest
+
+
+@dataclass(frozen=True)
+class CompassSeries:
+    """What turns recorded headings into correct ones, sample by sample; n samples, p parameters."""
+
+    reading_deg: Floats  # (n,) recorded headings, what acts on the readout undone
+    coefficients: Floats  # (5,) or (5, n) A..E of the exact compass
+    covariance: Floats  # (p, p) of the parameters
+    sensitivity: Callable[[Floats], Floats]  # correct headings (n,) -> how far each moves by each parameter, (n, p)
+    north_deg: Floats | float = 0.0  # how far magnetic north stood east of where the declination puts it, (n,)
+    tilted: bool = False  # whether the iron that only tilt shows is in the model
+    weight: float = 1.0  # probability that this compass is the right one
+    others: tuple[CompassSeries, ...] = ()  # that may be it too
+
+    def roots(self) -> Floats:
+        """Return the correct headings that the compass recorded as it did, (n, 2), NaN where there is none."""
+        roots = compass.inverse(self.coefficients, self.reading_deg)
+        return roots + np.broadcast_to(self.north_deg, self.reading_deg.shape)[:, None]
+
+    def sigma(self, heading_deg: Floats) -> Floats:
+        """Return the standard error that the parameters' covariance makes, (n,) degrees.
+
+        Args:
+            heading_deg: correct headings, (n,), degrees.
+        """
+        columns = self.sensitivity(heading_deg)
+        return np.sqrt(np.einsum("ni,ij,nj->n", columns, self.covariance, columns))
+
+
+@dataclass(frozen=True)
+class CompassAverage:
+    """What all compasses that may be the right one make of each heading, (n,) each."""
+
+    shift_deg: Floats  # from the heading of the likeliest one
+    sigma_deg: Floats  # what parameters, and the choice between the compasses, leave open
+    agreed: Floats  # weight of those that agree, or of those that do not where it is more
+
+
+def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
+    """Return the average of all compasses on the branch of a heading.
+
+    Args:
+        heading_deg: correct headings by the likeliest compass, (n,), degrees, NaN where there is none.
+    """
+    first = at.sigma(heading_deg)
+    shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]
+    own = nearest_root(at.roots(), heading_deg)
+    for other in at.others:
+        root = nearest_root(other.roots(), heading_deg)
+        shift = angles.difference(root, own)
+        variances.append(np.nan_to_num(other.sigma(np.where(np.isfinite(root), root, heading_deg))) ** 2)
+        weights.append(np.where(np.isfinite(shift), other.weight, 0.0))
+        shifts.append(np.nan_to_num(shift))
+    shift, variance, weight = np.array(shifts), np.array(variances), np.array(weights)
+    weight /= weight.sum(axis=0)
+    mean = np.sum(weight * shift, axis=0)
+    spread = np.sum(weight * (variance + (shift - mean) ** 2), axis=0)
+    far = np.sum(weight * (np.abs(shift) > DISTINCT_SIGMAS * np.sqrt(np.maximum(variance, first**2))), axis=0)
+    return CompassAverage(mean, np.sqrt(spread), np.maximum(far, 1.0 - far))
+
+
+def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
+    """Return a fitted exact compass along its own record.
+
+    Args:
+        fit: coefficients with covariance, level or with tilt.
+    """
+    at = coefficients_along(fit, readings.pitch_deg, readings.roll_deg)
+
+    def sensitivity(heading_deg: Floats) -> Floats:
+        columns = compass.gradient(at, heading_deg)
+        if fit.tilted:
+            columns = np.einsum("in,ikn->kn", columns, tilt_jacobian(fit, readings.pitch_deg, readings.roll_deg))
+        return (columns / np.maximum(np.abs(compass.slope(at, heading_deg)), MIN_SLOPE)).T
+
+    return CompassSeries(readings.heading_deg, at, fit.covariance, sensitivity, tilted=fit.tilted)

@@ -8,7 +8,7 @@ Heeling, the vertical iron that only tilt shows: at 3 degrees of roll 2000 nT tu
 >>> level = np.zeros(1)
 >>> scene = effects.Scene(level, level + 12000.0, level + 52000.0, level, level + 3.0, begin_s=0.0)
 >>> north = np.array([[12000.0, 0.0, 52000.0]])  # forward, starboard, down in the body, nT
->>> (Heeling(b_z_nT=2000.0).act(north, scene) - north).tolist()
+>>> (Heeling(b_z_nT=2000.0).apply(north, scene) - north).tolist()
 [[0.0, 0.0, 2000.0]]
 >>> effects.SIDES["heeling"], effects.meanings("heeling")
 ('compass', {'b_z_nT': 'field down'})
@@ -37,48 +37,39 @@ from compasslib.effects.earth import (
     SecularVariation,
     VectorDisturbance,
 )
+from compasslib.effects.effect import Effect, Scene
 from compasslib.effects.iron import (
     BatteryChange,
     HardIron,
     HardIronDrift,
     HardIronStep,
+    HardIronTrend,
     Heeling,
+    LevelHardIron,
+    LevelSoftIron,
+    SoftIronInSpace,
     SupplyVoltageOfField,
     SupplyVoltageOfReading,
     TemperatureOfField,
     TemperatureOfReading,
 )
-from compasslib.effects.reading import (
+from compasslib.effects.readout import (
+    CompassDelay,
     CompassDrift,
     CompassLag,
+    CompassTrend,
     HeadingSlip,
     LargeDeviation,
+    MountingOffset,
     Octantal,
+    ReadingLevelled,
     Sextantal,
     StuckTilt,
     TemperatureOfTilt,
     TiltOffset,
     TiltUncompensated,
 )
-from compasslib.effects.short import (
-    Delay,
-    Drift,
-    IronDrift,
-    LevelIron,
-    Levelled,
-    LevelSoftIron,
-    MountingOffset,
-    SoftIronInSpace,
-)
-from compasslib.effects.swing import (
-    ClocksApart,
-    FilteredCourse,
-    LateCourse,
-    LateReading,
-    SetAndDrift,
-    TidalSetAndDrift,
-)
-from compasslib.effects.term import Scene, Term
+from compasslib.effects.ship import ClocksApart, FilteredCourse, LateCourse, LateReading, SetAndDrift, TidalSetAndDrift
 from compasslib.effects.water import (
     ClockDrift,
     ClockOffset,
@@ -94,17 +85,17 @@ from compasslib.effects.water import (
 )
 from compasslib.errors import InputError
 
-__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Scene", "Term", "all_terms", "meanings", "side_of"]
+__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Effect", "Scene", "all_terms", "meanings", "side_of"]
 
 # Roughly in the order in which they act, the forms of an effect together; other packages' come after them.
-CATALOGUE: tuple[type[Term], ...] = (
+CATALOGUE: tuple[type[Effect], ...] = (
     HardIron,
-    LevelIron,
+    LevelHardIron,
     LevelSoftIron,
     SoftIronInSpace,
     Heeling,
     HardIronDrift,
-    IronDrift,
+    HardIronTrend,
     HardIronStep,
     BatteryChange,
     Pressure,
@@ -123,16 +114,16 @@ CATALOGUE: tuple[type[Term], ...] = (
     SupplyVoltageOfReading,
     TiltOffset,
     TiltUncompensated,
-    Levelled,
+    ReadingLevelled,
     StuckTilt,
     Sextantal,
     Octantal,
     MountingOffset,
     HeadingSlip,
     CompassDrift,
-    Drift,
+    CompassTrend,
     CompassLag,
-    Delay,
+    CompassDelay,
     LateReading,
     PivotFriction,
     VeerWithSpeed,
@@ -160,22 +151,25 @@ SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # 
 
 
 @cache
-def all_terms() -> tuple[type[Term], ...]:
+def all_effects() -> tuple[type[Effect], ...]:
     """Return the catalogue and what other packages add, which is looked for when it is first asked for.
 
     Raises:
         InputError: a name that is taken, or something else than an effect of the name that it is declared by.
     """
-    points = plugins.points(plugins.EFFECTS, SIDES)
+    points = plugins.plugin_table(plugins.EFFECTS, SIDES)
     return (*CATALOGUE, *(_of_plugin(name, point) for name, point in points.items()))
 
 
-def _of_plugin(name: str, point: plugins.EntryPoint) -> type[Term]:
-    term = plugins.loaded(point)
-    if isinstance(term, type) and issubclass(term, Term) and getattr(term, "name", "") == name:
+def _of_plugin(name: str, point: plugins.EntryPoint) -> type[Effect]:
+    term = plugins.load_plugin(point)
+    if isinstance(term, type) and issubclass(term, Effect) and getattr(term, "name", "") == name:
         return term
-    where, advice = f"{plugins.package(point)}: {point.value}", "mend the plug-in; docs/howto/plugins.md shows one"
-    raise InputError(where, expected=f"a Term whose name is {name!r}", found=repr(term), advice=advice)
+    where, advice = (
+        f"{plugins.package_version(point)}: {point.value}",
+        "mend the plug-in; docs/howto/plugins.md shows one",
+    )
+    raise InputError(where, expected=f"an Effect whose name is {name!r}", found=repr(term), advice=advice)
 
 
 def side_of(effect: str) -> str:
@@ -187,10 +181,10 @@ def side_of(effect: str) -> str:
     if effect.startswith(COMPOSED):
         acts_on = effect.removeprefix(COMPOSED).split("/")[0]
         return "water" if acts_on.startswith("flow") else "clock" if acts_on == "clock" else "compass"
-    return SIDES[effect] if effect in SIDES else {term.name: term.side for term in all_terms()}[effect]
+    return SIDES[effect] if effect in SIDES else {term.name: term.side for term in all_effects()}[effect]
 
 
 def meanings(effect: str) -> dict[str, str]:
     """Return what an effect's parameters are, by their names, without the details behind a comma."""
-    forms = [term for term in all_terms() if term.name == effect]
+    forms = [term for term in all_effects() if term.name == effect]
     return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for form in forms for one in fields(form)}

@@ -15,12 +15,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from compasslib import angles
-from compasslib.effects.term import HOUR_S, Scene, Side, Stage, Term, parameter, place
+from compasslib.effects.effect import HOUR_S, Effect, Scene, Side, Stage, parameter, place_parameter
 from compasslib.types import Floats
 
 COMPOSED = "composed:"
 TIDE_S = 12.4206 * HOUR_S
-STEEPEST = 0.2  # least plausible slope of a reading with lobes
+MIN_SLOPE = 0.2  # least plausible slope of a reading with lobes
 
 # Drivers: departure that the scene must have, unit. Those without a departure come from the time itself.
 DRIVERS: Mapping[str, tuple[str, str]] = {
@@ -40,7 +40,7 @@ DRIVERS: Mapping[str, tuple[str, str]] = {
 
 
 @dataclass(frozen=True)
-class ActedOn:
+class EffectTarget:
     """What composed terms act on: parameters of unit size with units and steps, and the term's kind."""
 
     parameters: tuple[tuple[str, str, float], ...]
@@ -51,18 +51,18 @@ class ActedOn:
 
 
 FIELD_STEP, BIAS_STEP = 200.0, 0.003
-ACTED_ON: Mapping[str, ActedOn] = {
-    "field_horizontal": ActedOn((("forward", "nT", FIELD_STEP), ("starboard", "nT", FIELD_STEP)), "field"),
-    "field_down": ActedOn((("down", "nT", 1000.0),), "field"),
-    "reading": ActedOn((("reading", "degrees", 1.0),), "reading", stage="readout"),
-    "lobe3": ActedOn((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
-    "lobe4": ActedOn((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
-    "flow_gain": ActedOn((("gain", "1", 0.035),), "water", "water", needs=("body_flow_sine2",)),
-    "flow_offset": ActedOn(
+TARGETS: Mapping[str, EffectTarget] = {
+    "field_horizontal": EffectTarget((("forward", "nT", FIELD_STEP), ("starboard", "nT", FIELD_STEP)), "field"),
+    "field_down": EffectTarget((("down", "nT", 1000.0),), "field"),
+    "reading": EffectTarget((("reading", "degrees", 1.0),), "reading", stage="readout"),
+    "lobe3": EffectTarget((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
+    "lobe4": EffectTarget((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
+    "flow_gain": EffectTarget((("gain", "1", 0.035),), "water", "water", needs=("body_flow_sine2",)),
+    "flow_offset": EffectTarget(
         (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water", "water",
         needs=("body_flow_sine", "body_flow_cosine"),
     ),
-    "flow_direction": ActedOn((("veer", "degrees", 1.0),), "water", "water"),
+    "flow_direction": EffectTarget((("veer", "degrees", 1.0),), "water", "water"),
 }  # fmt: skip
 LOBES = {"lobe3": 3.0, "lobe4": 4.0}
 
@@ -148,7 +148,7 @@ FORMS: Mapping[str, Form] = {
         formula="p_sine·sin(2πt / period) + p_cosine·cos(2πt / period)",
     ),
     "bump": Form(
-        lambda term, x, t: _columns(hat(x, term.centre_deg, term.reach_deg)),
+        lambda term, x, t: _columns(bump(x, term.centre_deg, term.reach_deg)),
         places=(("centre_deg", "degrees"), ("reach_deg", "degrees")), words="around one {} only",
         formula="p·(1 + cos(π·(reading − centre) / reach)) / 2 within reach of centre, else 0",
     ),
@@ -177,7 +177,7 @@ FORMS: Mapping[str, Form] = {
 }  # fmt: skip
 
 
-def formula(acts_on: str, driver: str, form: str) -> str:
+def effect_formula(acts_on: str, driver: str, form: str) -> str:
     """Return what a composition adds as a formula: p its parameters, x its driver's departure from the mean."""
     drives, text = driver.replace("_", " ").replace("*", " · "), FORMS[form].formula
     order = LOBES.get(acts_on.replace("_", ""), 0.0)
@@ -185,7 +185,7 @@ def formula(acts_on: str, driver: str, form: str) -> str:
     return text.format(drives) + lobe + (f" (x: {drives} minus its mean)" if "·x" in text or "(x)" in text else "")
 
 
-def hat(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
+def bump(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
     """Return how much of what acts around one heading acts at others, (n,) 0 to 1.
 
     Args:
@@ -197,7 +197,7 @@ def hat(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
 
 
 @dataclass(frozen=True)
-class Composed(Term):
+class ComposedEffect(Effect):
     """An effect made of what it acts on, its driver and its form."""
 
     literature: ClassVar[str] = "none: composed by the search of what it acts on, its driver and its form"
@@ -223,7 +223,7 @@ class Composed(Term):
         """Return the same, made anew."""
         _, driver, form = self.composition
         if driver != "heading":
-            return FORMS[form].series(self, driven(scene, driver), scene.time_s)
+            return FORMS[form].series(self, driver_series(scene, driver), scene.time_s)
         assert reading_deg is not None
         return FORMS[form].series(self, reading_deg, scene.time_s)
 
@@ -255,7 +255,7 @@ class Composed(Term):
         series = self.series(scene, reading_deg)
         return np.einsum("nc,pc->np", series, self.values.reshape(-1, series.shape[1]))
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return what the effect makes of what it acts on."""
         acted = self.composition[0]
         if acted in LOBES:
@@ -274,17 +274,17 @@ class Composed(Term):
             return np.asarray(x - (size[:, 1] * cosine - size[:, 0] * sine) / angles.DEGREE)
         return np.asarray(x + size[:, 0])
 
-    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+    def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
         """Return what a reading was before the effect, NaN where it tells more than one."""
         acted, driver, _ = self.composition
         if acted not in LOBES and driver != "heading":
-            return super().undone(reading_deg, scene)
+            return super().invert(reading_deg, scene)
         if not self.single(scene):
             return np.full_like(reading_deg, np.nan)
         x = np.array(reading_deg, dtype=float)
         for _ in range(NEWTON):
-            slope = (self.act(x + PROBE_DEG, scene) - self.act(x - PROBE_DEG, scene)) / (2.0 * PROBE_DEG)
-            x = x - (self.act(x, scene) - reading_deg) / np.maximum(slope, STEEPEST / 2.0)
+            slope = (self.apply(x + PROBE_DEG, scene) - self.apply(x - PROBE_DEG, scene)) / (2.0 * PROBE_DEG)
+            x = x - (self.apply(x, scene) - reading_deg) / np.maximum(slope, MIN_SLOPE / 2.0)
         return x
 
     @property
@@ -293,7 +293,7 @@ class Composed(Term):
         if not super().plausible:
             return False
         reach = float(getattr(self, "reach_deg", np.inf))
-        return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > STEEPEST
+        return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > MIN_SLOPE
 
     def single(self, scene: Scene) -> bool:
         """Tell whether every reading has one heading: it always turns with the field."""
@@ -307,7 +307,7 @@ class Composed(Term):
 NEWTON, PROBE_DEG = 8, 1e-3
 
 
-def driven(scene: Scene, driver: str) -> Floats:
+def driver_series(scene: Scene, driver: str) -> Floats:
     """Return a driver as it departs from its reference, (n,); of two joined by * their product.
 
     Raises:
@@ -315,14 +315,14 @@ def driven(scene: Scene, driver: str) -> Floats:
     """
     if "*" in driver:
         first, second = driver.split("*")
-        return driven(scene, first) * driven(scene, second)
+        return driver_series(scene, first) * driver_series(scene, second)
     if driver == "time":
         return scene.years
     name = DRIVERS[driver][0] if driver in DRIVERS else driver
     return scene.departures[name] if name else np.zeros(len(scene))
 
 
-def needs(driver: str) -> tuple[str, ...]:
+def driver_needs(driver: str) -> tuple[str, ...]:
     """Return the departures that a driver is made of."""
     names = [DRIVERS[one][0] if one in DRIVERS else one for one in driver.split("*")]
     return tuple(name for name in names if name)
@@ -337,7 +337,7 @@ def _per(base: str, unit: str, power: float) -> str:
 
 
 @cache
-def composed(
+def compose_effect(
     acts_on: str,
     driver: str,
     form: str,
@@ -346,7 +346,7 @@ def composed(
     words: str = "",
     least: float = -np.inf,
     most: float = np.inf,
-) -> type[Composed]:
+) -> type[ComposedEffect]:
     """Return the class of the terms that are composed of three words.
 
     Args:
@@ -355,58 +355,58 @@ def composed(
         least: no plausible value of its parameters is below it.
         most: none is above it.
     """
-    acted, shape = ACTED_ON[acts_on], FORMS[form]
+    acted, shape = TARGETS[acts_on], FORMS[form]
     unit = " ".join(DRIVERS[one][1] if one in DRIVERS else one for one in driver.split("*"))
     members: list[tuple[str, type, Any]] = []
     for own, base, step in acted.parameters:
         for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
             per = _per(base, unit, power)
             members.append((f"{own}{suffix}", float, parameter(per, f"{own} part", step, least=least, most=most)))
-    members += [(n, float, place(unit if u == "of the driver" else u)) for n, u in shape.places]
+    members += [(n, float, place_parameter(unit if u == "of the driver" else u)) for n, u in shape.places]
     space = {
         "name": name or f"{COMPOSED}{acts_on}/{driver}/{form}",
         "side": acted.side,
         "stage": acted.stage,
         "acts_on": acted.acts_on,
-        "needs": (*needs(driver), *acted.needs),
+        "needs": (*driver_needs(driver), *acted.needs),
         "words": words,
         "composition": (acts_on, driver, form),
         "__doc__": f"{acts_on.replace('_', ' ').capitalize()}, {shape.words.format(driver.replace('_', ' '))}.",
         "__module__": __name__,
     }
     title = "".join(word.capitalize() for part in (acts_on, *driver.split("*"), form) for word in part.split("_"))
-    return make_dataclass(title, members, bases=(Composed,), frozen=True, namespace=space)
+    return make_dataclass(title, members, bases=(ComposedEffect,), frozen=True, namespace=space)
 
 
 # What is common enough to have a name.
 LARGEST_GAIN = 0.15  # of one beam pair over the other's: beyond it beams are broken, and no velocity is
 MOVES = "iron beside the compass moves as the instrument leans, a battery or a cable"
-Pressure = composed(
+Pressure = compose_effect(
     "field_horizontal", "depth", "linear", name="pressure",
     words="the iron beside the compass, or the compass, depends on pressure",
 )  # fmt: skip
-IronMovedByPitch = composed("field_horizontal", "pitch", "linear", name="moving_iron", words=MOVES)
-IronMovedByRoll = composed("field_horizontal", "roll", "linear", name="moving_iron", words=MOVES)
-PivotFriction = composed(
+IronMovedByPitch = compose_effect("field_horizontal", "pitch", "linear", name="moving_iron", words=MOVES)
+IronMovedByRoll = compose_effect("field_horizontal", "roll", "linear", name="moving_iron", words=MOVES)
+PivotFriction = compose_effect(
     "reading", "turn_rate", "sign", name="pivot_friction", most=0.0,  # it holds back
     words="the compass sticks on its pivot and stops short of each heading, on the side that it comes from",
 )  # fmt: skip
-BeamGain = composed(
+BeamGain = compose_effect(
     "flow_gain", "time", "always", name="beam_gain", least=-LARGEST_GAIN, most=LARGEST_GAIN,
     words="the beam pairs of this instrument are of unequal gain, which turns currents and no heading",
 )  # fmt: skip
-VelocityBias = composed(
+VelocityBias = compose_effect(
     "flow_offset", "time", "always", name="velocity_bias",
     words="the velocities of this instrument have a constant offset in its own frame, as by ringing",
 )  # fmt: skip
 
 
-def of_name(effect: str) -> type[Composed]:
+def effect_by_name(effect: str) -> type[ComposedEffect]:
     """Return the class of a composed effect by its name, composed:ACTS_ON/DRIVER/FORM."""
-    return composed(*effect.removeprefix(COMPOSED).split("/"))
+    return compose_effect(*effect.removeprefix(COMPOSED).split("/"))
 
 
-def placed(kind: type[Composed], *at: float) -> Composed:
+def place_effect(kind: type[ComposedEffect], *at: float) -> ComposedEffect:
     """Return a term of no size at some places.
 
     Args:

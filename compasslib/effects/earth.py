@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from compasslib import angles
-from compasslib.effects.term import Proportional, Scene, Term, parameter
+from compasslib.effects.effect import Effect, Proportional, Scene, parameter
 from compasslib.types import Floats
 
 
 @dataclass(frozen=True)
-class SecularVariation(Term):
+class SecularVariation(Effect):
     """Magnetic north drifts faster than the declination that was applied says."""
 
     name: ClassVar[str] = "secular_variation"
@@ -22,7 +22,7 @@ class SecularVariation(Term):
 
     deg_year: float = parameter("degrees/year", "drift beyond what was applied", 1.0, usual=0.5)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the direction of magnetic north by then."""
         return x + self.deg_year * scene.years
 
@@ -58,18 +58,18 @@ class VectorDisturbance(Proportional):
 
 
 @dataclass(frozen=True)
-class IndexedDisturbance(Term):
+class IndexedDisturbance(Effect):
     """Magnetic north is the less sure, the larger a global index of storms: its course is not known."""
 
     name: ClassVar[str] = "field_disturbance"
-    found_by: ClassVar[str] = "directions that scatter more where the index is larger"
+    detector: ClassVar[str] = "directions that scatter more where the index is larger"
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "standard deviation c ap/H (Bartels 1957 for ap); either way"
     needs: ClassVar[tuple[str, ...]] = ("storm_index",)
 
     nT_ap: float = parameter("nT", "across magnetic north, one standard deviation a unit of ap", 5.0, least=0.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the direction of magnetic north one standard deviation off."""
         return x + self.nT_ap * scene.departures["storm_index"] / scene.horizontal_nT / angles.DEGREE
 
@@ -78,18 +78,18 @@ class IndexedDisturbance(Term):
 
 
 @dataclass(frozen=True)
-class DeclinationError(Term):
+class DeclinationError(Effect):
     """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
 
     name: ClassVar[str] = "declination_error"
     words: ClassVar[str] = "the declination is off by a constant"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
-    found_by: ClassVar[str] = "an observatory's mean against the model"
+    detector: ClassVar[str] = "an observatory's mean against the model"
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "von Appen 2015, eq. (2): inseparable from A, mean shear and mounting; east positive"
 
     error_deg: float = parameter("degrees", "true minus applied declination", 1.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the direction of magnetic north."""
         return x + self.error_deg

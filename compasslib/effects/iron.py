@@ -1,4 +1,4 @@
-"""Hard iron: magnetised parts fixed to the instrument."""
+"""Effects of iron in the body frame: hard and soft iron, steps, drifts, batteries, temperature, heeling."""
 
 from __future__ import annotations
 
@@ -8,18 +8,28 @@ from typing import ClassVar
 
 import numpy as np
 
-from compasslib.effects.term import READINGS, Proportional, Scene, Term, date, horizontal, parameter
+from compasslib.effects.effect import (
+    READINGS,
+    SHORT_RECORDINGS,
+    Effect,
+    Proportional,
+    Scene,
+    date_parameter,
+    elapsed_share,
+    horizontal_field,
+    parameter,
+)
 from compasslib.types import Floats
 
 
 @dataclass(frozen=True)
-class HardIron(Term):
+class HardIron(Effect):
     """A constant field in the body frame is added."""
 
     name: ClassVar[str] = "hard_iron"
     words: ClassVar[str] = "a magnetised part that turns with the instrument adds a constant field (hard iron)"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "logged tilts: a mean tilt in the vertical field looks like hard iron"
     }
     literature: ClassVar[str] = "Poisson's P, Q, R; Le Menn et al. 2023, eq. (1); forward, starboard, down positive"
@@ -29,7 +39,7 @@ class HardIron(Term):
     b_y_nT: float = parameter("nT", "field to starboard", 200.0)
     b_z_nT: float = parameter("nT", "field down", 2000.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the iron's added."""
         return x + np.array([self.b_x_nT, self.b_y_nT, self.b_z_nT])
 
@@ -41,12 +51,12 @@ LARGEST_NT = 6000.0  # a sphere's own iron is of this size; more does not come o
 
 
 @dataclass(frozen=True)
-class HardIronStep(Term):
+class HardIronStep(Effect):
     """A horizontal field in the body frame is there from a date on."""
 
     name: ClassVar[str] = "hard_iron_step"
     words: ClassVar[str] = "the hard iron beside the compass changed in a step"
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "heading_slip": "headings all round on both sides of the date, or the field modulus of the magnetometer",
         "compass_drift": "wider headings, or the field modulus of the magnetometer",
         "hard_iron_drift": "more records around the date",
@@ -56,23 +66,23 @@ class HardIronStep(Term):
 
     b_x_nT: float = parameter("nT", "step forward", 200.0, least=-LARGEST_NT, most=LARGEST_NT, usual=USUAL_NT)
     b_y_nT: float = parameter("nT", "step to starboard", 200.0, least=-LARGEST_NT, most=LARGEST_NT, usual=USUAL_NT)
-    date_s: float = date()
+    date_s: float = date_parameter()
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the step."""
-        return x + horizontal(self.b_x_nT * scene.since(self.date_s), self.b_y_nT * scene.since(self.date_s))
+        return x + horizontal_field(self.b_x_nT * scene.since(self.date_s), self.b_y_nT * scene.since(self.date_s))
 
 
 # Drift of the hard iron: steel that loses or gains magnetisation over the deployment.
 
 
 @dataclass(frozen=True)
-class HardIronDrift(Term):
+class HardIronDrift(Effect):
     """A horizontal field in the body frame grows with time."""
 
     name: ClassVar[str] = "hard_iron_drift"
     words: ClassVar[str] = "the hard iron beside the compass drifts with time"
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "compass_drift": "wider headings, or the field modulus of the magnetometer",
         "heading_slip": "wider headings, or the field modulus of the magnetometer",
     }
@@ -81,16 +91,16 @@ class HardIronDrift(Term):
     b_x_nT_year: float = parameter("nT/year", "rate forward", 200.0, usual=USUAL_NT)
     b_y_nT_year: float = parameter("nT/year", "rate to starboard", 200.0, usual=USUAL_NT)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with what has grown by then."""
-        return x + horizontal(self.b_x_nT_year * scene.years, self.b_y_nT_year * scene.years)
+        return x + horizontal_field(self.b_x_nT_year * scene.years, self.b_y_nT_year * scene.years)
 
 
 # A battery change: another battery is other iron.
 
 
 @dataclass(frozen=True)
-class BatteryChange(Term):
+class BatteryChange(Effect):
     """A horizontal field in the body frame is there from each jump of the supply voltage on; every jump has its own."""
 
     name: ClassVar[str] = "battery_change"
@@ -105,25 +115,25 @@ class BatteryChange(Term):
     third_x_nT: float = parameter("nT", "step forward at the third change and each later one", 200.0)
     third_y_nT: float = parameter("nT", "step to starboard at the third change and each later one", 200.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the new batteries'; the departure counts them."""
         number = scene.departures["battery_number"]
         first, second, third = number.clip(0.0, 1.0), (number - 1.0).clip(0.0, 1.0), (number - 2.0).clip(0.0)
         forward = self.b_x_nT * first + self.second_x_nT * second + self.third_x_nT * third
-        return x + horizontal(forward, self.b_y_nT * first + self.second_y_nT * second + self.third_y_nT * third)
+        return x + horizontal_field(forward, self.b_y_nT * first + self.second_y_nT * second + self.third_y_nT * third)
 
 
 # Supply voltage: the current that the battery gives, and its stray field, change as it runs down.
 
 
 @dataclass(frozen=True)
-class SupplyVoltageOfField(Term):
+class SupplyVoltageOfField(Effect):
     """A horizontal field in the body frame grows with the supply voltage."""
 
     name: ClassVar[str] = "supply_voltage"
     words: ClassVar[str] = "the compass depends on its supply voltage"
     shows_along: ClassVar[tuple[str, ...]] = ("supply_voltage",)
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "hard_iron_drift": "a battery change, or the end of its discharge",
         "compass_drift": "a battery change, or the end of its discharge",
         "hard_iron_step": "more records around the date",
@@ -137,10 +147,10 @@ class SupplyVoltageOfField(Term):
     b_x_nT_V: float = parameter("nT/V", "field forward; V or counts as logged", 100.0)
     b_y_nT_V: float = parameter("nT/V", "field to starboard; V or counts as logged", 100.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the supply's added."""
         volt = scene.departures["supply_voltage"]
-        return x + horizontal(self.b_x_nT_V * volt, self.b_y_nT_V * volt)
+        return x + horizontal_field(self.b_x_nT_V * volt, self.b_y_nT_V * volt)
 
 
 @dataclass(frozen=True)
@@ -161,13 +171,13 @@ class SupplyVoltageOfReading(Proportional):
 
 
 @dataclass(frozen=True)
-class TemperatureOfField(Term):
+class TemperatureOfField(Effect):
     """A horizontal field in the body frame grows with temperature."""
 
     name: ClassVar[str] = "temperature"
     words: ClassVar[str] = "the compass, its iron or the zero of its tilts depends on temperature"
     shows_along: ClassVar[tuple[str, ...]] = ("temperature",)
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "compass_drift": "a year more, with another course of the temperature",
         "hard_iron_drift": "a year more, with another course of the temperature",
         "hard_iron_step": "a year more, with another course of the temperature",
@@ -183,10 +193,10 @@ class TemperatureOfField(Term):
     b_x_nT_K: float = parameter("nT/K", "field forward", 200.0)
     b_y_nT_K: float = parameter("nT/K", "field to starboard", 200.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the shift by temperature."""
         warm = scene.departures["temperature"]
-        return x + horizontal(self.b_x_nT_K * warm, self.b_y_nT_K * warm)
+        return x + horizontal_field(self.b_x_nT_K * warm, self.b_y_nT_K * warm)
 
 
 @dataclass(frozen=True)
@@ -208,13 +218,13 @@ class TemperatureOfReading(Proportional):
 
 
 @dataclass(frozen=True)
-class Heeling(Term):
+class Heeling(Effect):
     """A constant field along the body's vertical is added; the levelling brings it into the heading."""
 
     name: ClassVar[str] = "heeling"
     words: ClassVar[str] = "the compass tilts over iron along its own vertical (heeling error)"
     shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "the magnetometer's three axes with tilt",
         "moving_iron": "the magnetometer's three axes with tilt",
     }
@@ -224,6 +234,83 @@ class Heeling(Term):
 
     b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-25e3, most=25e3)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field with the vertical iron's added."""
         return x + np.array([0.0, 0.0, self.b_z_nT])
+
+
+@dataclass(frozen=True)
+class HardIronTrend(Effect):
+    """A horizontal field in the body frame grows along the record."""
+
+    name: ClassVar[str] = "hard_iron_drift"
+    recordings: ClassVar[tuple[str, ...]] = SHORT_RECORDINGS
+    literature: ClassVar[str] = "Poisson's P and Q, a trend in time; forward and starboard positive"
+
+    b_x_nT: float = parameter("nT over the record", "change forward", 200.0)
+    b_y_nT: float = parameter("nT over the record", "change to starboard", 200.0)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the drift."""
+        return x + horizontal_field(self.b_x_nT * elapsed_share(scene), self.b_y_nT * elapsed_share(scene))
+
+
+@dataclass(frozen=True)
+class LevelHardIron(Effect):
+    """Hard iron as a level turn shows it: two components."""
+
+    name: ClassVar[str] = "hard_iron"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
+    literature: ClassVar[str] = "Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive"
+
+    b_x_nT: float = parameter("nT", "field forward", 200.0)
+    b_y_nT: float = parameter("nT", "field to starboard", 200.0)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the iron's added."""
+        return x + np.array([self.b_x_nT, self.b_y_nT, 0.0])
+
+
+@dataclass(frozen=True)
+class LevelSoftIron(Effect):
+    """Soft iron as the modulus of a level turn shows it: what stretches the circle to an ellipse."""
+
+    name: ClassVar[str] = "soft_iron"
+    words: ClassVar[str] = "a part that the earth's field magnetises distorts it (soft iron)"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    separated_by: ClassVar[Mapping[str, str]] = {
+        "tilt_uncompensated": "logged tilts: a tilt that goes with the heading stretches the circle"
+    }
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
+    literature: ClassVar[str] = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
+
+    stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
+    shear: float = parameter("1", "shear, (d + b)/2", 0.02, least=-0.8, most=0.8)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the induced one added."""
+        rows = [[self.stretch, self.shear, 0.0], [self.shear, -self.stretch, 0.0], [0.0, 0.0, 0.0]]
+        return x + x @ np.array(rows)
+
+
+@dataclass(frozen=True)
+class SoftIronInSpace(Effect):
+    """Soft iron as the modulus over all orientations shows it: a symmetric matrix whose trace is the scale."""
+
+    name: ClassVar[str] = "soft_iron"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
+    literature: ClassVar[str] = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
+
+    stretch: float = parameter("1", "stretch, (xx - yy)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
+    vertical: float = parameter(
+        "1", "vertical stretch, zz minus the mean of xx and yy, over 1.5", 0.02, least=-0.8, most=0.8
+    )
+    xy: float = parameter("1", "shear between forward and starboard", 0.02, least=-0.8, most=0.8)
+    xz: float = parameter("1", "shear between forward and down", 0.02, least=-0.8, most=0.8)
+    yz: float = parameter("1", "shear between starboard and down", 0.02, least=-0.8, most=0.8)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field with the induced one added."""
+        a, v = self.stretch, self.vertical
+        rows = [[a - v / 2.0, self.xy, self.xz], [self.xy, -a - v / 2.0, self.yz], [self.xz, self.yz, v]]
+        return x + x @ np.array(rows)

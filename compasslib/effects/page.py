@@ -6,7 +6,7 @@ import inspect
 from dataclasses import fields
 from itertools import groupby
 
-from compasslib.effects import CATALOGUE, Term
+from compasslib.effects import CATALOGUE, Effect
 
 HEAD = """# The catalogue of unmodelled effects
 
@@ -22,18 +22,18 @@ def page() -> str:
     )
 
 
-def _section(name: str, forms: list[type[Term]]) -> str:
+def _section(name: str, forms: list[type[Effect]]) -> str:
     return "\n".join([f"## {name}\n", *(_form(form) for form in forms)])
 
 
-def _form(form: type[Term]) -> str:
+def _form(form: type[Effect]) -> str:
     lines = [
         " ".join((inspect.getdoc(form) or "").split()),
         f"* side: {form.side}; acts on: {form.acts_on}; stage: {form.stage}",
         f"* source: {form.literature}",
         *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
-        *(f"* told from {other} by: {how}" for other, how in form.told_from.items()),
+        *(f"* told from {other} by: {how}" for other, how in form.separated_by.items()),
     ]
     return lines[0] + "\n\n" + "\n".join(lines[1:]) + "\n"
 

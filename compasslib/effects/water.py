@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from compasslib import angles
-from compasslib.effects.term import Proportional, Scene, Term, date, parameter
+from compasslib.effects.effect import Effect, Proportional, Scene, date_parameter, parameter
 from compasslib.types import Floats
 
 # In narrow headings the harmonics stand for each other, up to 60 degrees each. Real veer ran from +22 to -7 degrees.
@@ -42,7 +42,7 @@ class VeerWithSeparation(Proportional):
 
 
 @dataclass(frozen=True)
-class VeerWithDepth(Term):
+class VeerWithDepth(Effect):
     """The directional shear changes as the pair is blown down to other water."""
 
     name: ClassVar[str] = "current_veer"
@@ -53,7 +53,7 @@ class VeerWithDepth(Term):
 
     deg_100m: float = parameter("degrees/100 m", "directional shear by depth", 1.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
         return x + self.deg_100m * scene.departures["depth"] / 100.0
 
@@ -96,7 +96,7 @@ class MooringMotion(Proportional):
 
 
 @dataclass(frozen=True)
-class OfReference(Term):
+class OfReference(Effect):
     """The reference's directions are turned: what it does stands where a veer of the water would."""
 
     side: ClassVar = "reference"
@@ -128,9 +128,9 @@ class ReferenceSlip(OfReference):
     literature: ClassVar[str] = "a step of the reference's directions; clockwise positive"
 
     offset_deg: float = parameter("degrees", "turn of the reference's directions after the date", 1.0, usual=10.0)
-    date_s: float = date()
+    date_s: float = date_parameter()
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
         return x + self.offset_deg * scene.since(self.date_s)
 
@@ -147,7 +147,7 @@ class ReferenceBeams(OfReference):
 
     gain: float = parameter("1", "forward over starboard gain of the reference's beams, less one", 0.035)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer."""
         return x - self.gain / 2.0 / angles.DEGREE * scene.departures[self.needs[0]]
 
@@ -165,7 +165,7 @@ class ReferenceBias(OfReference):
     forward_m_s: float = parameter("m/s", "velocity added forward", 0.003)
     starboard_m_s: float = parameter("m/s", "velocity added to starboard", 0.003)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the veer; the departures are sine and cosine of the flow's angle in the body, over the speed."""
         sine, cosine = (scene.departures[name] for name in self.needs)
         return x + (self.starboard_m_s * cosine - self.forward_m_s * sine) / angles.DEGREE
@@ -175,7 +175,7 @@ class ReferenceBias(OfReference):
 
 
 @dataclass(frozen=True)
-class ClockOffset(Term):
+class ClockOffset(Effect):
     """The affected instrument's clock is ahead of the reference's by a constant."""
 
     name: ClassVar[str] = "clock_offset"
@@ -186,11 +186,11 @@ class ClockOffset(Term):
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "instrument clock minus UTC, positive ahead"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
-    found_by: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
+    detector: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
 
     hours: float = parameter("h", "affected minus reference clock", 0.3)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the clock's error, seconds."""
         return x + 3600.0 * self.hours
 
@@ -199,7 +199,7 @@ class ClockOffset(Term):
 
 
 @dataclass(frozen=True)
-class ClockDrift(Term):
+class ClockDrift(Effect):
     """The affected instrument's clock gains on the reference's."""
 
     name: ClassVar[str] = "clock_drift"
@@ -209,10 +209,10 @@ class ClockDrift(Term):
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "instrument clock minus UTC, growing from the beginning, positive ahead"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
-    found_by: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
+    detector: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
 
     hours_year: float = parameter("h/year", "gain of the affected clock", 0.3)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the clock's error, seconds."""
         return x + 3600.0 * self.hours_year * scene.years

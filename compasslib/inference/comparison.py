@@ -12,20 +12,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation import likelihood, model
-from compasslib.deviation.model import Fit
-from compasslib.deviation.prior import Prior
-from compasslib.effects import COMPOSED, Scene, Term, all_terms, composition
-from compasslib.effects.composed import TIDE_S, Composed
-from compasslib.effects.composition import Simulation
+from compasslib.deviation.likelihood import scatter_widths
+from compasslib.deviation.model import CoefficientPrior, DeviationFit, nearest_root, observed_heading, pair_speeds
+from compasslib.effects import COMPOSED, Effect, Scene, all_effects
+from compasslib.effects.composed import TIDE_S, ComposedEffect
+from compasslib.effects.effect import HOUR_S
+from compasslib.effects.forward import ForwardModel, heading_jacobian, invert_heading
 from compasslib.effects.iron import Heeling
-from compasslib.effects.term import HOUR_S
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import finding as findings
 from compasslib.inference import wording
 from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
 from compasslib.records import EarthField, Pairs
-from compasslib.statistics.whitening import Louder
+from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
 BAND_SIGMAS = 2.5  # standard errors by which a bin leaves the band
@@ -63,7 +62,7 @@ MISSING_SERIES = {
 
 
 # Information (k, k) and score (k,) of each term's parameters by other records of the same compass, in their units.
-SharedInformation = Mapping[type[Term], tuple[Floats, Floats]]
+SharedInformation = Mapping[type[Effect], tuple[Floats, Floats]]
 
 FEWEST_PAIRS, SHORTEST_DAYS = 200, 20.0  # below which an effect is not told from the water
 
@@ -84,7 +83,7 @@ class Comparison:
     """A recording held against its simulation; n samples in the order of time."""
 
     time_s: Floats  # (n,) increasing: UTC seconds, or the number of the reading where there is no clock
-    terms: tuple[type[Term], ...]  # that can be tested
+    terms: tuple[type[Effect], ...]  # that can be tested
     covariates: Mapping[str, Floats]  # (n,) each; what the omnibus tests look along
     not_testable: tuple[tuple[str, str], ...] = ()  # (effect, why)
     units: Mapping[str, str] = field(default_factory=dict)  # of covariates that have no name of their own here
@@ -99,7 +98,7 @@ class Comparison:
         """First and last time."""
         return float(self.time_s[0]), float(self.time_s[-1])
 
-    def unit(self, term: Term, k: int) -> tuple[float, str]:
+    def unit(self, term: Effect, k: int) -> tuple[float, str]:
         """Return by what a parameter is multiplied for people, and its unit.
 
         Args:
@@ -107,9 +106,9 @@ class Comparison:
         """
         return 1.0, self.driven(term, term.units()[k])
 
-    def driven(self, term: Term, unit: str) -> str:
+    def driven(self, term: Effect, unit: str) -> str:
         """Return a unit with that of a driver which the grammar knows by its name only."""
-        if isinstance(term, Composed):
+        if isinstance(term, ComposedEffect):
             for driver in term.composition[1].split("*"):
                 driver_unit = self.units.get(driver, driver)
                 unit = unit.replace(
@@ -141,9 +140,9 @@ class Comparison:
         first = float(self.time_s[np.searchsorted(self.time_s, date_s)])
         return CovariateRange("reading", first, last, f"from reading {first:.0f} on")
 
-    def main_covariate(self, term: Term) -> str:
+    def main_covariate(self, term: Effect) -> str:
         """Return the covariate along which an effect lives: of those known to go with it the one that varies most."""
-        listed = term.needs if isinstance(term, Composed) else wording.SHOWN_ALONG.get(term.name, ("time",))
+        listed = term.needs if isinstance(term, ComposedEffect) else wording.SHOWN_ALONG.get(term.name, ("time",))
         known = [name for name in listed if name in self.covariates]
         known = [name for name in known if name in term.needs] or known
         known = known or [name for name in ("time", "reading") if name in self.covariates] or list(self.covariates)
@@ -175,7 +174,7 @@ class Comparison:
 class LongComparison(Comparison):
     """A recording of weeks or years held against its simulation; n samples in the order of time."""
 
-    simulation: Simulation  # what the recording is held against
+    simulation: ForwardModel  # what the recording is held against
     scene: Scene  # in what it was made, with the departures that terms need
     recorded_deg: Floats  # (n,) heading that the affected compass gave
     observed_deg: Floats  # (n,) heading that the reference's side shows
@@ -186,16 +185,16 @@ class LongComparison(Comparison):
     precision_deg: float  # noise of the recorded heading itself
     nuisance: Floats  # (n, k) columns that are fitted and never named
     has_slow_noise: bool = True  # whether slow water of two depths may stand between both sides
-    louder: Louder | None = None  # slow water, once it was learnt
-    usual: Mapping[type[Term], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
-    prior: Prior | None = None  # what other records of the compass tell of A..E
+    louder: LowRankNoise | None = None  # slow water, once it was learnt
+    usual: Mapping[type[Effect], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
+    prior: CoefficientPrior | None = None  # what other records of the compass tell of A..E
     shared: SharedInformation = field(default_factory=dict)  # and of its effects
 
 
 def compare_pairs(
     pairs: Pairs,
     logged: Mapping[str, Floats],
-    fit: Fit,
+    fit: DeviationFit,
     earth: EarthField,
     *,
     reference_magnetic: bool = True,
@@ -210,12 +209,12 @@ def compare_pairs(
     """
     columns = covariate_series.pair_covariates(pairs, logged)
     references = covariate_series.reference_values(columns)
-    observed = model.observed_heading(pairs)
-    heading = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    observed = observed_heading(pairs)
+    heading = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
     scene = scene_of_pairs(pairs, columns, references, field=earth, heading_deg=heading)
-    simulation = Simulation(fit.coefficients, float(np.mean(scene.horizontal_nT)))
+    simulation = ForwardModel(fit.coefficients, float(np.mean(scene.horizontal_nT)))
     terms, missing = testable_effects(scene, reference_magnetic)
-    upper, lower = model.speeds(pairs)
+    upper, lower = pair_speeds(pairs)
     return LongComparison(
         time_s=pairs.time_s,
         simulation=simulation,
@@ -223,7 +222,7 @@ def compare_pairs(
         recorded_deg=pairs.heading_deg,
         observed_deg=observed,
         slowness=np.hypot(1.0 / np.maximum(upper, 1e-3), 1.0 / np.maximum(lower, 1e-3)),
-        expected_deg=likelihood.widths(fit.noise, upper, lower),
+        expected_deg=scatter_widths(fit.noise, upper, lower),
         precision_deg=fit.noise.compass_deg,
         covariates=columns,
         nuisance=_nuisance_columns(pairs, scene, simulation),
@@ -267,14 +266,14 @@ def scene_of_pairs(
 
 def testable_effects(
     scene: Scene, reference_magnetic: bool
-) -> tuple[tuple[type[Term], ...], tuple[tuple[str, str], ...]]:
+) -> tuple[tuple[type[Effect], ...], tuple[tuple[str, str], ...]]:
     """Return the terms that a mooring's record can be tested for, and which not with the reason.
 
     Args:
         reference_magnetic: whether the reference has a compass too.
     """
     terms, missing = [], []
-    for term in all_terms():
+    for term in all_effects():
         if "mooring" not in term.recordings or term.acts_on == "time":
             continue
         absent = [name for name in term.needs if name not in scene.departures]
@@ -288,12 +287,12 @@ def testable_effects(
             missing.append((term.name, MISSING_SERIES.get(absent[0], f"no {absent[0].replace('_', ' ')} was logged")))
         elif term.name in ("heeling", "tilt_uncompensated") and np.ptp(scene.pitch_deg) + np.ptp(scene.roll_deg) == 0.0:
             missing.append((term.name, "no tilt that varies was logged"))
-        elif not term.found_by:
+        elif not term.detector:
             terms.append(term)
     return tuple(terms), tuple(dict.fromkeys(missing))
 
 
-def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: Simulation) -> Floats:
+def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: ForwardModel) -> Floats:
     """Return columns that every overlap has: noise of the tilt sensor through Z, and a rate of turn of the flow.
 
     The noise of a recorded tilt stands in the heading and in the tilt alike; on the fast part of the tilt it looks
@@ -303,9 +302,9 @@ def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: Simulation) -> Flo
     span = max(int(TILT_HIGHPASS_HOURS * 3600.0 / np.median(np.diff(pairs.time_s))), 1)
     fast = [x - _moving_average(x, span) for x in (scene.pitch_deg, scene.roll_deg)]
     wobble = Scene(scene.time_s, scene.horizontal_nT, scene.vertical_nT, fast[0], fast[1], scene.begin_s)
-    vertical = Simulation(simulation.coefficients, simulation.horizontal_nT, (Heeling(),))
-    heading = composition.headings(simulation, scene, pairs.heading_deg)[:, 0]
-    noise = composition.derivative(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
+    vertical = ForwardModel(simulation.coefficients, simulation.horizontal_nT, (Heeling(),))
+    heading = invert_heading(simulation, scene, pairs.heading_deg)[:, 0]
+    noise = heading_jacobian(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
     turning = scene.departures["flow_turn"]
     columns = np.column_stack([np.nan_to_num(noise), turning, turning * scene.years, _aliased_tides(scene.time_s)])
     return columns[:, columns.std(axis=0) > LEAST_SPREAD]
@@ -337,7 +336,7 @@ def _moving_average(x: Floats, reach: int) -> Floats:
 
 def build_finding(
     comparison: Comparison,
-    term: Term,
+    term: Effect,
     chances: Mapping[str, float],
     parameters: Mapping[str, Parameter],
     *,
@@ -400,8 +399,8 @@ def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") 
     return Finding(effect, "compass", (), place, None, {"share": Parameter(1.0, 0.0, "1")}, size_deg, proof, text)
 
 
-def _name_and_composition(term: Term) -> tuple[str, dict[str, str] | None]:
+def _name_and_composition(term: Effect) -> tuple[str, dict[str, str] | None]:
     """Return the name of an effect, and what it is composed of where nobody listed it."""
-    if not isinstance(term, Composed) or not term.name.startswith(COMPOSED):
+    if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
         return term.name, None
     return "composed", dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.deviation import model
-from compasslib.effects.term import DAY_S, HOUR_S
-from compasslib.preparation import overlap
+from compasslib.deviation.model import pair_speeds
+from compasslib.effects.effect import DAY_S, HOUR_S
+from compasslib.preparation.pairs import mean_of_nearest_bins
 from compasslib.records import MAGNETOMETER, Pairs, Record
 from compasslib.types import Floats
 
@@ -96,7 +96,7 @@ def longest_constant_tilt(record: Record) -> slice:
 
 def _drag_regressors(record: Record) -> tuple[Floats, NDArray[np.bool_]]:
     """Return powers of the flow along and across the instrument, (n, 5), and where it is known, (n,)."""
-    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
+    velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     sine, cosine = angles.sin_cos(record.heading_deg)
     along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
     speed = np.abs(velocity)
@@ -116,7 +116,7 @@ def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | 
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    velocity, _ = overlap.near_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
+    velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     series = {
         "temperature": record.temperature_c,
         "supply_voltage": record.supply_voltage,
@@ -138,7 +138,7 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
     Args:
         logged: other series at their times, as ``temperature`` and ``supply_voltage``, (n,) each.
     """
-    upper, _ = model.speeds(pairs)
+    upper, _ = pair_speeds(pairs)
     series = {
         "heading": pairs.heading_deg,
         "time": pairs.time_s,
@@ -228,7 +228,7 @@ def departures(
     result["turn_rate"] = turn_rate(pairs.heading_deg, pairs.time_s)
     result |= _flow_departures(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
     if "flow_east" in result:
-        upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in model.speeds(pairs))
+        upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in pair_speeds(pairs))
         true_heading = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
         result |= _body_frame_flow(true_heading, upper, result, "body")
         if "reference_heading" in covariates:

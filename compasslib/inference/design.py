@@ -13,13 +13,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib import angles
-from compasslib.deviation import branches, model
-from compasslib.effects import Term, composition
-from compasslib.effects.composition import Simulation
-from compasslib.effects.term import slices
+from compasslib.deviation.branches import shows_branch
+from compasslib.deviation.model import nearest_root
+from compasslib.effects import Effect
+from compasslib.effects.effect import parameter_slices
+from compasslib.effects.forward import (
+    MIN_HEADING_SLOPE,
+    ForwardModel,
+    added_term_jacobian,
+    heading_jacobian,
+    heading_slope,
+    invert_heading,
+    water_veer,
+)
 from compasslib.inference.comparison import LongComparison
-from compasslib.statistics import gauss_newton, robust, whitening
-from compasslib.statistics.whitening import Whitener
+from compasslib.statistics.least_squares import HUBER_CLIP, gauss_newton
+from compasslib.statistics.whitening import (
+    Whitener,
+    clip_response,
+    clip_standardized,
+    fit_whitener,
+    orthonormal_basis,
+    project_out,
+    robust_widths,
+    scaled_inverse,
+    trend_spacing_s,
+)
 from compasslib.types import Floats
 
 WIDTH_ROUNDS = 2  # of widths and fit
@@ -46,7 +65,7 @@ class FittedModel:
     """A simulation held against a recording, everything else refitted; n samples."""
 
     case: LongComparison
-    simulation: Simulation
+    simulation: ForwardModel
     nuisance: Floats  # (k,) values of the nuisances
     heading_deg: Floats  # (n,) simulated correct heading at the recorded one, NaN without a root
     residual_deg: Floats  # (n,) observed minus simulated, degrees, NaN without a root
@@ -59,7 +78,7 @@ class FittedModel:
     sigma: float  # its standard deviation
     response: float  # share of a small shift that survives the clip
 
-    def ridge(self, terms: Iterable[type[Term] | Term]) -> Floats:
+    def ridge(self, terms: Iterable[type[Effect] | Effect]) -> Floats:
         """Return the prior precision of terms' parameters, in units of products of whitened columns, (k,).
 
         Args:
@@ -86,7 +105,7 @@ class FittedModel:
         if self.case.prior is not None:
             information[:5, :5] = self.case.prior.precision
             score[:5] = self.case.prior.precision @ self.case.prior.mean
-        for term, columns in zip(self.simulation.terms, slices(self.simulation.terms, 5), strict=True):
+        for term, columns in zip(self.simulation.terms, parameter_slices(self.simulation.terms, 5), strict=True):
             if type(term) in self.case.shared:
                 information[columns, columns], score[columns] = self.case.shared[type(term)]
         return information, score
@@ -105,7 +124,7 @@ class FittedModel:
         Args:
             white: (n, k).
         """
-        return whitening.without(white, self.basis.astype(white.dtype))
+        return project_out(white, self.basis.astype(white.dtype))
 
     def visible(self, columns_deg: Floats) -> Floats:
         """Return columns with what the base can take of them taken, (n, k) degrees: by the widths, not whitened.
@@ -121,7 +140,7 @@ class FittedModel:
 
 
 def evaluate_model(
-    case: LongComparison, simulation: Simulation, nuisance: Floats, *, freed_deg: Floats | None = None
+    case: LongComparison, simulation: ForwardModel, nuisance: Floats, *, freed_deg: Floats | None = None
 ) -> FittedModel:
     """Return the residual of a simulation, whitened, with its base projected out.
 
@@ -136,21 +155,21 @@ def evaluate_model(
     heading, residual, width_floor = _residual(case, simulation, nuisance)
     if (usable := int(np.isfinite(residual).sum())) < FEWEST_SAMPLES:
         raise TooFewSamples(f"{usable} of {len(case)} samples show on which branch of the compass they are")
-    derivative = np.nan_to_num(composition.derivative(simulation, case.scene, heading))
+    derivative = np.nan_to_num(heading_jacobian(simulation, case.scene, heading))
     base = np.column_stack([derivative[:, : None if freed_deg is None else 5], case.nuisance])
     left, width, shift = residual, np.full(len(case), np.inf), np.zeros(base.shape[1])
     for _ in range(WIDTH_ROUNDS):
-        width = np.hypot(whitening.widths(left, case.slowness), width_floor)
+        width = np.hypot(robust_widths(left, case.slowness), width_floor)
         if (usable := int(np.isfinite(width).sum())) < FEWEST_SAMPLES:
             raise TooFewSamples(f"{usable} of {len(case)} samples show a direction")
         weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
-        step = np.linalg.solve(_normal_matrix(weighted), weighted.T @ whitening.clipped(left, width))
+        step = np.linalg.solve(_normal_matrix(weighted), weighted.T @ clip_standardized(left, width))
         left, shift = left - base @ step, shift + step
-    white = replace(whitening.whitener(left, width, case.scene.time_s), louder=case.louder)
-    basis = whitening.orthonormal(white(base))
-    standard = whitening.clipped(left, width)
+    white = replace(fit_whitener(left, width, case.scene.time_s), louder=case.louder)
+    basis = orthonormal_basis(white(base))
+    standard = clip_standardized(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]
-    response = whitening.response(left, width)
+    response = clip_response(left, width)
     projected = innovation - basis @ (basis.T @ innovation)
     counts = np.isfinite(width)
     sigma = float(np.sqrt(projected @ projected / max(counts.sum() - basis.shape[1], 1)))
@@ -172,11 +191,11 @@ def midpoint_linearization(state: FittedModel) -> FittedModel:
     """
     terms = tuple(term.at(term.values / 2.0) for term in state.simulation.terms)
     simulation = replace(state.simulation, terms=terms)
-    roots = composition.headings(simulation, state.case.scene, state.case.recorded_deg)
-    return replace(state, simulation=simulation, heading_deg=model.nearest_root(roots, state.heading_deg))
+    roots = invert_heading(simulation, state.case.scene, state.case.recorded_deg)
+    return replace(state, simulation=simulation, heading_deg=nearest_root(roots, state.heading_deg))
 
 
-def count_usable(case: LongComparison, simulation: Simulation, nuisance: Floats) -> int:
+def count_usable(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> int:
     """Return how many samples show on which branch of a simulation's compass they are.
 
     Args:
@@ -185,20 +204,20 @@ def count_usable(case: LongComparison, simulation: Simulation, nuisance: Floats)
     return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
 
 
-def _residual(case: LongComparison, simulation: Simulation, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
+def _residual(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
     """Return simulated heading, residual, and what the compass's own noise makes of it, (n,) each."""
-    shown = case.observed_deg - composition.veer(simulation, case.scene) - case.nuisance @ nuisance
-    roots = composition.headings(simulation, case.scene, case.recorded_deg)
-    heading = model.nearest_root(roots, shown)
-    slope = np.maximum(np.abs(composition.steepness(simulation, case.scene, heading)), composition.FLATTEST)
+    shown = case.observed_deg - water_veer(simulation, case.scene) - case.nuisance @ nuisance
+    roots = invert_heading(simulation, case.scene, case.recorded_deg)
+    heading = nearest_root(roots, shown)
+    slope = np.maximum(np.abs(heading_slope(simulation, case.scene, heading)), MIN_HEADING_SLOPE)
     # Where a folded compass leaves two headings close together, the nearer one to a noisy direction is no residual.
-    heading = np.where(branches.resolved(roots, case.expected_deg), heading, np.nan)
+    heading = np.where(shows_branch(roots, case.expected_deg), heading, np.nan)
     return heading, angles.difference(shown, heading), case.precision_deg / slope
 
 
 def slow_hats(time_s: Floats) -> Floats:
     """Return hat functions of time that follow what changes over weeks, (n, k)."""
-    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / whitening.spacing_s(time_s)), 1) + 1)
+    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / trend_spacing_s(time_s)), 1) + 1)
     return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
 
 
@@ -213,7 +232,7 @@ class ColumnGroup:
 
     name: str  # effect, or covariates joined by x
     columns: Floats
-    term: Term | None = None  # at zero size, its date set
+    term: Effect | None = None  # at zero size, its date set
     covariates: tuple[str, ...] = ()
 
 
@@ -226,7 +245,7 @@ class Products:
     log_likelihood: float  # of the water alone, over that of white noise
 
 
-def term_columns(state: FittedModel, term: Term) -> ColumnGroup:
+def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:
     """Return the columns of one term beside a simulation.
 
     Args:
@@ -235,7 +254,7 @@ def term_columns(state: FittedModel, term: Term) -> ColumnGroup:
     return ColumnGroup(term.name, _term_derivative(state, term), term)
 
 
-def step_columns(state: FittedModel, kind: type[Term], dates_s: Floats) -> list[ColumnGroup]:
+def step_columns(state: FittedModel, kind: type[Effect], dates_s: Floats) -> list[ColumnGroup]:
     """Return the columns of a term that begins at each of some dates.
 
     Args:
@@ -253,8 +272,8 @@ def step_dates(time_s: Floats) -> Floats:
     return np.arange(first, last, max(DATE_STEP_S, (last - first) / 60.0))
 
 
-def _term_derivative(state: FittedModel, term: Term) -> Floats:
-    columns = composition.beside(state.simulation, state.case.scene, state.heading_deg, term)
+def _term_derivative(state: FittedModel, term: Effect) -> Floats:
+    columns = added_term_jacobian(state.simulation, state.case.scene, state.heading_deg, term)
     return np.where(np.isfinite(columns), columns, 0.0)
 
 
@@ -268,13 +287,13 @@ class Estimate:
     @property
     def term_covariances(self) -> list[Floats]:
         """Covariance of each term's own parameters."""
-        return [self.covariance[columns, columns] for columns in slices(self.state.simulation.terms, 5)]
+        return [self.covariance[columns, columns] for columns in parameter_slices(self.state.simulation.terms, 5)]
 
 
-def refit(state: FittedModel, terms: Sequence[Term]) -> FittedModel:
+def refit(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
     """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps."""
     begin = _RefitState(_initialize(state, terms))
-    return gauss_newton.fit(begin, rounds=REFIT_ROUNDS, close=CONVERGED_DEG, worse=MISFIT_GROWTH).state
+    return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_DEG, worse=MISFIT_GROWTH).state
 
 
 @dataclass(frozen=True)
@@ -302,7 +321,7 @@ class _RefitState:
         return _median_misfit(other.state, self.state) / max(_median_misfit(self.state, self.state), TINY)
 
 
-def _initialize(state: FittedModel, terms: Sequence[Term]) -> FittedModel:
+def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
     """Return the state with terms beside the compass, smaller where there is no such compass.
 
     Raises:
@@ -344,12 +363,12 @@ def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1))
     parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
     pulls = [part.T @ state.innovation for part in parts]
-    return np.array([x @ whitening.inverse(part.T @ part) @ x for part, x in zip(parts, pulls, strict=True)])
+    return np.array([x @ scaled_inverse(part.T @ part) @ x for part, x in zip(parts, pulls, strict=True)])
 
 
 def visible_columns(state: FittedModel, k: int) -> Floats:
     """Return what of a fitted term's columns the compass and the nuisances cannot take, (n, k) degrees a unit."""
-    columns = state.base[:, slices(state.simulation.terms, 5)[k]]
+    columns = state.base[:, parameter_slices(state.simulation.terms, 5)[k]]
     others = np.column_stack([state.base[:, :5], state.base[:, len(state.simulation.parameters) :]])
     weight = 1.0 / state.whitener.width_deg
     taken, *_ = np.linalg.lstsq(others * weight[:, None], columns * weight[:, None], rcond=1e-9)
@@ -375,8 +394,8 @@ def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
     """
     whitener = before.whitener
     lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
-    first, second = (whitening.clipped(np.nan_to_num(x.residual_deg), width) for x in (before, after))
-    second = np.where(lost, np.minimum(robust.CLIP, 90.0 / width), second)
+    first, second = (clip_standardized(np.nan_to_num(x.residual_deg), width) for x in (before, after))
+    second = np.where(lost, np.minimum(HUBER_CLIP, 90.0 / width), second)
     moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
     ends = [_filtered_residual(x, whitener, standard) for x, standard in ((before, first), (after, second))]
     way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]
@@ -385,7 +404,7 @@ def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
 
 def _filtered_residual(state: FittedModel, whitener: Whitener, standard: Floats) -> Floats:
     """Return a residual filtered, without what the state's base can take of it."""
-    white, basis = whitener.filtered(standard[:, None])[:, 0], whitening.orthonormal(whitener(state.base))
+    white, basis = whitener.filtered(standard[:, None])[:, 0], orthonormal_basis(whitener(state.base))
     return np.asarray(white - basis @ (basis.T @ white))
 
 

@@ -14,12 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import deviation
 from compasslib.calibrations import at_mooring
-from compasslib.deviation import assessment, windows
-from compasslib.deviation.constant import Constant
-from compasslib.deviation.doubts import KNOWS_NOTHING_DEG, Doubt, along_time, whole_record
-from compasslib.deviation.model import Fit
+from compasslib.deviation import find_implausibility
+from compasslib.deviation.assessment import ConstantOffset, assess_correction
+from compasslib.deviation.doubts import (
+    UNIFORM_SIGMA_DEG,
+    Doubt,
+    doubt_whole_record,
+    evaluate_doubts,
+    find_doubtful_windows,
+)
+from compasslib.deviation.model import DeviationFit
 from compasslib.inference import product as products
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, Options
@@ -65,7 +70,7 @@ class Diagnosis:
     why: str = ""  # what the verdict rests on, or why there is none
     curves: tuple[BinnedResidual, ...] = ()  # residual before and after along the covariates of what was found
     applied: tuple[WeightedCompass, ...] = ()  # compasses whose average corrects the record, the chosen one first
-    fit: Fit | None = None  # the exact compass that the search stood on, where it may correct the record
+    fit: DeviationFit | None = None  # the exact compass that the search stood on, where it may correct the record
     covariance: Floats | None = None  # (5, 5) of A..E without terms, slow water in the noise
     sides: Mapping[str, float] = field(default_factory=dict)  # probability of each; empty where nothing was judged
     noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # each with its standard error
@@ -262,7 +267,7 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
     return tuple(sorted(merged, key=lambda finding: -finding.rms_effect_deg))
 
 
-def product_of_diagnosis(fit: Fit, diagnosis: Diagnosis) -> Product:
+def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     """Return what is to correct the record after the search for unmodelled effects."""
     left_deg = _uncorrected_deg(diagnosis)
     if diagnosis.fit is None:
@@ -293,7 +298,7 @@ class Conclusion:
     assessment: dict[str, Any]
 
 
-def diagnose_constant(constant: Constant, pairs: Pairs) -> Diagnosis:
+def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
     """Return the diagnosis of a mooring whose constant a mistake in the configuration explains.
 
     Nothing else is attributed until the constant is settled.
@@ -331,8 +336,8 @@ def conclude(
     field: EarthField,
     series: Series,
     *,
-    fit: Fit,
-    constant: Constant | None,
+    fit: DeviationFit,
+    constant: ConstantOffset | None,
     calibration: str = "",
     with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
 ) -> Conclusion:
@@ -351,15 +356,15 @@ def conclude(
     diagnosis = diagnose_constant(constant, pairs) if constant is not None and questioned else search(pairs)
     made = with_effects(product_of_diagnosis(fit, diagnosis), diagnosis.fit is not None)
     plain = products.equivalent_pairs(made, pairs, record, field, series)
-    doubts = windows.doubtful(plain, made.fit)
-    agreement = assessment.assess(pairs, made.fit, plain)
-    denied = agreement["refuted"] or deviation.implausible(made.fit, record)
+    doubts = find_doubtful_windows(plain, made.fit)
+    agreement = assess_correction(pairs, made.fit, plain)
+    denied = agreement["refuted"] or find_implausibility(made.fit, record)
     if why := denied or (at_mooring.contradiction(fit, pairs) if calibration else ""):
         why = f"calibration {calibration}: {why}" if calibration else why
         diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)
-        made = replace(made, doubts=(whole_record(KNOWS_NOTHING_DEG, why),))
+        made = replace(made, doubts=(doubt_whole_record(UNIFORM_SIGMA_DEG, why),))
     elif constant is not None and questioned:
-        made = replace(made, doubts=(whole_record(abs(constant.angle_deg), constant.text), *doubts))
+        made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
     elif doubts := (
         *(() if made.effects else _doubt_outliers(fit)),
         *doubts,
@@ -371,7 +376,7 @@ def conclude(
     return Conclusion(diagnosis, made, agreement)
 
 
-def _doubt_outliers(fit: Fit) -> tuple[Doubt, ...]:
+def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
     """Doubt a record of which more directions than usual agree with no heading of the fitted compass."""
     share = fit.noise.outliers
     if fit.method != "exact" or share < MOST_OUTLIERS:
@@ -380,7 +385,7 @@ def _doubt_outliers(fit: Fit) -> tuple[Doubt, ...]:
         f"{share:.0%} of the directions disagree with the fitted compass altogether (usually under 1 %): part of the "
         "headings, or of the reference, is of something else"
     )
-    return (whole_record(KNOWS_NOTHING_DEG * float(np.sqrt(share)), why),)
+    return (doubt_whole_record(UNIFORM_SIGMA_DEG * float(np.sqrt(share)), why),)
 
 
 def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
@@ -388,7 +393,7 @@ def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) 
     worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
     first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
     span = (max(worst.from_s, first), min(worst.to_s, last))
-    inside, _ = along_time(doubts, pairs.time_s)
+    inside, _ = evaluate_doubts(doubts, pairs.time_s)
     size = float(np.sqrt(np.mean(np.where(inside, worst.sigma_deg**2, 0.0))))
     text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
     place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]

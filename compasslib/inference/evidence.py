@@ -17,15 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from compasslib.effects import Term, composition
-from compasslib.effects.term import USUAL_DEG
+from compasslib.effects import Effect
+from compasslib.effects.effect import USUAL_DEG
+from compasslib.effects.forward import heading_jacobian
 from compasslib.inference import design
 from compasslib.inference.design import ColumnGroup, FittedModel, Products
 from compasslib.inference.grammar import Found
 from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
 from compasslib.inference.posterior import Hypothesis
-from compasslib.statistics import blocks
-from compasslib.statistics.whitening import directions
+from compasslib.statistics.resampling import EVEN_BLOCKS, blocks_by_span, cluster_variance_inflation
+from compasslib.statistics.whitening import whitened_basis
 from compasslib.types import Floats
 
 ALIKE = 4  # power of what two groups have in common, by which they share their noise
@@ -63,7 +64,7 @@ class Candidates:
     free: int = 0  # columns at the end of which anything is expected
 
     @cached_property
-    def kinds(self) -> list[type[Term]]:
+    def kinds(self) -> list[type[Effect]]:
         """The class of each candidate."""
         return [type(group.term) for group in self.groups if group.term is not None]
 
@@ -136,7 +137,7 @@ class Candidates:
             every[at] = uneven
         return gain, charge, every
 
-    def terms(self, products: Products, hypothesis: Hypothesis) -> list[Term]:
+    def terms(self, products: Products, hypothesis: Hypothesis) -> list[Effect]:
         """Return the terms of a hypothesis at their likeliest values."""
         values = self._values(products, hypothesis)
         found, at = [], 0
@@ -241,12 +242,14 @@ def unevenness(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
     own, count = np.ones(len(groups)), np.ones(len(groups))
-    bases, block = [], blocks.of_span(state.case.scene.time_s, BLOCK_S)
+    bases, block = [], blocks_by_span(state.case.scene.time_s, BLOCK_S)
     for k, (a, b) in enumerate(itertools.pairwise(ends)):
-        bases.append(directions(white[:, a:b]))
+        bases.append(whitened_basis(white[:, a:b]))
         if bases[k].shape[1]:
-            own[k], count[k] = blocks.unevenness(bases[k].astype(float), state.innovation, block, state.sigma**2)
-    trust = blocks.TRUST
+            own[k], count[k] = cluster_variance_inflation(
+                bases[k].astype(float), state.innovation, block, state.sigma**2
+            )
+    trust = EVEN_BLOCKS
     held = _as_neighbours(bases, count * own + trust * float(np.median(own)))
     return np.asarray(held / _as_neighbours(bases, count + trust))
 
@@ -273,7 +276,7 @@ class Groups:
     shares: list[float]  # (g,) log share of each in the odds of its effect
 
     @property
-    def by_kind(self) -> dict[type[Term], Floats]:
+    def by_kind(self) -> dict[type[Effect], Floats]:
         """What is expected of each kind of term, (k,) each."""
         ends = np.cumsum([group.columns.shape[1] for group in self.groups])
         parts = zip(self.groups, np.split(self.usual, ends[:-1]), strict=True) if self.groups else ()
@@ -314,7 +317,7 @@ def _expected(view: FittedModel, group: ColumnGroup) -> Floats:
     return np.where(turn > 0.0, expected, 0.0)
 
 
-def _standing(view: FittedModel) -> dict[Term | None, ColumnGroup]:
+def _standing(view: FittedModel) -> dict[Effect | None, ColumnGroup]:
     """Return the groups of the terms that stand in a simulation, with the slopes of what stands there.
 
     A second harmonic laid over a first of many degrees begins at a reading that is bent already: it is not the first
@@ -323,7 +326,7 @@ def _standing(view: FittedModel) -> dict[Term | None, ColumnGroup]:
     terms = view.simulation.terms
     if not terms:
         return {}
-    derivative = np.nan_to_num(composition.derivative(view.simulation, view.case.scene, view.heading_deg, first=5))
+    derivative = np.nan_to_num(heading_jacobian(view.simulation, view.case.scene, view.heading_deg, first=5))
     parts = np.split(derivative, np.cumsum([len(term.fitted()) for term in terms])[:-1], axis=1)
     bare = [term.at(0.0 * term.values) for term in terms]
     return {term: ColumnGroup(term.name, part, term) for term, part in zip(bare, parts, strict=True)}

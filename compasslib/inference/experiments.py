@@ -15,8 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from compasslib.effects import Scene, Term, composition
-from compasslib.effects.term import DAY_S
+from compasslib.effects import Effect, Scene
+from compasslib.effects.effect import DAY_S
+from compasslib.effects.forward import (
+    added_term_jacobian,
+    earth_field_in_body,
+    heading_jacobian,
+    north_shift,
+    sensed_field,
+)
 from compasslib.inference import inference
 from compasslib.inference.design import FittedModel
 from compasslib.inference.evidence import ANYTHING
@@ -56,7 +63,7 @@ class Model:
     state: FittedModel  # for slopes
     view: FittedModel  # for whitening
     scale: float  # that makes whitened columns those of noise of unit variance
-    terms: list[Term]
+    terms: list[Effect]
     ends: NDArray[np.intp]  # of each term's columns
     usual: Floats  # (p,)
     rows: Floats  # (n, p + q + b)
@@ -71,7 +78,7 @@ class Model:
     def columns(self, scene: Scene, heading_deg: Floats) -> Floats:
         """Return the candidates' slopes in another scene, in their usual sizes, (n, p) degrees."""
         simulation = self.state.simulation
-        each = [composition.beside(simulation, scene, heading_deg, term) for term in self.terms]
+        each = [added_term_jacobian(simulation, scene, heading_deg, term) for term in self.terms]
         return np.nan_to_num(np.concatenate(each, axis=1)) * self.usual
 
     def of_terms(self, chosen: Sequence[bool]) -> NDArray[np.bool_]:
@@ -235,7 +242,7 @@ def _swing(model: Model) -> Rows:
     of_compass = model.of_terms([term.side == "compass" for term in model.terms])
     candidate_columns = model.columns(deck, heading) * of_compass
     base = np.zeros((COURSES, model.rows.shape[1] - model.own))
-    base[:, model.slow : model.slow + 5] = composition.derivative(model.state.simulation, deck, heading)[:, :5]
+    base[:, model.slow : model.slow + 5] = heading_jacobian(model.state.simulation, deck, heading)[:, :5]
     known = np.concatenate([candidate_columns, np.nan_to_num(base)], axis=1) / SWUNG_DEG
     return Rows(known, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, 1.0 / ANYTHING))
 
@@ -244,10 +251,10 @@ def _strength(model: Model) -> Rows:
     """The length of the field in the body; constant iron in all three axes is free, a heading tells only its ratios."""
     scene, simulation = model.state.case.scene, model.state.simulation
     heading = known_heading(model.state)
-    earth = composition.earth_in_body(scene, heading - composition.north(simulation, scene))
+    earth = earth_field_in_body(scene, heading - north_shift(simulation, scene))
 
-    def sensed(*terms: Term) -> Floats:
-        return composition.sensed_field(replace(simulation, terms=(*terms, *simulation.terms)), scene, earth)
+    def sensed(*terms: Effect) -> Floats:
+        return sensed_field(replace(simulation, terms=(*terms, *simulation.terms)), scene, earth)
 
     body, columns = sensed(), []
     length = np.linalg.norm(body, axis=1)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.records import stamp
-from compasslib.statistics import blocks
+from compasslib.records import iso_time
+from compasslib.statistics.resampling import block_sums
 from compasslib.types import Floats
 
 HELD_OUT_BLOCK_S = 10 * 86400.0  # longer than any memory of the water that a filter leaves
@@ -100,7 +100,7 @@ def bootstrap_gain(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, 
         block: number of the block of each, (n,).
         rms_deg: of the residual, before and after.
     """
-    sums = blocks.sums(each, block)
+    sums = block_sums(each, block)
     resampled = np.random.default_rng(0).choice(sums, (BOOTSTRAP_DRAWS, len(sums))).sum(axis=1)
     low, high = np.quantile(resampled, [0.025, 0.975])
     share = float((np.sum(resampled <= 0.0) + 1) / (BOOTSTRAP_DRAWS + 1))
@@ -225,7 +225,7 @@ def span_json(span_s: tuple[float, float] | None) -> dict[str, str] | None:
     """
     if span_s is None:
         return None
-    return {"from": stamp(span_s[0]), "to": stamp(span_s[1])}
+    return {"from": iso_time(span_s[0]), "to": iso_time(span_s[1])}
 
 
 def curve_json(curve: BinnedResidual) -> dict[str, Any]:

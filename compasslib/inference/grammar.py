@@ -15,17 +15,17 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from compasslib.effects.composed import (
-    ACTED_ON,
     DRIVERS,
     FORMS,
     LOBES,
+    TARGETS,
     TIDE_S,
-    Composed,
-    composed,
-    driven,
-    placed,
+    ComposedEffect,
+    compose_effect,
+    driver_series,
+    place_effect,
 )
-from compasslib.effects.term import DAY_S, USUAL_DEG, Scene
+from compasslib.effects.effect import DAY_S, USUAL_DEG, Scene
 from compasslib.inference import covariates, design
 from compasslib.inference.design import FittedModel
 from compasslib.types import Floats
@@ -56,7 +56,7 @@ MOST_NUMBERS = 1_500_000  # of columns that are held at once, which sets the mem
 class Found:
     """A composition that may be there."""
 
-    term: Composed
+    term: ComposedEffect
     log_share: float  # of the odds of one effect
     usual: Floats  # (p,) standard deviation that is expected of each parameter
     moved: bool = False  # whether it is at a place between those that are tried of all
@@ -67,8 +67,8 @@ def screen(state: FittedModel) -> list[Found]:
     if not state.case.has_slow_noise:
         return []
     acted = {
-        name: design.term_columns(state, composed(name, "time", "always")()).columns
-        for name in ACTED_ON
+        name: design.term_columns(state, compose_effect(name, "time", "always")()).columns
+        for name in TARGETS
         if _acts(name, state)
     }
     places = _places(state.case.scene, state.case.units)
@@ -84,12 +84,12 @@ def screen(state: FittedModel) -> list[Found]:
                 driver, form, at = batch.places[k]
                 alike = forms[name][driver] * len(places[driver, form])
                 log_count = float(np.log(len(acted) * len(forms[name]) * alike))
-                term = placed(composed(name, driver, form), *at)
+                term = place_effect(compose_effect(name, driver, form), *at)
                 tried.append((gain - log_count, Found(term, -log_count, expected)))
     return _best(tried)
 
 
-def near(term: Composed, scene: Scene) -> list[Composed]:
+def near(term: ComposedEffect, scene: Scene) -> list[ComposedEffect]:
     """Return a composition at places around its own, at no size.
 
     Args:
@@ -105,7 +105,7 @@ def near(term: Composed, scene: Scene) -> list[Composed]:
     return [replace(bare, **dict(zip(places, one, strict=True))) for one in itertools.product(*tried)]
 
 
-def spacings(term: Composed, scene: Scene) -> dict[str, float]:
+def spacings(term: ComposedEffect, scene: Scene) -> dict[str, float]:
     """Return how far apart the places of a composition were tried in the end, by their names, dates left out.
 
     Args:
@@ -118,16 +118,16 @@ def spacings(term: Composed, scene: Scene) -> dict[str, float]:
     return {name: apart * steps.get(name, abs(float(getattr(term, name))) * float(np.log(2.0))) for name in names}
 
 
-def _steps(term: Composed, scene: Scene) -> dict[str, float]:
+def _steps(term: ComposedEffect, scene: Scene) -> dict[str, float]:
     """Return the distance of the places that are tried of all, those that are tried in proportion left out."""
-    spread, span = float(np.std(driven(scene, term.composition[1]))), float(np.ptp(scene.time_s))
+    spread, span = float(np.std(driver_series(scene, term.composition[1]))), float(np.ptp(scene.time_s))
     return {
         "begin_s": span / (EDGES + 1), "end_s": span / (EDGES + 1), "centre_deg": 360.0 / SECTORS,
         "threshold": spread / 3.0, "middle": spread / 2.0,
     }  # fmt: skip
 
 
-def rivals(term: Composed, composed: Sequence[Found]) -> list[Found]:
+def rivals(term: ComposedEffect, composed: Sequence[Found]) -> list[Found]:
     """Return a composition and others of its driver, those that have places, each kind at its best place so far."""
     alike = [one for one in composed if one.term.composition[1] == term.composition[1] and one.term.placed]
     coarse, moved = ([one for one in alike if one.moved is is_moved] for is_moved in (False, True))
@@ -153,7 +153,7 @@ def _best(tried: list[tuple[float, Found]]) -> list[Found]:
 
 def _acts(name: str, state: FittedModel) -> bool:
     """Tell whether the recording has what must be known to act on something."""
-    return all(one in state.case.scene.departures for one in ACTED_ON[name].needs)
+    return all(one in state.case.scene.departures for one in TARGETS[name].needs)
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def _batches(state: FittedModel, places: Mapping[tuple[str, str], Sequence[tuple
     for _, alike in itertools.groupby(places, key=lambda one: len(FORMS[one[1]].suffixes)):
         every = [(*one, at) for one in alike for at in places[one]]
         for own in (every[k : k + most] for k in range(0, len(every), most)):
-            terms = [placed(composed("reading", driver, form), *at) for driver, form, at in own]
+            terms = [place_effect(compose_effect("reading", driver, form), *at) for driver, form, at in own]
             makers = [term.series if term.composition[2] == "memory" else term.made for term in terms]  # slow: kept
             series = np.stack([make(scene, state.case.recorded_deg) for make in makers], axis=1)
             yield Batch(own, series.astype(np.float32), series**2)
@@ -242,7 +242,7 @@ def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list
 
 def _places_of(scene: Scene, driver: str, form: str) -> list[tuple[float, ...]]:
     """Return the places at which a form is tried."""
-    time_s, x = scene.time_s, driven(scene, driver)
+    time_s, x = scene.time_s, driver_series(scene, driver)
     span, width = float(np.ptp(time_s)), float(np.std(x))
     if form == "threshold":
         return [(float(one),) for one in np.unique(np.quantile(x, THRESHOLDS))]

@@ -13,16 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compasslib.effects import COMPOSED, SLOW_WATER, Term, composition, side_of
-from compasslib.effects.composed import Composed
-from compasslib.effects.term import HOUR_S
+from compasslib.effects import COMPOSED, SLOW_WATER, Effect, side_of
+from compasslib.effects.composed import ComposedEffect
+from compasslib.effects.effect import HOUR_S
+from compasslib.effects.forward import heading_jacobian
 from compasslib.inference import design, evidence, grammar, noise
 from compasslib.inference.design import Estimate, FittedModel, Products
 from compasslib.inference.evidence import Candidates
 from compasslib.inference.grammar import Found
 from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
 from compasslib.inference.posterior import FAR, Hypothesis, Posterior, Slot, joint_odds, whole_odds
-from compasslib.statistics import whitening
+from compasslib.statistics.whitening import correlation_time, sampling_interval_s, scaled_inverse
 from compasslib.types import Floats
 
 NINE_IN_TEN = 1.28  # normal score of it
@@ -171,7 +172,7 @@ def detectable(found: BesideWater) -> dict[str, float]:
             min(candidates.kinds.count(candidates.kinds[k]), NEIGHBOURS)
         )
         needed = np.sqrt(2.0 * (charge + 0.5 * np.linalg.slogdet(information + np.eye(len(part)))[1]))
-        unit = np.trace(whitening.inverse(information) @ candidates.visible[np.ix_(part, part)]) / len(part)
+        unit = np.trace(scaled_inverse(information) @ candidates.visible[np.ix_(part, part)]) / len(part)
         if group.name not in taken and not group.name.startswith(COMPOSED):
             sizes.setdefault(group.name, []).append((needed + NINE_IN_TEN) * float(np.sqrt(unit)))
     return {name: float(np.median(size)) for name, size in sizes.items()}
@@ -244,7 +245,7 @@ class Inference:
         steps, covariances = [], []
         for water in found.waters:
             products = evidence.beside(information, score, len(scale), slow, water)
-            covariances.append(whitening.inverse(products.information + ridge))
+            covariances.append(scaled_inverse(products.information + ridge))
             steps.append(covariances[-1] @ products.score)
         weight = found.water_probability
         step = np.array(steps) - weight @ np.array(steps)
@@ -264,7 +265,7 @@ class Inference:
         best = found.hypotheses[max(some, key=lambda i: float(found.probability[i]))]
         terms = found.candidates.terms(found.candidates.beside(found.water_of(best)), best)
         term = next(one for one in terms if one.name == effect)
-        assert isinstance(term, Composed)
+        assert isinstance(term, ComposedEffect)
         return COMPOSED + "/".join(term.said())
 
     def only(self, kept: Sequence[bool]) -> Inference:
@@ -369,7 +370,7 @@ def _moved(state: FittedModel, composed: Sequence[Found]) -> tuple[FittedModel, 
     """
     kept, terms = list(composed), list(state.simulation.terms)
     for k, term in enumerate(terms):
-        if not isinstance(term, Composed) or not term.name.startswith(COMPOSED):
+        if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
             continue
         free = design.refit(state, [other for j, other in enumerate(terms) if j != k])
         for rival in grammar.rivals(term, kept):
@@ -383,15 +384,15 @@ def _moved(state: FittedModel, composed: Sequence[Found]) -> tuple[FittedModel, 
 
 def _expecting(state: FittedModel, composed: Sequence[Found]) -> FittedModel:
     """Return the state with what is expected of compositions among what is expected."""
-    usual: dict[type[Term], Floats] = {type(one.term): one.usual for one in composed}
+    usual: dict[type[Effect], Floats] = {type(one.term): one.usual for one in composed}
     return replace(state, case=replace(state.case, usual={**usual, **state.case.usual}))
 
 
-def _kinds(terms: Sequence[Term | None]) -> frozenset[type]:
+def _kinds(terms: Sequence[Effect | None]) -> frozenset[type]:
     return frozenset(map(type, terms))
 
 
-def _of_compass(term: Term | None) -> bool:
+def _of_compass(term: Effect | None) -> bool:
     return term is not None and term.side not in ("water", "reference")
 
 
@@ -466,7 +467,7 @@ def _gathered(
 def viewed(state: FittedModel) -> tuple[FittedModel, FittedModel]:
     """Return a state without slow water and with its terms given back to the residual, and one for slopes half way."""
     quiet, half = replace(state.case, louder=None), design.midpoint_linearization(state)
-    slopes = composition.derivative(half.simulation, quiet.scene, half.heading_deg, first=5)
+    slopes = heading_jacobian(half.simulation, quiet.scene, half.heading_deg, first=5)
     effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]
     return design.evaluate_model(quiet, state.simulation, state.nuisance, freed_deg=effect), half
 
@@ -475,8 +476,8 @@ def noise_of(found: Inference) -> dict[str, tuple[float, float]]:
     """Return what the noise was found to be, each number with its standard error."""
     state, weight = found.state, found.posterior.water_probability
     time_s = state.case.scene.time_s
-    hours, step = float(np.ptp(time_s)) / HOUR_S, whitening.step_s(time_s) / HOUR_S
-    short = whitening.memory(state.whitener) * step
+    hours, step = float(np.ptp(time_s)) / HOUR_S, sampling_interval_s(time_s) / HOUR_S
+    short = correlation_time(state.whitener) * step
     width = state.whitener.width_deg
     white = float(np.median(width[np.isfinite(width)]))
     result = {

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from compasslib.deviation import prior as priors
-from compasslib.deviation.model import LETTERS
-from compasslib.deviation.prior import Prior
-from compasslib.effects.composition import Simulation
+from compasslib.deviation.model import LETTERS, CoefficientPrior, prior_from_json
+from compasslib.effects.forward import ForwardModel
 from compasslib.inference import joint_compass, joint_effects, product, wording
 from compasslib.inference.comparison import SharedInformation
 from compasslib.inference.diagnosis import Diagnosis, insufficient
@@ -33,7 +31,7 @@ class SiblingInformation:
     compass: str
     others: tuple[str, ...]
     sigma_between_nT: float
-    prior: Prior
+    prior: CoefficientPrior
     effects: SharedInformation  # in the parameters' own units
 
     def block(self, text: str) -> dict[str, Any]:
@@ -59,7 +57,7 @@ def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformatio
         joint_compass.effect_class(form): (np.array(entry["information"]), np.array(entry["score"]))
         for form, entry in block["effects"].items()
     }
-    prior = priors.from_json(block["prior"])
+    prior = prior_from_json(block["prior"])
     assert prior is not None
     return SiblingInformation(content["compass"], tuple(block["from"]), content["sigma_between"], prior, effects)
 
@@ -84,7 +82,7 @@ def apply_shared_effects(
     needed = sorted({name for term in terms for name in term.needs})
     references = {name: float(np.nanmean(logged[name])) for name in needed if name in logged}
     known = AppliedCompass(
-        simulation=Simulation(made.fit.coefficients, float(np.mean(field.horizontal_nT)), tuple(terms)),
+        simulation=ForwardModel(made.fit.coefficients, float(np.mean(field.horizontal_nT)), tuple(terms)),
         covariance=block_diag(*covariances),
         references=references | {"time": float(field.time_s[0])},
         logged=tuple(references),

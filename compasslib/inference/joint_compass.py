@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
-from compasslib.deviation.model import LETTERS
-from compasslib.deviation.prior import Prior
-from compasslib.effects import Term, all_terms
+from compasslib.deviation.model import LETTERS, CoefficientPrior
+from compasslib.effects import Effect, all_effects
 from compasslib.inference.design import Products
 from compasslib.types import Floats
 
@@ -173,9 +172,9 @@ class RecordInformation:
         }
 
 
-def effect_class(form: str) -> type[Term]:
+def effect_class(form: str) -> type[Effect]:
     """Return the class of an effect by its name."""
-    return next(kind for kind in all_terms() if kind.__name__ == form)
+    return next(kind for kind in all_effects() if kind.__name__ == form)
 
 
 @dataclass(frozen=True)
@@ -244,7 +243,7 @@ class JointCompass:
             return ()
         return tuple(other for other in self.consistent if other != name)
 
-    def prior(self, name: str) -> Prior | None:
+    def prior(self, name: str) -> CoefficientPrior | None:
         """Return what the others tell of a record's A..E, None where they tell nothing."""
         this_member = next(member for member in self.members if member.name == name)
         others = self._those(self.others(name))
@@ -258,7 +257,7 @@ class JointCompass:
         )
         if not this_member.tells:
             mean[0], precision[0, 0] = _mounting(others)
-        return Prior(mean, precision)
+        return CoefficientPrior(mean, precision)
 
     def _those(self, names: Sequence[str]) -> list[Member]:
         return [member for member in self.members if member.name in names]

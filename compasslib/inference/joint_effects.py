@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.deviation import spread
-from compasslib.deviation.model import Fit
-from compasslib.effects import SLOW_WATER, Term, composition
-from compasslib.effects.term import YEAR_S, slices
+from compasslib.deviation.exact import positive_part
+from compasslib.deviation.model import DeviationFit
+from compasslib.effects import SLOW_WATER, Effect
+from compasslib.effects.effect import YEAR_S, parameter_slices
+from compasslib.effects.forward import heading_jacobian
 from compasslib.inference import evidence as evidences
 from compasslib.inference import inference, joint_compass, posterior
 from compasslib.inference import noise as noise_models
@@ -29,7 +30,7 @@ from compasslib.inference.design import Products
 from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation
 from compasslib.inference.posterior import Hypothesis, Posterior
-from compasslib.statistics import robust
+from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
 MOST_SHARED_NOISE, LEAST_NOISE_PROBABILITY = 8, 1e-3  # kinds of slow water that are told, and their least probability
@@ -44,7 +45,7 @@ NEWTON_STEPS = 5  # to the likeliest amplitudes beside every kind of water
 MOST_LOG = 700.0
 
 
-def record_information(inferred: Inference, fit: Fit) -> RecordInformation:
+def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformation:
     """Return what was inferred of a record.
 
     Args:
@@ -57,11 +58,11 @@ def record_information(inferred: Inference, fit: Fit) -> RecordInformation:
     mean = weights @ centres
     inner = np.einsum("h,hij->ij", weights, np.array([covariance for _, _, covariance in each]))
     covariance = inner + (weights[:, None] * (centres - mean)).T @ (centres - mean)
-    covariance += spread.positive_part(fit.covariance[:5, :5] - covariance)
+    covariance += positive_part(fit.covariance[:5, :5] - covariance)
     return RecordInformation(mean, covariance, _effect_information(inferred))
 
 
-def fit_information(fit: Fit) -> RecordInformation | None:
+def fit_information(fit: DeviationFit) -> RecordInformation | None:
     """Return what a fit tells where nothing was searched, None where nothing was fitted."""
     known = fit.fitted and fit.method == "exact"
     return RecordInformation(fit.coefficients, fit.covariance[:5, :5], None) if known else None
@@ -104,14 +105,14 @@ def _effect_information(inferred: Inference) -> EffectInformation:
         uneven=np.concatenate([np.zeros(0), *each]),
         visible=visible.T @ visible / max(len(visible), 1),
         conditional=tuple(conditional),
-        residual_deg=robust.width(state.residual_deg[np.isfinite(state.residual_deg)]),
+        residual_deg=robust_width(state.residual_deg[np.isfinite(state.residual_deg)]),
         n=len(state.case),
     )
 
 
 def _record_only_columns(half: Any) -> Floats:
     """Return the columns of the terms that stand in the record and are its own."""
-    slopes = np.nan_to_num(composition.derivative(half.simulation, half.case.scene, half.heading_deg, first=5))
+    slopes = np.nan_to_num(heading_jacobian(half.simulation, half.case.scene, half.heading_deg, first=5))
     chosen = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
     return np.asarray(slopes[:, np.concatenate([np.zeros(0, dtype=bool), *chosen])])
 
@@ -154,7 +155,7 @@ class Mode:
 class SharedAmplitude:
     """An effect that the records share."""
 
-    kind: type[Term]
+    kind: type[Effect]
     values: Floats  # (k,) of the fitted parameters
     covariance: Floats  # (k, k)
     rms_effect_deg: float
@@ -168,7 +169,7 @@ class SharedAmplitude:
 class SharedEffects:
     """What the records of one compass show together."""
 
-    kinds: tuple[type[Term], ...]
+    kinds: tuple[type[Effect], ...]
     records: tuple[str, ...]
     amplitudes: tuple[SharedAmplitude, ...]
     acting: dict[str, float]  # probability that all records share it, of every effect
@@ -183,7 +184,7 @@ class JointEvidence:
         self.members = [member for member in members if member.effects is not None]
         forms = dict.fromkeys(form for member in self.members if member.effects for form in member.effects.forms)
         self.kinds = tuple(joint_compass.effect_class(form) for form in forms)
-        self.parts = [np.r_[columns] for columns in slices(self.kinds)]
+        self.parts = [np.r_[columns] for columns in parameter_slices(self.kinds)]
         self.count = sum(len(part) for part in self.parts)
         self.usual = self._usual(list(forms))
         self.records = [self._record(member, list(forms)) for member in self.members]

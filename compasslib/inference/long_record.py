@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.calibrations import observatory
-from compasslib.deviation.model import Fit
-from compasslib.effects import Term, composition
-from compasslib.effects.composed import Composed
-from compasslib.effects.term import DAY_S, slices
+from compasslib.deviation.model import DeviationFit
+from compasslib.effects import Effect
+from compasslib.effects.composed import ComposedEffect
+from compasslib.effects.effect import DAY_S, parameter_slices
+from compasslib.effects.forward import north_shift
 from compasslib.inference import comparison as comparisons
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import design, diagnosis, experiments, finding, grammar, inference, joint_effects, omnibus
@@ -32,7 +33,8 @@ from compasslib.inference.inference import Inference
 from compasslib.inference.omnibus import HeadingCluster, OmnibusResult
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.wording import TURN_PREFIX
-from compasslib.statistics import blocks, whitening
+from compasslib.statistics.resampling import blocks_by_count, blocks_by_span
+from compasslib.statistics.whitening import orthonormal_basis, scaled_inverse
 from compasslib.types import Floats
 
 OMNIBUS_SHARE = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
@@ -43,7 +45,7 @@ LEAST_REWEIGHED = 1e-4  # probability below which a hypothesis is not weighed ag
 MOST_REWEIGHED, MOST_NOISE_REWEIGHED = 200, 12  # hypotheses and kinds of water that are weighed again: seconds only
 
 
-def diagnose(case: LongComparison, options: Options, fit: Fit | None = None) -> Diagnosis:
+def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
     """Return the diagnosis of a long record that is held against its simulation.
 
     Args:
@@ -59,7 +61,7 @@ def diagnose(case: LongComparison, options: Options, fit: Fit | None = None) -> 
         return diagnosis.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
 
 
-def _diagnose(case: LongComparison, options: Options, fit: Fit | None) -> Diagnosis:
+def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
     none = np.zeros(case.nuisance.shape[1])
     empty = design.evaluate_model(case, case.simulation, none)
     cluster = omnibus.sticking_sector(empty)
@@ -142,11 +144,11 @@ def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: Colum
     Args:
         curve: what is left beside the names; free to be anything, it takes what they only stood for.
     """
-    free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, whitening.orthonormal(curve.columns)]))
+    free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, orthonormal_basis(curve.columns)]))
     zero = np.zeros(free.nuisance.shape[1])
     with_curve = inference.infer(design.refit(design.evaluate_model(free, empty.simulation, zero), []), options.alarm)
     standing = {type(term) for term in with_curve.state.simulation.terms}
-    return inferred.only([type(term) in standing or term.evident for term in inferred.state.simulation.terms])
+    return inferred.only([type(term) in standing or term.always_present for term in inferred.state.simulation.terms])
 
 
 def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
@@ -186,7 +188,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats) -> Finding:
         for j, (name, value, s) in enumerate(zip(term.fitted(), term.values, sigma, strict=True))
         if value or s > NO_SIGMA  # a third battery that never came has neither
     }
-    if isinstance(term, Composed):
+    if isinstance(term, ComposedEffect):
         parameters |= _place_parameters(inferred, term)
     span = _active_span(state, term)
     built = comparisons.build_finding(
@@ -202,7 +204,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats) -> Finding:
     return replace(built, applied=term.side == "compass")
 
 
-def _place_parameters(inferred: Inference, term: Composed) -> dict[str, Parameter]:
+def _place_parameters(inferred: Inference, term: ComposedEffect) -> dict[str, Parameter]:
     """Return where along its driver a composition acts: dates are told apart, what is counted from a mean is not.
 
     How sure a place is tell the probabilities of the other places that were tried, and the spacing between them.
@@ -228,13 +230,13 @@ def _place_parameters(inferred: Inference, term: Composed) -> dict[str, Paramete
     return result
 
 
-def _active_span(state: FittedModel, term: Term) -> tuple[float, float]:
+def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
     """Return when an effect acts: a storm has dates, everything else lasts."""
     scene, always = state.case.scene, state.case.span_s
     if set(covariate_series.OBSERVATORY) & set(term.needs):
-        moved = composition.north(replace(state.simulation, terms=(term,)), scene)
+        moved = north_shift(replace(state.simulation, terms=(term,)), scene)
         return observatory.strongest_disturbance(scene.time_s, np.broadcast_to(moved, scene.time_s.shape))
-    if isinstance(term, Composed):
+    if isinstance(term, ComposedEffect):
         return term.span(*always)
     if set(covariate_series.TILT_CORRECTIONS) <= set(term.needs):
         leaning = np.flatnonzero(scene.departures[covariate_series.TILT_CORRECTIONS[0]])
@@ -271,7 +273,7 @@ def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass
     if not terms:
         return None
     estimate = inferred.estimate(state)
-    places = zip(terms, slices(terms, 5), strict=True)
+    places = zip(terms, parameter_slices(terms, 5), strict=True)
     index = np.r_[:5, *(columns for term, columns in places if term.side == "compass")]
     simulation = replace(state.simulation, terms=tuple(term for term in terms if term.side == "compass"))
     means = covariate_series.reference_values(state.case.covariates)
@@ -344,8 +346,8 @@ def cross_validate(inferred: Inference, k: int) -> HeldOut:
     time_s = state.case.scene.time_s
     share = (term.date - time_s[0]) / np.ptp(time_s) if term.dated() else 0.5
     lasting = 1.0 / finding.FOLDS < share < 1.0 - 1.0 / finding.FOLDS
-    block = blocks.of_span(time_s, finding.HELD_OUT_BLOCK_S)
-    fold = blocks.in_time(time_s, finding.FOLDS) if lasting else block % finding.FOLDS
+    block = blocks_by_span(time_s, finding.HELD_OUT_BLOCK_S)
+    fold = blocks_by_count(time_s, finding.FOLDS) if lasting else block % finding.FOLDS
     each, rms_deg = _fold_gains(state, k, fold)
     refitted = _refit_gain(inferred, {term.name, *inferred.slots[k].alternatives}, fold)
     method = "fifths" if lasting else "within_event"
@@ -376,7 +378,7 @@ def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Flo
     parameters = state.simulation.parameters
     values[5 : len(parameters)] = parameters[5:]
     term_columns = np.zeros(len(values), dtype=bool)
-    term_columns[slices(state.simulation.terms, 5)[k]] = True
+    term_columns[parameter_slices(state.simulation.terms, 5)[k]] = True
     white = state.whitener(state.base)
     target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
     total = state.residual_deg + state.base @ values
@@ -395,5 +397,5 @@ def _fold_values(white: Floats, target: Floats, ridge: Floats, fold: NDArray[np.
     for f in np.unique(fold):
         out = fold == f
         training = white[~out]
-        values[out] = whitening.inverse(training.T @ training + np.diag(ridge)) @ (training.T @ target[~out])
+        values[out] = scaled_inverse(training.T @ training + np.diag(ridge)) @ (training.T @ target[~out])
     return values

@@ -18,13 +18,13 @@ import numpy as np
 from compasslib import angles
 from compasslib.calibrations import observatory
 from compasslib.effects.earth import IndexedDisturbance
-from compasslib.effects.term import DAY_S
+from compasslib.effects.effect import DAY_S
 from compasslib.inference import covariates, finding
 from compasslib.inference.comparison import CANCELS, LongComparison, tide_waves
 from compasslib.inference.design import FittedModel
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
-from compasslib.records import stamp
-from compasslib.statistics.whitening import Louder
+from compasslib.records import iso_time
+from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
 SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
@@ -129,7 +129,7 @@ def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:
     return np.concatenate([waves * north[:, None], -waves * east[:, None]], axis=1)
 
 
-def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoiseParams) -> Louder | None:
+def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoiseParams) -> LowRankNoise | None:
     """Return slow water as directions in which the whitened noise of a recording is louder; None where it is none.
 
     Args:
@@ -144,7 +144,7 @@ def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoisePara
     values, vectors = np.linalg.eigh(white.T @ white)
     loud = values > LEAST_LOUD_VARIANCE
     basis = white @ vectors[:, loud] / np.sqrt(values[loud])
-    return Louder(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
+    return LowRankNoise(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ def _storm_text_finding(state: FittedModel, size: Parameter, rms_deg: float, pro
     low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
     span = observatory.strongest_disturbance(time_s, index)
     place = CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}")
-    first, last = (stamp(date)[:10] for date in span)
+    first, last = (iso_time(date)[:10] for date in span)
     text = (
         f"W{place.text[1:]}, most of all from {first} to {last}: {STORM_PHYSICS}. Directions scatter with it by "
         f"{rms_deg:.1f}° rms, {size.value:.2g} ± {1.96 * size.sigma:.1g} nT (95 %) for one unit of ap; "

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.effects.reading import HeadingSlip
+from compasslib.effects.readout import HeadingSlip
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import design as designs
 from compasslib.inference import finding
 from compasslib.inference.comparison import TIDE_PERIODS_H, LongComparison
 from compasslib.inference.design import ColumnGroup, FittedModel, step_columns
-from compasslib.statistics import blocks
-from compasslib.statistics.whitening import directions, inverse
+from compasslib.statistics.resampling import block_scores, blocks_by_span, resample_blocks
+from compasslib.statistics.whitening import scaled_inverse, whitened_basis
 from compasslib.types import Floats
 
 COVARIATE_KNOTS = 8  # of a covariate's splines: what the omnibus sees
@@ -240,7 +240,7 @@ def score_tests(state: FittedModel, groups: Sequence[ColumnGroup], seed: int = 0
     ends = np.cumsum([group.columns.shape[1] for group in groups])
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
     parts = np.split(white, ends[:-1], axis=1)
-    bases = [directions(part) for part in parts]
+    bases = [whitened_basis(part) for part in parts]
     determined = [k for k, basis in enumerate(bases) if basis.shape[1]]
     groups, bases = [groups[k] for k in determined], [bases[k] for k in determined]
     freedom = np.array([basis.shape[1] for basis in bases], dtype=float)
@@ -267,7 +267,7 @@ def group_size_deg(state: FittedModel, group: ColumnGroup, inflation: float) -> 
 def solve_group(state: FittedModel, group: ColumnGroup) -> tuple[Floats, Floats]:
     """Return the values of columns fitted to the residual, and their covariance."""
     white = state.whiten_and_project(group.columns)
-    inverted = inverse(white.T @ white)
+    inverted = scaled_inverse(white.T @ white)
     return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
 
 
@@ -277,12 +277,12 @@ def _resample_noise(state: FittedModel, seed: int, repeats: int = NOISE_DRAWS) -
     What changes over weeks is taken out first: a real drift must not raise the bar for itself.
     """
     counts = np.isfinite(state.whitener.width_deg)
-    trend = directions(state.whiten_and_project(designs.slow_hats(state.case.scene.time_s).astype(np.float32)))
+    trend = whitened_basis(state.whiten_and_project(designs.slow_hats(state.case.scene.time_s).astype(np.float32)))
     innovation = (state.innovation - trend @ (trend.T @ state.innovation))[counts].astype(np.float32)
     step = float(np.median(np.diff(state.case.scene.time_s)))
     length = int(np.clip(finding.HELD_OUT_BLOCK_S / step, 5, max(len(innovation) // 10, 5)))
     result = np.zeros((repeats, len(counts)), dtype=np.float32)
-    result[:, counts] = blocks.drawn(innovation, length, repeats, seed)
+    result[:, counts] = resample_blocks(innovation, length, repeats, seed)
     return result
 
 
@@ -295,8 +295,8 @@ def _cluster_inflation(state: FittedModel, basis: Floats) -> float:
     Args:
         basis: the group's whitened columns, orthonormal, (n, k).
     """
-    block = blocks.of_span(state.case.scene.time_s, finding.RESIDUAL_MEMORY_S)
-    scores = blocks.scores(basis, state.innovation, block)
+    block = blocks_by_span(state.case.scene.time_s, finding.RESIDUAL_MEMORY_S)
+    scores = block_scores(basis, state.innovation, block)
     return float(np.sum(scores**2)) / basis.shape[1] / state.sigma**2 * len(scores) / max(len(scores) - 1, 1)
 
 
@@ -329,7 +329,7 @@ def _wave_basis(state: FittedModel, number: NDArray[np.intp]) -> Floats:
     """Return an orthonormal basis of waves over the record, projected."""
     time_s = state.case.scene.time_s
     phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
-    return directions(state.whiten_and_project(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
+    return whitened_basis(state.whiten_and_project(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
 
 
 @dataclass(frozen=True)

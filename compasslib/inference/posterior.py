@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from compasslib.effects import COMPOSED, Term, side_of
-from compasslib.effects.composed import Composed
+from compasslib.effects import COMPOSED, Effect, side_of
+from compasslib.effects.composed import ComposedEffect
 from compasslib.types import Floats
 
 Hypothesis = tuple[int, ...]  # numbers of candidates
@@ -125,19 +125,19 @@ class Posterior:
         return names
 
 
-def whole_odds(kinds: Sequence[type[Term]], alarm: float) -> list[float]:
+def whole_odds(kinds: Sequence[type[Effect]], alarm: float) -> list[float]:
     """Return the log odds beforehand of the effect of each candidate, all its forms and places together.
 
     Args:
         alarm: probability that noise alone is allowed to give a name.
     """
-    return [0.0 if kind.evident else float(np.log(alarm * _odds(kind))) for kind in kinds]
+    return [0.0 if kind.always_present else float(np.log(alarm * _odds(kind))) for kind in kinds]
 
 
-def _odds(kind: type[Term]) -> float:
+def _odds(kind: type[Effect]) -> float:
     if kind.name.startswith(COMPOSED):
         return ODDS_OF_COMPOSED
-    return ODDS_OF_WATER if side_of(kind.name) == "water" and not issubclass(kind, Composed) else ODDS
+    return ODDS_OF_WATER if side_of(kind.name) == "water" and not issubclass(kind, ComposedEffect) else ODDS
 
 
 def joint_odds(each: Sequence[float]) -> float:

@@ -12,13 +12,19 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation import doubts, model, spread
-from compasslib.deviation.along import Along
-from compasslib.deviation.along import of_fit as along_of_fit
-from compasslib.deviation.doubts import Doubt
-from compasslib.deviation.model import Fit
-from compasslib.effects import Scene, composition
-from compasslib.effects.composition import Simulation
+from compasslib.deviation.doubts import Doubt, doubts_from_json
+from compasslib.deviation.exact import positive_part
+from compasslib.deviation.model import LETTERS, DeviationFit, fit_from_json, nearest_root, observed_heading
+from compasslib.deviation.tilt import CompassSeries
+from compasslib.deviation.tilt import compass_series as along_of_fit
+from compasslib.effects import Scene
+from compasslib.effects.forward import (
+    ForwardModel,
+    coefficients_with_effects,
+    heading_jacobian,
+    invert_readout,
+    north_shift,
+)
 from compasslib.inference import covariates
 from compasslib.records import BAD, EarthField, Pairs, Readings, Record, take
 from compasslib.types import Floats
@@ -34,7 +40,7 @@ Series = Mapping[str, Floats]
 class AppliedCompass:
     """A compass with terms, fitted to a record."""
 
-    simulation: Simulation
+    simulation: ForwardModel
     covariance: Floats  # (p, p) of A..E and the terms' parameters
     references: Mapping[str, float]  # what the terms' departures count from, by covariate
     logged: tuple[str, ...]  # series beside heading and tilt without which the terms cannot be applied
@@ -70,25 +76,25 @@ class AppliedCompass:
         pitch, roll = (np.nan_to_num(x) for x in tilt_deg)
         return Scene(time_s, h, z, pitch, roll, self.references["time"], series_used)
 
-    def along(self, scene: Scene, recorded_deg: Floats) -> Along:
+    def along(self, scene: Scene, recorded_deg: Floats) -> CompassSeries:
         """Return the compass at every sample.
 
         Args:
             recorded_deg: recorded headings, (n,), degrees, NaN where there is none.
         """
-        return Along(
-            reading_deg=composition.undone_readout(self.simulation, scene, recorded_deg),
-            coefficients=composition.coefficients_at(self.simulation, scene),
+        return CompassSeries(
+            reading_deg=invert_readout(self.simulation, scene, recorded_deg),
+            coefficients=coefficients_with_effects(self.simulation, scene),
             covariance=self.covariance,
-            sensitivity=lambda heading_deg: composition.derivative(self.simulation, scene, heading_deg),
-            north_deg=composition.north(self.simulation, scene),
+            sensitivity=lambda heading_deg: heading_jacobian(self.simulation, scene, heading_deg),
+            north_deg=north_shift(self.simulation, scene),
             tilted=any(term.name == "heeling" for term in self.simulation.terms),
         )
 
     def to_json(self) -> dict[str, Any]:
         """Return it for diagnosis.json."""
         return {
-            "coefficients": dict(zip(model.LETTERS, self.simulation.coefficients.tolist(), strict=True)),
+            "coefficients": dict(zip(LETTERS, self.simulation.coefficients.tolist(), strict=True)),
             "horizontal_nT": self.simulation.horizontal_nT,
             "terms": [
                 {"effect": term.name, "form": type(term).__name__} | vars(term) for term in self.simulation.terms
@@ -113,18 +119,18 @@ class WeightedCompass:
         return {"effect": self.effect, "weight": self.weight, "compass": compass}
 
 
-def inflate_covariance(fit: Fit, covariance: Floats) -> Fit:
+def inflate_covariance(fit: DeviationFit, covariance: Floats) -> DeviationFit:
     """Return the fit with coefficients no surer than what the search makes of them, slow water being in its noise.
 
     Args:
         covariance: of A..E, (5, 5).
     """
     inflated = fit.covariance.copy()
-    inflated[:5, :5] += spread.positive_part(covariance - inflated[:5, :5])
+    inflated[:5, :5] += positive_part(covariance - inflated[:5, :5])
     return replace(fit, covariance=inflated)
 
 
-def limit_precision(member: WeightedCompass, fit: Fit) -> WeightedCompass:
+def limit_precision(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
     """Return a compass with coefficients that are no surer than the fit by itself has them.
 
     The search judges by blocks of days. These do not show water that veers for months by its direction, nor veer in
@@ -136,7 +142,7 @@ def limit_precision(member: WeightedCompass, fit: Fit) -> WeightedCompass:
     if member.compass is None:
         return member
     covariance = member.compass.covariance.copy()
-    covariance[:5, :5] += spread.positive_part(fit.covariance[:5, :5] - covariance[:5, :5])
+    covariance[:5, :5] += positive_part(fit.covariance[:5, :5] - covariance[:5, :5])
     return replace(member, compass=replace(member.compass, covariance=covariance))
 
 
@@ -144,7 +150,7 @@ def limit_precision(member: WeightedCompass, fit: Fit) -> WeightedCompass:
 class Product:
     """What corrects a record."""
 
-    fit: Fit  # the compass; the configured one where nothing was found on its side
+    fit: DeviationFit  # the compass; the configured one where nothing was found on its side
     effects: tuple[str, ...] = ()  # what the search found on the compass side and put into it
     applied: tuple[
         WeightedCompass, ...
@@ -179,16 +185,16 @@ def from_json(content: Mapping[str, Any]) -> Product:
     """Return what a deviation.json says the record is to be corrected by."""
 
     block = content["applied"]
-    left_deg, stretches = block["uncorrected_deg"], doubts.from_json(block.get("doubts", ()))
+    left_deg, stretches = block["uncorrected_deg"], doubts_from_json(block.get("doubts", ()))
     if block["fit"] is None:
-        return Product(model.from_json(content), left_deg=left_deg, doubts=stretches)
+        return Product(fit_from_json(content), left_deg=left_deg, doubts=stretches)
     applied = tuple(
         WeightedCompass(
             entry["weight"], entry["effect"], None if entry["compass"] is None else _compass_from_json(entry["compass"])
         )
         for entry in block["compasses"]
     )
-    fit, effects, accounted = model.from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
+    fit, effects, accounted = fit_from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
     return Product(fit, effects, applied, accounted, left_deg, stretches)
 
 
@@ -208,14 +214,14 @@ def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: Eart
     )
     if at is None or product.applied[0].compass is None:
         return pairs
-    heading = model.nearest_root(at.roots(), model.observed_heading(pairs))
+    heading = nearest_root(at.roots(), observed_heading(pairs))
     recorded = compass.recorded_heading(product.fit.coefficients, heading)
     shift = np.nan_to_num(angles.difference(recorded, pairs.heading_deg))
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, shift)
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg + shift), upper_east=east, upper_north=north)
 
 
-def compass_along_record(product: Product, record: Record, field: EarthField, series: Series) -> Along | None:
+def compass_along_record(product: Product, record: Record, field: EarthField, series: Series) -> CompassSeries | None:
     """Return the compass at every sample of the record, None where the fit by itself says it.
 
     Args:
@@ -239,18 +245,18 @@ def compass_along_record(product: Product, record: Record, field: EarthField, se
 
 def _compass_from_json(content: Mapping[str, Any]) -> AppliedCompass:
     # Here, because most of a correcting job's imports are the catalogue, and not every product has effects.
-    from compasslib import effects as physics
-    from compasslib.effects import composed
-    from compasslib.effects.composition import Simulation
+    from compasslib.effects import all_effects
+    from compasslib.effects.composed import effect_by_name
+    from compasslib.effects.forward import ForwardModel
 
-    forms, terms = {term.__name__: term for term in physics.all_terms()}, []
+    forms, terms = {term.__name__: term for term in all_effects()}, []
     for entry in content["terms"]:
         values = {name: value for name, value in entry.items() if name not in ("effect", "form")}
-        form = forms[entry["form"]] if entry["form"] in forms else composed.of_name(entry["effect"])
+        form = forms[entry["form"]] if entry["form"] in forms else effect_by_name(entry["effect"])
         terms.append(form(**values))
-    coefficients = np.array([content["coefficients"][letter] for letter in model.LETTERS])
+    coefficients = np.array([content["coefficients"][letter] for letter in LETTERS])
     return AppliedCompass(
-        simulation=Simulation(coefficients, content["horizontal_nT"], tuple(terms)),
+        simulation=ForwardModel(coefficients, content["horizontal_nT"], tuple(terms)),
         covariance=np.array(content["covariance"]),
         references=content["references"],
         logged=tuple(content["logged"]),

@@ -13,16 +13,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from compasslib.effects.composed import hat
-from compasslib.effects.term import USUAL_DEG, Scene, Term, parameter, place
+from compasslib.effects.composed import bump
+from compasslib.effects.effect import USUAL_DEG, Effect, Scene, parameter, place_parameter
 from compasslib.inference import finding, short_fit
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
-from compasslib.statistics import arma, blocks, whitening
+from compasslib.statistics.noise import PHI, THETA, arma_innovations, arma_variance_ratio
+from compasslib.statistics.resampling import EVEN_BLOCKS, cluster_variance_inflation
+from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
 Law = tuple[float, float]  # autoregressive and moving-average coefficient
 
-LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in arma.PHI for t in arma.THETA if t >= -p)
+LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in PHI for t in THETA if t >= -p)
 WHITE: tuple[Law, ...] = ((0.0, 0.0),)
 STEADY, TINY = 1e-6, 1e-20  # what keeps an inverse steady; square below which a column is none
 
@@ -59,7 +61,7 @@ def log_evidence(channel: ShortComparison, evidences: Sequence[ShortEvidence], u
     """
     squares = np.array([evidence.squares for evidence in evidences])
     least = squares.min(axis=0)
-    first = np.array([arma.first_variance(law) for law in laws(channel)])
+    first = np.array([arma_variance_ratio(law) for law in laws(channel)])
     fit = -0.5 * _degrees_of_freedom(channel) * (
         np.log(least) + np.log1p((squares / least - 1.0) / uneven)
     ) - 0.5 * np.log(first)
@@ -87,7 +89,7 @@ def short_evidence(fitted: FittedHypothesis) -> ShortEvidence:
 
 def likeliest_law(channel: ShortComparison, evidence: ShortEvidence) -> Law:
     """Return the law of memory that makes what a hypothesis leaves likeliest."""
-    first = np.array([arma.first_variance(law) for law in laws(channel)])
+    first = np.array([arma_variance_ratio(law) for law in laws(channel)])
     return laws(channel)[int(np.argmin(_degrees_of_freedom(channel) * np.log(evidence.squares) + np.log(first)))]
 
 
@@ -107,10 +109,10 @@ def likelihood_gains(fitted: FittedHypothesis, law: Law, columns: Floats) -> Flo
         columns: of the term's parameters at each place, (n, g, p) degrees a unit.
     """
     n, places, count = columns.shape
-    base = whitening.orthonormal(arma.filtered(fitted.columns, law))
-    left = whitening.without(arma.filtered(fitted.clipped[:, None], law)[:, 0], base)
-    white = whitening.without(arma.filtered(columns.reshape(n, -1), law), base).reshape(n, places, count)
-    total = max(float(left @ left) + _huber_excess(fitted) / arma.first_variance(law), _least_square(fitted.channel))
+    base = orthonormal_basis(arma_innovations(fitted.columns, law))
+    left = project_out(arma_innovations(fitted.clipped[:, None], law)[:, 0], base)
+    white = project_out(arma_innovations(columns.reshape(n, -1), law), base).reshape(n, places, count)
+    total = max(float(left @ left) + _huber_excess(fitted) / arma_variance_ratio(law), _least_square(fitted.channel))
     length = np.sqrt(np.maximum(np.einsum("ngp,ngp->gp", white, white), TINY))
     pull = np.einsum("ngp,n->gp", white, left) / length
     alike = np.einsum("ngp,ngq->gpq", white, white) / (length[:, :, None] * length[:, None, :])
@@ -130,16 +132,16 @@ def cluster_inflation(fitted: FittedHypothesis, law: Law, groups: list[Floats]) 
     channel = fitted.channel
     if channel.independent or not groups:
         return 1.0
-    base = whitening.orthonormal(arma.filtered(fitted.columns, law))
-    left = whitening.without(arma.filtered(fitted.clipped[:, None], law)[:, 0], base)
+    base = orthonormal_basis(arma_innovations(fitted.columns, law))
+    left = project_out(arma_innovations(fitted.clipped[:, None], law)[:, 0], base)
     variance = max(float(left @ left), _least_square(channel)) / _degrees_of_freedom(channel)
     block, ratios = short_fit.memory_blocks(fitted), []
     for group in groups:
-        white = whitening.orthonormal(whitening.without(arma.filtered(group, law), base))
+        white = orthonormal_basis(project_out(arma_innovations(group, law), base))
         if white.shape[1]:
-            ratio, count = blocks.unevenness(white, left, block, variance)
-            ratios.append((count * ratio + blocks.TRUST) / (count + blocks.TRUST))
-    constant = arma.filtered(np.ones((len(channel), 1)), law)
+            ratio, count = cluster_variance_inflation(white, left, block, variance)
+            ratios.append((count * ratio + EVEN_BLOCKS) / (count + EVEN_BLOCKS))
+    constant = arma_innovations(np.ones((len(channel), 1)), law)
     middle = float(np.quantile(ratios, 0.5)) if ratios else 1.0
     return max(middle, 1.0) + channel.rule_deg**2 * float(np.sum(constant**2)) / variance
 
@@ -147,10 +149,10 @@ def cluster_inflation(fitted: FittedHypothesis, law: Law, groups: list[Floats]) 
 def _filtered_fit(fitted: FittedHypothesis, law: Law) -> tuple[float, Floats]:
     """Return the sum of squares by one law, and what is known of the terms' parameters beside a free base."""
     count = len(fitted.base)
-    white = arma.filtered(np.column_stack([fitted.columns, fitted.clipped]), law)
-    free = whitening.orthonormal(white[:, :count])
-    left, term_columns = (whitening.without(part, free) for part in (white[:, -1], white[:, count:-1]))
-    square = max(float(left @ left) + _huber_excess(fitted) / arma.first_variance(law), _least_square(fitted.channel))
+    white = arma_innovations(np.column_stack([fitted.columns, fitted.clipped]), law)
+    free = orthonormal_basis(white[:, :count])
+    left, term_columns = (project_out(part, free) for part in (white[:, -1], white[:, count:-1]))
+    square = max(float(left @ left) + _huber_excess(fitted) / arma_variance_ratio(law), _least_square(fitted.channel))
     return square, term_columns.T @ term_columns / (square / _degrees_of_freedom(fitted.channel))
 
 
@@ -170,7 +172,7 @@ def _least_square(channel: ShortComparison) -> float:
 
 
 @dataclass(frozen=True)
-class LocalOffset(Term):
+class LocalOffset(Effect):
     """The reading is off by a constant somewhere; no physics."""
 
     stage: ClassVar = "readout"
@@ -185,9 +187,9 @@ class LocalOffset(Term):
         """Tell whether a comparison shows a reading along one of the covariates."""
         return channel.reads and any(name in channel.covariates for name in cls.along)
 
-    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+    def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
         """Return the reading without the error, which is counted along the reading itself."""
-        return 2.0 * reading_deg - self.act(reading_deg, scene)
+        return 2.0 * reading_deg - self.apply(reading_deg, scene)
 
 
 @dataclass(frozen=True)
@@ -197,10 +199,10 @@ class SectorOffset(LocalOffset):
     name: ClassVar[str] = "composed:reading/heading/bump"
     along: ClassVar[tuple[str, ...]] = ("heading",)
 
-    centre_deg: float = place("degrees")
-    reach_deg: float = place("degrees")
+    centre_deg: float = place_parameter("degrees")
+    reach_deg: float = place_parameter("degrees")
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with the error."""
         return x + self.offset_deg * self.share(x)
 
@@ -210,7 +212,7 @@ class SectorOffset(LocalOffset):
         Args:
             x: readings, (n,) degrees.
         """
-        return hat(x, self.centre_deg, self.reach_deg)
+        return bump(x, self.centre_deg, self.reach_deg)
 
 
 @dataclass(frozen=True)
@@ -220,10 +222,10 @@ class SpellOffset(LocalOffset):
     name: ClassVar[str] = "composed:reading/time/box"
     along: ClassVar[tuple[str, ...]] = ("time", "reading")
 
-    begin_s: float = place("s")
-    end_s: float = place("s")
+    begin_s: float = place_parameter("s")
+    end_s: float = place_parameter("s")
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with the error."""
         return x + self.offset_deg * self.share(scene.time_s)
 
@@ -239,7 +241,7 @@ class SpellOffset(LocalOffset):
 LOCAL_OFFSETS = (SectorOffset, SpellOffset)
 
 
-def candidate_places(fitted: FittedHypothesis, kind: type[Term], near: Term | None = None) -> list[Term]:
+def candidate_places(fitted: FittedHypothesis, kind: type[Effect], near: Effect | None = None) -> list[Effect]:
     """Return a kind of term at zero size at every place and date that is tried, one that has none once.
 
     Args:
@@ -257,7 +259,7 @@ def candidate_places(fitted: FittedHypothesis, kind: type[Term], near: Term | No
     return [kind()] if near is None else []
 
 
-def place_columns(fitted: FittedHypothesis, terms: Sequence[Term]) -> Floats:
+def place_columns(fitted: FittedHypothesis, terms: Sequence[Effect]) -> Floats:
     """Return the derivative of the simulated heading by the parameters of a term at each of its places, (n, g, p).
 
     Args:
@@ -276,17 +278,17 @@ def place_columns(fitted: FittedHypothesis, terms: Sequence[Term]) -> Floats:
     return always[:, None, :] * acting[:, :, None]
 
 
-def _at_place(term: Term, **places_: Any) -> Term:
+def _at_place(term: Effect, **places_: Any) -> Effect:
     return replace(term, **places_)
 
 
-def _sector_places(near: Term | None) -> list[tuple[float, float]]:
+def _sector_places(near: Effect | None) -> list[tuple[float, float]]:
     if isinstance(near, SectorOffset):
         return [(near.centre_deg + away, near.reach_deg) for away in FINER_SECTORS_DEG]
     return [(360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG]
 
 
-def _spell_places(channel: ShortComparison, near: Term | None) -> list[tuple[float, float]]:
+def _spell_places(channel: ShortComparison, near: Effect | None) -> list[tuple[float, float]]:
     n = len(channel)
     most = SPELL_EDGES[n < SHORT_RECORDING]
     if isinstance(near, SpellOffset):
@@ -299,7 +301,7 @@ def _spell_places(channel: ShortComparison, near: Term | None) -> list[tuple[flo
     return [(_time_between(channel, a), _time_between(channel, b)) for a, b in both]
 
 
-def _date_places(channel: ShortComparison, near: Term | None) -> list[float]:
+def _date_places(channel: ShortComparison, near: Effect | None) -> list[float]:
     """Return the dates that are tried, between samples."""
     n = len(channel)
     if near is None:

@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.deviation import von_appen
-from compasslib.effects import composition
-from compasslib.effects.composition import Simulation
-from compasslib.effects.term import Scene, Term, slices
+from compasslib.deviation.series import series_design
+from compasslib.effects.effect import Effect, Scene, parameter_slices
+from compasslib.effects.forward import ForwardModel, invert_readout, recorded_heading, water_veer
 from compasslib.inference import finding
 from compasslib.inference.comparison import Comparison
-from compasslib.statistics import arma, blocks, gauss_newton, robust, whitening
-from compasslib.statistics.autocorrelation import effective_number
+from compasslib.statistics.least_squares import MISFIT_TOLERANCE, gauss_newton, robust_width
+from compasslib.statistics.noise import arma_covariance, arma_effective_size, effective_sample_size
+from compasslib.statistics.resampling import block_sums, blocks_by_count, student_factor
+from compasslib.statistics.whitening import orthonormal_basis, project_out, scaled_inverse
 from compasslib.types import Floats
 
 # Without a place the field is of this strength, and the iron is in percent of it.
@@ -33,17 +34,17 @@ MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0  # longer than the me
 PROBE_STEP = 0.02  # of a step, for differences
 
 
-class ForwardModel(Protocol):
+class ResidualModel(Protocol):
     """Observed minus simulated, (n,) degrees, for base parameters (b,) and terms."""
 
-    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats: ...
+    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats: ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShortComparison(Comparison):
     """A short recording held against its simulation; n samples in the order of time."""
 
-    residual: ForwardModel
+    residual: ResidualModel
     start: Floats  # (b,) base parameters of the simulation, before any fit
     steps: Floats  # (b,) a change of each that turns the heading by very roughly a degree
     confused: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # effect -> effects that look the same here
@@ -54,7 +55,7 @@ class ShortComparison(Comparison):
     arma_noise: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
     reads: bool = True  # whether what is compared is a reading of a compass
 
-    def unit(self, term: Term, k: int) -> tuple[float, str]:
+    def unit(self, term: Effect, k: int) -> tuple[float, str]:
         """Return by what a parameter is multiplied for people, and its unit."""
         unit = term.units()[k]
         if not unit.startswith("nT"):
@@ -75,11 +76,11 @@ class CompassResidual:
     recorded_deg: Floats  # (n,)
     scene: Scene
 
-    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return simulated minus recorded heading, (n,) degrees: the sign of observed minus simulated correct ones."""
-        simulation = Simulation(base, float(np.mean(self.scene.horizontal_nT)), terms)
-        correct = self.correct_deg - composition.veer(simulation, self.scene)
-        return angles.difference(composition.recorded_heading(simulation, self.scene, correct), self.recorded_deg)
+        simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
+        correct = self.correct_deg - water_veer(simulation, self.scene)
+        return angles.difference(recorded_heading(simulation, self.scene, correct), self.recorded_deg)
 
 
 @dataclass(frozen=True)
@@ -90,12 +91,12 @@ class SeriesResidual:
     recorded_deg: Floats  # (n,)
     scene: Scene
 
-    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated correct heading, (n,) degrees."""
-        no_iron = Simulation(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), terms)
-        reading = composition.undone_readout(no_iron, self.scene, self.recorded_deg)
-        corrected = reading + von_appen.design(reading) @ base
-        return angles.difference(self.correct_deg, corrected + composition.veer(no_iron, self.scene))
+        no_iron = ForwardModel(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), terms)
+        reading = invert_readout(no_iron, self.scene, self.recorded_deg)
+        corrected = reading + series_design(reading) @ base
+        return angles.difference(self.correct_deg, corrected + water_veer(no_iron, self.scene))
 
 
 def recording_scene(
@@ -126,7 +127,7 @@ class FittedHypothesis:
 
     channel: ShortComparison
     base: Floats  # (b,)
-    terms: tuple[Term, ...]
+    terms: tuple[Effect, ...]
     residual_deg: Floats  # (n,)
     columns: Floats  # (n, b + p) derivative of the simulated heading by each parameter, degrees a unit
     scale_deg: float
@@ -149,7 +150,7 @@ class FittedHypothesis:
         Args:
             order: number of each term, the first first.
         """
-        places = slices(self.terms, len(self.base))
+        places = parameter_slices(self.terms, len(self.base))
         columns = self.columns[:, np.r_[: len(self.base), *(places[k] for k in order)]]
         return replace(self, terms=tuple(self.terms[k] for k in order), columns=columns)
 
@@ -159,12 +160,12 @@ class FittedHypothesis:
         Args:
             columns: (n, k).
         """
-        return whitening.without(columns, whitening.orthonormal(self.columns))
+        return project_out(columns, orthonormal_basis(self.columns))
 
 
 def fit_hypothesis(
     channel: ShortComparison,
-    terms: Sequence[Term],
+    terms: Sequence[Effect],
     *,
     near: FittedHypothesis | None = None,
     use: NDArray[np.bool_] | None = None,
@@ -183,7 +184,7 @@ def fit_hypothesis(
     begin = _FitState(_linearize(channel, theta, tuple(terms), steps), theta, steps, keep)
     if not len(steps):
         return begin.fitted
-    return gauss_newton.fit(begin, rounds=REFIT_ROUNDS, close=CONVERGED_STEPS, worse=1.0 + gauss_newton.SETTLED).fitted
+    return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_STEPS, worse=1.0 + MISFIT_TOLERANCE).fitted
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,7 @@ class _FitState:
         return then / max(square, 1e-300)
 
 
-def term_derivative(now: FittedHypothesis, term: Term) -> Floats:
+def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
     """Return the derivative of the simulated heading by a term's parameters beside a hypothesis, (n, p).
 
     Args:
@@ -224,7 +225,7 @@ def term_derivative(now: FittedHypothesis, term: Term) -> Floats:
     return np.stack(made, axis=1)
 
 
-def _linearize(channel: ShortComparison, theta: Floats, terms: tuple[Term, ...], steps: Floats) -> FittedHypothesis:
+def _linearize(channel: ShortComparison, theta: Floats, terms: tuple[Effect, ...], steps: Floats) -> FittedHypothesis:
     """Return the residual and its derivative where the parameters stand."""
     base, placed = _split_parameters(channel, theta, terms)
     residual = channel.residual(base, placed)
@@ -233,14 +234,14 @@ def _linearize(channel: ShortComparison, theta: Floats, terms: tuple[Term, ...],
         probe = PROBE_STEP * steps[j]
         more = channel.residual(*_split_parameters(channel, theta + probe * (np.arange(len(theta)) == j), terms))
         columns[:, j] = (residual - more) / probe
-    scale = max(robust.width(residual - np.median(residual)), FINEST_DEG)
+    scale = max(robust_width(residual - np.median(residual)), FINEST_DEG)
     return FittedHypothesis(channel, base, placed, residual, columns, scale)
 
 
 def _split_parameters(
-    channel: ShortComparison, theta: Floats, terms: tuple[Term, ...]
-) -> tuple[Floats, tuple[Term, ...]]:
-    places = slices(terms, len(channel.start))
+    channel: ShortComparison, theta: Floats, terms: tuple[Effect, ...]
+) -> tuple[Floats, tuple[Effect, ...]]:
+    places = parameter_slices(terms, len(channel.start))
     placed = tuple(term.at(theta[part]) for term, part in zip(terms, places, strict=True))
     return theta[: len(channel.start)], placed
 
@@ -263,7 +264,7 @@ def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
         return np.arange(len(channel))
     order = np.arange(len(channel), dtype=float)
     count = int(np.clip(effective_samples(fitted) / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
-    return blocks.in_time(order, count)
+    return blocks_by_count(order, count)
 
 
 def effective_samples(fitted: FittedHypothesis) -> float:
@@ -272,8 +273,8 @@ def effective_samples(fitted: FittedHypothesis) -> float:
     if fitted.channel.independent:
         return float(n)
     if fitted.channel.arma_noise:
-        return arma.effective_number(fitted.clipped, fitted.columns)
-    return effective_number(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
+        return arma_effective_size(fitted.clipped, fitted.columns)
+    return effective_sample_size(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
 
 def parameter_covariance(fitted: FittedHypothesis) -> Floats:
@@ -282,16 +283,16 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
     What the simulation itself does not know is added, as if it lay all along each parameter's own column.
     """
     if fitted.channel.arma_noise:
-        return arma.covariance(fitted.clipped, fitted.columns)
+        return arma_covariance(fitted.clipped, fitted.columns)
     columns, residual, block = fitted.columns, fitted.clipped, memory_blocks(fitted)
-    inverse = whitening.inverse(columns.T @ columns)
+    inverse = scaled_inverse(columns.T @ columns)
     free = max(len(residual) - columns.shape[1], 1)
-    plain = inverse * fitted.square / free * blocks.student(free) ** 2
+    plain = inverse * fitted.square / free * student_factor(free) ** 2
     if fitted.channel.independent:
         return plain
-    sums = blocks.sums(columns * residual[:, None], block)
+    sums = block_sums(columns * residual[:, None], block)
     count = len(sums)
-    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * blocks.student(count - 1) ** 2
+    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * student_factor(count - 1) ** 2
     share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
     rule = fitted.channel.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
     return plain * np.outer(share, share) + rule
@@ -299,8 +300,8 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
 
 def visible_size_deg(fitted: FittedHypothesis, k: int) -> float:
     """Return the visible size of a term: what no other parameter can take of it, rms degrees."""
-    columns = slices(fitted.terms, len(fitted.base))[k]
+    columns = parameter_slices(fitted.terms, len(fitted.base))[k]
     other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
     without = fitted.channel.residual(fitted.base, tuple(other_terms)) - fitted.residual_deg
-    others = whitening.orthonormal(np.delete(fitted.columns, columns, axis=1))
-    return angles.rms(whitening.without(without, others))
+    others = orthonormal_basis(np.delete(fitted.columns, columns, axis=1))
+    return angles.rms(project_out(without, others))

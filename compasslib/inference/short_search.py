@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.effects.term import Term, slices
+from compasslib.effects.effect import Effect, parameter_slices
 from compasslib.inference import comparison, finding, omnibus, short_evidence, short_fit
 from compasslib.inference import posterior as posteriors
 from compasslib.inference.comparison import Options
@@ -34,7 +34,10 @@ from compasslib.inference.omnibus import OmnibusResult, ScoreTests, normal_score
 from compasslib.inference.posterior import FAR, MOST_TERMS, SURE, Hypothesis, Posterior, Slot
 from compasslib.inference.short_evidence import LOCAL_OFFSETS, ShortEvidence
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
-from compasslib.statistics import arma, blocks, robust, whitening
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.noise import arma_draws, arma_standard_errors, arma_whitening_matrix
+from compasslib.statistics.resampling import resample_blocks
+from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
 NOISE_DRAWS = 400  # draws of noise, which set how well a p-value of 1 % is known
@@ -85,9 +88,9 @@ def score_tests(
     Args:
         noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
     """
-    white = arma.whitening_matrix(noise.clipped, noise.columns) if now.channel.arma_noise else None
+    white = arma_whitening_matrix(noise.clipped, noise.columns) if now.channel.arma_noise else None
     filtered = [group.columns if white is None else white @ group.columns for group in groups]
-    base = whitening.orthonormal(now.columns if white is None else white @ now.columns)
+    base = orthonormal_basis(now.columns if white is None else white @ now.columns)
     bases = [directions(columns, base) for columns in filtered]
     determined = [k for k, basis in enumerate(bases) if basis.shape[1] and _is_determined(filtered[k], bases[k], base)]
     if not determined:
@@ -112,7 +115,7 @@ def directions(columns: Floats, base: Floats) -> Floats:
     Args:
         base: orthonormal, (n, b).
     """
-    return whitening.orthonormal(whitening.without(columns, base), FAINTEST_DIRECTION)
+    return orthonormal_basis(project_out(columns, base), FAINTEST_DIRECTION)
 
 
 def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) -> Floats:
@@ -124,14 +127,14 @@ def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) 
     if noise.channel.independent:
         return np.random.default_rng(seed).normal(size=(repeats, len(noise.channel)))
     if noise.channel.arma_noise:
-        return arma.draws(noise.clipped, noise.columns, seed, repeats)
+        return arma_draws(noise.clipped, noise.columns, seed, repeats)
     length = int(np.max(np.bincount(short_fit.memory_blocks(noise))))
-    return blocks.drawn(noise.clipped - noise.clipped.mean(), length, repeats, seed)
+    return resample_blocks(noise.clipped - noise.clipped.mean(), length, repeats, seed)
 
 
 def group_size_deg(now: FittedHypothesis, group: ColumnGroup, inflation: float) -> float:
     """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
-    columns = directions(group.columns, whitening.orthonormal(now.columns))
+    columns = directions(group.columns, orthonormal_basis(now.columns))
     pull, n = columns.T @ now.clipped, len(now.channel)
     noise = inflation * columns.shape[1] * now.square / n
     return float(np.sqrt(max(float(pull @ pull) - noise, 0.0) / n))
@@ -147,7 +150,7 @@ def _gains(rows: Floats, basis_all: Floats, begins: NDArray[np.intp], base: Floa
 
 def _is_determined(columns: Floats, basis: Floats, base: Floats) -> bool:
     """Tell whether the base leaves more than rounding of a group."""
-    return float(np.linalg.norm(whitening.without(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
+    return float(np.linalg.norm(project_out(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,7 @@ class HypothesisSearch:
     refitted: dict[Hypothesis, RefittedHypothesis] = field(default_factory=dict)
 
     @cached_property
-    def kinds(self) -> list[type[Term]]:
+    def kinds(self) -> list[type[Effect]]:
         """What can be tested, and what has no name."""
         return [*self.channel.terms, *(kind for kind in LOCAL_OFFSETS if kind.fits(self.channel))]
 
@@ -232,13 +235,13 @@ class HypothesisSearch:
             promised = logs[parent] + float(gains.max()) - PARAMETER_COST * len(kind.fitted()) + self.odds[k]
             if parent and promised < max(logs.values()) - FAR:
                 continue
-            refitted = self._placed(base, terms, columns, plain)
+            refitted = self._place(base, terms, columns, plain)
             fitted = refitted.fitted.reordered(np.argsort((*parent, k)).tolist())
             self.refitted[hypothesis] = RefittedHypothesis(
                 fitted, refitted.evidence, self.refitted[parent].share + refitted.share
             )
 
-    def _placed(self, base: FittedHypothesis, terms: list[Term], columns: Floats, gains: Floats) -> RefittedHypothesis:
+    def _place(self, base: FittedHypothesis, terms: list[Effect], columns: Floats, gains: Floats) -> RefittedHypothesis:
         """Return a hypothesis with one more term at its best place: by the memory that is left once it is there.
 
         Args:
@@ -254,7 +257,7 @@ class HypothesisSearch:
             gains = short_evidence.likelihood_gains(base, short_evidence.likeliest_law(self.channel, evidence), columns)
         return RefittedHypothesis(fitted, evidence, float(np.log(np.mean(np.exp(gains - gains.max())))))
 
-    def _refitted(self, base: FittedHypothesis, term: Term) -> FittedHypothesis:
+    def _refitted(self, base: FittedHypothesis, term: Effect) -> FittedHypothesis:
         """Return a hypothesis with one more term, from each value where its fit may begin."""
         starts = [np.append(first, term.values[1:]) for first in self.channel.starts.get(term.name, ())]
         fits = [
@@ -316,7 +319,7 @@ def _refine_places(fitted: FittedHypothesis) -> FittedHypothesis:
     return short_fit.fit_hypothesis(fitted.channel, (*fitted.terms[:-1], better), near=fitted)
 
 
-def _clipped_square(fitted: FittedHypothesis, last: Term) -> float:
+def _clipped_square(fitted: FittedHypothesis, last: Effect) -> float:
     residual = fitted.channel.residual(fitted.base, (*fitted.terms[:-1], last))
     return float(np.sum(np.minimum(np.abs(residual), finding.MOST_WIDTHS * fitted.scale_deg) ** 2))
 
@@ -374,7 +377,7 @@ def _slot_probabilities(slot: Slot, channel: ShortComparison) -> dict[str, float
 
 
 def _parameters(fitted: FittedHypothesis, k: int, covariance: Floats) -> dict[str, Parameter]:
-    columns = slices(fitted.terms, len(fitted.base))[k]
+    columns = parameter_slices(fitted.terms, len(fitted.base))[k]
     sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], fitted.terms[k]
     parameters = {}
     for j, name in enumerate(term.fitted()):
@@ -398,15 +401,15 @@ def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
     return _held_out_gain(without, fitted, list(fitted.terms))
 
 
-def _held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequence[Term]) -> HeldOut:
+def _held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequence[Effect]) -> HeldOut:
     """Return the gain of a fit over one with fewer parameters on held-out stretches."""
     block = short_fit.memory_blocks(fitted)
     folds = min(finding.FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
     before, after = held_out_residual(less, terms, block, folds), held_out_residual(fitted, fitted.terms, block, folds)
-    return finding.compare_residuals(before, after, max(robust.width(before), short_fit.FINEST_DEG), block)
+    return finding.compare_residuals(before, after, max(robust_width(before), short_fit.FINEST_DEG), block)
 
 
-def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Term], block: NDArray[np.intp], folds: int) -> Floats:
+def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Effect], block: NDArray[np.intp], folds: int) -> Floats:
     """Return the residual of each stretch by a fit to the others, (n,) degrees.
 
     Args:
@@ -445,7 +448,7 @@ def _unexplained_mismatch(named: SearchResult, listed: Sequence[str]) -> Unexpla
     return channel.unexplained([residual_curve(fitted, fitted, name) for name in group.covariates], size, listed)
 
 
-def _covered_range(channel: ShortComparison, term: Term) -> CovariateRange:
+def _covered_range(channel: ShortComparison, term: Effect) -> CovariateRange:
     """Return the range of a covariate that a local error covers; one of headings may go through north."""
     assert isinstance(term, LOCAL_OFFSETS)
     name = next(name for name in term.along if name in channel.covariates)
@@ -484,7 +487,7 @@ def _bin_sigma(
         return scatter / np.sqrt(there[held])
     if after.channel.arma_noise:
         weights = (bins[:, None] == held) / there[held]
-        return arma.standard_errors(after.clipped, after.columns, weights)
+        return arma_standard_errors(after.clipped, after.columns, weights)
     block = short_fit.memory_blocks(after)
     apart = np.array([len(np.unique(block[bins == b])) for b in held])
     within = [_block_variance(after.clipped[bins == b], block[bins == b]) for b in held]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_terms, meanings, side_of
+from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, meanings, side_of
 from compasslib.effects.composed import FORMS
-from compasslib.records import stamp
+from compasslib.records import iso_time
 
 VERDICTS = {
     "consistent": "no compass error beyond the fitted deviation was detected",
@@ -30,13 +30,15 @@ UNITS_OF_CALIBRATIONS = UNITS | {
     "reading": "",
 }
 # Of each effect the words of its first form; those of an effect of another package are along what it needs.
-PHYSICS = {term.name: term.words for term in reversed(all_terms()) if term.words} | {
+PHYSICS = {term.name: term.words for term in reversed(all_effects()) if term.words} | {
     SLOW_WATER: "slowly changing shear of the water between the two depths; no instrument is at fault"
 }
-SHOWN_ALONG = {term.name: term.needs for term in all_terms() if term not in CATALOGUE and term.needs} | {
-    term.name: term.shows_along for term in all_terms() if term.shows_along
+SHOWN_ALONG = {term.name: term.needs for term in all_effects() if term not in CATALOGUE and term.needs} | {
+    term.name: term.shows_along for term in all_effects() if term.shows_along
 }  # every other effect lives along time
-SEPARATED_BY = {frozenset((term.name, other)): how for term in all_terms() for other, how in term.told_from.items()}
+SEPARATED_BY = {
+    frozenset((term.name, other)): how for term in all_effects() for other, how in term.separated_by.items()
+}
 LONG_RECORD_S = 10 * 86400.0  # length of a record above which its dates are days
 SMALLEST_P = 0.001  # the smallest that the drawn blocks can show
 WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
@@ -195,7 +197,7 @@ def date_text(time_s: float, span_s: float) -> str:
         time_s: UTC seconds since 1970.
         span_s: of the record.
     """
-    return stamp(time_s)[:10] if span_s > LONG_RECORD_S else stamp(time_s)
+    return iso_time(time_s)[:10] if span_s > LONG_RECORD_S else iso_time(time_s)
 
 
 def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:

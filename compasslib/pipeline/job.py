@@ -15,7 +15,7 @@ from compasslib.archive import provenance
 from compasslib.archive.files import atomic_write
 from compasslib.errors import InputError
 from compasslib.pipeline import ledger, stopped
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
 
 _ENDED = {
     True: "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a machine with more",

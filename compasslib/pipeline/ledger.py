@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from compasslib.archive import provenance
-from compasslib.errors import InputError, Passing
+from compasslib.errors import InputError, TransientError
 
 RESULTS = "results"
 SEEN = ".snakemake/compasslib.hashes"
@@ -162,7 +162,7 @@ def looked_at(paths: Iterable[str]) -> dict[str, tuple[Signature, str]]:
         try:
             found[path] = (signature(path), provenance.sha256(path))
         except OSError as error:
-            kind = Passing if path.startswith(f"{RESULTS}/") else InputError
+            kind = TransientError if path.startswith(f"{RESULTS}/") else InputError
             advice = "mend its permissions or the disk"
             raise kind(path, expected="a file that can be read", found=error.strerror, advice=advice) from error
     return found
@@ -183,7 +183,7 @@ def hold(read: Mapping[str, str]) -> None:
         for path, digest in read.items():
             if path in paths and (path, digest) not in wrote:
                 advice = "start the run again, and it is made again"
-                raise Passing(path, expected="the file that its job wrote", found="another", advice=advice)
+                raise TransientError(path, expected="the file that its job wrote", found="another", advice=advice)
 
 
 def unchanged(before: Mapping[str, tuple[Signature, str]]) -> None:
@@ -198,7 +198,7 @@ def unchanged(before: Mapping[str, tuple[Signature, str]]) -> None:
     for path, (then, digest) in before.items():
         if signature(path) != then and provenance.sha256(path) != digest:
             advice = "start the run again when it is whole"
-            raise Passing(path, expected="a file that stays as it is", found="one that changed", advice=advice)
+            raise TransientError(path, expected="a file that stays as it is", found="one that changed", advice=advice)
 
 
 def clear_orphans(name: str) -> list[str]:

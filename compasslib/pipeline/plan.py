@@ -19,7 +19,7 @@ from compasslib.config import calibrations as configured
 from compasslib.config import compasses
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
-from compasslib.declination import applied
+from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.pipeline.compasses import Compasses
@@ -118,7 +118,7 @@ class Moorings:
         inside = {
             f"{role} ({part})" if one.differs else role: degrees
             for role in _roles(mooring)
-            if (one := applied(mooring.instruments[role].declination_applied)) is not None
+            if (one := parse_applied_declination(mooring.instruments[role].declination_applied)) is not None
             for part, degrees in one._asdict().items()
         }
         return {
@@ -407,7 +407,7 @@ def plan(cruise: Cruise, scripts: Path) -> Plan:
         InputError: a method that no fit offers, a kind of calibration that is not offered, a mooring that no rule can
             simulate, or an effect or reader of another package that cannot be taken.
     """
-    if plugins.declared(plugins.EFFECTS):
+    if plugins.declared_plugins(plugins.EFFECTS):
         import_module("compasslib.effects").all_terms()  # looks at them before any work
     for form in {one.format for mooring in cruise.moorings.values() for one in mooring.instruments.values()}:
         readers.get_format(form)  # imports another package's
@@ -443,8 +443,8 @@ def only(names: Iterable[str]) -> str:
 
 def _code(modules: tuple[str, ...], beside: str = "") -> str:
     """Return one hash of library files, and what else the job goes by: other packages' effects where it knows any."""
-    known = plugins.declared(plugins.EFFECTS) if EFFECTS in modules else ()
-    return " ".join(filter(None, (provenance.code(modules), beside, *map(plugins.identity, known))))
+    known = plugins.declared_plugins(plugins.EFFECTS) if EFFECTS in modules else ()
+    return " ".join(filter(None, (provenance.code(modules), beside, *map(plugins.code_identity, known))))
 
 
 def _refuse(where: str, found: str, offered: Sequence[str]) -> None:

@@ -22,7 +22,7 @@ from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
 from compasslib.pipeline import compasses, plan
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
 
 FILES = {
     "field": "work/field.json",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from compasslib.errors import InputError, Passing
+from compasslib.errors import InputError, TransientError
 from compasslib.pipeline import ledger
 
 if TYPE_CHECKING:  # every job imports this room, none the configuration
@@ -65,7 +65,7 @@ def leave(job: Any, error: Exception | SystemExit) -> str:
     log = Path(job.log[0])
     what = f"an error of this program in {log.stem}, {type(error).__name__}: {error}; report it"
     line = " ".join((str(error) if isinstance(error, InputError) else what).split())
-    of_machine = isinstance(error, Passing) or (isinstance(error, OSError) and error.errno in _MACHINE)
+    of_machine = isinstance(error, TransientError) or (isinstance(error, OSError) and error.errno in _MACHINE)
     if not of_machine and log.stem not in CHECKS and named(job.wildcards):
         with suppress(OSError):
             log.with_suffix(ENDING).write_text(f"{line}\n", encoding="utf-8", errors="backslashreplace")

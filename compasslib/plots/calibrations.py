@@ -22,7 +22,7 @@ from compasslib.archive.calibrations import Page
 from compasslib.calibrations import MODELS
 from compasslib.calibrations.result import LETTERS, Calibration
 from compasslib.calibrations.swing import adjustment
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design
 from compasslib.plots import instruments
 from compasslib.plots.curves import beside
 from compasslib.plots.page import (
@@ -136,7 +136,7 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[F
     if name == "polynomial":
         return turn, np.polynomial.Polynomial(numbers)(turn)
     if name != "exact":
-        return turn, von_appen.design(turn)[:, : len(numbers)] @ numbers
+        return turn, series_design(turn)[:, : len(numbers)] @ numbers
     # Along the correct heading, so that a compass that cannot turn full circle is drawn whole.
     recorded = compass.recorded_heading(numbers, turn)
     middle = float(angles.mean(shown.points["deviation_deg"])) if "deviation_deg" in shown.points else 0.0
@@ -373,7 +373,7 @@ def _swing_curve(axes: Axes, result: Calibration) -> None:
         empty(axes, "no curve")
         return
     heading = np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
-    columns = von_appen.design(heading)
+    columns = series_design(heading)
     curve = columns @ result.coefficients
     half = TWO_SIGMA * np.sqrt(np.einsum("ij,jk,ik->i", columns, result.covariance, columns))
     few = slice(None, None, 1 + len(shown) // MOST_POINTS)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import model, von_appen
-from compasslib.deviation.model import Fit
-from compasslib.preparation.gridding import nearest
-from compasslib.records import BAD, Corrected, Pairs
+from compasslib.deviation.model import DeviationFit, observed_deviation, observed_heading
+from compasslib.deviation.series import inverse_table, invert_series, series_design, series_deviation
+from compasslib.preparation.gridding import nearest_index
+from compasslib.records import BAD, CorrectedRecord, Pairs
 from compasslib.types import Floats
 
 STEP_DEG = 0.25  # along a curve
@@ -84,7 +84,7 @@ def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
     return 100.0 * count / max(int(count.sum()), 1)
 
 
-def curve(fit: Fit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
+def curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
     """Return a fitted deviation over one turn.
 
     Args:
@@ -101,7 +101,7 @@ def curve(fit: Fit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHea
     return DeviationByHeading(beta, deviation, _sigma(fit, beta), _stretch(fit, beta))
 
 
-def inverse(fit: Fit, recorded_deg: Floats) -> Floats:
+def inverse(fit: DeviationFit, recorded_deg: Floats) -> Floats:
     """Return the correct headings by the method's own inverse, (n, 2) degrees, NaN where there is none.
 
     Args:
@@ -109,7 +109,7 @@ def inverse(fit: Fit, recorded_deg: Floats) -> Floats:
     """
     if fit.method != "von_appen":
         return compass.inverse(fit.coefficients, recorded_deg)
-    beta = von_appen.invert(fit.coefficients, recorded_deg)
+    beta = invert_series(fit.coefficients, recorded_deg)
     return np.stack([beta, np.full(beta.shape, np.nan)], axis=-1)
 
 
@@ -120,13 +120,13 @@ def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -
         shape: the curve; the mean deviation takes its place where absent.
         begin_deg: heading at which the turn begins.
     """
-    beta, deviation = placed(model.observed_heading(pairs), begin_deg), model.observed_deviation(pairs)
+    beta, deviation = placed(observed_heading(pairs), begin_deg), observed_deviation(pairs)
     if shape is None:
         return beta, beside(deviation, angles.wrap180(angles.mean(deviation)))
     return beta, beside(deviation, np.interp(beta, shape.heading_deg, shape.deviation_deg))
 
 
-def directions(pairs: Pairs, product: Corrected) -> tuple[Floats, Floats, Floats]:
+def directions(pairs: Pairs, product: CorrectedRecord) -> tuple[Floats, Floats, Floats]:
     """Return the current's direction at each pair, (n,) degrees each: lower, upper recorded, upper corrected.
 
     Args:
@@ -137,34 +137,34 @@ def directions(pairs: Pairs, product: Corrected) -> tuple[Floats, Floats, Floats
     time_s = product.record.time_s
     if not (len(pairs) and len(time_s)):
         return lower, upper, np.full(upper.shape, np.nan)
-    near = nearest(time_s, pairs.time_s)
+    near = nearest_index(time_s, pairs.time_s)
     known = np.abs(time_s[near] - pairs.time_s) <= SAME_INSTANT_S
     turned = angles.difference(product.heading_corrected_deg[near], pairs.heading_deg)
     return lower, upper, angles.wrap360(np.where(known, upper + turned, np.nan))
 
 
-def usable_headings(product: Corrected) -> Floats:
+def usable_headings(product: CorrectedRecord) -> Floats:
     """Return the recorded headings, (n,) degrees, NaN where they are flagged bad."""
     return np.where(product.record.heading_quality < BAD, product.record.heading_deg, np.nan)
 
 
-def _deviation(fit: Fit, beta: Floats) -> Floats:
+def _deviation(fit: DeviationFit, beta: Floats) -> Floats:
     if fit.method == "von_appen":
-        return von_appen.predict(fit.coefficients, beta)
+        return series_deviation(fit.coefficients, beta)
     return angles.difference(beta, compass.recorded_heading(fit.coefficients, beta))
 
 
-def _sigma(fit: Fit, beta: Floats) -> Floats:
+def _sigma(fit: DeviationFit, beta: Floats) -> Floats:
     if not fit.covariance.size:
         return np.full(beta.shape, np.nan)
-    by = von_appen.design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
+    by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
     return np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
 
 
-def _stretch(fit: Fit, beta: Floats) -> NDArray[np.int_]:
+def _stretch(fit: DeviationFit, beta: Floats) -> NDArray[np.int_]:
     """Tell what becomes of each heading; the exact compass gives up none, but two of its headings may read the same."""
     if fit.method == "von_appen":
-        inverted = von_appen.lookup_table(fit.coefficients)[1]
+        inverted = inverse_table(fit.coefficients)[1]
         first, last = inverted.min(), inverted.max()
         return np.where(angles.wrap360(beta - first) <= last - first, INVERTED, GIVEN_UP)
     return np.where(compass.slope(fit.coefficients, beta) >= 0.0, INVERTED, BACKWARDS)

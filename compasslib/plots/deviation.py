@@ -19,8 +19,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation import model
-from compasslib.deviation.model import Fit
+from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
 from compasslib.plots import curves
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED, DeviationByHeading, beside, emptiest, placed
 from compasslib.plots.page import (
@@ -39,7 +38,7 @@ from compasslib.plots.page import (
     signed,
     span_of,
 )
-from compasslib.records import Corrected, Pairs
+from compasslib.records import CorrectedRecord, Pairs
 from compasslib.types import Floats
 
 STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
@@ -52,7 +51,7 @@ RING: dict[str, Any] = {**POINT, "color": BLACK, "markerfacecolor": "white", "ma
 CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
 
 
-def draw_deviation(path: str | Path, pairs: Pairs, fit: Fit) -> None:
+def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
     """Draw deviation against correct heading, and recorded against correct heading both ways (von Appen's Figs 6, 7).
 
     Axes hold the curve and 98 % of the pairs.
@@ -61,7 +60,7 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: Fit) -> None:
         pairs: overlapping measurements, perhaps none.
         fit: the deviation, perhaps without coefficients.
     """
-    heading = model.observed_heading(pairs)
+    heading = observed_heading(pairs)
     begin = emptiest(heading)
     curve = curves.curve(fit, begin, heading) if fit.fitted else None
     beta, delta = curves.observed(pairs, curve, begin)
@@ -73,7 +72,7 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: Fit) -> None:
             for axes in panels:
                 empty(axes)
             return
-        _draw_points(panels, beta, delta, _faded(*model.speeds(pairs)))
+        _draw_points(panels, beta, delta, _faded(*pair_speeds(pairs)))
         _draw_identity(panels)
         if curve is not None:
             _draw_curve(panels, curve)
@@ -148,7 +147,7 @@ def _along(panels: Sequence[Axes], curve: DeviationByHeading, stretch: int, **lo
     panels[2].plot(gamma, beta, **look)
 
 
-def _draw_inverse(axes: Axes, fit: Fit, curve: DeviationByHeading) -> None:
+def _draw_inverse(axes: Axes, fit: DeviationFit, curve: DeviationByHeading) -> None:
     """Mark what the method's own inverse gives every few degrees, beside the curve that it must meet."""
     covered = curve.recorded_deg[curve.stretch != GIVEN_UP]
     low, high = float(covered.min()), float(covered.max())
@@ -159,7 +158,7 @@ def _draw_inverse(axes: Axes, fit: Fit, curve: DeviationByHeading) -> None:
     axes.plot(gamma.ravel(), beta.ravel(), **RING)
 
 
-def _deviation_handles(pairs: Pairs, fit: Fit, curve: DeviationByHeading | None) -> list[Artist]:
+def _deviation_handles(pairs: Pairs, fit: DeviationFit, curve: DeviationByHeading | None) -> list[Artist]:
     handles: list[Artist] = []
     if len(pairs):
         handles.append(Line2D([], [], **POINT, label=f"{len(pairs)} pairs, paler at low speed"))
@@ -183,7 +182,7 @@ COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # i
 BAR: dict[str, Any] = {"aspect": 40, "location": "top", "pad": 0.02, "label": "Pairs per hexagon"}
 
 
-def draw_scatter(path: str | Path, pairs: Pairs, product: Corrected) -> None:
+def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> None:
     """Draw the affected against the reference current direction, before and after.
 
     These are all pairs, the fit's own; the assessment judges on pairs that the fit has not seen.

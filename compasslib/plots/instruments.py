@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from compasslib import angles, compass
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.two_heads.motion import down, lean, tilt_angles
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design, series_deviation
 from compasslib.plots.page import (
     BLACK,
     BLUE,
@@ -37,7 +37,7 @@ from compasslib.plots.page import (
     page,
     signed,
 )
-from compasslib.statistics import blocks
+from compasslib.statistics.resampling import blocks_by_count
 from compasslib.types import Floats
 
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
@@ -159,7 +159,7 @@ def _draw_correction(axes: Axes, calibration: Calibration) -> None:
         heading[-1] = 360.0
         axes.fill_between(heading, value - 1.96 * sigma, value + 1.96 * sigma, **BAND)
         axes.plot(heading, value, color=GREEN)
-        series = von_appen.predict(calibration.coefficients, TURN_DEG)
+        series = series_deviation(calibration.coefficients, TURN_DEG)
         axes.plot(TURN_DEG, series, color=BLACK, linestyle=(0, (2.5, 1.5)), linewidth=1.0)
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
     degrees(axes.xaxis, (0.0, 360.0))
@@ -284,7 +284,7 @@ def _draw_offset_curve(axes: Axes, found: Calibration) -> None:
     heading = np.append(found.table.heading_deg, 360.0)
     sigma = np.interp(fine, heading, np.append(found.table.sigma_deg, found.table.sigma_deg[0]))
     terms = np.isfinite(found.coefficients)
-    value = von_appen.design(fine)[:, : terms.size][:, terms] @ found.coefficients[terms]
+    value = series_design(fine)[:, : terms.size][:, terms] @ found.coefficients[terms]
     value = np.where(np.isfinite(sigma), value, np.nan)
     axes.fill_between(fine, value - WITHIN * sigma, value + WITHIN * sigma, **BAND)
     axes.plot(fine, value, color=GREEN)
@@ -295,7 +295,7 @@ def _draw_sector_means(axes: Axes, found: Calibration) -> None:
     residual = found.points["residual_deg"][kept]
     sector = (found.points["recorded_b_deg"][kept] / 10.0).astype(int)
     # A stretch of time counts once in a sector: samples that follow each other are not independent.
-    visit = np.unique(36 * blocks.in_time(found.points["time_s"], BLOCKS)[kept] + sector, return_inverse=True)
+    visit = np.unique(36 * blocks_by_count(found.points["time_s"], BLOCKS)[kept] + sector, return_inverse=True)
     means = np.bincount(visit[1], residual) / np.bincount(visit[1])
     place = visit[0] - 36 * (visit[0] // 36)
     count = np.bincount(place, minlength=36)
@@ -339,7 +339,7 @@ def _draw_along_time(axes: Axes, found: Calibration, values: Floats) -> None:
     time, thin = found.points["time_s"], _thin(found)
     axes.plot(time[thin] / DAY_S, values[thin], **POINT)
     kept = found.points["kept"] > 0
-    stretch = blocks.in_time(time, BLOCKS)
+    stretch = blocks_by_count(time, BLOCKS)
     for k in np.unique(stretch[kept]):
         mine = kept & (stretch == k)
         axes.plot(time[mine].mean() / DAY_S, values[mine].mean(), **MEAN)

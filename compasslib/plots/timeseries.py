@@ -38,7 +38,7 @@ from compasslib.plots.page import (
     legend,
     page,
 )
-from compasslib.records import PROBABLY_BAD, Corrected, Pairs
+from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.types import Complexes, Floats
 
 DRAWN = 12_000  # samples; of a longer record every second, third, ... is drawn
@@ -54,7 +54,7 @@ KINDS = {
 }
 
 
-def draw_timeline(path: str | Path, product: Corrected, pairs: Pairs) -> None:
+def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
     """Draw recorded and corrected headings, how sure they are, and the instrument's depth, along time.
 
     Args:
@@ -77,7 +77,7 @@ def draw_timeline(path: str | Path, product: Corrected, pairs: Pairs) -> None:
         figure.align_ylabels(panels)
 
 
-def classify_samples(product: Corrected) -> NDArray[np.int_]:
+def classify_samples(product: CorrectedRecord) -> NDArray[np.int_]:
     """Return what became of each sample's heading, (n,): SURE, DOUBTFUL, GUESSED or LOST; -1 without one."""
     with np.errstate(invalid="ignore"):
         guessed = product.branch_probability < GUESS
@@ -87,7 +87,7 @@ def classify_samples(product: Corrected) -> NDArray[np.int_]:
     return np.where(np.isfinite(product.record.heading_deg), kind, -1)
 
 
-def _draw_headings(above: Axes, below: Axes, product: Corrected, kind: NDArray[np.int_]) -> None:
+def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.int_]) -> None:
     """Draw the recorded and the corrected heading on the same turn."""
     record, corrected = product.record, product.heading_corrected_deg
     begin = emptiest(np.concatenate([record.heading_deg, corrected]))
@@ -116,7 +116,7 @@ def _draw_band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: f
         axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
 
 
-def _draw_strip(axes: Axes, product: Corrected, pairs: Pairs, kind: NDArray[np.int_]) -> None:
+def _draw_strip(axes: Axes, product: CorrectedRecord, pairs: Pairs, kind: NDArray[np.int_]) -> None:
     """Draw the share of each kind day by day, and above it the days on which the reference overlaps."""
     edges = time_slices(product.record.time_s)
     counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
@@ -147,7 +147,7 @@ def time_slices(time_s: Floats) -> Floats:
     return first + width * np.arange(int((last - first) / width) + 2)
 
 
-def _draw_depth(axes: Axes, product: Corrected) -> None:
+def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
     """Draw the instrument's depth, downwards, broken where samples are missing."""
     time_s, depth = product.record.time_s, product.record.depth_m
     axes.set_ylabel("Depth\n(m)")

@@ -4,9 +4,9 @@ Each record is cut to its deployment, checked and flagged; where two instruments
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> from compasslib import readers
->>> from compasslib import earthfield
->>> from compasslib.preparation import deployment, overlap
+>>> from compasslib import earthfield, readers
+>>> from compasslib.preparation.deployment import apply_deployment
+>>> from compasslib.preparation.pairs import PairRules, describe_pairs, find_pairs
 >>> where = {"start_s": 0.0, "end_s": 3 * 3600.0, "latitude": 66.5}
 >>> with TemporaryDirectory() as folder:
 ...     path = Path(folder, "meter.csv")
@@ -14,8 +14,8 @@ Each record is cut to its deployment, checked and flagged; where two instruments
 ...     _ = path.write_text("\\n".join(["t,h,u,v", *rows, ""]))
 ...     columns = {"time": "t", "heading": "h", "east": "u", "north": "v"}
 ...     raw = readers.read("table", [path], {"columns": columns})
->>> upper, lower = (deployment.settle(raw, **where, water_depth=500.0, nominal_depth=z) for z in (100.0, 110.0))
->>> field = earthfield.along_time(**where, longitude=0.4, declination=-3.0)
->>> print(overlap.log_line("M1", overlap.find(upper, [lower], field, overlap.Rules())))
+>>> upper, lower = (apply_deployment(raw, **where, water_depth=500.0, nominal_depth=z) for z in (100.0, 110.0))
+>>> field = earthfield.field_along(**where, longitude=0.4, declination=-3.0)
+>>> print(describe_pairs("M1", find_pairs(upper, [lower], field, PairRules())))
 M1: 4 overlapping pairs, 10.0 m apart in the median
 """

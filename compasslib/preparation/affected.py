@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.preparation import overlap
+from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.records import EarthField, Pairs, Record
-from compasslib.statistics import blocks
+from compasslib.statistics.resampling import blocks_by_span
 from compasslib.types import Floats
 
 HARMONICS = (1, 2)  # of the deviation
@@ -28,7 +28,7 @@ DISTINCT = 4.0  # times the share that the other heading explains
 
 
 @dataclass(frozen=True)
-class Explained:
+class ExplainedShare:
     """The share of the misfit between two directions that a heading explains on data left out of the fit."""
 
     share: float = 0.0
@@ -40,7 +40,7 @@ class Explained:
         return self.share > max(LEAST_SHARE, LEAST_SIGMAS * self.sigma)
 
 
-def compare(one: Record, other: Record) -> tuple[Explained, Explained] | None:
+def compare_headings(one: Record, other: Record) -> tuple[ExplainedShare, ExplainedShare] | None:
     """Compute how much of the difference of directions each of two headings explains, None where too few pairs exist.
 
     Args:
@@ -49,20 +49,20 @@ def compare(one: Record, other: Record) -> tuple[Explained, Explained] | None:
     empty = np.zeros(2)
     field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination changes nothing
     for upper, lower in ((one, other), (other, one)):
-        pairs = overlap.find(upper, [lower], field, overlap.Rules())
+        pairs = find_pairs(upper, [lower], field, PairRules())
         if not len(pairs) or pairs.lower_heading_deg is None:
             continue
-        found = explained(pairs, pairs.heading_deg), explained(pairs, pairs.lower_heading_deg)
+        found = explained_share(pairs, pairs.heading_deg), explained_share(pairs, pairs.lower_heading_deg)
         return found if upper is one else found[::-1]
     return None
 
 
-def is_affected(own: Explained, others: Explained) -> bool:
+def is_affected(own: ExplainedShare, others: ExplainedShare) -> bool:
     """Tell whether a compass is the affected one of two."""
     return own.significant and own.share > DISTINCT * max(others.share, 0.0)
 
 
-def explained(pairs: Pairs, heading_deg: Floats) -> Explained:
+def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
     """Compute the share of the misfit that harmonics of a heading explain.
 
     Args:
@@ -77,15 +77,15 @@ def explained(pairs: Pairs, heading_deg: Floats) -> Explained:
     slower = np.minimum(np.abs(upper), np.abs(lower))
     weight = np.minimum(slower / np.median(slower), FASTEST)
     known = np.isfinite(turned) & np.isfinite(heading_deg) & (slower > 0.0)
-    block = blocks.of_span(pairs.time_s[known], BLOCK_S)
+    block = blocks_by_span(pairs.time_s[known], BLOCK_S)
     if len(np.unique(block)) < FEWEST_BLOCKS:
-        return Explained()
+        return ExplainedShare()
     middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
     current = np.column_stack([np.ones(known.sum()), _harmonics(middle)])
     both = np.column_stack([current, _harmonics(heading_deg[known])])
     misfits = [_misfit(columns, turned[known], weight[known], block) for columns in (current, both)]
     gain = 1.0 - misfits[1] / misfits[0]
-    return Explained(float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain))))
+    return ExplainedShare(float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain))))
 
 
 def _harmonics(angle_deg: Floats) -> Floats:

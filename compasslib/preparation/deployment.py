@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.declination import Applied, applied
-from compasslib.preparation import plausibility, timestamps
-from compasslib.records import BAD, MISSING, Record, take
+from compasslib.earthfield import AppliedDeclination, parse_applied_declination
+from compasslib.errors import InputError
+from compasslib.preparation.clocks import check_coverage, find_valid_times
+from compasslib.preparation.quality import flag_quality, flag_velocities
+from compasslib.readers import table
+from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
 
 MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
@@ -28,7 +31,7 @@ ENOUGH = 24  # samples before the echo decides anything
 SOME = 100  # rows of bins that tell the length of a cell
 
 
-def settle(
+def apply_deployment(
     record: Record,
     *,
     start_s: float,
@@ -60,23 +63,23 @@ def settle(
         exclude: windows (from, to) known to be bad, UTC seconds.
         affected: whether its compass is to be corrected.
     """
-    time_s = utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
+    time_s = to_utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
     record = _with_measured(_inside(record, start_s, end_s))
-    record = _unrotated(record, applied(declination_applied) or Applied(0.0, 0.0))
+    record = _unrotated(record, parse_applied_declination(declination_applied) or AppliedDeclination(0.0, 0.0))
     depth, source = _depth(record, nominal_depth, latitude)
     given = record.depth_m
     record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
     record = _noted(record, _unused_depth(given, source, nominal_depth))
     missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
     record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
-    record = plausibility.flagged(record, water_depth, affected=affected)
+    record = flag_quality(record, water_depth, affected=affected)
     record = check_orientation(record, water_depth)
     return _flag_windows(_flag_boundaries(record, water_depth), exclude)
 
 
-def _unrotated(record: Record, inside: Applied) -> Record:
+def _unrotated(record: Record, inside: AppliedDeclination) -> Record:
     """Return the record without the declination inside its velocities and headings."""
     if inside.velocity:
         east, north = angles.turn(record.east, record.north, -inside.velocity)
@@ -87,7 +90,7 @@ def _unrotated(record: Record, inside: Applied) -> Record:
     return record
 
 
-def utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
+def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
     """Return UTC of times by the instrument's clock, (n,) seconds since 1970.
 
     Args:
@@ -99,7 +102,7 @@ def utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s:
     return time_s - offset_s - drift_s * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
 
 
-def log_line(name: str, role: str, record: Record) -> str:
+def describe_record(name: str, role: str, record: Record) -> str:
     """Return the log line of the job that reads ``role``, the instrument."""
     counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
     line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
@@ -128,7 +131,7 @@ def check_orientation(record: Record, water_depth: float) -> Record:
     boundary, heard = record.echo_range_m.T
     below = water_depth - record.depth_m
     room, other = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
-    right, wrong = _at(boundary, room, record), _at(boundary, other, record)
+    right, wrong = _echo_at(boundary, room, record), _echo_at(boundary, other, record)
     with np.errstate(invalid="ignore"):
         near = room < record.bin_range_m[:, :2].max(axis=1)  # within the first bins it stands out from nothing
         absent = np.isnan(boundary) & (heard > CLEARLY * room) & ~near
@@ -140,7 +143,7 @@ def check_orientation(record: Record, water_depth: float) -> Record:
 
 def _inside(record: Record, start_s: float, end_s: float) -> Record:
     """Keep the deployment, in order of time, one sample an instant, none without a valid time."""
-    valid, invalid_counts, notes = timestamps.valid(record)
+    valid, invalid_counts, notes = find_valid_times(record)
     inside = valid & (record.time_s >= start_s) & (record.time_s <= end_s)
     there = np.flatnonzero(inside)
     place = _deduplicated(record, there)
@@ -151,7 +154,7 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     outside = {"outside_deployment": int(np.sum(valid & ~inside))}
     counts = record.counts | outside | invalid_counts | {"time_backwards": backwards}
     counts["time_repeated"] = len(there) - int(first.sum())
-    notes += timestamps.coverage(record.time_s[valid], inside[valid], start_s, end_s)
+    notes += check_coverage(record.time_s[valid], inside[valid], start_s, end_s)
     if backwards:
         notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
     if repeated:
@@ -261,7 +264,7 @@ def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Rec
     bad = np.zeros(record.time_s.shape, dtype=bool)
     for begin, end in windows:
         bad |= (record.time_s >= begin) & (record.time_s <= end)
-    record = plausibility.mark(record, bad[:, None], BAD, "excluded", None)
+    record = flag_velocities(record, bad[:, None], BAD, "excluded", None)
     heading = np.where(bad, BAD, record.heading_quality).astype(np.int8)
     return replace(record, heading_quality=heading)
 
@@ -273,11 +276,11 @@ def _flag_boundaries(record: Record, water_depth: float) -> Record:
     room = record.depth_m if record.looks_up else water_depth - record.depth_m
     reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
     beyond = record.bin_range_m > room[:, None]
-    record = plausibility.mark(record, beyond, BAD, "beyond_boundary", None)
-    return plausibility.mark(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
+    record = flag_velocities(record, beyond, BAD, "beyond_boundary", None)
+    return flag_velocities(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
 
 
-def _at(boundary: Floats, room: Floats, record: Record) -> Bools:
+def _echo_at(boundary: Floats, room: Floats, record: Record) -> Bools:
     """Tell samples whose boundary stands where this one should."""
     steps = np.diff(record.bin_range_m[:: 1 + len(room) // SOME])
     cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
@@ -300,3 +303,87 @@ def _orientation_warnings(record: Record, counts: dict[str, int], room: Floats, 
     if absent > MOST * decided:
         return [f"{absent} samples heard water from beyond {where}, and {right} its echo: {advice}"]
     return []
+
+
+FIELD_STRENGTH = "field_strength"
+FEWEST = 100  # samples of a magnetometer beside heading and tilt
+LONGEST_GAP = 3.0  # usual steps of the series over which it is read between two values
+
+
+def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
+    """Return a record with other series at its times, missing where they do not reach.
+
+    Args:
+        series: the part of the mooring file of each, by name.
+
+    Raises:
+        InputError: a table cannot be read, or holds nothing at the record's times.
+    """
+    read = {name: _covariate_at(record, name, one) for name, one in series.items()}
+    units = {name: str(one["unit"] or "1") for name, one in series.items()}
+    return replace(
+        record,
+        channels={**record.channels, **{name: values for name, (values, _) in read.items()}},
+        channel_units={**record.channel_units, **units},
+        warnings=(*record.warnings, *(f"{name}: {note}" for name, (_, notes) in read.items() for note in notes)),
+    )
+
+
+def add_field_strength(record: Record) -> Record:
+    """Return a record with the change of the field's strength, percent, where the instrument logged its magnetometer.
+
+    What follows the heading, twice the heading or the tilts is taken off: it is iron and scales at the sensor, which a
+    fit of the headings knows already. The axes themselves are the heading once more.
+    """
+    if not set(MAGNETOMETER) <= set(record.channels):
+        return record
+    size = np.linalg.norm([record.channels[axis] for axis in MAGNETOMETER], axis=0)
+    waves = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * record.heading_deg)]
+    columns = np.column_stack([np.ones(len(size)), *waves, record.pitch_deg, record.roll_deg])
+    known = np.isfinite(size + columns.sum(axis=1))
+    if known.sum() < FEWEST or not np.any(size[known]):
+        return record
+    percent = 100.0 * size / np.median(size[known])
+    percent = np.where(
+        known, percent - columns @ np.linalg.lstsq(columns[known], percent[known], rcond=None)[0], np.nan
+    )
+    note = (
+        f"Beyond what follows heading and tilt, its own magnetometer saw the field's strength change by "
+        f"{np.nanstd(percent):.2f} % rms; the search looks along it for effects."
+    )
+    return replace(
+        record,
+        channels={**record.channels, FIELD_STRENGTH: percent},
+        channel_units={**record.channel_units, FIELD_STRENGTH: "percent"},
+        warnings=(*record.warnings, note),
+    )
+
+
+def _covariate_at(record: Record, name: str, one: Mapping[str, Any]) -> tuple[Floats, tuple[str, ...]]:
+    time_s, value, notes = table.read_series(one)
+    at = interpolate_covariate(record.time_s, time_s, value)
+    if len(at) and not np.isfinite(at).any():
+        span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
+        raise InputError(
+            ", ".join(one["files"]),
+            expected=f"values of {name} while the mooring was deployed",
+            found=span,
+            advice="check times and columns, or delete the covariate",
+        )
+    return at, notes
+
+
+def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
+    """Return a series at other times, NaN outside of it and in its gaps, (n,).
+
+    Args:
+        at_s: (n,) wanted.
+        time_s: (k,) increasing.
+        value: (k,).
+    """
+    if len(time_s) < 2:
+        return np.full(len(at_s), np.nan)
+    steps = np.diff(time_s)
+    after = np.clip(np.searchsorted(time_s, at_s), 1, len(time_s) - 1)
+    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= LONGEST_GAP * np.median(steps))
+    return np.where(inside, np.interp(at_s, time_s, value), np.nan)

@@ -10,7 +10,7 @@ from compasslib.types import Floats
 Indices = NDArray[np.intp]
 
 
-def nearest(series_s: Floats, at_s: Floats) -> Indices:
+def nearest_index(series_s: Floats, at_s: Floats) -> Indices:
     """Return the position of the sample nearest to each instant.
 
     Args:
@@ -23,7 +23,7 @@ def nearest(series_s: Floats, at_s: Floats) -> Indices:
     return np.where(at_s - series_s[left] <= series_s[right] - at_s, left, right)
 
 
-def on_grid(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indices:
+def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indices:
     """Return the samples that stand for the nodes of a regular grid, each once, none farther than the tolerance.
 
     The grid takes the sampling phase of the series itself, so that an hourly record is its own grid and no heading is
@@ -39,11 +39,11 @@ def on_grid(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indices:
     phase = _common_phase(time_s, step_s)
     first = np.floor((time_s[0] - phase) / step_s)
     nodes = phase + step_s * np.arange(first, np.ceil((time_s[-1] - phase) / step_s) + 1)
-    index = nearest(time_s, nodes)
+    index = nearest_index(time_s, nodes)
     return np.unique(index[np.abs(time_s[index] - nodes) <= tolerance_s])
 
 
-def interpolate(series_s: Floats, values: NDArray, at_s: Floats, *, tolerance_s: float) -> NDArray:
+def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, tolerance_s: float) -> NDArray:
     """Return values at given instants: linear inside gaps up to twice the tolerance, else the nearest, else NaN.
 
     Args:
@@ -54,7 +54,7 @@ def interpolate(series_s: Floats, values: NDArray, at_s: Floats, *, tolerance_s:
     """
     if not len(series_s):
         return np.full(len(at_s), np.nan, dtype=values.dtype)
-    near = nearest(series_s, at_s)
+    near = nearest_index(series_s, at_s)
     right = np.clip(np.searchsorted(series_s, at_s), 1, max(len(series_s) - 1, 1))
     right, left = np.minimum(right, len(series_s) - 1), right - 1
     gap = series_s[right] - series_s[left]

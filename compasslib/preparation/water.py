@@ -39,7 +39,7 @@ LEAST_NOISE = 0.02  # of the difference of two neighbours: no velocity is measur
 
 
 @dataclass(frozen=True)
-class Structure:
+class StructureFunction:
     """Half the mean squared difference of two bins by their distance: noise, and a sum of decorrelating layers."""
 
     cell_m: float
@@ -77,7 +77,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class WaterPrediction:
     """The water at the reference's depth, as the profile has it; turned as the profile is."""
 
     velocity: Complexes  # (n,) m/s, NaN where no bin is good
@@ -86,15 +86,15 @@ class Prediction:
     veer_deg: float  # by how much it may be turned for the whole record, 1 sigma; 0 where the profile cannot tell
 
 
-def good(record: Record) -> Bools:
+def usable_velocities(record: Record) -> Bools:
     """Return which velocities may be used, (n, m)."""
     flagged = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
     return flagged & np.isfinite(record.east) & np.isfinite(record.north)
 
 
-def structure(record: Record) -> Structure | None:
+def fit_structure(record: Record) -> StructureFunction | None:
     """Return how velocities of two bins differ with their distance, None where there are too few to tell."""
-    usable = good(record)
+    usable = usable_velocities(record)
     range_m = np.median(record.bin_range_m, axis=0)
     sound = np.flatnonzero(usable.mean(axis=0) >= LEAST_GOOD * usable.mean(axis=0).max(initial=0.0))
     near = sound[np.argsort(np.abs(range_m[sound]))[:LOOKED_AT]]
@@ -112,7 +112,9 @@ def structure(record: Record) -> Structure | None:
     return _fitted(cell_m, cells[kept], half[kept])
 
 
-def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None = None) -> Prediction | None:
+def predict_water(
+    record: Record, depth_m: Floats, bins: int, learnt: StructureFunction | None = None
+) -> WaterPrediction | None:
     """Return the water at given depths, None where the profile cannot tell.
 
     Args:
@@ -121,11 +123,11 @@ def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None
         bins: how many the published mean takes, for comparison.
         learnt: the record's structure, where it is known already.
     """
-    learnt = learnt or structure(record)
+    learnt = learnt or fit_structure(record)
     if learnt is None:
         return None
     away = record.bin_depth_m() - depth_m[:, None]
-    distance = np.where(good(record) & np.isfinite(away), np.abs(away), np.inf)
+    distance = np.where(usable_velocities(record) & np.isfinite(away), np.abs(away), np.inf)
     index = np.argsort(distance, axis=1, kind="stable")[:, :NEAREST]
     row = np.arange(len(index))[:, None]
     there = np.isfinite(distance[row, index])
@@ -149,11 +151,11 @@ def predict(record: Record, depth_m: Floats, bins: int, learnt: Structure | None
     if not known.any():
         return None
     expected, published = np.sqrt(np.median(errors[inverse.ravel()], axis=0) / 2.0).tolist()
-    turned, veer_deg = _veer(record, np.nanmedian(away[known], axis=0), learnt.cell_m, learnt.weights, NEAREST)
-    return Prediction(velocity * angles.phasor(-turned), expected, published, veer_deg)
+    turned, veer_deg = _predict_veer(record, np.nanmedian(away[known], axis=0), learnt.cell_m, learnt.weights, NEAREST)
+    return WaterPrediction(velocity * angles.phasor(-turned), expected, published, veer_deg)
 
 
-def depth_of_speeds(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
+def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
     """Return how much deeper than stated the water has the reference's speeds, m; 0 where none does clearly better.
 
     Only depths that the profile covers are tried, one cell after the other: beyond it a prediction is vague everywhere.
@@ -164,14 +166,14 @@ def depth_of_speeds(record: Record, depth_m: Floats, speed_m_s: Floats) -> float
     bins = record.bin_depth_m()
     away = np.median(bins, axis=0) - float(np.median(depth_m))
     tried = [0.0, *away[np.isfinite(away)].tolist()]
-    learnt = structure(record)
-    flows = [predict(record, depth_m + shift, 1, learnt) for shift in tried]
+    learnt = fit_structure(record)
+    flows = [predict_water(record, depth_m + shift, 1, learnt) for shift in tried]
     off = [float(np.nanmean((np.abs(one.velocity) - speed_m_s) ** 2)) if one else np.inf for one in flows]
     best = int(np.argmin(off))
     return tried[best] if off[best] < CLEARLY * off[0] else 0.0
 
 
-def denied_by_speeds(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
+def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
     """Tell whether the reference's speeds agree clearly less with the prediction than with the published mean.
 
     Speeds do not turn: where a depth is wrong or the layers are not alike, they show it without any heading.
@@ -186,7 +188,7 @@ def denied_by_speeds(time_s: Floats, mean: Complexes, predicted: Complexes, trus
     return bool(worse.sum() > SURE * np.sqrt(np.sum(worse**2)))
 
 
-def turned_for_good(record: Record, depth_m: Floats, bins: int) -> float:
+def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
     """Return how far the mean of the nearest bins may be turned from the reference's water for good, 1 sigma, degrees.
 
     As ``Prediction.veer_deg`` says it of a prediction.
@@ -200,10 +202,10 @@ def turned_for_good(record: Record, depth_m: Floats, bins: int) -> float:
     if not np.any(cells_m > 0.0):
         return 0.0
     cell_m = float(np.median(cells_m[cells_m > 0.0]))
-    return _veer(record, away_m, cell_m, lambda bins_m: np.full(len(bins_m), 1.0 / len(bins_m)), bins)[1]
+    return _predict_veer(record, away_m, cell_m, lambda bins_m: np.full(len(bins_m), 1.0 / len(bins_m)), bins)[1]
 
 
-def _veer(
+def _predict_veer(
     record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], bins: int
 ) -> tuple[Floats, float]:
     """Return by how much a prediction is turned at each sample, (n,), and how far it may still be for good, degrees.
@@ -252,7 +254,7 @@ def _windows(
 
     The bins that predict one lie from it as those next to the reference lie from the reference. Nearest comes first.
     """
-    usable = good(record)
+    usable = usable_velocities(record)
     share = usable.mean(axis=0)
     sound = np.flatnonzero((share >= LEAST_GOOD * share.max(initial=0.0)) & np.isfinite(away_m))
     order = sound[np.argsort(np.abs(away_m[sound]))]
@@ -280,7 +282,7 @@ def _squared(difference: Complexes) -> float:
     return float(np.mean(finite)) if len(finite) >= FEWEST else np.nan
 
 
-def _fitted(cell_m: float, cells: Floats, half: Floats) -> Structure:
+def _fitted(cell_m: float, cells: Floats, half: Floats) -> StructureFunction:
     """Fit noise and layers, none of them negative, to half the squared differences, each by its share."""
     from scipy.optimize import nnls  # only where there is a profile
 
@@ -289,7 +291,7 @@ def _fitted(cell_m: float, cells: Floats, half: Floats) -> Structure:
     sizes = nnls(columns / half[:, None], np.ones_like(half))[0]
     least = LEAST_NOISE * float(np.median(half[cells <= cells.min() + 0.5]))
     parts = tuple((float(size), *shape) for size, shape in zip(sizes[1:], shapes, strict=True) if size > 0.0)
-    return Structure(cell_m, max(float(sizes[0]), least), parts or ((least, LENGTHS[-1], POWERS[0]),))
+    return StructureFunction(cell_m, max(float(sizes[0]), least), parts or ((least, LENGTHS[-1], POWERS[0]),))
 
 
 def _shape(cells: Floats, length: float, power: float) -> Floats:

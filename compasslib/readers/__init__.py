@@ -68,7 +68,7 @@ def format_names() -> tuple[str, ...]:
     Raises:
         InputError: another package uses a name that is taken.
     """
-    return (*FORMATS, *plugins.points(plugins.READERS, FORMATS))
+    return (*FORMATS, *plugins.plugin_table(plugins.READERS, FORMATS))
 
 
 def get_format(form: str) -> Format:
@@ -82,11 +82,11 @@ def get_format(form: str) -> Format:
     """
     if form in FORMATS:
         return FORMATS[form]
-    point = plugins.points(plugins.READERS, FORMATS)[form]
-    with plugins.refusing(point, "a function that reads files"):
-        parameters = signature(plugins.loaded(point)).parameters.values()
+    point = plugins.plugin_table(plugins.READERS, FORMATS)[form]
+    with plugins.plugin_errors(point, "a function that reads files"):
+        parameters = signature(plugins.load_plugin(point)).parameters.values()
     keys = tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
-    return Format(point.module, keys, plugins.identity(point))
+    return Format(point.module, keys, plugins.code_identity(point))
 
 
 def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Record:
@@ -111,9 +111,9 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
 def _read_by_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str, Any]) -> Record:
     from compasslib.records import Record
 
-    point = plugins.points(plugins.READERS, FORMATS)[form]
-    with plugins.refusing(point, "a Record"):
-        record = plugins.loaded(point)(paths, **keys)
+    point = plugins.plugin_table(plugins.READERS, FORMATS)[form]
+    with plugins.plugin_errors(point, "a Record"):
+        record = plugins.load_plugin(point)(paths, **keys)
     if not isinstance(record, Record):
         shown, advice = type(record).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
         raise InputError(f"{plugin}: {point.value}", expected="a Record", found=shown, advice=advice)

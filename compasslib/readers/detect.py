@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from compasslib.errors import InputError, Passing
+from compasslib.errors import InputError, TransientError
 from compasslib.readers.files import TooLarge, detect_utf16, read_bytes, unreadable
 
 HEAD_BYTES = 65536
@@ -167,7 +167,7 @@ def format_hints(
     """
     try:
         yield
-    except (Passing, TooLarge):
+    except (TransientError, TooLarge):
         raise
     except InputError as error:
         for path in paths:

@@ -20,7 +20,7 @@ from compasslib.readers.files import count_unprintable, read_text_bytes
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import LAST_YEAR
 from compasslib.readers.times import civil_seconds, describe_averages
-from compasslib.records import GOOD, MISSING, Record, joined
+from compasslib.records import GOOD, MISSING, Record, join_records
 from compasslib.types import Floats
 
 CLOCK = ("YR", "MO", "DA", "HH", "MM", "SS", "HH")  # the second HH: hundredths
@@ -66,7 +66,7 @@ def read(paths: Sequence[Path], *, orientation: str | None) -> Record:
     Raises:
         InputError: a file that is no such export, lacks what is needed, or has a row that is damaged.
     """
-    return joined([_to_record(_read_table(Path(path)), orientation) for path in paths])
+    return join_records([_to_record(_read_table(Path(path)), orientation) for path in paths])
 
 
 def _to_record(table: _Table, orientation: str | None) -> Record:

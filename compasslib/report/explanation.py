@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from compasslib.effects import COMPOSED, meanings
-from compasslib.effects.composed import formula
+from compasslib.effects.composed import effect_formula
 from compasslib.inference import wording
 from compasslib.report import words
 from compasslib.report.sections import HeadingSummary, MooringResults, ReportedFinding, ReportTable
@@ -131,7 +131,7 @@ def _report_finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
         *([("Probability", words.chance(one["probability"]))] if "probability" in one else []),
         ("Could also be", "; ".join(candidate_names(one)[1:]) or "nothing else of the catalogue"),
         *_where_and_when(one),
-        *([("Formula", formula(**one["composition"]))] if one.get("composition") else []),
+        *([("Formula", effect_formula(**one["composition"]))] if one.get("composition") else []),
         *([("Residual on held-out days", _held_out(one["heldout"]))] if one["heldout"] else []),
         *([("In the product", "yes" if one["applied"] else "no")] if product else []),
     ]
@@ -277,7 +277,7 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     texts += [f"Largest in a bin{alone}: along {', '.join(largest)}."]
     texts += ["Below: the residual on held-out data."] * bool(diagnosis["findings"])
     composed = [one["composition"] for one in diagnosis["findings"] if one.get("composition")]
-    texts += [f"Composed, on {words.plain(one['acts_on'])}: {formula(**one)}." for one in composed]
+    texts += [f"Composed, on {words.plain(one['acts_on'])}: {effect_formula(**one)}." for one in composed]
     return " ".join(texts)
 
 

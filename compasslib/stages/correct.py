@@ -10,9 +10,10 @@ from compasslib import earthfield
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
-from compasslib.deviation import assessment, correction
+from compasslib.deviation.assessment import compare_forms, describe_forms
+from compasslib.deviation.correction import correct_in_pieces, describe_correction
 from compasslib.inference import covariates, product
-from compasslib.preparation import several
+from compasslib.preparation.references import combine_references
 
 
 def correct(
@@ -38,15 +39,15 @@ def correct(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    own, along = netcdf.read_record(record), earthfield.from_json(read_json(field))
+    own, along = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
     whole = replace(own, profiles=netcdf.read_profiles(record))
     made_by = product.from_json(read_json(deviation))
     at = product.compass_along_record(made_by, own, along, covariates.logged_series(own, observatory))
-    made = correction.in_pieces(
+    made = correct_in_pieces(
         whole,
         made_by.fit,
         along,
-        several.together(netcdf.read_pairs(pairs)),
+        combine_references(netcdf.read_pairs(pairs)),
         at,
         unmodelled_deg=made_by.left_deg,
         doubts=made_by.doubts,
@@ -58,12 +59,12 @@ def correct(
         attributes=attributes,
         processing=provenance.processing(made_by, along, sources),
     )
-    say(correction.log_line(mooring, made))
+    say(describe_correction(mooring, made))
 
 
 def compare(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[str], None]) -> None:
     """Write which form predicts best; no other stage waits for it."""
     made_by = product.from_json(read_json(deviation))
-    compared = assessment.compare_forms(several.together(netcdf.read_pairs(pairs)), made_by.fit)
+    compared = compare_forms(combine_references(netcdf.read_pairs(pairs)), made_by.fit)
     write_json(forms, {"forms": compared})
-    say(assessment.forms_line(mooring, compared))
+    say(describe_forms(mooring, compared))

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compasslib import deviation as deviations
 from compasslib import earthfield
 from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
-from compasslib.deviation import assessment as assessments
-from compasslib.deviation import constant, exact
-from compasslib.deviation.model import FEWEST_PAIRS, Fit
+from compasslib.deviation import deviation_json, fit_deviation
+from compasslib.deviation.assessment import describe_assessment, find_constant_offset
+from compasslib.deviation.exact import start_from_prior
+from compasslib.deviation.model import MIN_PAIRS, DeviationFit, fit_from_json
 from compasslib.inference import covariates, joint, joint_compass
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Conclusion
 from compasslib.inference.joint import SiblingInformation
 from compasslib.inference.product import Product
-from compasslib.preparation import several
+from compasslib.preparation.references import combine_references
 from compasslib.records import EarthField, Pairs, Record
 
 if TYPE_CHECKING:  # only where it searches: half of what its job imports
@@ -61,9 +61,9 @@ def diagnose(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(read_json(field))
+    near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
     configured = read_json(fit)
-    fitted = deviations.from_json(configured)
+    fitted = fit_from_json(configured)
     with_sharing = {**options, "share": bool(summary)}
     made = judged(
         near, along, configured, fitted, record=record, references=references, observatory=observatory, wide=wide,
@@ -74,14 +74,14 @@ def diagnose(
     write_json(assessment, made.assessment)
     if summary:
         write_json(summary, _summary(mooring, near, fitted, along, made.diagnosis))
-    say(f"{made.diagnosis.log_line(mooring)}\n{assessments.log_line(mooring, made.assessment)}")
+    say(f"{made.diagnosis.log_line(mooring)}\n{describe_assessment(mooring, made.assessment)}")
 
 
 def judged(
     near: Pairs,
     along: EarthField,
     configured: Mapping[str, Any],
-    fitted: Fit,
+    fitted: DeviationFit,
     *,
     record: str,
     references: Sequence[str],
@@ -102,7 +102,7 @@ def judged(
     fixed = None
     if not options["constant_confirmed"]:
         biases = netcdf.read_applied_declinations((record, *references))
-        fixed = constant.of_fit(fitted, near, float(np.mean(along.declination_deg)), biases)
+        fixed = find_constant_offset(fitted, near, float(np.mean(along.declination_deg)), biases)
 
     def search(some: Pairs) -> Diagnosis:
         if not options["enabled"]:
@@ -114,7 +114,7 @@ def judged(
         chosen = Options(**{name: value for name, value in options.items() if name not in apart})
         at = np.searchsorted(own.time_s, some.time_s)
         logged = {name: column[at] for name, column in series.items()}
-        far = several.together(netcdf.read_pairs(wide))
+        far = combine_references(netcdf.read_pairs(wide))
         return diagnose(some, logged, fitted, along, chosen, wide=far, units=dict(own.channel_units), shared=shared)
 
     return diagnoses.conclude(
@@ -130,7 +130,7 @@ def judged(
     )
 
 
-def _summary(mooring: str, near: Pairs, fitted: Fit, along: EarthField, found: Diagnosis) -> dict[str, Any]:
+def _summary(mooring: str, near: Pairs, fitted: DeviationFit, along: EarthField, found: Diagnosis) -> dict[str, Any]:
     from compasslib.inference import joint_compass, joint_effects
 
     told = found.information or joint_effects.fit_information(fitted)
@@ -177,12 +177,12 @@ def share(
         write_json(assessment, read_json(alone[2]))
         say(f"{mooring}: no other record of its compass belongs to it; as it is alone")
         return
-    near, along = several.together(netcdf.read_pairs(pairs)), earthfield.from_json(read_json(field))
-    before = deviations.from_json(configured)
+    near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
+    before = fit_from_json(configured)
     fitted, own = before, netcdf.read_record(record, velocities=False)
     if before.method != "von_appen":
         fitted = beside_others(told, near, along, own, tilt=tilt)
-        configured = deviations.described(fitted, own)
+        configured = deviation_json(fitted, own)
 
     def with_effects(made: Product, searched: bool) -> Product:
         if searched or not (told.effects and options["enabled"] and options["apply"]):
@@ -208,24 +208,26 @@ def share(
     write_json(diagnosis, made.diagnosis.to_json())
     write_json(deviation, configured | {"applied": made.product.to_json(), "shared": told.block(text)})
     write_json(assessment, made.assessment)
-    lines = text, made.diagnosis.log_line(mooring), assessments.log_line(mooring, made.assessment)
+    lines = text, made.diagnosis.log_line(mooring), describe_assessment(mooring, made.assessment)
     say("\n".join([f"{mooring}: {lines[0]}", *lines[1:]]))
 
 
-def beside_others(told: SiblingInformation, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool) -> Fit:
+def beside_others(
+    told: SiblingInformation, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool
+) -> DeviationFit:
     """Return the compass fitted to a record's pairs with what others tell; by theirs alone where there are too few."""
-    if len(pairs) >= FEWEST_PAIRS and not told.prior.precision[0, 0]:
+    if len(pairs) >= MIN_PAIRS and not told.prior.precision[0, 0]:
         dip_ratio = tilt * earthfield.dip_ratio(field)
-        return deviations.fit("exact", pairs, exact.beside(told.prior, pairs), dip_ratio=dip_ratio)
+        return fit_deviation("exact", pairs, start_from_prior(told.prior, pairs), dip_ratio=dip_ratio)
     covariance = np.linalg.inv(told.prior.precision)
     warning = (
         f"corrected by the compass of {', '.join(told.others)}; iron that changed in between is in the uncertainty"
     )
-    known = Fit(at_mooring.METHOD, len(pairs), told.prior.mean, covariance, warnings=(warning,))
+    known = DeviationFit(at_mooring.METHOD, len(pairs), told.prior.mean, covariance, warnings=(warning,))
     return replace(at_mooring.evaluate_on_record(known, record, pairs), prior=told.prior)
 
 
-def carried_by(told: SiblingInformation, alone: Fit, fitted: Fit) -> str:
+def carried_by(told: SiblingInformation, alone: DeviationFit, fitted: DeviationFit) -> str:
     """Return in a sentence whose data carry the compass of a record."""
     others = ", ".join(told.others)
     if not alone.fitted:

@@ -12,7 +12,7 @@ from compasslib.plots import curves
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
 from compasslib.plots import timeseries as water
-from compasslib.preparation import several
+from compasslib.preparation.references import combine_references
 
 
 def figures(
@@ -27,7 +27,7 @@ def figures(
     say: Callable[[str], None],
 ) -> None:
     """Draw each figure, by its file's name, and write small ones for the page."""
-    both, corrected = several.together(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
+    both, corrected = combine_references(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
     shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
     averaged = water.average_currents(shown, reference)
     headings = {"recorded": curves.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from compasslib import deviation, earthfield
+from compasslib import earthfield
 from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
-from compasslib.preparation import several
+from compasslib.deviation import describe_fit, deviation_json, fit_deviation
+from compasslib.preparation.references import combine_references
 
 
 def fit(
@@ -19,10 +20,10 @@ def fit(
     Args:
         tilt: whether pitch and roll enter.
     """
-    dip_ratio = tilt * earthfield.dip_ratio(earthfield.from_json(read_json(field)))
-    fitted = deviation.fit(method, several.together(netcdf.read_pairs(pairs)), dip_ratio=dip_ratio)
-    write_json(fit, deviation.described(fitted, netcdf.read_record(record, velocities=False)))
-    say(deviation.log_line(mooring, fitted))
+    dip_ratio = tilt * earthfield.dip_ratio(earthfield.field_from_json(read_json(field)))
+    fitted = fit_deviation(method, combine_references(netcdf.read_pairs(pairs)), dip_ratio=dip_ratio)
+    write_json(fit, deviation_json(fitted, netcdf.read_record(record, velocities=False)))
+    say(describe_fit(mooring, fitted))
 
 
 def carry(
@@ -33,8 +34,8 @@ def carry(
     Args:
         pairs: they are held against it; nothing is fitted to them.
     """
-    own, there = netcdf.read_record(record), earthfield.from_json(read_json(field))
+    own, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
     elsewhere = read_json(calibration)
-    carried = at_mooring.carry_to_mooring(elsewhere, there, own, several.together(netcdf.read_pairs(pairs)))
-    write_json(fit, deviation.described(carried, own) | at_mooring.origin(elsewhere, there))
-    say(deviation.log_line(mooring, carried))
+    carried = at_mooring.carry_to_mooring(elsewhere, there, own, combine_references(netcdf.read_pairs(pairs)))
+    write_json(fit, deviation_json(carried, own) | at_mooring.origin(elsewhere, there))
+    say(describe_fit(mooring, carried))

@@ -8,8 +8,7 @@ from typing import Any
 
 from compasslib import readers
 from compasslib.archive import netcdf, provenance
-from compasslib.preparation import channels
-from compasslib.preparation import deployment as deployments
+from compasslib.preparation.deployment import add_covariates, add_field_strength, apply_deployment, describe_record
 from compasslib.records import Record
 
 
@@ -40,7 +39,7 @@ def read(
     settled = record_of(raw, form, reader, deployment, series)
     sources = [*raw, *(file for one in series.values() for file in one["files"])]
     netcdf.write_record(record, settled, attributes=provenance.origin("record read", sources))
-    say(deployments.log_line(mooring, role, settled))
+    say(describe_record(mooring, role, settled))
 
 
 def record_of(
@@ -52,4 +51,4 @@ def record_of(
 ) -> Record:
     """Return the record of one instrument; arguments and errors as for ``read``."""
     read = readers.read(form, [Path(file) for file in raw], reader)
-    return channels.beside(channels.witnessed(deployments.settle(read, **deployment)), series)
+    return add_covariates(add_field_strength(apply_deployment(read, **deployment)), series)

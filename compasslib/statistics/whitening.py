@@ -13,29 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.statistics import autocorrelation, robust
+from compasslib.statistics.least_squares import HUBER_CLIP, SIGMA_PER_MAD, robust_width
+from compasslib.statistics.noise import lagged_sums
 from compasslib.types import Floats
 
 ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly correlation; no more lags than the record can carry
 RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
 WIDTH_BINS = 12  # of slowness, along which the water's scatter is followed
 NARROWEST = 0.25  # least width as a share of the middle one
-ANYWHERE_DEG = robust.SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
+ANYWHERE_DEG = SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
 CHUNK = 32  # samples filtered at once: speed only
-LONGEST = 512  # samples over which a filter's memory is followed
-THINNEST = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
+MAX_MEMORY = 512  # samples over which a filter's memory is followed
+MIN_DIRECTION = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
 TREND_S, TREND_LENGTHS = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
 
 
 @dataclass(frozen=True)
-class Louder:
+class LowRankNoise:
     """Directions in which the filtered noise is louder than white, by slow processes."""
 
     basis: Floats  # (n, k) orthonormal, float32
     keep: Floats  # (k,) of each direction's amplitude, so that it becomes white
 
-    def quietened(self, filtered: Floats) -> Floats:
+    def whiten(self, filtered: Floats) -> Floats:
         """Return filtered columns with these directions as quiet as all others, (n, k)."""
         basis = self.basis.astype(filtered.dtype)
         return filtered - basis @ ((1.0 - self.keep).astype(filtered.dtype)[:, None] * (basis.T @ filtered))
@@ -48,7 +49,7 @@ class Whitener:
     slot: NDArray[np.intp]  # (n,) place of each sample on the even grid
     filter: Floats  # (p + 1,) 1 and minus the autoregressive coefficients
     width_deg: Floats  # (n,) infinite where a sample does not count
-    louder: Louder | None = None
+    louder: LowRankNoise | None = None
 
     def __call__(self, columns_deg: Floats) -> Floats:
         """Return columns divided by the widths and filtered, (n, k).
@@ -74,10 +75,10 @@ class Whitener:
             band[i, i : i + lags + 1] = self.filter[::-1]
         windows = np.lib.stride_tricks.sliding_window_view(grid, CHUNK + lags, axis=0)[::CHUNK].transpose(0, 2, 1)
         filtered = (band @ windows).reshape(chunks * CHUNK, width)[self.slot]
-        return filtered if self.louder is None else self.louder.quietened(filtered)
+        return filtered if self.louder is None else self.louder.whiten(filtered)
 
 
-def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
+def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
     """Return the filter that takes the autocorrelation out of a residual.
 
     A real drift must not pass for the water's correlation. What changes over weeks counts with the power of its
@@ -87,41 +88,41 @@ def whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitene
         residual_deg: (n,), degrees.
         width_deg: (n,), degrees, infinite where a sample does not count.
     """
-    slot = slots(time_s)
-    standard = clipped(residual_deg, width_deg)
+    slot = grid_positions(time_s)
+    standard = clip_standardized(residual_deg, width_deg)
     series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
-    counts, lags = np.isfinite(width_deg), order(len(time_s))
+    counts, lags = np.isfinite(width_deg), filter_order(len(time_s))
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
-    together = np.maximum(autocorrelation.lagged(present, lags), 1.0)
-    correlation = _autocovariance(series, lags, 2.0 * spacing_s(time_s) / step_s(time_s)) / together
+    together = np.maximum(lagged_sums(present, lags), 1.0)
+    correlation = _autocovariance(series, lags, 2.0 * trend_spacing_s(time_s) / sampling_interval_s(time_s)) / together
     correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
     coefficients = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
     return Whitener(slot, np.append(1.0, -coefficients), width_deg)
 
 
-def spacing_s(time_s: Floats) -> float:
+def trend_spacing_s(time_s: Floats) -> float:
     """Return the spacing of the knots that follow what changes over weeks, seconds."""
-    return max(TREND_LENGTHS * order(len(time_s)) * step_s(time_s), TREND_S)
+    return max(TREND_LENGTHS * filter_order(len(time_s)) * sampling_interval_s(time_s), TREND_S)
 
 
-def step_s(time_s: Floats) -> float:
+def sampling_interval_s(time_s: Floats) -> float:
     """Return the usual interval of samples, seconds."""
     return float(np.median(np.diff(time_s)))
 
 
-def order(samples: int) -> int:
+def filter_order(samples: int) -> int:
     """Return the number of lags of the filter of a record."""
     return min(ORDER, samples // SAMPLES_PER_LAG)
 
 
-def slots(time_s: Floats) -> NDArray[np.intp]:
+def grid_positions(time_s: Floats) -> NDArray[np.intp]:
     """Return the place of each sample on an even grid of the usual interval, (n,)."""
-    apart = np.maximum(np.rint(np.diff(time_s) / step_s(time_s)).astype(np.intp), 1)
+    apart = np.maximum(np.rint(np.diff(time_s) / sampling_interval_s(time_s)).astype(np.intp), 1)
     return np.concatenate([[0], np.cumsum(np.minimum(apart, 10 * ORDER))]).astype(np.intp)
 
 
-def clipped(residual_deg: Floats, width_deg: Floats) -> Floats:
+def clip_standardized(residual_deg: Floats, width_deg: Floats) -> Floats:
     """Return residuals over their widths, clipped, 0 where a sample does not count, (n,).
 
     Beyond a right angle they fall again, to 0 at the opposite: slow water that points the other way is on neither side,
@@ -134,10 +135,10 @@ def clipped(residual_deg: Floats, width_deg: Floats) -> Floats:
     known = np.isfinite(width_deg)
     near = angles.wrap180(np.where(known, residual_deg, 0.0))
     folded = np.where(np.abs(near) > 90.0, np.sign(near) * 180.0 - near, near)
-    return np.clip(folded / width_deg, -robust.CLIP, robust.CLIP)
+    return np.clip(folded / width_deg, -HUBER_CLIP, HUBER_CLIP)
 
 
-def response(residual_deg: Floats, width_deg: Floats) -> float:
+def clip_response(residual_deg: Floats, width_deg: Floats) -> float:
     """Return the share of a small shift that clipped residuals keep, each sample by what it tells.
 
     Args:
@@ -146,21 +147,21 @@ def response(residual_deg: Floats, width_deg: Floats) -> float:
     """
     weight = width_deg**-2.0
     falls = np.where(np.abs(angles.wrap180(np.where(weight > 0.0, residual_deg, 0.0))) > 90.0, -1.0, 1.0)
-    return float(np.average(falls * (np.abs(clipped(residual_deg, width_deg)) < robust.CLIP), weights=weight))
+    return float(np.average(falls * (np.abs(clip_standardized(residual_deg, width_deg)) < HUBER_CLIP), weights=weight))
 
 
-def memory(fitted: Whitener) -> float:
+def correlation_time(fitted: Whitener) -> float:
     """Return in how many samples the correlation that a filter takes out falls to 1/e."""
     from scipy.signal import lfilter
 
-    pulse = lfilter([1.0], fitted.filter, np.arange(LONGEST) == 0)
-    lagged = autocorrelation.lagged(pulse, LONGEST // 2)
+    pulse = lfilter([1.0], fitted.filter, np.arange(MAX_MEMORY) == 0)
+    lagged = lagged_sums(pulse, MAX_MEMORY // 2)
     known = lagged / lagged[0]
     below = int(np.argmax(known < np.exp(-1.0)))
-    return below - (np.exp(-1.0) - known[below]) / (known[below - 1] - known[below]) if below else float(LONGEST)
+    return below - (np.exp(-1.0) - known[below]) / (known[below - 1] - known[below]) if below else float(MAX_MEMORY)
 
 
-def widths(residual_deg: Floats, slowness: Floats) -> Floats:
+def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
     """Return the robust width of the residual, which grows with slowness, (n,) degrees.
 
     Args:
@@ -173,13 +174,13 @@ def widths(residual_deg: Floats, slowness: Floats) -> Floats:
     bins = np.clip(np.searchsorted(edges, slowness[known], side="right") - 1, 0, WIDTH_BINS - 1)
     filled = [b for b in range(WIDTH_BINS) if np.sum(bins == b) >= 5]
     centre = np.array([np.median(slowness[known][bins == b]) for b in filled])
-    middle = np.array([robust.width(size[bins == b]) for b in filled])
+    middle = np.array([robust_width(size[bins == b]) for b in filled])
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
     width = np.interp(slowness, centre, middle) * _beyond(slowness, centre, middle)
     return np.where(known, _on_circle(np.maximum(width, 1e-6)), np.inf)
 
 
-def inverse(gram: Floats) -> Floats:
+def scaled_inverse(gram: Floats) -> Floats:
     """Return the inverse of a matrix of products of columns of any units; directions that vanish are left out.
 
     Args:
@@ -190,7 +191,7 @@ def inverse(gram: Floats) -> Floats:
     return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)
 
 
-def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:
+def orthonormal_basis(columns: Floats, least: float = 1e-5) -> Floats:
     """Return an orthonormal basis of columns, those that hardly add anything left out, (n, k).
 
     Args:
@@ -204,12 +205,12 @@ def orthonormal(columns: Floats, least: float = 1e-5) -> Floats:
     return left[:, size > least * size[0]]
 
 
-def without(columns: Floats, basis: Floats) -> Floats:
+def project_out(columns: Floats, basis: Floats) -> Floats:
     """Return columns without what an orthonormal basis, (n, b), can take of them, (n, ...)."""
     return columns - basis @ (basis.T @ columns)
 
 
-def directions(white: Floats) -> Floats:
+def whitened_basis(white: Floats) -> Floats:
     """Return an orthonormal basis of whitened columns, float32, (n, at most k).
 
     Args:
@@ -220,7 +221,7 @@ def directions(white: Floats) -> Floats:
     if unit.shape[1] < 2:
         return unit
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
-    kept = values > max(THINNEST * values[-1], 1e-5)
+    kept = values > max(MIN_DIRECTION * values[-1], 1e-5)
     return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)
 
 

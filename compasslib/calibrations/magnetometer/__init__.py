@@ -22,7 +22,7 @@ from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.iron import Solved
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.calibrations.result import Calibration, DeviationTable, check_date
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_deviation
 from compasslib.types import Floats
 
 KIND, NO_MODEL = "magnetometer", "none"
@@ -128,7 +128,7 @@ def _residual(solved: Solved, series: Floats, exact: Floats) -> float:
     else:
         recorded = iron.GRID_DEG
         deviation = iron.exact_deviation(exact, recorded)
-    return angles.rms(deviation - von_appen.predict(series, recorded))
+    return angles.rms(deviation - series_deviation(series, recorded))
 
 
 def _points(solved: Solved) -> dict[str, Floats]:
@@ -276,7 +276,7 @@ def _misfits(solved: Solved) -> list[str]:
 def _sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
     """Make the uncertainty budget of a corrected heading."""
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
-    off = table.deviation_deg - von_appen.predict(series, table.heading_deg)
+    off = table.deviation_deg - series_deviation(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
     reading_deg = solved.fitted.noise / horizontal / angles.DEGREE
     sources = [

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.calibrations.magnetometer.log import Log
-from compasslib.statistics import robust
-from compasslib.statistics.autocorrelation import effective_number
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
 MAX_ITERATIONS, MAX_STEP, TOLERANCE = 60, 0.3, 1e-11
@@ -319,7 +319,7 @@ def find_outliers(choice: ModelChoice) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     off = modulus(corrected(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
     off = np.abs(off - np.median(off))
-    far = off > OUTLIER_WIDTHS * max(robust.width(off), SYSTEMATIC_ERROR)
+    far = off > OUTLIER_WIDTHS * max(robust_width(off), SYSTEMATIC_ERROR)
     return far if far.mean() < MAX_OUTLIER_SHARE else np.zeros_like(far)
 
 
@@ -446,7 +446,7 @@ def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) ->
         pass  # that is what the judgement is about to say
     residual = modulus(corrected(iron, readings), readings.down) - 1.0
     times = np.arange(len(readings), dtype=float)
-    return noise, effective_number(residual, times, longest_s=len(readings) / 10.0)
+    return noise, effective_sample_size(residual, times, longest_s=len(readings) / 10.0)
 
 
 def _select_by_cross_validation(

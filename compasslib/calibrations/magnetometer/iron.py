@@ -12,7 +12,7 @@ from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
 from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading
 from compasslib.calibrations.result import DeviationTable
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design
 from compasslib.types import Floats
 
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
@@ -41,7 +41,7 @@ def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
 
 def series_coefficients(coefficients: Floats) -> Floats:
     """Fit A..E in degrees, the series in the recorded heading over the whole circle, to an exact compass, (5,)."""
-    return np.linalg.lstsq(von_appen.design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
+    return np.linalg.lstsq(series_design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
 
 
 def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> DeviationTable:
@@ -64,7 +64,7 @@ def compute_headings(iron: Floats, readings: ScaledReadings, levelling: Floats) 
 
 def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, float]:
     """Fit the first and second harmonic of a modulus against the heading, percent of its mean."""
-    k = np.linalg.lstsq(von_appen.design(heading_deg), modulus, rcond=None)[0]
+    k = np.linalg.lstsq(series_design(heading_deg), modulus, rcond=None)[0]
     return float(100.0 * np.hypot(k[1], k[2]) / k[0]), float(100.0 * np.hypot(k[3], k[4]) / k[0])
 
 

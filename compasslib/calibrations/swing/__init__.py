@@ -21,7 +21,7 @@ from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import InputError
 from compasslib.types import Floats
 
@@ -231,7 +231,7 @@ def _without_water(
 
 def _sources(series: SwingFit, heading_deg: Floats) -> tuple[Source, ...]:
     """Make the budget: each source's rms over the table's headings; squares add up to the table's."""
-    columns, squares = von_appen.design(heading_deg), dict[tuple[str, str], float]()
+    columns, squares = series_design(heading_deg), dict[tuple[str, str], float]()
     for key, part in series.parts.items():
         name = BLOCKS[key] if key in BLOCKS else PRIORS[int(key)]
         left = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
@@ -246,7 +246,7 @@ def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
     columns["pseudo_deviation_deg"] = angles.difference(observed.course_deg, observed.recorded_deg)
     if series is not None:
         columns["deviation_deg"] = (
-            von_appen.predict(series.parameters[SERIES], observed.settled_deg) + series.residuals[COURSE]
+            series_deviation(series.parameters[SERIES], observed.settled_deg) + series.residuals[COURSE]
         )
         columns["residual_deg"] = series.residuals[COURSE]
         columns["sigma_deg"] = series.noises[COURSE].sigma
@@ -310,7 +310,7 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
     stated = observed.variation_deg
     if np.isfinite(stated) and abs(float(angles.difference(stated, swing.declination_deg))) >= 0.5:
         warnings.append(f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used")
-    columns = von_appen.design(np.arange(0.0, 360.0, observations.SECTOR_DEG))
+    columns = series_design(np.arange(0.0, 360.0, observations.SECTOR_DEG))
     largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
     if largest >= SERIES_LIMIT_DEG:
         left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
@@ -349,7 +349,7 @@ def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:
         columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
         if order == 4 and observations.distinct_headings(recorded) == 8:
             columns = columns[:, 1:]  # sin 4 is not seen
-        both = np.column_stack([von_appen.design(recorded), columns])
+        both = np.column_stack([series_design(recorded), columns])
         taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
         size[name] = angles.rms(taken)
     return (

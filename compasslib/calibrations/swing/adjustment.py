@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.calibrations.result import LETTERS, DeviationTable
-from compasslib.deviation import von_appen
+from compasslib.deviation.series import series_design
 from compasslib.errors import InputError
 from compasslib.types import Floats
 
@@ -174,7 +174,7 @@ class Magnets:
 def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -> DeviationTable:
     """Tabulate the deviation of A..E (5,) and its sigma by recorded heading, north first, degrees."""
     heading = np.arange(0.0, 360.0 - 1e-9, step_deg)
-    columns = von_appen.design(heading)
+    columns = series_design(heading)
     sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, covariance, columns), 0.0))
     return DeviationTable(heading, columns @ coefficients, sigma)
 

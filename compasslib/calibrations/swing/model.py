@@ -17,11 +17,16 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.calibrations.swing import observations
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
-from compasslib.deviation import von_appen
-from compasslib.statistics import swing_noise
-from compasslib.statistics.arma import orthonormal
-from compasslib.statistics.blocks import student
-from compasslib.statistics.swing_noise import SwingNoise, spread
+from compasslib.deviation.series import series_design
+from compasslib.statistics.noise import (
+    MIN_SCATTER_DEG,
+    SwingNoise,
+    clip_residuals,
+    estimate_swing_noise,
+    score_covariance,
+    span_basis,
+)
+from compasslib.statistics.resampling import student_factor
 from compasslib.types import Floats
 
 ROUNDS, STEPS = 4, 3
@@ -93,22 +98,22 @@ def _noises(
             scatter = np.hypot(block.sigma, np.sqrt(np.mean(first**2)))
             noises[block.name] = SwingNoise(np.full(residual.shape, scatter), dof=np.inf)
             continue
-        size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + swing_noise.TINY)
+        size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + MIN_SCATTER_DEG)
         basis = _informed_basis(columns / size[:, None], sigma) * size[:, None]
-        basis = orthonormal(basis)
-        noise = swing_noise.estimate(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
+        basis = span_basis(basis)
+        noise = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
         noise = noise if block.groups is None else _between_groups(noise, residual, block.groups, basis.shape[1])
         # So few residuals that their scatter may be small by chance must not overrule the priors.
-        noises[block.name] = replace(noise, weight=noise.weight / student(noise.dof) ** 2)
+        noises[block.name] = replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
     return noises
 
 
 def _informed_basis(columns: Floats, sigma: Floats) -> Floats:
     """Span what the fit takes up: free parameters, and those that the data know better than the prior."""
-    free = orthonormal(columns[:, np.isinf(sigma)])
+    free = span_basis(columns[:, np.isinf(sigma)])
     by_priors = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
     beyond = by_priors - free @ (free.T @ by_priors)
-    return np.column_stack([free, orthonormal(beyond, least=MIN_INFORMATION)])
+    return np.column_stack([free, span_basis(beyond, least=MIN_INFORMATION)])
 
 
 def _between_groups(noise: SwingNoise, residual: Floats, groups: NDArray[np.int_], rank: int) -> SwingNoise:
@@ -128,7 +133,7 @@ def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, Swin
     for block in blocks:
         residual, columns = block.observe(parameters)
         noise = noises[block.name]
-        clipped = swing_noise.clip(residual, noise)
+        clipped = clip_residuals(residual, noise)
         scaled = np.column_stack([columns, clipped]) / noise.sigma[:, None]
         rows[block.name] = scaled * np.sqrt(noise.weight)
     return rows
@@ -141,7 +146,9 @@ def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises
     information = np.sum([*(each.T @ each for each in rows.values()), *priors.values()], axis=0)
     inverse = np.linalg.inv(information)
     spreads = {
-        name: noises[name].weight * student(noises[name].dof) ** 2 * spread(each, noises[name], in_time[name])
+        name: noises[name].weight
+        * student_factor(noises[name].dof) ** 2
+        * score_covariance(each, noises[name], in_time[name])
         for name, each in rows.items()
     }
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | priors).items()}
@@ -293,7 +300,7 @@ def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compas
     drift_deg, across = _triangle(facing_deg, speed, _drift(parameters, swing))
     higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
     higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
-    basis, slopes = orthonormal(higher), np.zeros((len(speed), SIZE))
+    basis, slopes = span_basis(higher), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
     slopes[:, CHANGES] = across * observations.since_middle(swing.observed.time_s)[:, None]
     return drift_deg, slopes
@@ -381,7 +388,7 @@ def _by_log(swing: Swing) -> NDArray[np.bool_]:
 
 
 def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Shown:
-    columns = von_appen.design(recorded)
+    columns = series_design(recorded)
     fitted = recorded + columns @ coefficients
     return Shown(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
 

@@ -34,7 +34,8 @@ from compasslib.calibrations.two_heads.motion import (
 from compasslib.errors import InputError
 from compasslib.readers import pd0
 from compasslib.records import Record
-from compasslib.statistics import blocks, robust
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.resampling import blocks_by_count
 from compasslib.types import Floats
 
 KIND = "two_heads"
@@ -346,12 +347,12 @@ def _sampling_warnings(pairs: Compared, clock: ClockDifference, series: HeadingD
 
 def _slip_warnings(time_s: Floats, series: HeadingDifference) -> list[str]:
     """Warn of a step of the offset far beyond what neighbouring stretches differ by."""
-    stretch = blocks.in_time(time_s, SLIP_STRETCHES)[series.used]
+    stretch = blocks_by_count(time_s, SLIP_STRETCHES)[series.used]
     count = np.bincount(stretch, minlength=SLIP_STRETCHES)
     if count.min() == 0:
         return []
     mean = -np.bincount(stretch, series.residual_deg[series.used], SLIP_STRETCHES) / count
-    noise = robust.width(np.diff(mean)) / np.sqrt(2.0)
+    noise = robust_width(np.diff(mean)) / np.sqrt(2.0)
     splits = np.arange(2, SLIP_STRETCHES - 1)
     steps = np.array([mean[k:].mean() - mean[:k].mean() for k in splits])
     sigma = noise * np.sqrt(1.0 / splits + 1.0 / (SLIP_STRETCHES - splits))

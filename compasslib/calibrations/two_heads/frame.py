@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.calibrations.result import DeviationTable
 from compasslib.calibrations.two_heads.motion import down, independent, tilt_angles
-from compasslib.deviation import von_appen
-from compasslib.statistics import autocorrelation, blocks, robust
+from compasslib.deviation.series import series_design
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.noise import effective_sample_size
+from compasslib.statistics.resampling import block_jackknife, blocks_by_count
 from compasslib.types import Complexes, Floats
 
 STRETCHES = 30  # in which the residual is looked at
@@ -68,7 +70,7 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
     proper, mirrored, variation = _correlations(lean_a, lean_b)
     rms = float(np.sqrt(np.mean(residual**2)))
-    verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks.in_time(time_s, STRETCHES))
+    verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks_by_count(time_s, STRETCHES))
     determined = variation >= MIN_VARIATION_DEG and verdict in ("rigid", "doubtful")
     return Frame(
         rotation=rotation,
@@ -131,8 +133,8 @@ def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation:
     a, b = down(lean_a), down(lean_b)
     back = (b @ rotation)[:, :2] @ np.array([1.0, 1.0j])
     aside = np.imag(np.conj(lean_a - lean_a.mean()) * (back - lean_a))
-    count, widened = independent(autocorrelation.effective_number(aside - aside.mean(), time_s))
-    stretch = blocks.in_time(time_s, count)
+    count, widened = independent(effective_sample_size(aside - aside.mean(), time_s))
+    stretch = blocks_by_count(time_s, count)
     parts = [b[stretch == k].T @ a[stretch == k] for k in np.unique(stretch)]
     whole = np.sum(parts, axis=0)
     away = angles.difference([twist(_rotation(whole - part)) for part in parts], twist(rotation))
@@ -211,13 +213,13 @@ def fit_difference(
     covered = covered_sectors(recorded_deg)
     inflation = {k: variance_inflation(covered, k) for k in TERM_NAMES}
     terms = next((k for k in TERM_NAMES if inflation[k].max() <= MAX_INFLATION), 1)
-    columns, others = np.split(von_appen.design(recorded_deg), [terms], axis=1)
+    columns, others = np.split(series_design(recorded_deg), [terms], axis=1)
     coefficients, used = _fit_without_spikes(columns, difference_deg)
     residual = difference_deg - columns @ coefficients
-    effective = autocorrelation.effective_number(residual[used], time_s[used])
+    effective = effective_sample_size(residual[used], time_s[used])
     count, widened = independent(effective)
     rows, pulls = columns[used], columns[used] * residual[used][:, None]
-    covariance = blocks.jackknife(rows, pulls, blocks.in_time(time_s, count)[used], rows.T @ rows) * widened
+    covariance = block_jackknife(rows, pulls, blocks_by_count(time_s, count)[used], rows.T @ rows) * widened
     solver = np.linalg.pinv(columns[used])
     by_clock, leak = solver @ rate_sigma_deg[used], solver @ others[used]
     sampling = covariance + np.outer(by_clock, by_clock)
@@ -251,7 +253,7 @@ def variance_inflation(covered: NDArray[np.bool_], terms: int) -> Floats:
     """
     if covered.sum() < terms:
         return np.full(terms, np.inf)
-    columns = von_appen.design(SECTOR_DEG * (np.flatnonzero(covered) + 0.5))[:, :terms]
+    columns = series_design(SECTOR_DEG * (np.flatnonzero(covered) + 0.5))[:, :terms]
     information = columns.T @ columns
     return np.asarray(np.diag(information) * np.diag(np.linalg.pinv(information, rcond=1e-12)))
 
@@ -263,7 +265,7 @@ def deviation_table(series: HeadingDifference) -> DeviationTable:
 
 def difference_curve(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
     """Evaluate the deviation and its sigma at recorded headings, (m,), as ``deviation_table`` does."""
-    columns, others = np.split(von_appen.design(heading_deg), [series.terms], axis=1)
+    columns, others = np.split(series_design(heading_deg), [series.terms], axis=1)
     # Where headings were covered the fitted terms have taken up the refused ones; beyond, these go their own way.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
     # What the series leaves by sectors is the refused terms' own trace: the larger of the two, not both.
@@ -298,7 +300,7 @@ def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, ND
     for _ in range(5):
         coefficients = np.linalg.lstsq(columns[used], difference[used], rcond=None)[0]
         residual = np.abs(difference - columns @ coefficients)
-        now = residual <= CLIP_SIGMAS * max(robust.width(residual), 0.01)
+        now = residual <= CLIP_SIGMAS * max(robust_width(residual), 0.01)
         if (now == used).all():
             break
         used = now

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.calibrations.observatory import DAY_S
 from compasslib.records import BAD, Record
-from compasslib.statistics import blocks
+from compasslib.statistics.resampling import blocks_by_count, student_factor
 from compasslib.types import Complexes, Floats
 
 STEEPEST_TILT = 45.0  # degrees: on deck, or fallen
@@ -145,7 +145,7 @@ def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
     """
     count = int(np.clip(effective / SAMPLES_IN_STRETCH, MIN_STRETCHES, MAX_STRETCHES))
     shared = 1.0 - 0.5 / max(effective / count, 1.0)
-    return count, blocks.student(count - parameters) ** 2 / shared
+    return count, student_factor(count - parameters) ** 2 / shared
 
 
 def _rate(time_s: Floats, values: NDArray) -> GapSpline:
@@ -336,7 +336,7 @@ def _solve_lag(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats,
             break
     curvature, parts = _gradient_sums(signal, solution, middle_s)
     inverse = np.linalg.inv(curvature)
-    widened = blocks.student(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
+    widened = student_factor(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
     floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(signal.time_s)), 1.0)][: len(start)]) ** 2
     return solution, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
@@ -350,7 +350,7 @@ def _gradient_sums(signal: _Signal, parameters: Floats, middle_s: float) -> tupl
     second = np.real(np.conj(turned) * signal.other.at(at, 2))
     known = np.isfinite(first) & np.isfinite(second)
     columns, first, second = columns[:, known], first[known], second[known]
-    stretch = blocks.in_time(signal.time_s, STRETCHES)[known]
+    stretch = blocks_by_count(signal.time_s, STRETCHES)[known]
     parts = np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
     return np.asarray((columns * second) @ columns.T), np.asarray(parts, dtype=float)
 

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
 
 if TYPE_CHECKING:  # the Snakefile needs the table only
     from compasslib.inference.comparison import Options

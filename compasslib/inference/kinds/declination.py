@@ -40,7 +40,7 @@ from compasslib.inference.kinds.declination_slow import (
     why_too_short,
 )
 from compasslib.readers import iaga2002
-from compasslib.records import EarthField, FieldSeries, stamp
+from compasslib.records import EarthField, FieldSeries, iso_time
 from compasslib.types import Floats
 
 SEPARATED_BY = {
@@ -85,7 +85,7 @@ def storm_text(storm: Storm, compared: FieldComparison, proof: HeldOut, more: in
     quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
     others = f" {more} smaller storms are not listed." if more else ""
     return (
-        f"From {stamp(storm.begin_s)} to {stamp(storm.end_s)} a disturbance of the earth's field moves "
+        f"From {iso_time(storm.begin_s)} to {iso_time(storm.end_s)} a disturbance of the earth's field moves "
         f"magnetic north by {storm.rms_deg:.2f}° rms in its disturbed hours, {storm.worst_deg:.2f}° in its worst "
         f"three; highest minus lowest declination is {storm.range_deg:.1f}°.{quiet} The model of it is the "
         f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
@@ -320,7 +320,7 @@ def _finding(
     size: tuple[float, HeldOut],
     text: str,
 ) -> Finding:
-    place = CovariateRange("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
+    place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
     return Finding(effect, "compass", alternatives, place, span, parameters, size[0], size[1], text)
 
 
@@ -374,6 +374,6 @@ def _restless(compared: FieldComparison, limit_deg: float) -> Unexplained | None
     if compared.ordinary_deg < limit_deg:
         return None
     span = _span(compared)
-    place = CovariateRange("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
+    place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
     text = restless_text(compared.ordinary_deg)
     return Unexplained(("time",), place, span, compared.ordinary_deg, (), text)

@@ -15,16 +15,17 @@ from compasslib import angles
 from compasslib.calibrations import observatory
 from compasslib.calibrations.observatory import FieldComparison
 from compasslib.effects import Scene
-from compasslib.effects.composition import Simulation
 from compasslib.effects.earth import SecularVariation
-from compasslib.effects.reading import HeadingSlip
-from compasslib.effects.term import YEAR_S
+from compasslib.effects.effect import YEAR_S
+from compasslib.effects.forward import ForwardModel
+from compasslib.effects.readout import HeadingSlip
 from compasslib.inference import comparison, wording
 from compasslib.inference import finding as findings
 from compasslib.inference.comparison import LongComparison
 from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
-from compasslib.records import EarthField, FieldSeries, stamp
-from compasslib.statistics import blocks, robust
+from compasslib.records import EarthField, FieldSeries, iso_time
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.resampling import blocks_by_span
 from compasslib.types import Floats
 
 Jumps = tuple[tuple[float, float], ...]  # (date, degrees that the series rises by)
@@ -54,7 +55,7 @@ def jump_text(jump: tuple[float, float], sigma_deg: float, proof: HeldOut, alter
     """
     others = f" This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else ""
     return (
-        f"From {stamp(jump[0])} on the declination is {jump[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
+        f"From {iso_time(jump[0])} on the declination is {jump[1]:+.2f} ± {1.96 * sigma_deg:.2f} degrees (95 %) "
         f"off what it was: the baseline jumped, as where a sensor turned. The residual goes from "
         f"{proof.rms_before_deg:.2f}° to {proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}).{others}"
     )
@@ -113,7 +114,7 @@ def compare_series(compared: FieldComparison, model: EarthField) -> LongComparis
     waves = [x for k in DAILY_HARMONICS for x in angles.sin_cos(k * hour)] if step < observatory.DAY_S else []
     return LongComparison(
         time_s=time_s,
-        simulation=Simulation(np.zeros(5), float(h[0])),
+        simulation=ForwardModel(np.zeros(5), float(h[0])),
         scene=Scene(time_s, h, z, still, still, float(time_s[0])),
         recorded_deg=still,
         observed_deg=off,
@@ -165,10 +166,10 @@ def trend_of_pieces(
         return SlowFindings(not_testable=missing, negligible=(("secular_variation", size),))
     before, left = (x - np.median(x) for x in (off, off - slope * years))
     proof = findings.compare_residuals(
-        before, left, angles.rms(left), blocks.of_span(compared.time_s, findings.HELD_OUT_BLOCK_S)
+        before, left, angles.rms(left), blocks_by_span(compared.time_s, findings.HELD_OUT_BLOCK_S)
     )
     span = (float(compared.time_s[0]), float(compared.time_s[-1]))
-    place = CovariateRange("time", *span, f"from {stamp(span[0])} to {stamp(span[1])}")
+    place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
     parameters = {"deg_year": Parameter(slope, sigma, "degrees/year")}
     made = Finding("secular_variation", "compass", ("heading_slip",), place, span, parameters, size, proof, "")
     return SlowFindings(
@@ -260,7 +261,7 @@ def large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Findi
     middle = np.median(np.lib.stride_tricks.sliding_window_view(levels, LEVELS), axis=1)
     change = middle[LEVELS:] - middle[:-LEVELS]
     change = change - np.median(change)
-    usual = robust.width(change)
+    usual = robust_width(change)
     jumps = []
     while len(change) and np.max(np.abs(change)) > max(limit_deg, LARGE_JUMP_RATIO * usual):
         at = int(np.argmax(np.abs(change)))
@@ -291,7 +292,7 @@ def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float
         (before**2 - left**2) / (2.0 * width**2), block, (angles.rms(before), angles.rms(left))
     )
     share = float(np.mean(after))
-    place = CovariateRange("time", date, last, f"from {stamp(date)} on")
+    place = CovariateRange("time", date, last, f"from {iso_time(date)} on")
     return Finding(
         effect="heading_slip",
         side="compass",

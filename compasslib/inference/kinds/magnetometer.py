@@ -21,20 +21,27 @@ from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import ModelChoice
 from compasslib.calibrations.magnetometer.log import Log
-from compasslib.effects.iron import HardIron, HardIronStep, Heeling, TemperatureOfField, TemperatureOfReading
-from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
-from compasslib.effects.short import (
-    Delay,
-    Drift,
-    IronDrift,
-    LevelIron,
-    Levelled,
+from compasslib.effects.effect import Effect, Scene, turning_scene
+from compasslib.effects.iron import (
+    HardIron,
+    HardIronStep,
+    HardIronTrend,
+    Heeling,
+    LevelHardIron,
     LevelSoftIron,
-    MountingOffset,
     SoftIronInSpace,
-    moving,
+    TemperatureOfField,
+    TemperatureOfReading,
 )
-from compasslib.effects.term import Scene, Term
+from compasslib.effects.readout import (
+    CompassDelay,
+    CompassTrend,
+    HeadingSlip,
+    MountingOffset,
+    Octantal,
+    ReadingLevelled,
+    Sextantal,
+)
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import diagnosis, short_fit, short_search
 from compasslib.inference.comparison import Options
@@ -123,14 +130,22 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
     working, unit = _working(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field)
     simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
     scene, covariates, samples, clocked = scene_of(log, simulated, body)
-    terms: tuple[type[Term], ...] = (MountingOffset, LevelIron, LevelSoftIron, Sextantal, Octantal, HeadingSlip, Drift)
+    terms: tuple[type[Effect], ...] = (
+        MountingOffset,
+        LevelHardIron,
+        LevelSoftIron,
+        Sextantal,
+        Octantal,
+        HeadingSlip,
+        CompassTrend,
+    )
     if log.tilted:
-        terms = (Levelled, HardIron, *(term for term in terms if term is not LevelIron))
+        terms = (ReadingLevelled, HardIron, *(term for term in terms if term is not LevelHardIron))
     else:  # a tilt that was not logged takes any form along the heading
-        terms = (MountingOffset, LevelIron, HeadingSlip)
-    terms += (Delay,) if clocked else ()
+        terms = (MountingOffset, LevelHardIron, HeadingSlip)
+    terms += (CompassDelay,) if clocked else ()
     terms += (TemperatureOfReading,) if warmed(log) else ()
-    unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not Delay}
+    unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not CompassDelay}
     assert log.heading_deg is not None
     return ShortComparison(
         what="the logged heading against that of the axes",
@@ -157,8 +172,8 @@ def _of_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping[str,
     simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
     scene, covariates, samples, clocked = scene_of(log, simulated, body)
     level = choice.level
-    iron: tuple[type[Term], ...] = (LevelIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
-    terms: tuple[type[Term], ...] = (*iron, HardIronStep, IronDrift)
+    iron: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
+    terms: tuple[type[Effect], ...] = (*iron, HardIronStep, HardIronTrend)
     terms += (TemperatureOfField,) if warmed(log) else ()
     terms += (Heeling,) if level and log.tilted else ()
     down_all = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3))
@@ -230,16 +245,16 @@ class OfHeading:
     logged_deg: Floats  # (n,)
     scene: Scene
 
-    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated heading, (n,) degrees; iron is what the logged heading was freed of."""
         field = self.field_nT
         iron = [term for term in terms if term.acts_on == "field" and term.stage == "surroundings"]
         field = freed(field, iron, self.scene)
         for term in (term for term in terms if term.acts_on == "field" and term.stage == "sensor"):
-            field = term.act(field, self.scene)
+            field = term.apply(field, self.scene)
         reading = angles.argument(field[:, 0] - 1j * field[:, 1])
         for term in (term for term in terms if term.acts_on == "reading"):
-            reading = term.act(reading, self.scene)
+            reading = term.apply(reading, self.scene)
         return angles.difference(self.logged_deg, reading)
 
 
@@ -253,14 +268,14 @@ class OfModulus:
     scene: Scene
     wobble: Floats  # (n, k) what the noise of the tilt sensor makes of the modulus, a share of it
 
-    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated modulus, (n,) degrees; base begins with what the axes' scale is too large."""
         scaled = self.field_nT * (1.0 - base[0] * angles.DEGREE)  # with it the iron is in the unit of the field
         modulus = ellipsoid.modulus(freed(scaled, terms, self.scene), self.down)
         return (modulus / self.strength_nT - 1.0) / angles.DEGREE - self.wobble @ base[1:]
 
 
-def freed(field_nT: Floats, terms: Sequence[Term], scene: Scene) -> Floats:
+def freed(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
     """Return the field without the iron that terms add: the inverse of their sum of a matrix and a vector.
 
     Args:
@@ -270,10 +285,10 @@ def freed(field_nT: Floats, terms: Sequence[Term], scene: Scene) -> Floats:
     soft, zero = np.eye(3), np.zeros((len(field_nT), 3))
     hard: Floats = np.zeros((len(field_nT), 3))
     for term in terms:
-        none = term.act(zero, scene)
+        none = term.apply(zero, scene)
         hard = hard + none
         if term.name == "soft_iron":
-            soft = soft + np.stack([(term.act(zero + unit, scene) - unit)[0] for unit in np.eye(3)], axis=1)
+            soft = soft + np.stack([(term.apply(zero + unit, scene) - unit)[0] for unit in np.eye(3)], axis=1)
     return np.asarray((field_nT - hard) @ np.linalg.inv(soft).T)
 
 
@@ -331,7 +346,7 @@ def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict
     def ahead(seconds: float) -> Floats:
         return np.interp(at + seconds, time_s, smooth) - smooth[samples]
 
-    scene = moving(
+    scene = turning_scene(
         Scene(at, unit_field, unit_field, pitch[samples], roll[samples], float(time_s[0]), departures), ahead
     )
     scene.__dict__["levelling"] = log.levelling()[samples]  # by the log's own rule, where the cached property keeps it

@@ -13,11 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass, deviation
-from compasslib.deviation import exact, model, von_appen
-from compasslib.deviation.forms import EXACT, SeriesInCorrect
-from compasslib.deviation.model import Fit, nearest_root, observed_heading
-from compasslib.effects.term import HOUR_S, YEAR_S
+from compasslib import angles, compass
+from compasslib.deviation import fit_deviation
+from compasslib.deviation.exact import held_out_scores
+from compasslib.deviation.likelihood import EXACT, SeriesInCorrect
+from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, pair_speeds
+from compasslib.deviation.series import invert_series
+from compasslib.effects.effect import HOUR_S, YEAR_S
 from compasslib.effects.water import VeerWithDirection
 from compasslib.inference import comparison, diagnosis, finding, long_record, wording
 from compasslib.inference import product as products
@@ -32,8 +34,10 @@ from compasslib.inference.comparison import (
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
 from compasslib.records import EarthField, Pairs, take
-from compasslib.statistics import blocks, robust, whitening
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.resampling import blocks_by_span
+from compasslib.statistics.whitening import grid_positions, robust_widths
 from compasslib.types import Floats
 
 LEAST_CLOCK_H = 0.3  # real water delays by less
@@ -86,8 +90,8 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
     step = float(np.median(np.diff(pairs.time_s)))
     if step > 2.0 * HOUR_S:
         return ClockError()
-    slot = whitening.slots(pairs.time_s)
-    upper, lower = (_highpass_speed(slot, speed, step) for speed in model.speeds(pairs))
+    slot = grid_positions(pairs.time_s)
+    upper, lower = (_highpass_speed(slot, speed, step) for speed in pair_speeds(pairs))
     width = max(len(upper) // WINDOWS, FEWEST_IN_WINDOW)
     windows = [slice(begin, begin + width) for begin in range(0, len(upper) - width + 1, width)]
     later = np.interp(np.arange(len(upper)), slot, pairs.separation_minutes / 60.0)
@@ -203,7 +207,7 @@ class Repair:
     """Pairs freed of a clock error, the compass fitted to them, and what was found."""
 
     pairs: Pairs
-    fit: Fit
+    fit: DeviationFit
     findings: list[Finding]
 
 
@@ -211,7 +215,7 @@ class Repair:
 def diagnose(
     pairs: Pairs,
     logged: Mapping[str, Floats],
-    fit: Fit,
+    fit: DeviationFit,
     field: EarthField,
     options: Options | None = None,
     *,
@@ -235,7 +239,7 @@ def diagnose(
     if why := _why_too_few(pairs, fit):
         return diagnosis.insufficient(why)
     is_series = fit.method == "von_appen"
-    exact = deviation.fit("exact", pairs) if is_series else fit
+    exact = fit_deviation("exact", pairs) if is_series else fit
     first = [] if not is_series else exact_compass_findings(pairs, exact, fit, options.min_effect_deg)
     clock = estimate_clock_error(wide)
     repair, doubted = _repair_clock(pairs, exact, clock)
@@ -264,7 +268,7 @@ def diagnose(
     )
 
 
-def _why_too_few(pairs: Pairs, fit: Fit) -> str:
+def _why_too_few(pairs: Pairs, fit: DeviationFit) -> str:
     if not fit.fitted:
         return f"no compass was fitted: {fit.why}"
     days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
@@ -276,13 +280,13 @@ def _why_too_few(pairs: Pairs, fit: Fit) -> str:
     return ""
 
 
-def _repair_clock(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
+def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
     """Return the pairs freed of a clock error, and what is to be said where held-out directions deny it."""
     if not clock.named:
         return None, ()
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
-        freed = deviation.fit(fit.method, again, _start_fit(fit), dip_ratio=fit.dip_ratio)
+        freed = fit_deviation(fit.method, again, _start_fit(fit), dip_ratio=fit.dip_ratio)
         clock_found = clock_findings(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(finding.held_out.refuted for finding in clock_found):
             return Repair(again, freed, clock_found), ()
@@ -295,7 +299,7 @@ def _repair_clock(pairs: Pairs, fit: Fit, clock: ClockError) -> tuple[Repair | N
     return None, (warning,)
 
 
-def _start_fit(fit: Fit) -> Fit | None:
+def _start_fit(fit: DeviationFit) -> DeviationFit | None:
     """Return what a fit without the clock's error starts from: anew, or a calibration that no pair changes."""
     return fit if fit.method == "calibration" or fit.prior is not None else None
 
@@ -310,7 +314,9 @@ def _without_veer_by_direction(case: LongComparison) -> LongComparison:
     )
 
 
-def clock_findings(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: ClockError) -> list[Finding]:
+def clock_findings(
+    before: Pairs, after: Pairs, fits: tuple[DeviationFit, DeviationFit], clock: ClockError
+) -> list[Finding]:
     """Return the findings on the clocks, with what re-pairing does to the residual of fits that have not seen it.
 
     Args:
@@ -320,9 +326,9 @@ def clock_findings(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: Cl
     moved = angles.difference(observed_heading(after), observed_heading(before)[same])
     left = [held_out_residual(pairs, fit) for pairs, fit in zip((before, after), fits, strict=True)]
     left[0] = left[0][same]
-    width = whitening.widths(left[1], np.zeros(len(after)))
-    proof = finding.compare_residuals(left[0], left[1], width, blocks.of_span(after.time_s, finding.HELD_OUT_BLOCK_S))
-    size = robust.width(moved)  # robust: slow water may point anywhere
+    width = robust_widths(left[1], np.zeros(len(after)))
+    proof = finding.compare_residuals(left[0], left[1], width, blocks_by_span(after.time_s, finding.HELD_OUT_BLOCK_S))
+    size = robust_width(moved)  # robust: slow water may point anywhere
     numbers = {
         "clock_offset": (clock.offset_named, "hours", clock.offset_h, clock.offset_sigma_h, "h"),
         "clock_drift": (clock.drift_named, "hours_year", clock.drift_h_year, clock.drift_sigma_h_year, "h/year"),
@@ -347,7 +353,9 @@ def clock_findings(before: Pairs, after: Pairs, fits: tuple[Fit, Fit], clock: Cl
     return result
 
 
-def exact_compass_findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: float) -> list[Finding]:
+def exact_compass_findings(
+    pairs: Pairs, fit: DeviationFit, series: DeviationFit, min_effect_deg: float
+) -> list[Finding]:
     """Return the finding that the exact compass fits where the small-angle series does not, or none.
 
     Both have five parameters, so the comparison on held-out days needs no charge for complexity.
@@ -357,7 +365,7 @@ def exact_compass_findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: 
     """
     observed = observed_heading(pairs)
     by_exact = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
-    by_series = von_appen.invert(series.coefficients, pairs.heading_deg)
+    by_series = invert_series(series.coefficients, pairs.heading_deg)
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
     if not (size >= min_effect_deg or lost > MOST_ROOTLESS):
         return []
@@ -368,19 +376,18 @@ def exact_compass_findings(pairs: Pairs, fit: Fit, series: Fit, min_effect_deg: 
     return [replace(comparison.large_deviation_finding(size, proof), when_s=span, applied=True)]
 
 
-def _block_gain(pairs: Pairs, fit: Fit, series: Fit) -> HeldOut:
+def _block_gain(pairs: Pairs, fit: DeviationFit, series: DeviationFit) -> HeldOut:
     """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
     compared = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
-    block = blocks.of_span(compared.time_s, finding.HELD_OUT_BLOCK_S)
+    block = blocks_by_span(compared.time_s, finding.HELD_OUT_BLOCK_S)
     scores = [
-        exact.held_out_scores(form, compared, block % 2, near)
-        for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
+        held_out_scores(form, compared, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
     ]
     left = [held_out_residual(compared, near) for near in (series, fit)]
     return finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
 
 
-def held_out_residual(pairs: Pairs, fit: Fit) -> Floats:
+def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
     """Return the observed heading minus that of a fit of the same method to the other half of the blocks, (n,) degrees.
 
     What no heading explains is as far off as chance takes it.
@@ -388,16 +395,16 @@ def held_out_residual(pairs: Pairs, fit: Fit) -> Floats:
     Args:
         fit: to all of them.
     """
-    block = blocks.of_span(pairs.time_s, finding.HELD_OUT_BLOCK_S)
+    block = blocks_by_span(pairs.time_s, finding.HELD_OUT_BLOCK_S)
     observed, left = observed_heading(pairs), np.full(len(pairs), finding.NO_ROOT_DEG)
     for out in (block % 2 == 0, block % 2 == 1):
-        again = deviation.fit(fit.method, take(pairs, ~out), fit)
+        again = fit_deviation(fit.method, take(pairs, ~out), fit)
         if again.fitted:
             left[out] = angles.difference(observed, _corrected_heading(again, pairs, observed))[out]
     return np.where(np.isfinite(left), left, finding.NO_ROOT_DEG)
 
 
-def _corrected_heading(fit: Fit, pairs: Pairs, observed_deg: Floats) -> Floats:
+def _corrected_heading(fit: DeviationFit, pairs: Pairs, observed_deg: Floats) -> Floats:
     if fit.method == "von_appen":
-        return von_appen.invert(fit.coefficients, pairs.heading_deg)
+        return invert_series(fit.coefficients, pairs.heading_deg)
     return nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed_deg)

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.calibrations import curves, platform
 from compasslib.calibrations.curves import EXACT, SMITH, FittedCurve, Points
-from compasslib.deviation import von_appen
-from compasslib.effects.composition import COMPASS_STEPS
-from compasslib.effects.iron import HardIronStep
-from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
-from compasslib.effects.short import Drift, IronDrift
-from compasslib.effects.term import Term
+from compasslib.deviation.series import series_design
+from compasslib.effects.effect import Effect
+from compasslib.effects.forward import COMPASS_STEPS
+from compasslib.effects.iron import HardIronStep, HardIronTrend
+from compasslib.effects.readout import CompassTrend, HeadingSlip, Octantal, Sextantal
 from compasslib.inference import comparison, diagnosis, finding, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
@@ -30,8 +29,8 @@ from compasslib.inference.short_fit import ShortComparison
 from compasslib.types import Floats
 
 FEWEST_HEADINGS = 12  # nine coefficients up to the fourth harmonic, and three degrees of freedom
-READOUT: tuple[type[Term], ...] = (Sextantal, Octantal, HeadingSlip, Drift)
-TERMS: tuple[type[Term], ...] = (*READOUT, HardIronStep, IronDrift)
+READOUT: tuple[type[Effect], ...] = (Sextantal, Octantal, HeadingSlip, CompassTrend)
+TERMS: tuple[type[Effect], ...] = (*READOUT, HardIronStep, HardIronTrend)
 SWING = "swing 16 to 24 headings all round the circle"
 NO_CLOCK = "the readings carry no temperature, voltage or tilt"
 
@@ -116,7 +115,7 @@ def too_few(headings: int, points: Points, why: str = "") -> str:
         return f"{why or f'{headings} headings determine no curve with anything to spare'}; {SWING}".replace(
             f"{SWING}; {SWING}", SWING
         )
-    left = angles.wrap180(points.deviation_deg - von_appen.design(points.recorded_deg) @ _five(points))
+    left = angles.wrap180(points.deviation_deg - series_design(points.recorded_deg) @ _five(points))
     sizes = {k: _harmonic(points.recorded_deg, left, k) for k in (3, 4)}
     return (
         f"{headings} headings carry at most {headings} coefficients and five are the curve's: what those leave "
@@ -126,12 +125,12 @@ def too_few(headings: int, points: Points, why: str = "") -> str:
 
 
 def _five(points: Points) -> Floats:
-    return np.linalg.lstsq(von_appen.design(points.recorded_deg), points.deviation_deg, rcond=None)[0]
+    return np.linalg.lstsq(series_design(points.recorded_deg), points.deviation_deg, rcond=None)[0]
 
 
 def _harmonic(recorded_deg: Floats, left_deg: Floats, k: int) -> float:
     """Return what one harmonic takes of a residual, the five terms refitted beside it, rms degrees."""
-    five, pair = von_appen.design(recorded_deg), np.column_stack(angles.sin_cos(k * recorded_deg))
+    five, pair = series_design(recorded_deg), np.column_stack(angles.sin_cos(k * recorded_deg))
     after = (
         left_deg
         - np.column_stack([five, pair]) @ np.linalg.lstsq(np.column_stack([five, pair]), left_deg, rcond=1e-6)[0]
@@ -198,7 +197,7 @@ def _residuals(points: Points, fitted: NDArray[np.bool_] | None = None) -> tuple
     solved, five = curves.fit_exact_compass(fitted_points), SMITH.solve(fitted_points)
     if solved is None or five is None:
         return None
-    by_series = angles.wrap180(points.deviation_deg - von_appen.design(points.recorded_deg) @ five.coefficients)
+    by_series = angles.wrap180(points.deviation_deg - series_design(points.recorded_deg) @ five.coefficients)
     roots = compass.inverse(solved.coefficients, points.recorded_deg)
     off = angles.difference((points.recorded_deg + points.deviation_deg)[:, None], roots)
     nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
@@ -221,7 +220,7 @@ def _probability(points: Points, ratio: float) -> float:
     scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(points) - 5)))
     exceeded = 0
     for _ in range(short_search.NOISE_DRAWS):
-        deviation = von_appen.design(points.recorded_deg) @ solution.coefficients
+        deviation = series_design(points.recorded_deg) @ solution.coefficients
         again = Points(points.recorded_deg, deviation + rng.normal(0.0, scatter, len(points)), points.weight)
         left = _residuals(again)
         exceeded += left is not None and _ratio(again, left) >= ratio

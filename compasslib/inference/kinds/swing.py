@@ -21,29 +21,20 @@ from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import observations
 from compasslib.calibrations.swing.observations import Observations
-from compasslib.deviation import von_appen
-from compasslib.effects import composition
-from compasslib.effects.composition import COMPASS_STEPS, Simulation
-from compasslib.effects.iron import HardIronStep
-from compasslib.effects.short import IronDrift
-from compasslib.effects.swing import (
-    ClocksApart,
-    FilteredCourse,
-    LateCourse,
-    LateReading,
-    SetAndDrift,
-    TidalSetAndDrift,
-)
-from compasslib.effects.term import Scene, Term
+from compasslib.deviation.series import series_design
+from compasslib.effects.effect import Effect, Scene
+from compasslib.effects.forward import COMPASS_STEPS, ForwardModel, invert_readout, recorded_heading
+from compasslib.effects.iron import HardIronStep, HardIronTrend
+from compasslib.effects.ship import ClocksApart, FilteredCourse, LateCourse, LateReading, SetAndDrift, TidalSetAndDrift
 from compasslib.inference import comparison, diagnosis, finding, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.design import ColumnGroup
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.inference.kinds import platform
-from compasslib.inference.short_fit import FittedHypothesis, ForwardModel, ShortComparison
+from compasslib.inference.short_fit import FittedHypothesis, ResidualModel, ShortComparison
 from compasslib.inference.short_search import SearchResult
-from compasslib.statistics import robust
+from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
 Filter = Callable[[Floats], Floats]
@@ -104,7 +95,7 @@ def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
         inside_deg = off_deg[first.number == k]
         middle[k] = inside_deg[0] + np.median(angles.difference(inside_deg, inside_deg[0]))
     away = np.where(inside, np.abs(angles.difference(off_deg, middle[first.number])), np.inf)
-    return stretches(time_s, away <= WIDE * max(robust.width(away[inside]), 0.5))
+    return stretches(time_s, away <= WIDE * max(robust_width(away[inside]), 0.5))
 
 
 @dataclass(frozen=True)
@@ -119,23 +110,23 @@ class ByCourse:
     exact: bool  # the exact compass instead of the series in the recorded heading
     over: Stretches
 
-    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated heading, (k,) degrees; base is A to E, degrees or dimensionless."""
         correct = self.by_course(terms)
         later: Floats = np.zeros(len(self.scene))
         for term in (term for term in terms if term.acts_on == "time"):
-            later = term.act(later, self.scene)
-        recorded = self.reading(later, [partial(term.act, scene=self.scene) for term in terms if _of_course(term)])
+            later = term.apply(later, self.scene)
+        recorded = self.reading(later, [partial(term.apply, scene=self.scene) for term in terms if _of_course(term)])
         compass_terms = tuple(term for term in terms if term.acts_on in ("field", "reading") and not _of_course(term))
         if self.exact:
-            simulation = Simulation(base, float(np.mean(self.scene.horizontal_nT)), compass_terms)
-            shown = composition.recorded_heading(simulation, self.scene, correct)
+            simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), compass_terms)
+            shown = recorded_heading(simulation, self.scene, correct)
             return self.over.mean(angles.difference(shown, recorded))
-        no_iron = Simulation(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), compass_terms)
-        undone = composition.undone_readout(no_iron, self.scene, recorded)
-        return self.over.mean(angles.difference(correct, undone + von_appen.design(undone) @ base))
+        no_iron = ForwardModel(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), compass_terms)
+        undone = invert_readout(no_iron, self.scene, recorded)
+        return self.over.mean(angles.difference(correct, undone + series_design(undone) @ base))
 
-    def by_course(self, terms: tuple[Term, ...]) -> Floats:
+    def by_course(self, terms: tuple[Effect, ...]) -> Floats:
         """Compute magnetic headings, (n,) degrees, from the courses, the velocity of the water taken off."""
         if self.ground_m_s is None:
             return self.course_deg - self.declination_deg
@@ -152,23 +143,23 @@ class BySpeed:
     scene: Scene
     over: Stretches
 
-    def __call__(self, base: Floats, terms: tuple[Term, ...]) -> Floats:
+    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated speed over the mean speed, (k,) degrees; base is the log's scale and zero."""
         through = self.ground_m_s - water(terms, self.scene)
         off = np.hypot(through[:, 0], through[:, 1]) - base[0] * self.logged_m_s - base[1]
         return self.over.mean(off / angles.DEGREE / float(np.mean(np.hypot(*self.ground_m_s.T))))
 
 
-def _of_course(term: Term) -> bool:
+def _of_course(term: Effect) -> bool:
     """Tell whether a term acts on the heading that the course follows."""
     return term.acts_on == "reading" and term.side == "reference"
 
 
-def water(terms: tuple[Term, ...], scene: Scene) -> Floats:
+def water(terms: tuple[Effect, ...], scene: Scene) -> Floats:
     """Return the velocity of the water, (n, 2) m/s true east and north."""
     moving: Floats = np.zeros((len(scene), 2))
     for term in (term for term in terms if term.acts_on == "velocity"):
-        moving = term.act(moving, scene)
+        moving = term.apply(moving, scene)
     return moving
 
 
@@ -249,9 +240,9 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     return replace(searched, not_testable=(*searched.not_testable, ("water_drift", CONFOUNDED)))
 
 
-FIELD: tuple[type[Term], ...] = (HardIronStep, IronDrift)
-WATER: tuple[type[Term], ...] = (SetAndDrift, TidalSetAndDrift)
-DELAYS: tuple[type[Term], ...] = (FilteredCourse, LateCourse, LateReading)
+FIELD: tuple[type[Effect], ...] = (HardIronStep, HardIronTrend)
+WATER: tuple[type[Effect], ...] = (SetAndDrift, TidalSetAndDrift)
+DELAYS: tuple[type[Effect], ...] = (FilteredCourse, LateCourse, LateReading)
 BEGIN_S = 5.0  # where the fit of a delay begins, beside none
 OFTEN_S = 10.0  # a log has a sample more often than that
 FEWEST_STRETCHES = 24  # of 20 s: eight minutes
@@ -334,7 +325,9 @@ def _bases(
     )  # type: ignore[return-value]
 
 
-def _channel(track: Track, over: Stretches, residual: ForwardModel, *, start: Floats, steps: Floats) -> ShortComparison:
+def _channel(
+    track: Track, over: Stretches, residual: ResidualModel, *, start: Floats, steps: Floats
+) -> ShortComparison:
     observed = track.observations
     covariates = {"heading": over.heading(observed.recorded_deg), "time": over.mean(observed.time_s)}
     covariates |= {"speed": over.mean(observed.speed_kn)} if np.isfinite(observed.speed_kn).all() else {}
@@ -430,7 +423,7 @@ def _beyond_series(coefficients: Floats) -> float:
     """Return what the five-term series cannot take of an exact compass's curve, rms degrees round the circle."""
     correct = np.arange(0.0, 360.0, 5.0)
     recorded = compass.recorded_heading(coefficients, correct)
-    columns, deviation = von_appen.design(recorded), angles.difference(correct, recorded)
+    columns, deviation = series_design(recorded), angles.difference(correct, recorded)
     return angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
 
 

@@ -19,11 +19,10 @@ from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.frame import Frame
 from compasslib.calibrations.two_heads.motion import ClockDifference, Compared, Motion
-from compasslib.effects.composition import COMPASS_STEPS
-from compasslib.effects.iron import HardIronStep, Heeling
-from compasslib.effects.reading import HeadingSlip, Octantal, Sextantal
-from compasslib.effects.short import Delay, Drift, IronDrift, moving
-from compasslib.effects.term import Term
+from compasslib.effects.effect import Effect, turning_scene
+from compasslib.effects.forward import COMPASS_STEPS
+from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling
+from compasslib.effects.readout import CompassDelay, CompassTrend, HeadingSlip, Octantal, Sextantal
 from compasslib.errors import InputError
 from compasslib.inference import diagnosis, finding, short_fit, short_search, wording
 from compasslib.inference.comparison import Options
@@ -31,11 +30,13 @@ from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
 from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.inference.short_search import SearchResult
-from compasslib.statistics import blocks, robust, whitening
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.resampling import blocks_by_count
+from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
-TERMS: tuple[type[Term], ...] = (
-    Sextantal, Octantal, HeadingSlip, Drift, Delay, HardIronStep, IronDrift, Heeling,
+TERMS: tuple[type[Effect], ...] = (
+    Sextantal, Octantal, HeadingSlip, CompassTrend, CompassDelay, HardIronStep, HardIronTrend, Heeling,
 )  # fmt: skip
 LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # where the fit of a lag begins: a swing has several minima
 MOST_SAMPLES = 2000  # seconds a search takes
@@ -168,7 +169,7 @@ def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
     def turned(ahead_s: float) -> Floats:
         return np.nan_to_num(a.heading.at(at + ahead_s) - a.heading.at(at))
 
-    scene = moving(scene, turned)
+    scene = turning_scene(scene, turned)
     return ShortComparison(
         what="the heading of b against that of a, rigidly turned",
         residual=short_fit.CompassResidual(correct[samples], recorded, scene),
@@ -225,8 +226,8 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     if len(same) < two_heads.MIN_SAMPLES:
         return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
     before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
-    width = max(robust.width(before), short_fit.FINEST_DEG)
-    block = blocks.in_time(np.array(same), short_fit.MOST_BLOCKS)
+    width = max(robust_width(before), short_fit.FINEST_DEG)
+    block = blocks_by_count(np.array(same), short_fit.MOST_BLOCKS)
     return finding.compare_residuals(before, after, width, block)
 
 
@@ -234,7 +235,7 @@ def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
     """Return differences about the mean of the other half of the stretches, (n,) degrees."""
     if not len(off_deg):
         return off_deg
-    left, odd = np.array(off_deg), blocks.in_time(time_s, short_fit.MOST_BLOCKS) % 2 == 1
+    left, odd = np.array(off_deg), blocks_by_count(time_s, short_fit.MOST_BLOCKS) % 2 == 1
     for out in (odd, ~odd):
         left[out] = angles.difference(off_deg[out], float(angles.mean(off_deg[~out] if (~out).any() else off_deg)))
     return left
@@ -246,7 +247,7 @@ def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
     for effect, (part, letters) in IRON.items():
         values, part_covariance = fitted.base[part], covariance[part, part]
         other_columns = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
-        basis = whitening.orthonormal(other_columns)
+        basis = orthonormal_basis(other_columns)
         columns = fitted.columns[:, part] - basis @ (basis.T @ fitted.columns[:, part])
         square = float(np.mean((columns @ values) ** 2)) - float(
             np.sum((columns.T @ columns / len(columns)) * part_covariance)

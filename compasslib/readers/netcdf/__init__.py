@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.declination import Applied, applied
+from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
 from compasslib.readers.netcdf import flags, reference, variables
 from compasslib.readers.netcdf.variables import SPEED, File, find, numbers, spans, values
 from compasslib.readers.pd0.currents import true_pitch
-from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, joined
+from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
 from compasslib.types import Floats
 
 ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute
@@ -57,7 +57,7 @@ class _Settings:
     meanings: Mapping[str, int]  # of flags
     orientation: str | None
     reference: str
-    declination: Applied | None
+    declination: AppliedDeclination | None
     alignment: float | None
 
 
@@ -104,9 +104,9 @@ def read(
         InputError: a file that cannot be read, or does not tell what is where, in which unit or from which north.
     """
     named = {role: name for role, name in (columns or {}).items() if name is not None}
-    declination, meanings = applied(declination_applied), vocabularies.parse_flag_settings(flags)
+    declination, meanings = parse_applied_declination(declination_applied), vocabularies.parse_flag_settings(flags)
     settings = _Settings(named, meanings, orientation, direction_reference, declination, heading_alignment)
-    return joined([_read_file(Path(path), settings) for path in paths])
+    return join_records([_read_file(Path(path), settings) for path in paths])
 
 
 def _read_file(path: Path, settings: _Settings) -> Record:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import netCDF4
 import numpy as np
 
-from compasslib.declination import Applied
+from compasslib.earthfield import AppliedDeclination
 from compasslib.readers.netcdf.variables import File, find, values
 from compasslib.types import Floats
 
@@ -58,7 +58,7 @@ def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable |
     return North(word, degrees, in_heading, why)
 
 
-def resolve_north(file: File, north: North, reference: str, applied: Applied | None) -> Turn:
+def resolve_north(file: File, north: North, reference: str, applied: AppliedDeclination | None) -> Turn:
     """Decide what is to be taken out, by the file's words and the mooring file's; note the decision.
 
     Args:
@@ -116,7 +116,7 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
     return stated or 0.0
 
 
-def _apply_stated(file: File, north: North, reference: str, applied: Applied) -> Turn:
+def _apply_stated(file: File, north: North, reference: str, applied: AppliedDeclination) -> Turn:
     if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
         said = "direction_reference: true" if reference == TRUE else north.why
         advice = "delete one of the two" if reference == TRUE else "delete declination_applied"

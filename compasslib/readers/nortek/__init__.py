@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.declination import Applied, applied
+from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers.files import ESCAPES_UNDONE
 from compasslib.readers.nortek import aquadopp, signature
@@ -57,8 +57,8 @@ def read(
         shown = f"an instrument on its side by its own word in {lying} of {len(whole.sideways)} samples"
         expected, advice = "one that looks up or down", "give orientation: up or down"
         raise InputError(where, expected=expected, found=shown, advice=advice)
-    stated = applied(declination_applied)
-    inside = Applied(whole.declination_deg, whole.declination_deg) if stated is None else stated
+    stated = parse_applied_declination(declination_applied)
+    inside = AppliedDeclination(whole.declination_deg, whole.declination_deg) if stated is None else stated
     refuse_rotation(where, inside, is_earth=whole.up is not None)
     looks_up = whole.looks_up if orientation is None else np.full(len(whole.time_s), orientation == "up")
     heading = angles.wrap360(whole.heading_deg - inside.heading)
@@ -177,7 +177,9 @@ def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
         yield from samples.notes
 
 
-def _describe_settings(whole: Samples, counts: dict[str, int], stated: Applied | None, up: bool) -> Iterator[str]:
+def _describe_settings(
+    whole: Samples, counts: dict[str, int], stated: AppliedDeclination | None, up: bool
+) -> Iterator[str]:
     n = len(whole.time_s)
     if stated is None and whole.declination_deg:
         yield f"The declination of {whole.declination_deg:g} degrees that was set was taken out of the headings."

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.declination import applied
+from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.pd0 import checks
@@ -109,7 +109,7 @@ def read(
         InputError: a file that cannot be read, holds no ensemble or other than four beams, a serial number of another
             instrument, or EA and ``heading_alignment`` that do not go together.
     """
-    settings = Settings(orientation, applied(declination_applied), heading_alignment, serial_number)
+    settings = Settings(orientation, parse_applied_declination(declination_applied), heading_alignment, serial_number)
     return read_with_reports(paths, settings)[0]
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.declination import Applied
+from compasslib.earthfield import AppliedDeclination
 from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.pd0.currents import Settings, looks_up
@@ -112,7 +112,7 @@ def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> No
         )
 
 
-def refuse_rotation(where: str, stated: Applied | None, *, is_earth: bool) -> None:
+def refuse_rotation(where: str, stated: AppliedDeclination | None, *, is_earth: bool) -> None:
     """Refuse degrees inside velocities that hold no north: only earth coordinates were rotated apart from headings."""
     if stated is not None and stated.velocity and stated.differs and not is_earth:
         expected = "velocity: 0, as velocities are not in earth coordinates and are turned by the headings"

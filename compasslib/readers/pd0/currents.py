@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles
-from compasslib.declination import Applied
+from compasslib.earthfield import AppliedDeclination
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, select
 from compasslib.records import BAD, GOOD, MISSING, Flags
 from compasslib.types import Bools, Floats
@@ -32,7 +32,9 @@ class Settings:
     """Settings of a recording by the metadata; None leaves it to the file."""
 
     orientation: str | None = None  # up | down
-    declination_applied: Applied | None = None  # inside recorded headings and earth velocities, instead of EB
+    declination_applied: AppliedDeclination | None = (
+        None  # inside recorded headings and earth velocities, instead of EB
+    )
     heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
     serial_number: str | None = None
 

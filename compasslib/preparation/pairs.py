@@ -16,11 +16,19 @@ from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.errors import InputError
-from compasslib.preparation import clock_offset, plausibility, same_record, variability, water
-from compasslib.preparation.clock_offset import Clocks, Speeds
-from compasslib.preparation.gridding import interpolate, nearest, on_grid
+from compasslib.preparation.clocks import ClockOffset, SpeedSeries, compare_speeds
+from compasslib.preparation.gridding import grid_indices, interpolate_series, nearest_index
+from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
+from compasslib.preparation.references import find_same_recording, warn_of_filtering
+from compasslib.preparation.water import (
+    depth_shift_by_speed,
+    fails_speed_check,
+    mean_shear_sigma,
+    predict_water,
+    usable_velocities,
+)
 from compasslib.records import PROBABLY_GOOD, EarthField, Pairs, Record, take
-from compasslib.threads import single_threaded
+from compasslib.statistics import single_threaded
 from compasslib.types import Complexes, Floats
 
 WIDER = 3.0  # times farther apart in depth, where pairs only compare the clocks
@@ -43,7 +51,7 @@ NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
 
 
 @dataclass(frozen=True)
-class Rules:
+class PairRules:
     """What counts as overlapping (config.yaml, ``overlap``)."""
 
     max_minutes: float = 20.0
@@ -55,7 +63,7 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Point:
+class VelocitySeries:
     """One velocity a time: a cell of an instrument, (k,) each, finite."""
 
     time_s: Floats
@@ -63,14 +71,14 @@ class Point:
     depth_m: Floats
 
 
-def widened(rules: Rules) -> Rules:
+def widen_rules(rules: PairRules) -> PairRules:
     """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
 
     Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out."""
     return replace(rules, max_metres=WIDER * rules.max_metres, predict=False)
 
 
-def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
+def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairRules) -> ClockOffset:
     """Return how far the two instruments' clocks are apart, and whether both records are one, by speeds of the water.
 
     Args:
@@ -78,17 +86,17 @@ def clocks(upper: Record, trusted: Sequence[Record], rules: Rules) -> Clocks:
         trusted: the reference inside the deployment, or nothing.
     """
     if not (trusted and len(upper.time_s) and len(trusted[0].time_s)):
-        return Clocks()
+        return ClockOffset()
     upper = _gridded(upper, rules)
-    velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
-    cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widened(rules))
-    found = clock_offset.compare(Speeds(upper.time_s, np.abs(velocity)), Speeds(cell.time_s, np.abs(cell.velocity)))
-    return replace(found, one_recording=same_record.one_recording(upper, found.aligned(trusted[0]), rules.bins))
+    velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
+    found = compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), SpeedSeries(cell.time_s, np.abs(cell.velocity)))
+    return replace(found, one_recording=find_same_recording(upper, found.align(trusted[0]), rules.bins))
 
 
 @single_threaded()
-def find(
-    upper: Record, trusted: Sequence[Record], field: EarthField, rules: Rules, clocks: Clocks | None = None
+def find_pairs(
+    upper: Record, trusted: Sequence[Record], field: EarthField, rules: PairRules, clocks: ClockOffset | None = None
 ) -> Pairs:
     """Return the overlapping measurements on the grid, both to true north; none where there is no reference.
 
@@ -96,16 +104,16 @@ def find(
         upper: the affected instrument inside the deployment.
         trusted: the reference inside the deployment, or nothing.
     """
-    clocks = clocks or Clocks()
+    clocks = clocks or ClockOffset()
     recorded = upper
-    upper = plausibility.with_headings_flagged(upper, plausibility.heading_outliers(upper, upper.heading_deg))
-    lower = clocks.aligned(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
+    upper = apply_heading_flags(upper, heading_outlier_flags(upper, upper.heading_deg))
+    lower = clocks.align(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     upper = _gridded(upper, rules)
-    velocity, depth = near_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, lower, _sphere(upper, lower), rules)
-    other = interpolate(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
-    other_depth = interpolate(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
+    other = interpolate_series(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
+    other_depth = interpolate_series(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
     minutes = _minutes_to_nearest(cell.time_s, upper.time_s)
     with np.errstate(invalid="ignore"):
         close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
@@ -113,20 +121,20 @@ def find(
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
     found = replace(found, warnings=clocks.warnings, lower_heading_deg=_heading(lower, found.time_s, tolerance_s))
-    if reason := clocks.one_recording or identical(found):
+    if reason := clocks.one_recording or find_identical_velocities(found):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
-    found = checked(found, recorded, list(trusted))
+    found = check_pairs(found, recorded, list(trusted))
     if not len(found):
         return found
     paired, at_m = take(upper, keep), other_depth[keep]
     if rules.predict and (predicted := _predicted(found, paired, at_m, rules.bins)) is not None:
         return predicted
-    return replace(found, veer_deg=water.turned_for_good(paired, at_m, rules.bins))
+    return replace(found, veer_deg=mean_shear_sigma(paired, at_m, rules.bins))
 
 
-def log_line(name: str, pairs: Pairs) -> str:
+def describe_pairs(name: str, pairs: Pairs) -> str:
     """Return the log line of the job that finds pairs."""
     line = f"{name}: no overlapping pairs"
     if len(pairs):
@@ -144,7 +152,7 @@ def log_line(name: str, pairs: Pairs) -> str:
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
 
 
-def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complexes, Floats]:
+def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complexes, Floats]:
     """Return the mean of the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
 
     Args:
@@ -153,7 +161,7 @@ def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complex
     """
     away = record.bin_range_m - distance_from[:, None]
     np.abs(away, out=away)
-    away[~water.good(record)] = np.inf
+    away[~usable_velocities(record)] = np.inf
     count = min(bins, away.shape[1])
     index = np.argpartition(away, count - 1, axis=1)[:, :count]
     row = np.arange(len(away))[:, None]
@@ -165,7 +173,7 @@ def near_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complex
     return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
 
 
-def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
+def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
     """Return pairs with warnings of what is wrong with them.
 
     Args:
@@ -189,10 +197,10 @@ def checked(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
         )
     if min(speeds) < NOISE_M_S:
         notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
-    return replace(pairs, warnings=(*pairs.warnings, *notes, *variability.warn_of_filtering(pairs, trusted[0])))
+    return replace(pairs, warnings=(*pairs.warnings, *notes, *warn_of_filtering(pairs, trusted[0])))
 
 
-def identical(pairs: Pairs) -> str:
+def find_identical_velocities(pairs: Pairs) -> str:
     """Return why the two instruments of pairs are one, nothing where their velocities are not the same."""
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
@@ -204,13 +212,13 @@ def identical(pairs: Pairs) -> str:
 
 def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
     """Return pairs with the water at the reference's depth as the profile predicts it, None where it cannot."""
-    found = water.predict(upper, depth_m, bins)
+    found = predict_water(upper, depth_m, bins)
     if found is None:
         return None
     predicted = _to_true(found.velocity, upper, pairs.declination_deg)
     mean, trusted = (east + 1j * north for east, north in _velocities(pairs))
     known = np.isfinite(predicted) & (np.abs(predicted) > 0.0)
-    if water.denied_by_speeds(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
+    if fails_speed_check(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
         return None
     velocity = np.where(known, predicted, mean)
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
@@ -227,7 +235,7 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
 
 def _surprise(off_m_s: float, upper: Record, depth_m: Floats, trusted: Complexes) -> str:
     """Say that the reference's speeds are not those of the water at their depth, and of which depth they are."""
-    shift = water.depth_of_speeds(upper, depth_m, np.abs(trusted))
+    shift = depth_shift_by_speed(upper, depth_m, np.abs(trusted))
     where = (
         f"; they agree best with the water {abs(shift):.0f} m {'below' if shift > 0 else 'above'} it" if shift else ""
     )
@@ -237,28 +245,28 @@ def _surprise(off_m_s: float, upper: Record, depth_m: Floats, trusted: Complexes
     )
 
 
-def _gridded(upper: Record, rules: Rules) -> Record:
+def _gridded(upper: Record, rules: PairRules) -> Record:
     step_s, tolerance_s = 60.0 * rules.grid_minutes, 60.0 * rules.grid_tolerance_minutes
-    return take(upper, on_grid(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
+    return take(upper, grid_indices(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
 
 
-def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: Rules) -> Point:
+def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: PairRules) -> VelocitySeries:
     """Return the reference's cell nearest to the sphere, or to the affected bins; dense series averaged."""
     if not len(lower.time_s):
-        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+        return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     known = np.isfinite(depth)
     if not known.any():
-        return Point(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
+        return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     wanted = np.interp(lower.time_s, time_s[known], depth[known])
     beside = wanted if rules.predict else sphere
     towards = (lower.depth_m - beside) * (1.0 if lower.looks_up else -1.0)
-    velocity, at = near_bins(lower, np.nan_to_num(towards), rules.bins)
+    velocity, at = mean_of_nearest_bins(lower, np.nan_to_num(towards), rules.bins)
     with np.errstate(invalid="ignore"):
         near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
-    return _block_averaged(Point(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
+    return _block_averaged(VelocitySeries(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
 
 
-def _block_averaged(point: Point, block_s: float) -> Point:
+def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
     """Average a densely sampled series over blocks of time; leave others alone."""
     if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
         return point
@@ -266,7 +274,9 @@ def _block_averaged(point: Point, block_s: float) -> Point:
     begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
     size = np.diff(np.append(begins, len(block)))
     velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
-    return Point(np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size)
+    return VelocitySeries(
+        np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size
+    )
 
 
 def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
@@ -275,19 +285,19 @@ def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None
     if not known.any() or not len(time_s):
         return None
     sine, cosine = angles.sin_cos(lower.heading_deg[known])
-    at = interpolate(lower.time_s[known], cosine + 1j * sine, time_s, tolerance_s=tolerance_s)
+    at = interpolate_series(lower.time_s[known], cosine + 1j * sine, time_s, tolerance_s=tolerance_s)
     return angles.argument(at) if np.isfinite(at).any() else None
 
 
 def _sphere(upper: Record, lower: Record) -> Floats:
     """Return the depth of the affected instrument at the reference's times, (k,)."""
-    return interpolate(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
+    return interpolate_series(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
 
 
 def _minutes_to_nearest(series_s: Floats, at_s: Floats) -> Floats:
     if not len(series_s):
         return np.full(len(at_s), np.nan)
-    return (series_s[nearest(series_s, at_s)] - at_s) / 60.0
+    return (series_s[nearest_index(series_s, at_s)] - at_s) / 60.0
 
 
 def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from compasslib import angles
-from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags, Record, stamp
-from compasslib.statistics import resolution
+from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags, Record, iso_time
+from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Bools, Floats
 
 FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
@@ -38,7 +38,7 @@ BESIDE = 5  # distinct values on either side
 FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the typical step, within these
 
 
-def flagged(record: Record, water_depth: float, *, affected: bool = False) -> Record:
+def flag_quality(record: Record, water_depth: float, *, affected: bool = False) -> Record:
     """Return the record with impossible values flagged and counted, and warnings of sensors that are of no use.
 
     Args:
@@ -51,11 +51,13 @@ def flagged(record: Record, water_depth: float, *, affected: bool = False) -> Re
     record = _outlying_headings(record, affected)
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
-        record = _stuck_heading(mark(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours"))
+        record = _stuck_heading(
+            flag_velocities(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours")
+        )
     return _constant_sensors(record)
 
 
-def mark(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
+def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
     """Return the record with velocities flagged that were good so far, and counted; a sentence becomes a warning.
 
     Args:
@@ -77,12 +79,12 @@ def _impossible(record: Record, water_depth: float) -> Record:
     with np.errstate(invalid="ignore"):
         fallen = (np.abs(record.pitch_deg) > STEEPEST_TILT) | (np.abs(record.roll_deg) > STEEPEST_TILT)
         outside = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
-    record = mark(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
-    record = mark(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
+    record = flag_velocities(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
+    record = flag_velocities(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
     heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
     record = replace(record, heading_quality=heading.astype(np.int8))
     sentence = "the instrument's depth lies above the surface or below the bottom"
-    return _out_of_water(mark(record, outside[:, None], BAD, "impossible_depth", sentence))
+    return _out_of_water(flag_velocities(record, outside[:, None], BAD, "impossible_depth", sentence))
 
 
 def _out_of_water(record: Record) -> Record:
@@ -96,11 +98,11 @@ def _out_of_water(record: Record) -> Record:
         between = ~on_deck & (record.depth_m < BETWEEN * deepest)
     if deepest < LEAST_DEPTH_M or between.mean() > RARELY or not on_deck.any():
         return record
-    record = mark(record, on_deck[:, None], BAD, "out_of_water", None)
+    record = flag_velocities(record, on_deck[:, None], BAD, "out_of_water", None)
     heading = np.where(on_deck & (record.heading_quality < PROBABLY_BAD), PROBABLY_BAD, record.heading_quality)
     when = record.time_s[on_deck][[0, -1]]
     note = (
-        f"{int(on_deck.sum())} samples between {stamp(when[0])} and {stamp(when[1])} lie out of the water by the "
+        f"{int(on_deck.sum())} samples between {iso_time(when[0])} and {iso_time(when[1])} lie out of the water by the "
         "instrument's own depth: velocities are flagged bad and headings doubtful there; correct start and end of the "
         "deployment"
     )
@@ -113,10 +115,12 @@ def _without_length(record: Record) -> Record:
         return record
     with np.errstate(invalid="ignore"):
         flat = (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)
-    return mark(record, flat[:, None], BAD, "bins_without_length", "bins of no length, whose depths nothing tells")
+    return flag_velocities(
+        record, flat[:, None], BAD, "bins_without_length", "bins of no length, whose depths nothing tells"
+    )
 
 
-def heading_outliers(record: Record, heading_deg: Floats) -> Flags:
+def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
     """Flag headings to which no instrument turned between those before and after, (n,): good, probably bad or bad.
 
     Args:
@@ -129,7 +133,7 @@ def heading_outliers(record: Record, heading_deg: Floats) -> Flags:
     return flags
 
 
-def with_headings_flagged(record: Record, flags: Flags) -> Record:
+def apply_heading_flags(record: Record, flags: Flags) -> Record:
     """Return the record with headings flagged, and velocities doubtful that were turned by a bad one.
 
     Args:
@@ -147,12 +151,12 @@ def _outlying_headings(record: Record, affected: bool) -> Record:
     values = _fill_values(heading) if len(known) >= ENOUGH else np.empty(0)
     fill = np.zeros(record.heading_deg.shape, dtype=np.int8)
     fill[known[np.isin(heading.round(2), values)]] = BAD
-    filled = with_headings_flagged(record, fill)
-    flags = heading_outliers(filled, record.heading_deg)
+    filled = apply_heading_flags(record, fill)
+    flags = heading_outlier_flags(filled, record.heading_deg)
     numbers = {"heading_fill": fill == BAD, "heading_wild": flags == BAD, "heading_unsure": flags == PROBABLY_BAD}
     counts = {name: int(np.sum(which)) for name, which in numbers.items()}
     warnings = _heading_warnings(counts, values, len(known), affected)
-    record = filled if affected else with_headings_flagged(filled, flags)
+    record = filled if affected else apply_heading_flags(filled, flags)
     return replace(record, counts=record.counts | counts, warnings=(*record.warnings, *warnings))
 
 
@@ -328,7 +332,7 @@ def _constant_sensors(record: Record) -> Record:
     elif arc < NARROW_DEG:
         counts["heading_narrow"] = heading.size
         notes.append(f"all headings lie within {arc:.1f} degrees: they cannot tell a deviation from a constant")
-    steps = resolution.along(record.heading_deg)
+    steps = angle_resolution(record.heading_deg)
     if (coarse := steps >= COARSE_DEG).any():
         share = "" if coarse.all() else f" in {coarse.mean():.0%} of the record"
         notes.append(

@@ -13,21 +13,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.effects.term import Scene, Term, slices
+from compasslib.effects.effect import Effect, Scene, parameter_slices
 from compasslib.types import Floats
 
-FLATTEST = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
+MIN_HEADING_SLOPE = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
 COMPASS_STEPS = np.full(5, 0.02)  # of A..E: very roughly a degree
 PROBE_DEG = 0.01  # difference by heading
 
 
 @dataclass(frozen=True)
-class Simulation:
+class ForwardModel:
     """A fitted compass and the terms beside it."""
 
     coefficients: Floats  # (5,) A..E of the level exact compass, dimensionless
     horizontal_nT: float  # earth's field that B and C were scaled with
-    terms: tuple[Term, ...] = ()
+    terms: tuple[Effect, ...] = ()
 
     @property
     def parameters(self) -> Floats:
@@ -39,28 +39,28 @@ class Simulation:
         """For each parameter a change that turns the heading by very roughly a degree, (p,)."""
         return np.concatenate([COMPASS_STEPS, *(term.steps() for term in self.terms)])
 
-    def at(self, parameters: Floats) -> Simulation:
+    def at(self, parameters: Floats) -> ForwardModel:
         """Return the same with other parameters.
 
         Args:
             parameters: in the order of ``parameters``, (p,).
         """
-        each = zip(self.terms, slices(self.terms, 5), strict=True)
+        each = zip(self.terms, parameter_slices(self.terms, 5), strict=True)
         terms = tuple(term.at(parameters[own]) for term, own in each)
         return replace(self, coefficients=parameters[:5], terms=terms)
 
 
-def recorded_heading(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floats:
+def recorded_heading(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:
     """Return what the compass records, (n,) degrees.
 
     Args:
         heading_deg: correct magnetic headings, (n,), degrees.
     """
-    earth = earth_in_body(scene, heading_deg - north(simulation, scene))
-    return angles.wrap360(readout(simulation, scene, sensed_angle(simulation, scene, earth)))
+    earth = earth_field_in_body(scene, heading_deg - north_shift(simulation, scene))
+    return angles.wrap360(apply_readout(simulation, scene, sensed_angle(simulation, scene, earth)))
 
 
-def earth_in_body(scene: Scene, heading_deg: Floats) -> Floats:
+def earth_field_in_body(scene: Scene, heading_deg: Floats) -> Floats:
     """Return the earth's field forward, starboard and down in the tilted body, (n, 3) nT.
 
     Args:
@@ -71,7 +71,7 @@ def earth_in_body(scene: Scene, heading_deg: Floats) -> Floats:
     return np.einsum("nji,nj->ni", scene.levelling, level)
 
 
-def sensed_angle(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floats:
+def sensed_angle(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
     """Return the angle of the levelled field before the readout, (n,) degrees.
 
     Args:
@@ -82,7 +82,7 @@ def sensed_angle(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floa
     return angles.argument(x - 1j * y)
 
 
-def sensed_field(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floats:
+def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
     """Return the field in the body with iron and terms, (n, 3) nT.
 
     Args:
@@ -91,22 +91,22 @@ def sensed_field(simulation: Simulation, scene: Scene, earth_nT: Floats) -> Floa
     soft, hard = _iron(simulation)
     field: Floats = earth_nT @ soft.T + hard
     for term in _acting(simulation, "field"):
-        field = term.act(field, scene)
+        field = term.apply(field, scene)
     return field
 
 
-def headings(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floats:
+def invert_heading(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
     """Return the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none.
 
     Args:
         recorded_deg: recorded headings, (n,), degrees.
     """
-    sensed = undone_readout(simulation, scene, recorded_deg)
-    roots = compass.inverse(coefficients_at(simulation, scene), sensed)
-    return angles.wrap360(roots + np.broadcast_to(north(simulation, scene), recorded_deg.shape)[:, None])
+    sensed = invert_readout(simulation, scene, recorded_deg)
+    roots = compass.inverse(coefficients_with_effects(simulation, scene), sensed)
+    return angles.wrap360(roots + np.broadcast_to(north_shift(simulation, scene), recorded_deg.shape)[:, None])
 
 
-def coefficients_at(simulation: Simulation, scene: Scene) -> Floats:
+def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
     """Return B..E of iron and field terms at every sample's tilt and time, A being carried by the readout, (5, n)."""
     soft, hard = _iron(simulation)
     acting = _acting(simulation, "field")
@@ -122,7 +122,7 @@ def coefficients_at(simulation: Simulation, scene: Scene) -> Floats:
     )
 
 
-def readout(simulation: Simulation, scene: Scene, sensed_deg: Floats) -> Floats:
+def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) -> Floats:
     """Return the reading that the readout makes of the sensed field's angle, (n,) degrees, not wrapped.
 
     Args:
@@ -130,11 +130,11 @@ def readout(simulation: Simulation, scene: Scene, sensed_deg: Floats) -> Floats:
     """
     reading = sensed_deg - float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
     for term in _acting(simulation, "reading"):
-        reading = term.act(reading, scene)
+        reading = term.apply(reading, scene)
     return reading
 
 
-def undone_readout(simulation: Simulation, scene: Scene, recorded_deg: Floats) -> Floats:
+def invert_readout(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
     """Return the angle of the levelled field that a reading came from, (n,) degrees; NaN where it tells more than one.
 
     Args:
@@ -142,22 +142,22 @@ def undone_readout(simulation: Simulation, scene: Scene, recorded_deg: Floats) -
     """
     reading = recorded_deg
     for term in reversed(_acting(simulation, "reading")):
-        reading = term.undone(reading, scene)
+        reading = term.invert(reading, scene)
     return reading + float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
 
 
-def north(simulation: Simulation, scene: Scene) -> Floats | float:
+def north_shift(simulation: ForwardModel, scene: Scene) -> Floats | float:
     """Return how far magnetic north has moved east, (n,) degrees or 0."""
     return _total(simulation, scene, "north")
 
 
-def veer(simulation: Simulation, scene: Scene) -> Floats | float:
+def water_veer(simulation: ForwardModel, scene: Scene) -> Floats | float:
     """Return the veer of the reference's water from the other's, (n,) degrees or 0."""
     return _total(simulation, scene, "water")
 
 
-def derivative(
-    simulation: Simulation, scene: Scene, heading_deg: Floats, *, first: int = 0, last: int | None = None
+def heading_jacobian(
+    simulation: ForwardModel, scene: Scene, heading_deg: Floats, *, first: int = 0, last: int | None = None
 ) -> Floats:
     """Return how the predicted heading moves by each parameter while the recorded one is held, (n, p) degrees a unit.
 
@@ -169,24 +169,24 @@ def derivative(
         last: parameter to end before; all where absent.
     """
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
-    still = None if _acting(simulation, "north") else earth_in_body(scene, heading_deg)
+    still = None if _acting(simulation, "north") else earth_field_in_body(scene, heading_deg)
 
-    def read(tried: Simulation) -> Floats:
-        earth = earth_in_body(scene, heading_deg - north(tried, scene)) if still is None else still
-        return readout(tried, scene, sensed_angle(tried, scene, earth))
+    def read(tried: ForwardModel) -> Floats:
+        earth = earth_field_in_body(scene, heading_deg - north_shift(tried, scene)) if still is None else still
+        return apply_readout(tried, scene, sensed_angle(tried, scene, earth))
 
-    reading, veered = read(simulation), veer(simulation, scene)
+    reading, veered = read(simulation), water_veer(simulation, scene)
     ahead = recorded_heading(simulation, scene, heading_deg + PROBE_DEG)
     slope = angles.difference(ahead, reading) / PROBE_DEG
-    slope = np.where(np.abs(slope) < FLATTEST, np.copysign(FLATTEST, slope), slope)
+    slope = np.where(np.abs(slope) < MIN_HEADING_SLOPE, np.copysign(MIN_HEADING_SLOPE, slope), slope)
     for j in range(first, len(at) if last is None else last):
         more = simulation.at(at + steps[j] * (np.arange(len(at)) == j))
         turned = angles.difference(read(more), reading)
-        columns.append((veer(more, scene) - veered - turned / slope) / steps[j])
+        columns.append((water_veer(more, scene) - veered - turned / slope) / steps[j])
     return np.stack(columns, axis=1) if columns else np.zeros((len(scene), 0))
 
 
-def beside(simulation: Simulation, scene: Scene, heading_deg: Floats, term: Term) -> Floats:
+def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Floats, term: Effect) -> Floats:
     """Return the derivative by the parameters of a term that acts beside those that stand, (n, p) degrees a unit.
 
     What stands at the readout would bend the reading on which another one acts after it: beside it both act on the
@@ -197,18 +197,18 @@ def beside(simulation: Simulation, scene: Scene, heading_deg: Floats, term: Term
     """
     if term.acts_on != "reading":
         both = replace(simulation, terms=(term, *simulation.terms))
-        return derivative(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))
+        return heading_jacobian(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))
     bare = replace(simulation, terms=tuple(one for one in simulation.terms if one.acts_on != "reading"))
-    earth = earth_in_body(scene, heading_deg - north(simulation, scene))
-    reading = readout(bare, scene, sensed_angle(bare, scene, earth))
-    slope, steps = steepness(simulation, scene, heading_deg), 0.05 * term.steps()
-    slope = np.where(np.abs(slope) < FLATTEST, np.copysign(FLATTEST, slope), slope)
-    moved = [term.at(term.values + h * (np.arange(len(steps)) == j)).act(reading, scene) for j, h in enumerate(steps)]
-    at = term.act(reading, scene)
+    earth = earth_field_in_body(scene, heading_deg - north_shift(simulation, scene))
+    reading = apply_readout(bare, scene, sensed_angle(bare, scene, earth))
+    slope, steps = heading_slope(simulation, scene, heading_deg), 0.05 * term.steps()
+    slope = np.where(np.abs(slope) < MIN_HEADING_SLOPE, np.copysign(MIN_HEADING_SLOPE, slope), slope)
+    moved = [term.at(term.values + h * (np.arange(len(steps)) == j)).apply(reading, scene) for j, h in enumerate(steps)]
+    at = term.apply(reading, scene)
     return np.stack([-angles.difference(one, at) / slope / h for one, h in zip(moved, steps, strict=True)], axis=1)
 
 
-def steepness(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floats:
+def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:
     """Return d gamma / d beta, (n,).
 
     Args:
@@ -218,7 +218,7 @@ def steepness(simulation: Simulation, scene: Scene, heading_deg: Floats) -> Floa
     return angles.difference(ahead, here) / PROBE_DEG
 
 
-def _iron(simulation: Simulation) -> tuple[Floats, Floats]:
+def _iron(simulation: ForwardModel) -> tuple[Floats, Floats]:
     """Return the level compass as a soft-iron matrix and a hard iron in nT, A left to the readout."""
     a, b, c, d, e = simulation.coefficients
     u = 1.0 - 1j * a
@@ -227,24 +227,24 @@ def _iron(simulation: Simulation) -> tuple[Floats, Floats]:
     return soft, simulation.horizontal_nT * np.array([p.real, -p.imag, 0.0])
 
 
-def _acting(simulation: Simulation, on: str) -> list[Term]:
+def _acting(simulation: ForwardModel, on: str) -> list[Effect]:
     return [term for term in simulation.terms if term.acts_on == on]
 
 
-def _total(simulation: Simulation, scene: Scene, what: str) -> Floats | float:
+def _total(simulation: ForwardModel, scene: Scene, what: str) -> Floats | float:
     total: Floats | float = 0.0
     for term in _acting(simulation, what):
-        total = term.act(np.broadcast_to(total, (len(scene),)).astype(float), scene)
+        total = term.apply(np.broadcast_to(total, (len(scene),)).astype(float), scene)
     return total
 
 
-def _composed(soft: Floats, hard: Floats, acting: list[Term], scene: Scene) -> tuple[Floats, Floats]:
+def _composed(soft: Floats, hard: Floats, acting: list[Effect], scene: Scene) -> tuple[Floats, Floats]:
     """Return matrix and vector of iron and terms together, found by letting them act on no field and on unit fields."""
 
     def chain(field_nT: Floats) -> Floats:
         field: Floats = np.array(np.broadcast_to(field_nT, (len(scene), 3)))
         for term in acting:
-            field = term.act(field, scene)
+            field = term.apply(field, scene)
         return field
 
     none: Floats = chain(hard)

@@ -1,4 +1,4 @@
-"""Blocks of samples that count as one: what correlated residuals tell, without a model of their correlation."""
+"""Blocks of samples that count as one, and the resolution of recorded angles."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from numpy.typing import NDArray
 from compasslib.types import Floats
 
 NORMAL_95 = 1.959964  # quantile of the normal law
-TRUST = 10.0  # blocks of even noise that a group's own blocks are held against
+EVEN_BLOCKS = 10.0  # blocks of even noise that a group's own blocks are held against
 
 
-def in_time(time_s: Floats, count: int) -> NDArray[np.intp]:
+def blocks_by_count(time_s: Floats, count: int) -> NDArray[np.intp]:
     """Return which of some equal stretches of time each sample lies in, (n,)."""
     share = (time_s - time_s[0]) / max(float(np.ptp(time_s)), 1e-9)
     return np.minimum((share * count).astype(np.intp), count - 1)
 
 
-def of_span(time_s: Floats, span_s: float) -> NDArray[np.intp]:
+def blocks_by_span(time_s: Floats, span_s: float) -> NDArray[np.intp]:
     """Return which stretch of some length each sample lies in, counted from the first, (n,)."""
     return np.floor((time_s - time_s[0]) / span_s).astype(np.intp)
 
 
-def sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
+def block_sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
     """Return the sum of the rows of each block, (b, ...), those without any left out.
 
     Args:
@@ -33,7 +33,7 @@ def sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
     return np.add.reduceat(rows[order], np.flatnonzero(np.diff(block[order], prepend=-1)), axis=0)
 
 
-def scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Floats:
+def block_scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Floats:
     """Return the score of each block, (b, k): their squares are a sandwich by clusters.
 
     The group's own fit is taken out of the residual (Liang and Zeger, Biometrika 73, 13, 1986).
@@ -43,10 +43,10 @@ def scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Floats:
         residual: (n,), in units of the columns' noise.
     """
     left = residual - basis @ (basis.T @ residual)
-    return sums(basis * left[:, None], block)
+    return block_sums(basis * left[:, None], block)
 
 
-def drawn(series: Floats, length: int, repeats: int, seed: int) -> Floats:
+def resample_blocks(series: Floats, length: int, repeats: int, seed: int) -> Floats:
     """Return draws of a series' own noise: blocks of it from other places, turned at random, (repeats, n)."""
     rng, n = np.random.default_rng(seed), len(series)
     count = -(-n // length)
@@ -56,7 +56,9 @@ def drawn(series: Floats, length: int, repeats: int, seed: int) -> Floats:
     return np.asarray((windows[begin] * sign[:, :, None]).reshape(repeats, -1)[:, :n])
 
 
-def unevenness(basis: Floats, residual: Floats, block: NDArray[np.intp], variance: float) -> tuple[float, float]:
+def cluster_variance_inflation(
+    basis: Floats, residual: Floats, block: NDArray[np.intp], variance: float
+) -> tuple[float, float]:
     """Return what blocks make of a group's score over what even noise would, and in how many of them the group lives.
 
     Args:
@@ -65,12 +67,12 @@ def unevenness(basis: Floats, residual: Floats, block: NDArray[np.intp], varianc
         variance: of the residual, as if it were even.
     """
     k = basis.shape[1]
-    held = sums(np.sum(basis**2, axis=1), block) / k
+    held = block_sums(np.sum(basis**2, axis=1), block) / k
     lives = float(np.sum(held**2))
-    return float(np.sum(scores(basis, residual, block) ** 2)) / k / variance / max(1.0 - lives, 0.1), 1.0 / lives
+    return float(np.sum(block_scores(basis, residual, block) ** 2)) / k / variance / max(1.0 - lives, 0.1), 1.0 / lives
 
 
-def jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information: Floats) -> Floats:
+def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information: Floats) -> Floats:
     """Return the covariance of parameters by leaving out each block, by one Newton step from the whole fit.
 
     It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself when
@@ -88,8 +90,32 @@ def jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information:
     return np.asarray(moved.T @ moved * (len(own) - 1) / len(own))
 
 
-def student(freedom: float) -> float:
+def student_factor(freedom: float) -> float:
     """Return by how much a standard deviation from few residuals must grow for 1.96 of it to hold 95 %."""
     from scipy.special import stdtrit
 
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL_95
+
+
+RESOLUTION_RUN = 500  # samples in which the step is looked for
+MAX_DISTINCT = 0.4  # distinct values among them; of one that steps by 1 degree there are more
+
+
+def angle_resolution(angle_deg: Floats) -> Floats:
+    """Measure the step of a series of angles, sample by sample, (n,) degrees; 0 where it is too fine to tell.
+
+    Args:
+        angle_deg: (n,) in order of time, NaN where missing.
+    """
+    step = np.zeros(angle_deg.shape)
+    known = np.flatnonzero(np.isfinite(angle_deg))
+    for some in np.array_split(known, max(1, len(known) // RESOLUTION_RUN)):
+        values = np.unique(angle_deg[some].round(2))
+        if len(some) > RESOLUTION_RUN // 2 and 2 < len(values) < MAX_DISTINCT * len(some):
+            step[some[0] : some[-1] + 1] = np.median(np.diff(values))
+    return step
+
+
+def rounding_sigma(step: Floats) -> Floats:
+    """Return the standard error that steps leave, (n,): nobody knows whether they round down, up or to the nearest."""
+    return step / np.sqrt(3.0)

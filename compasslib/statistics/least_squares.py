@@ -1,22 +1,36 @@
-"""Bounded minimisation of a smooth function of a few parameters: damped BFGS with a projected line search."""
+"""Least squares and minimization: robust widths, bounded BFGS, Gauss-Newton steps."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
 from compasslib.types import Floats
 
+SIGMA_PER_MAD = 1.4826  # of normal noise: standard deviation over median absolute deviation
+HUBER_CLIP = 2.5  # Huber's, in widths: of normal noise 1 in 80 is clipped, and 1 % of the information is lost
+
+
+def robust_width(deviation: Floats) -> float:
+    """Return the standard deviation of normal noise with the same median absolute deviation.
+
+    Args:
+        deviation: from the centre, of any shape; signs do not matter.
+    """
+    return SIGMA_PER_MAD * float(np.median(np.abs(deviation)))
+
+
 Loss = Callable[[Floats], tuple[float, Floats]]
 
 ARMIJO = 1e-4  # share of the decrease predicted by the gradient that a step must reach
-HALVINGS = 20  # of a step, at most
+MAX_HALVINGS = 20  # of a step, at most
 GRADIENT_TOLERANCE, LOSS_TOLERANCE = 1e-5, 2.2e-9  # gradient, and relative decrease of the loss, at which it ends
-POWELL = 0.2  # least curvature along a step, over the one so far
+POWELL_DAMPING = 0.2  # least curvature along a step, over the one so far
 
 
-def minimise(
+def minimize_bfgs(
     loss: Loss, start: Floats, bounds: Floats, steps: int, hessian: Floats | None = None
 ) -> tuple[Floats, float]:
     """Return where a function is least, and its value there.
@@ -71,7 +85,7 @@ def _line_search(
 ) -> tuple[Floats, float, Floats]:
     """Return the first point along a direction that satisfies Armijo's rule, or the start where none does."""
     length = 1.0
-    for _ in range(HALVINGS):
+    for _ in range(MAX_HALVINGS):
         tried = np.clip(at + length * direction, *bounds.T)
         predicted = float(gradient @ (tried - at))
         lower, new = loss(tried)
@@ -87,7 +101,57 @@ def _updated(hessian: Floats, step: Floats, change: Floats) -> Floats:
     before, now = float(step @ expected), float(step @ change)
     if before <= 0.0:
         return hessian
-    if now < POWELL * before:
-        share = (1.0 - POWELL) * before / (before - now)
-        change, now = share * change + (1.0 - share) * expected, POWELL * before
+    if now < POWELL_DAMPING * before:
+        share = (1.0 - POWELL_DAMPING) * before / (before - now)
+        change, now = share * change + (1.0 - share) * expected, POWELL_DAMPING * before
     return hessian - np.outer(expected, expected) / before + np.outer(change, change) / now
+
+
+MAX_STEP_DEG = 12.0  # of one step, in about degrees: beyond it a simulation of angles is no longer linear
+MISFIT_TOLERANCE = 1e-9  # relative change of the misfit that is rounding
+
+
+class GaussNewtonState(Protocol):
+    """Where a fit stands."""
+
+    def step(self) -> tuple[Floats, float]:
+        """Return the least-squares step, and how far it goes in about degrees."""
+        ...
+
+    def moved(self, step: Floats) -> Self | None:
+        """Return the point a step away, None where there is none."""
+        ...
+
+    def misfit(self, other: Self) -> float:
+        """Return the misfit of another point over its own, both by its own widths."""
+        ...
+
+
+State = TypeVar("State", bound=GaussNewtonState)
+
+
+def gauss_newton(point: State, *, rounds: int, close: float, worse: float) -> State:
+    """Return the point that is reached.
+
+    Args:
+        rounds: points that are looked at, at most.
+        close: length of a step that is the last, in about degrees.
+        worse: growth of the misfit at which a step is not taken.
+    """
+    step, length = _cut(*point.step())
+    for _ in range(rounds):
+        then = point.moved(step)
+        growth = np.inf if then is None else point.misfit(then)
+        if then is None or growth > worse:
+            step, length = step / 2.0, length / 2.0
+            continue
+        point = then
+        if length < close or abs(growth - 1.0) < MISFIT_TOLERANCE:
+            break
+        step, length = _cut(*point.step())
+    return point
+
+
+def _cut(step: Floats, length: float) -> tuple[Floats, float]:
+    share = min(1.0, MAX_STEP_DEG / max(length, 1e-12))
+    return step * share, length * share

@@ -13,23 +13,22 @@ from typing import ClassVar
 import numpy as np
 
 from compasslib import angles
-from compasslib.effects.short import elapsed
-from compasslib.effects.term import Scene, Term, parameter
+from compasslib.effects.effect import Effect, Scene, elapsed_share, parameter
 from compasslib.types import Floats
 
-LATEST_S = 60.0
-REACH = 5.0  # time constants after which a filter has forgotten
+MAX_LAG_S = 60.0
+FILTER_REACH = 5.0  # time constants after which a filter has forgotten
 TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over ground less that of the water"
 
 
 @dataclass(frozen=True)
-class SetAndDrift(Term):
+class SetAndDrift(Effect):
     """The water carries the ship; it keeps its set and drift."""
 
     name: ClassVar[str] = "water_drift"
     words: ClassVar[str] = "the water carries the vessel sideways, so that its track over ground is not its heading"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "sextantal": "each heading at two speeds, or a log of the speed through the water",
         "octantal": "each heading at two speeds, or a log of the speed through the water",
         "heading_slip": "the first headings swung again at the end",
@@ -45,13 +44,13 @@ class SetAndDrift(Term):
     east_m_s: float = parameter("m/s", "water towards east", 0.05)
     north_m_s: float = parameter("m/s", "water towards north", 0.05)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the water's velocity."""
         return x + np.array([self.east_m_s, self.north_m_s])
 
 
 @dataclass(frozen=True)
-class TidalSetAndDrift(Term):
+class TidalSetAndDrift(Effect):
     """The water carries the ship; its set and drift change evenly along the log."""
 
     name: ClassVar[str] = "water_drift"
@@ -65,14 +64,14 @@ class TidalSetAndDrift(Term):
     east_gain_m_s: float = parameter("m/s over the record", "gain towards east", 0.05)
     north_gain_m_s: float = parameter("m/s over the record", "gain towards north", 0.05)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the water's velocity."""
         gain = np.array([self.east_gain_m_s, self.north_gain_m_s])
-        return x + np.array([self.east_m_s, self.north_m_s]) + gain * (elapsed(scene)[:, None] - 0.5)
+        return x + np.array([self.east_m_s, self.north_m_s]) + gain * (elapsed_share(scene)[:, None] - 0.5)
 
 
 @dataclass(frozen=True)
-class LateReading(Term):
+class LateReading(Effect):
     """The compass shows the heading of some time before."""
 
     name: ClassVar[str] = "compass_lag"
@@ -81,36 +80,36 @@ class LateReading(Term):
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
 
-    lag_s: float = parameter("s", "time by which the reading is late", 1.0, least=0.0, most=LATEST_S)
+    lag_s: float = parameter("s", "time by which the reading is late", 1.0, least=0.0, most=MAX_LAG_S)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return how much later the reading stands."""
         return x + self.lag_s
 
 
 @dataclass(frozen=True)
-class LateCourse(Term):
+class LateCourse(Effect):
     """The course over ground is that of some time before: a receiver's filter, a hull that slides on in a turn."""
 
     name: ClassVar[str] = "course_lag"
     words: ClassVar[str] = "the course over ground lags: the receiver filters it, and a hull slides on in a turn"
     shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
-    told_from: ClassVar[Mapping[str, str]] = {"clock_offset": "headings and courses logged by one clock"}
+    separated_by: ClassVar[Mapping[str, str]] = {"clock_offset": "headings and courses logged by one clock"}
     recordings: ClassVar[tuple[str, ...]] = ("swing",)
     side: ClassVar = "reference"
     stage: ClassVar = "readout"
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "a delay; for slow turns its first order, course minus lag times the rate of turn"
 
-    lag_s: float = parameter("s", "time by which the course is late", 1.0, least=0.0, most=LATEST_S)
+    lag_s: float = parameter("s", "time by which the course is late", 1.0, least=0.0, most=MAX_LAG_S)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return how much later the reading stands."""
         return x - self.lag_s
 
 
 @dataclass(frozen=True)
-class FilteredCourse(Term):
+class FilteredCourse(Effect):
     """The course over ground follows the heading as a filter of first order does."""
 
     name: ClassVar[str] = "course_lag"
@@ -120,19 +119,19 @@ class FilteredCourse(Term):
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a filter of first order of the velocity: a receiver's, or the inertia of a hull"
 
-    lag_s: float = parameter("s", "mean delay of the filter", 1.0, least=0.0, most=LATEST_S)
+    lag_s: float = parameter("s", "mean delay of the filter", 1.0, least=0.0, most=MAX_LAG_S)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return headings of a sample a second, not wrapped, as the filter leaves them."""
         size = abs(self.lag_s)
-        kernel = (size / (1.0 + size)) ** np.arange(int(REACH * size) + 2) / (1.0 + size)
+        kernel = (size / (1.0 + size)) ** np.arange(int(FILTER_REACH * size) + 2) / (1.0 + size)
         unit = angles.phasor(np.concatenate([np.full(len(kernel) - 1, x[0]), x]))
         late = angles.difference(angles.argument(np.convolve(unit, kernel, "valid")), x)
         return np.asarray(x + np.sign(self.lag_s) * late)
 
 
 @dataclass(frozen=True)
-class ClocksApart(Term):
+class ClocksApart(Effect):
     """Headings and courses were logged by two clocks."""
 
     name: ClassVar[str] = "clock_offset"
@@ -144,6 +143,6 @@ class ClocksApart(Term):
 
     offset_s: float = parameter("s", "the compass's clock minus the receiver's", 1.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return how much later the reading stands."""
         return x + self.offset_s

@@ -1,21 +1,26 @@
-"""Clock offsets of hours, days or a month between two instruments, by the speeds of the water: no compass is in them.
+"""Clocks: valid times of a recording, and offsets of hours to a month between two instruments.
 
-Speeds without their slow part are multiplied in windows of days at every hour's lag. A lag is accepted where it beats
-the clocks as stated, and every other lag with its tidal aliases, by more than the windows' own scatter. Clocks
-that drift, or that were set in between, are looked for alike. Errors of a few hours between hourly records are left to
-the search for unmodelled effects, which reads them more finely and names them.
+Samples are checked in the order in which they were recorded. A clock that goes back into time already recorded was
+reset: what follows has no known time and is left out.
+
+Offsets are estimated from current speeds, which do not depend on a compass. High-passed speeds are multiplied in
+windows of days at every hour's lag. A lag is accepted where it beats the clocks as stated, and every other lag with its
+tidal aliases, by more than the windows' own scatter. Drifting clocks, and clocks that were set in between, are handled
+alike. Errors of a few hours between hourly records are left to the search for unmodelled effects, which resolves them
+more finely and names them.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.records import Record, take
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 Hours = NDArray[np.intp]
 
@@ -24,7 +29,7 @@ FARTHEST_H = 45 * DAY_H  # a wrong month, with days to spare
 DRIFT_H, BEGAN_H = 72, 5 * DAY_H  # the most that a clock is looked for to have drifted, and to be off where it begins
 SLOW_H = 36  # half of the running mean that is taken off: weeks of strong and of weak flow tell no hour
 WINDOW_H, WEEK_H = 2 * DAY_H, 7 * DAY_H  # speeds without their slow part remember half a day
-SHORTEST_H, FEWEST = 20 * DAY_H, 60  # hours of the record, hours that both measured
+SHORTEST_H, MIN_COMMON_HOURS = 20 * DAY_H, 60  # hours of the record, hours that both measured
 LONG_H = 60 * DAY_H  # from here on speeds that have nothing in common are reported
 CLIP, QUIET = 3.0, 0.2  # of speeds over their scatter of days, which counts as no less than this share of the whole
 SIGMAS, SIGMAS_WARNED = 4.0, 2.0  # normal score of a lag that is accepted, and of one that is reported
@@ -38,7 +43,7 @@ RELATED, RELATED_SIGMAS = 0.05, 3.0  # correlation of speeds and its score below
 
 
 @dataclass(frozen=True)
-class Speeds:
+class SpeedSeries:
     """A series of speeds, (n,) each."""
 
     time_s: Floats
@@ -46,7 +51,7 @@ class Speeds:
 
 
 @dataclass(frozen=True)
-class Clocks:
+class ClockOffset:
     """By how much the reference's clock is ahead of the affected one, as far as it is to be corrected."""
 
     time_s: tuple[float, ...] = (0.0,)  # by the affected clock, linear between
@@ -54,7 +59,7 @@ class Clocks:
     warnings: tuple[str, ...] = ()
     one_recording: str = ""  # why both records are one, and no pair counts
 
-    def aligned(self, record: Record) -> Record:
+    def align(self, record: Record) -> Record:
         """Return the reference's record by the affected clock, without hours that a clock set back counted twice."""
         if not any(self.ahead_h):
             return record
@@ -66,7 +71,7 @@ class Clocks:
 
 
 @dataclass(frozen=True)
-class Path:
+class LagPath:
     """A lag for each of w windows, hours by which the reference's clock is ahead."""
 
     hours: Hours  # (w,)
@@ -74,7 +79,7 @@ class Path:
 
 
 @dataclass(frozen=True)
-class Windows:
+class LagWindows:
     """Products of the two speeds in each of w windows at each of k lags."""
 
     upper: Floats  # (n,) each hour's speed without its slow part, 0 where none
@@ -84,7 +89,7 @@ class Windows:
     products: Floats  # (w, k), whose sum is the correlation
     lags: Hours  # (k,)
 
-    def along(self, path: Path) -> Floats:
+    def along(self, path: LagPath) -> Floats:
         """Return each window's product at its lag, (w,).
 
         Args:
@@ -93,24 +98,24 @@ class Windows:
         place = np.clip(path.hours - self.lags[0], 0, len(self.lags) - 1)
         return np.asarray(self.products[np.arange(len(place)), place])
 
-    def best(self, allowed: NDArray[np.bool_]) -> Path:
+    def best(self, allowed: NDArray[np.bool_]) -> LagPath:
         """Return the best lag for all windows.
 
         Args:
             allowed: which may be, (k,).
         """
         total = np.where(allowed, self.products.sum(axis=0), -np.inf)
-        return Path(np.full(len(self.products), self.lags[int(np.argmax(total))]))
+        return LagPath(np.full(len(self.products), self.lags[int(np.argmax(total))]))
 
 
-def compare(upper: Speeds, lower: Speeds) -> Clocks:
+def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     """Return what the speeds say of the clocks.
 
     Args:
         upper: of the affected instrument.
     """
     if not (len(upper.time_s) and len(lower.time_s)) or (found := _windows(upper, lower)) is None:
-        return Clocks()
+        return ClockOffset()
     stated = best = found.best(np.abs(found.lags) <= AS_STATED_H)
     constant = found.best(found.lags == found.lags)
     stairs, unsure = _stepwise(found), constant
@@ -128,12 +133,12 @@ def compare(upper: Speeds, lower: Speeds) -> Clocks:
     return _to_correct(found, best) if proven else _with_warning(found, best, stated)
 
 
-def _windows(upper: Speeds, lower: Speeds) -> Windows | None:
+def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     """Return the products of both series, None where there is too little."""
     first_s = float(min(upper.time_s[0], lower.time_s[0]))
     hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
     (x, seen), (y, there) = (_high_passed(series, first_s, hours) for series in (upper, lower))
-    if hours < SHORTEST_H or np.sum(seen * there) < FEWEST:
+    if hours < SHORTEST_H or np.sum(seen * there) < MIN_COMMON_HOURS:
         return None
     reach = min(FARTHEST_H, hours // 3)
     edges = np.linspace(0, hours, hours // WINDOW_H + 1).astype(int)
@@ -141,10 +146,10 @@ def _windows(upper: Speeds, lower: Speeds) -> Windows | None:
     products = np.array([_lagged(x, y, span, reach) for span in spans])
     counts = np.sum([_lagged(seen, there, span, reach) for span in spans], axis=0)
     scale = np.maximum(counts, FEWEST_SHARE * counts.max())
-    return Windows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1))
+    return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1))
 
 
-def _high_passed(series: Speeds, first_s: float, hours: int) -> tuple[Floats, Floats]:
+def _high_passed(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Floats]:
     """Return hourly speeds without their slow part, over their scatter of days, 0 where none; where there are any."""
     known = np.isfinite(series.speed)
     slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
@@ -176,7 +181,7 @@ def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
     return np.fft.irfft(product, size)[: 2 * reach + 1]
 
 
-def _linear_drift(found: Windows) -> Path:
+def _linear_drift(found: LagWindows) -> LagPath:
     """Return the best way of a clock that drifts evenly."""
     share = np.linspace(0.0, 1.0, len(found.products))
     begin = np.flatnonzero(np.abs(found.lags) <= BEGAN_H)
@@ -187,10 +192,10 @@ def _linear_drift(found: Windows) -> Path:
         sums = found.products[np.arange(len(way)), at].sum(axis=1)
         if sums.max() > most:
             most, best = sums.max(), at[int(np.argmax(sums))]
-    return Path(found.lags[best])
+    return LagPath(found.lags[best])
 
 
-def _stepwise(found: Windows) -> Path:
+def _stepwise(found: LagWindows) -> LagPath:
     """Return the best way through spans of ten days where each change costs (Viterbi, IEEE Trans. IT 13, 260)."""
     span = np.arange(len(found.products)) // SPAN
     sums = np.array([found.products[span == k].sum(axis=0) for k in range(span[-1] + 1)])
@@ -203,10 +208,10 @@ def _stepwise(found: Windows) -> Path:
     way = [int(np.argmax(total))]
     for origin in reversed(came):
         way.append(int(origin[way[-1]]))
-    return Path(found.lags[np.array(way[::-1])][span], set_at=True)
+    return LagPath(found.lags[np.array(way[::-1])][span], set_at=True)
 
 
-def _score(found: Windows, path: Path, other: Path | None = None, part: Hours | None = None) -> float:
+def _score(found: LagWindows, path: LagPath, other: LagPath | None = None, part: Hours | None = None) -> float:
     """Return the normal score by which (some) windows prefer one path to another, or to none (Wallace 1959)."""
     gain = found.along(path)
     if other is not None:
@@ -220,7 +225,7 @@ def _score(found: Windows, path: Path, other: Path | None = None, part: Hours | 
     return float(np.sign(t) * size)
 
 
-def _unambiguous(found: Windows, path: Path) -> bool:
+def _unambiguous(found: LagWindows, path: LagPath) -> bool:
     """Tell whether no other lag beyond a peak's shoulders, tidal aliases among them, does nearly as well anywhere."""
     changes = np.flatnonzero(np.diff(path.hours) * path.set_at) + 1
     beside = [replace(path, hours=path.hours + lag) for lag in found.lags if abs(lag) > NEAR_H]
@@ -232,36 +237,36 @@ def _unambiguous(found: Windows, path: Path) -> bool:
     return True
 
 
-def _possible(found: Windows, path: Path, stated: Path) -> bool:
+def _possible(found: LagWindows, path: LagPath, stated: LagPath) -> bool:
     """Tell whether another path does better than the clocks as stated, near them or by far, though not surely."""
     near = path.set_at or abs(path.hours[0]) <= 2 * NEAR_H
     far = float(found.along(stated).sum()) < 0.5 * float(found.along(path).sum())
     return (near or far) and _score(found, path, stated) > SIGMAS_WARNED
 
 
-def _unrelated(found: Windows, stated: Path) -> Clocks:
+def _unrelated(found: LagWindows, stated: LagPath) -> ClockOffset:
     """Say where months of speeds have nothing in common."""
     alike = float(found.along(stated).sum())
     if len(found.upper) < LONG_H or (alike > RELATED and _score(found, stated) > RELATED_SIGMAS):
-        return Clocks()
+        return ClockOffset()
     warning = (
         f"the speeds of the two instruments are uncorrelated ({alike:.2f}) at any clock offset within "
         f"{found.lags[-1] // DAY_H} days: check that both files are of this mooring and this year"
     )
-    return Clocks(warnings=(warning,))
+    return ClockOffset(warnings=(warning,))
 
 
-def _with_warning(found: Windows, best: Path, stated: Path) -> Clocks:
+def _with_warning(found: LagWindows, best: LagPath, stated: LagPath) -> ClockOffset:
     first, second = (float(found.along(path).sum()) for path in (best, stated))
     warning = (
         f"by the speeds of the water the clock of the reference may be {_in_words(best)} the affected one "
         f"(correlation {first:.2f}, with the clocks as set {second:.2f}): not surely, and nothing was corrected; "
         "check clock_offset_seconds, time zone and date of both, and their files"
     )
-    return Clocks(warnings=(warning,))
+    return ClockOffset(warnings=(warning,))
 
 
-def _to_correct(found: Windows, best: Path) -> Clocks:
+def _to_correct(found: LagWindows, best: LagPath) -> ClockOffset:
     """Return a clock that the windows prove, to be put right."""
     nodes = _nodes(found, best)
     warning = (
@@ -269,10 +274,10 @@ def _to_correct(found: Windows, best: Path) -> Clocks:
         f"(correlation {found.along(best).sum():.2f}); pairs were made after correcting it: check "
         "clock_offset_seconds, time zone and date of both, as speeds do not show which of the two is wrong"
     )
-    return Clocks(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (warning,))
+    return ClockOffset(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (warning,))
 
 
-def _in_words(path: Path) -> str:
+def _in_words(path: LagPath) -> str:
     lags = [int(path.hours[0]), *(int(lag) for before, lag in itertools.pairwise(path.hours) if lag != before)]
     if len(lags) == 1:
         return f"{abs(lags[0])} h {'ahead of' if lags[0] > 0 else 'behind'}"
@@ -281,7 +286,7 @@ def _in_words(path: Path) -> str:
     return f"{lags[0]:+d} h at the start and {lags[-1]:+d} h at the end ahead of"
 
 
-def _nodes(found: Windows, path: Path) -> list[tuple[float, float]]:
+def _nodes(found: LagWindows, path: LagPath) -> list[tuple[float, float]]:
     """Return instants and hours between which the error is linear."""
     ends = (found.first_s, found.first_s + HOUR_S * len(found.upper))
     if not path.set_at:
@@ -294,9 +299,127 @@ def _nodes(found: Windows, path: Path) -> list[tuple[float, float]]:
     return nodes
 
 
-def _set_at(found: Windows, edge: int, before: int, after: int) -> int:
+def _set_at(found: LagWindows, edge: int, before: int, after: int) -> int:
     """Return the hour within a week of an edge at which a change of the lag fits best."""
     hours = np.arange(max(edge - WEEK_H, 0), min(edge + WEEK_H, len(found.upper)))
     padded = np.pad(found.lower, FARTHEST_H)
     first, second = (found.upper[hours] * padded[hours + FARTHEST_H + lag] for lag in (before, after))
     return int(hours[int(np.argmax(np.cumsum(first - second)))]) + 1
+
+
+SLACK_S = 3600.0  # steps back within this, or within SLACK_STEPS, are jitter, and order in time mends them
+SLACK_STEPS = 5.0
+CLASH_SHARE, MIN_RUN = 0.05, 3  # share and number of a run's samples in time that another run has: more are no accident
+SAME_SHARE = 0.9  # of those in common time, where they repeat the other run value by value, the run was read twice
+COVERED = 0.9  # of the deployment; a record that covers less is pointed at
+
+
+def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
+    """Return which samples have a valid time, (n,), counts of the others, and warnings about them.
+
+    Args:
+        record: samples in the order of the recording.
+    """
+    time_s = record.time_s
+    finite = np.isfinite(time_s)
+    keep = finite.copy()
+    keep[finite] = ~_outlying(time_s[finite])
+    wild = int(np.sum(~keep))
+    runs = _split_runs(np.flatnonzero(keep), time_s)
+    clashing = [run for k, run in enumerate(runs) if _clashes(run, runs, k, record)]
+    for run in clashing:
+        keep[run] = False
+    lost = sum(len(run) for run in clashing)
+    return keep, {"time_wild": wild, "clock_unsure": lost}, _warnings(wild, lost, clashing, time_s)
+
+
+def check_coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
+    """Return warnings where much lies outside the deployment, or much of the deployment has no sample.
+
+    Args:
+        time_s: UTC, (n,).
+        inside: which lie inside, (n,).
+    """
+    if not len(time_s):
+        return ["there is no sample with a time"]
+    outside = time_s[~inside]
+    span = f"{_day(time_s.min())} to {_day(time_s.max())}"
+    if len(outside) > 0.5 * len(time_s):
+        return [f"{len(outside)} of {len(time_s)} samples ({span}) lie outside the deployment: check clock and dates"]
+    covered = np.ptp(time_s[inside]) / (end_s - start_s)
+    if covered < COVERED:
+        return [f"the record covers {covered:.0%} of the deployment ({_span(time_s[inside])})"]
+    return []
+
+
+def _slack(time_s: Floats) -> float:
+    steps = np.abs(np.diff(time_s))
+    return max(SLACK_S, SLACK_STEPS * float(np.median(steps))) if len(steps) else SLACK_S
+
+
+def _outlying(time_s: Floats) -> Bools:
+    """Tell single times that stand far from both neighbours, which follow each other."""
+    outlying = np.zeros(time_s.shape, dtype=bool)
+    if len(time_s) < MIN_RUN:
+        return outlying
+    slack, steps = _slack(time_s), np.diff(time_s)
+    apart = (np.abs(steps[:-1]) > slack) & (np.abs(steps[1:]) > slack) & (steps[:-1] * steps[1:] < 0)
+    across = time_s[2:] - time_s[:-2]
+    outlying[1:-1] = apart & (across >= 0) & (across <= 2.0 * slack)
+    # Two in turn can both look so, as of two recordings sample by sample: then none of them is an accident.
+    return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
+
+
+def _split_runs(index: NDArray[np.intp], time_s: Floats) -> list[NDArray[np.intp]]:
+    """Part samples where the clock goes back by more than jitter; those of few samples come last."""
+    back = np.flatnonzero(np.diff(time_s[index]) < -_slack(time_s[index])) + 1
+    return sorted(np.split(index, back), key=lambda run: len(run) < MIN_RUN) if len(index) else []
+
+
+def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record: Record) -> bool:
+    """Return whether a run stands in time that runs before it have filled with other values."""
+    if k == 0:
+        return False
+    before = np.sort(np.concatenate(runs[:k]))
+    before = before[np.argsort(record.time_s[before], kind="stable")]
+    taken, at = record.time_s[before], record.time_s[run]
+    right = np.clip(np.searchsorted(taken, at), 0, len(taken) - 1)
+    left = np.clip(np.searchsorted(taken, at, side="right") - 1, 0, len(taken) - 1)
+    filled = (at >= taken[left]) & (at <= taken[right]) & (taken[right] - taken[left] <= _slack(taken))
+    if filled.sum() <= max(CLASH_SHARE * len(run), min(MIN_RUN, len(run)) - 1):
+        return False
+    same = _equal(record, run[filled], before[left[filled]])
+    return float(same.mean()) < SAME_SHARE
+
+
+def _equal(record: Record, one: NDArray[np.intp], other: NDArray[np.intp]) -> Bools:
+    columns = [
+        np.column_stack([x[:, None] if x.ndim == 1 else x]) for x in (record.heading_deg, record.east, record.north)
+    ]
+    values = np.hstack(columns)
+    a, b = values[one], values[other]
+    return np.asarray(((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1))
+
+
+def _warnings(wild: int, lost: int, clashing: list[NDArray[np.intp]], time_s: Floats) -> list[str]:
+    warnings = []
+    if wild:
+        warnings.append(f"{wild} samples have a time far from their neighbours' and were left out")
+    if lost:
+        spans = ", ".join(_span(time_s[run]) for run in clashing[:3])
+        warnings.append(
+            f"the clock was set back {len(clashing)} times into time already recorded: the {lost} samples after that "
+            f"({spans} by their clock) were left out; give them as a file of their own with clock_offset_seconds"
+        )
+    return warnings
+
+
+def _span(time_s: Floats) -> str:
+    return f"{_day(time_s.min())} to {_day(time_s.max())}"
+
+
+def _day(time_s: float) -> str:
+    try:
+        return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d}"
+    except (ValueError, OverflowError, OSError):
+        return f"{time_s:.3g} s"

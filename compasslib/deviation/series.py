@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles
-from compasslib.deviation import model
-from compasslib.deviation.model import Fit
+from compasslib.deviation.model import MIN_PAIRS, DeviationFit, observed_deviation, observed_heading, unfitted
 from compasslib.records import Pairs
-from compasslib.statistics import autocorrelation
+from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
 STEP_DEG = 0.25  # of the lookup table
 STARTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried
 
 
-def design(heading_deg: ArrayLike) -> Floats:
+def series_design(heading_deg: ArrayLike) -> Floats:
     """Return the columns 1, sin, cos, sin 2, cos 2 of eq. (1), shape (n, 5).
 
     Args:
@@ -32,53 +31,55 @@ def design(heading_deg: ArrayLike) -> Floats:
     return np.stack([np.ones_like(sine), sine, cosine, sine2, cosine2], axis=-1)
 
 
-def predict(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
+def series_deviation(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     """Return the deviation beta - gamma at correct headings, eq. (1), degrees.
 
     Args:
         coefficients: A, B, C, D, E, degrees, (5,).
         heading_deg: correct magnetic headings, degrees.
     """
-    return design(heading_deg) @ np.asarray(coefficients, dtype=float)
+    return series_design(heading_deg) @ np.asarray(coefficients, dtype=float)
 
 
-def fit(pairs: Pairs, near: Fit | None = None) -> Fit:
+def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Return the least-squares series through the scatter of deviation against correct heading.
 
     Args:
         near: not used; all starts are tried each time.
     """
-    if len(pairs) < model.FEWEST_PAIRS:
-        return model.too_few("von_appen", len(pairs))
-    heading, deviation = model.observed_heading(pairs), model.observed_deviation(pairs)
-    columns = design(heading)
-    coefficients = best_of_starts(columns, deviation)
+    if len(pairs) < MIN_PAIRS:
+        return unfitted("von_appen", len(pairs))
+    heading, deviation = observed_heading(pairs), observed_deviation(pairs)
+    columns = series_design(heading)
+    coefficients = multistart_least_squares(columns, deviation)
     residual = angles.wrap180(deviation - columns @ coefficients)
-    effective = autocorrelation.effective_number(residual, pairs.time_s)
+    effective = effective_sample_size(residual, pairs.time_s)
     variance = float(np.mean(residual**2)) * len(pairs) / max(effective - 5.0, 1.0)
-    lookup = lookup_table(coefficients)
-    return Fit(
+    lookup = inverse_table(coefficients)
+    return DeviationFit(
         method="von_appen",
         coefficients=coefficients,
         covariance=variance * np.linalg.pinv(columns.T @ columns),
         n_pairs=len(pairs),
         n_effective=effective,
         residual_rms_deg=angles.rms(residual),
-        recorded_range_deg=(0.0, 360.0) if not folds(coefficients) else (float(lookup[0][0]), float(lookup[0][-1])),
-        folded=folds(coefficients),
+        recorded_range_deg=(0.0, 360.0)
+        if not series_folds(coefficients)
+        else (float(lookup[0][0]), float(lookup[0][-1])),
+        folded=series_folds(coefficients),
     )
 
 
-def folds(coefficients: ArrayLike) -> bool:
+def series_folds(coefficients: ArrayLike) -> bool:
     """Tell whether d gamma / d beta turns negative somewhere, so that beta(gamma) is many-valued.
 
     Args:
         coefficients: A, B, C, D, E, degrees, (5,).
     """
-    return bool(np.min(slope(coefficients, np.arange(0.0, 360.0, STEP_DEG))) < 0.0)
+    return bool(np.min(series_slope(coefficients, np.arange(0.0, 360.0, STEP_DEG))) < 0.0)
 
 
-def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
+def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     """Return d gamma / d beta of the series.
 
     Args:
@@ -91,7 +92,7 @@ def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     return 1.0 - angles.DEGREE * (b * cosine - c * sine + 2.0 * d * cosine2 - 2.0 * e * sine2)
 
 
-def lookup_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
+def inverse_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
     """Return (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
 
     Without a fold the region is the whole circle. With one it is the stretch around the least d gamma / d beta where
@@ -101,27 +102,27 @@ def lookup_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
         coefficients: A, B, C, D, E, degrees, (5,).
     """
     grid = np.arange(0.0, 360.0, STEP_DEG)
-    steepness = slope(coefficients, grid)
+    steepness = series_slope(coefficients, grid)
     if steepness.min() >= 0.0:
         beta = np.append(grid, 360.0)
-        return beta - predict(coefficients, beta), beta
+        return beta - series_deviation(coefficients, beta), beta
     around = np.roll(np.arange(grid.size), -int(np.argmin(steepness)))
     ahead = int(np.argmax(steepness[around] >= 0.0))
     behind = int(np.argmax(steepness[around[::-1]] >= 0.0))
     start = grid[around[0]]
     beta = start + STEP_DEG * np.arange(-behind + 1, ahead)
-    gamma = beta - predict(coefficients, beta)
+    gamma = beta - series_deviation(coefficients, beta)
     return gamma[::-1], beta[::-1]
 
 
-def invert(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
+def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
     """Return the correct heading for each recorded one, NaN outside the inverted region.
 
     Args:
         coefficients: A, B, C, D, E, degrees, (5,).
         recorded_deg: recorded headings, (n,), degrees.
     """
-    gamma, beta = lookup_table(coefficients)
+    gamma, beta = inverse_table(coefficients)
     recorded = np.asarray(recorded_deg, dtype=float)
     with np.errstate(invalid="ignore"):
         unwrapped = gamma[0] + angles.wrap360(recorded - gamma[0])
@@ -129,18 +130,18 @@ def invert(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
     return np.where(np.isfinite(recorded), angles.wrap360(found), np.nan)
 
 
-def sigma(fit: Fit, heading_deg: ArrayLike) -> Floats:
+def series_sigma(fit: DeviationFit, heading_deg: ArrayLike) -> Floats:
     """Return the standard error of the inverted heading that the coefficients' covariance makes, degrees.
 
     Args:
         heading_deg: corrected headings, (n,), degrees.
     """
-    columns = design(heading_deg)
+    columns = series_design(heading_deg)
     variance = np.einsum("ni,ij,nj->n", columns, fit.covariance, columns)
-    return np.sqrt(variance) / np.maximum(np.abs(slope(fit.coefficients, heading_deg)), 0.05)
+    return np.sqrt(variance) / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), 0.05)
 
 
-def best_of_starts(columns: Floats, deviation: Floats) -> Floats:
+def multistart_least_squares(columns: Floats, deviation: Floats) -> Floats:
     """Return the coefficients with the least sum of squared, wrapped residuals over all starts, (5,) degrees.
 
     Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
@@ -76,18 +76,18 @@ def parameter(
     return field(default=0.0, metadata=described)
 
 
-def date() -> Any:
+def date_parameter() -> Any:
     """Return the field of a date that is searched for and not fitted; without effect by itself."""
     return field(default=0.0, metadata={"unit": "s", "meaning": "UTC seconds since 1970 of the change", "step": 0.0})
 
 
-def place(unit: str) -> Any:
+def place_parameter(unit: str) -> Any:
     """Return the field of a place along a covariate that is searched for and not fitted, as a date is."""
     return field(default=0.0, metadata={"unit": unit, "meaning": "place that was looked for", "step": 0.0})
 
 
 @dataclass(frozen=True)
-class Term(ABC):
+class Effect(ABC):
     """One effect; its fields are parameters, its defaults mean that it is absent."""
 
     name: ClassVar[str]
@@ -99,13 +99,15 @@ class Term(ABC):
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # whose search tests it
     words: ClassVar[str] = ""  # its physics in words, of all forms of an effect on the first
     shows_along: ClassVar[tuple[str, ...]] = ()  # covariates along which it shows, on the first form; empty: time
-    told_from: ClassVar[Mapping[str, str]] = {}  # by the name of another effect: what observation separates the two
-    found_by: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
+    separated_by: ClassVar[Mapping[str, str]] = {}  # by the name of another effect: what observation separates the two
+    detector: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
     instrument: ClassVar[bool] = False  # whether it is of the instrument itself, the same in every record of it
-    evident: ClassVar[bool] = False  # whether what it needs is there only where it acts: only its size is asked for
+    always_present: ClassVar[bool] = (
+        False  # whether what it needs is there only where it acts: only its size is asked for
+    )
 
     @abstractmethod
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return what the effect makes of what it acts on.
 
         Args:
@@ -113,13 +115,13 @@ class Term(ABC):
                 (n,) degrees; velocity of the water a ship swims in, (n, 2) m/s; for a clock its error, (n,) seconds.
         """
 
-    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+    def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
         """Return what a reading was before the effect: here, where it adds the same to any reading, less that.
 
         Args:
             reading_deg: with the effect, (n,), degrees.
         """
-        return reading_deg - self.act(np.zeros_like(reading_deg), scene)
+        return reading_deg - self.apply(np.zeros_like(reading_deg), scene)
 
     @classmethod
     def fitted(cls) -> tuple[str, ...]:
@@ -168,16 +170,16 @@ class Term(ABC):
 
 
 @dataclass(frozen=True)
-class Proportional(Term):
+class Proportional(Effect):
     """An effect that adds each parameter times the departure of a covariate, in the order of what it needs."""
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return what it acts on with the effect added."""
         each = zip(self.fitted(), self.needs, strict=True)
         return x + sum(getattr(self, own) * scene.departures[name] for own, name in each)
 
 
-def slices(terms: Iterable[Term | type[Term]], first: int = 0) -> list[slice]:
+def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:
     """Return where the fitted parameters of each term stand among those of all.
 
     Args:
@@ -187,7 +189,7 @@ def slices(terms: Iterable[Term | type[Term]], first: int = 0) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
-def horizontal(forward: Floats, starboard: Floats) -> Floats:
+def horizontal_field(forward: Floats, starboard: Floats) -> Floats:
     """Return a field in the body's horizontal plane, (n, 3).
 
     Args:
@@ -195,3 +197,27 @@ def horizontal(forward: Floats, starboard: Floats) -> Floats:
         starboard: nT, (n,).
     """
     return np.stack([forward, starboard, np.zeros_like(forward)], axis=-1)
+
+
+SHORT_RECORDINGS = ("platform", "swing", "magnetometer", "two_heads")
+
+
+def elapsed_share(scene: Scene) -> Floats:
+    """Return the share of the record that is over, (n,)."""
+    return (scene.time_s - scene.time_s[0]) / max(float(np.ptp(scene.time_s)), 1e-9)
+
+
+@dataclass(frozen=True)
+class TurningScene(Scene):
+    """A scene that knows how the instrument turns between its samples."""
+
+    turned: Callable[[float], Floats] | None = None  # seconds ahead -> change of the heading until then, (n,) degrees
+
+
+def turning_scene(scene: Scene, turned: Callable[[float], Floats]) -> TurningScene:
+    """Return a scene with the turns of its instrument.
+
+    Args:
+        turned: change of the heading until some seconds ahead, (n,) degrees.
+    """
+    return TurningScene(**vars(scene), turned=turned)

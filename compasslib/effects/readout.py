@@ -1,4 +1,4 @@
-"""Large deviation: the small-angle series is too small a model."""
+"""Effects on the sensor and its readout: large deviation, harmonics, drifts, lags, levelling by wrong tilts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,17 @@ from typing import ClassVar
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.effects.term import READINGS, Proportional, Scene, Term, date, parameter
+from compasslib.effects.effect import (
+    READINGS,
+    SHORT_RECORDINGS,
+    Effect,
+    Proportional,
+    Scene,
+    TurningScene,
+    date_parameter,
+    elapsed_share,
+    parameter,
+)
 from compasslib.types import Floats
 
 
@@ -21,7 +31,7 @@ class LargeDeviation(Proportional):
     words: ClassVar[str] = "the deviation is too large for the small-angle series; the exact compass fits"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "platform", "swing")
-    found_by: ClassVar[str] = "exact compass and series, each fitted"
+    detector: ClassVar[str] = "exact compass and series, each fitted"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "Le Menn et al. 2023, eq. (4), against von Appen 2015, eq. (1), its first order"
     needs: ClassVar[tuple[str, ...]] = ("exact_minus_series",)
@@ -31,12 +41,12 @@ class LargeDeviation(Proportional):
 
 # A harmonic of the recorded heading: a readout or a calibration table with teeth.
 
-FLATTEST = 0.2  # least plausible slope of a reading: a readout that hardly turns with the field is none
-POLISHED = 4  # Newton's steps from a table of whole degrees: the last digit of a double
+MIN_HARMONIC_SLOPE = 0.2  # least plausible slope of a reading: a readout that hardly turns with the field is none
+NEWTON_STEPS = 4  # Newton's steps from a table of whole degrees: the last digit of a double
 
 
 @dataclass(frozen=True)
-class Harmonic(Term):
+class Harmonic(Effect):
     """The reading is shifted by a harmonic of what the compass would have recorded."""
 
     order: ClassVar[float]
@@ -49,30 +59,30 @@ class Harmonic(Term):
     @property
     def plausible(self) -> bool:
         """Whether the reading always turns with the field: the order times the amplitude is well under a radian."""
-        return self._flattest >= FLATTEST
+        return self._flattest >= MIN_HARMONIC_SLOPE
 
     @property
     def _flattest(self) -> float:
         return 1.0 - self.order * angles.DEGREE * float(np.hypot(self.sine_deg, self.cosine_deg))
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with the harmonic added."""
         sine, cosine = angles.sin_cos(self.order * x)
         return x + self.sine_deg * sine + self.cosine_deg * cosine
 
-    def undone(self, reading_deg: Floats, scene: Scene) -> Floats:
+    def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
         """Return what the reading was made of; NaN everywhere where some readings have three such angles."""
         if self._flattest <= 0.0:
             return np.full_like(reading_deg, np.nan)
         period = 360.0 / self.order
         whole = np.linspace(0.0, period, int(period) + 1)
-        begins = self.act(whole[:1], scene)
+        begins = self.apply(whole[:1], scene)
         turns = np.floor((reading_deg - begins) / period)
-        x = period * turns + np.interp(reading_deg - period * turns, self.act(whole, scene), whole)
-        for _ in range(POLISHED):
+        x = period * turns + np.interp(reading_deg - period * turns, self.apply(whole, scene), whole)
+        for _ in range(NEWTON_STEPS):
             sine, cosine = angles.sin_cos(self.order * x)
             slope = 1.0 + self.order * angles.DEGREE * (self.sine_deg * cosine - self.cosine_deg * sine)
-            x = x + (reading_deg - self.act(x, scene)) / slope
+            x = x + (reading_deg - self.apply(x, scene)) / slope
         return np.asarray(x)
 
 
@@ -86,7 +96,9 @@ class Sextantal(Harmonic):
     name: ClassVar[str] = "sextantal"
     words: ClassVar[str] = "the reading has a third harmonic of the recorded heading (sextantal deviation)"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
-    told_from: ClassVar[Mapping[str, str]] = {"octantal": "wider headings, or a swing of 16 to 24 headings all round"}
+    separated_by: ClassVar[Mapping[str, str]] = {
+        "octantal": "wider headings, or a swing of 16 to 24 headings all round"
+    }
     recordings: ClassVar[tuple[str, ...]] = READINGS
     order: ClassVar[float] = 3.0
     instrument: ClassVar[bool] = True
@@ -113,7 +125,7 @@ class Octantal(Harmonic):
 
 
 @dataclass(frozen=True)
-class CompassDrift(Term):
+class CompassDrift(Effect):
     """The reading drifts with time."""
 
     name: ClassVar[str] = "compass_drift"
@@ -124,7 +136,7 @@ class CompassDrift(Term):
 
     deg_year: float = parameter("degrees/year", "drift of the reading", 1.0, usual=10.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with what has drifted by then."""
         return x + self.deg_year * scene.years
 
@@ -133,12 +145,12 @@ class CompassDrift(Term):
 
 
 @dataclass(frozen=True)
-class HeadingSlip(Term):
+class HeadingSlip(Effect):
     """The reading is shifted from a date on: a step in A."""
 
     name: ClassVar[str] = "heading_slip"
     words: ClassVar[str] = "the mount turned: all headings are off by a constant from then on"
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "compass_drift": "more readings around the date, or the same headings read again in another order",
         "tilt_uncompensated": "logged tilts",
     }
@@ -148,9 +160,9 @@ class HeadingSlip(Term):
     literature: ClassVar[str] = "a step of A in von Appen 2015, eq. (1); reading clockwise positive"
 
     offset_deg: float = parameter("degrees", "turn of the reading after the date", 1.0, usual=10.0)
-    date_s: float = date()
+    date_s: float = date_parameter()
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the reading with the slip."""
         return x + self.offset_deg * scene.since(self.date_s)
 
@@ -159,13 +171,13 @@ class HeadingSlip(Term):
 
 
 @dataclass(frozen=True)
-class CompassLag(Term):
+class CompassLag(Effect):
     """The reading is what the heading was some time before."""
 
     name: ClassVar[str] = "compass_lag"
     words: ClassVar[str] = "the compass lags when the instrument turns"
     shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
-    told_from: ClassVar[Mapping[str, str]] = {
+    separated_by: ClassVar[Mapping[str, str]] = {
         "clock_offset": "tilts of both heads that change with time: they have no compass in them"
     }
     stage: ClassVar = "readout"
@@ -176,7 +188,7 @@ class CompassLag(Term):
 
     lag_s: float = parameter("s", "time by which the reading is late", 300.0, least=0.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the late reading."""
         return x - self.lag_s * scene.departures["turn_rate"]
 
@@ -185,20 +197,20 @@ class CompassLag(Term):
 
 
 @dataclass(frozen=True)
-class TiltUncompensated(Term):
+class TiltUncompensated(Effect):
     """A share of the levelling is left out."""
 
     name: ClassVar[str] = "tilt_uncompensated"
     words: ClassVar[str] = "the reading is not compensated for tilt"
     shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
-    told_from: ClassVar[Mapping[str, str]] = {"moving_iron": "the magnetometer's three axes with tilt"}
+    separated_by: ClassVar[Mapping[str, str]] = {"moving_iron": "the magnetometer's three axes with tilt"}
     stage: ClassVar = "sensor"
     instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
 
     share: float = parameter("1", "share of the levelling that is left out", 0.05, least=0.65, most=1.5)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field that, levelled rightly, gives what is left without levelling."""
         level = scene.levelling
         return (1.0 - self.share) * x + self.share * np.einsum("nji,nj->ni", level, x)
@@ -216,7 +228,7 @@ def _levelled_off(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: 
 
 
 @dataclass(frozen=True)
-class TemperatureOfTilt(Term):
+class TemperatureOfTilt(Effect):
     """The zero of the tilt sensor shifts with temperature, and the compass levels by it."""
 
     name: ClassVar[str] = "temperature"
@@ -227,26 +239,26 @@ class TemperatureOfTilt(Term):
     pitch_deg_K: float = parameter("degrees/K", "change of the pitch", 0.2, usual=OFF_DEG_K)
     roll_deg_K: float = parameter("degrees/K", "change of the roll", 0.2, usual=OFF_DEG_K)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field that the levelling turns as wrong tilts do."""
         warm = scene.departures["temperature"]
         return _levelled_off(x, scene, self.pitch_deg_K * warm, self.roll_deg_K * warm)
 
 
 @dataclass(frozen=True)
-class TiltOffset(Term):
+class TiltOffset(Effect):
     """The tilts are off by constants, and the compass levels by them."""
 
     name: ClassVar[str] = "tilt_offset"
     words: ClassVar[str] = "the tilts by which the compass is compensated have constant errors"
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
-    found_by: ClassVar[str] = "vertical velocities that follow the flow in the body, or a level deck"
+    detector: ClassVar[str] = "vertical velocities that follow the flow in the body, or a level deck"
 
     pitch_deg: float = parameter("degrees", "pitch given minus true", 0.2)
     roll_deg: float = parameter("degrees", "roll given minus true", 0.2)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field that the levelling turns as wrong tilts do."""
         return _levelled_off(x, scene, self.pitch_deg, self.roll_deg)
 
@@ -255,7 +267,7 @@ class TiltOffset(Term):
 
 
 @dataclass(frozen=True)
-class StuckTilt(Term):
+class StuckTilt(Effect):
     """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
 
     name: ClassVar[str] = "stuck_tilt"
@@ -263,12 +275,87 @@ class StuckTilt(Term):
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
     needs: ClassVar[tuple[str, ...]] = ("lean_pitch", "lean_roll")
-    evident: ClassVar[bool] = True  # a sensor that shows one value for weeks
+    always_present: ClassVar[bool] = True  # a sensor that shows one value for weeks
 
     share: float = parameter("1", "share of the predicted lean", 0.05, least=0.3, most=2.0)
 
-    def act(self, x: Floats, scene: Scene) -> Floats:
+    def apply(self, x: Floats, scene: Scene) -> Floats:
         """Return the field of the leaning body in place of that of the body as the tilts have it."""
         pitch, roll = (scene.departures[name] for name in self.needs)
         right = compass.levelling(scene.pitch_deg + self.share * pitch, scene.roll_deg + self.share * roll)
         return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
+
+
+@dataclass(frozen=True)
+class CompassDelay(Effect):
+    """The reading is the heading of some time before, exactly: quick swings are no straight lines."""
+
+    name: ClassVar[str] = "compass_lag"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer", "two_heads")
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
+
+    lag_s: float = parameter("s", "time by which the reading is late", 0.1, least=-60.0, most=60.0)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the late reading."""
+        assert isinstance(scene, TurningScene) and scene.turned is not None
+        return x + scene.turned(-self.lag_s)
+
+
+@dataclass(frozen=True)
+class CompassTrend(Effect):
+    """The reading grows along the record."""
+
+    name: ClassVar[str] = "compass_drift"
+    recordings: ClassVar[tuple[str, ...]] = SHORT_RECORDINGS
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "a trend of A in von Appen 2015, eq. (1); reading clockwise positive"
+
+    deg_record: float = parameter("degrees over the record", "drift of the reading", 1.0)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with the drift."""
+        return x + self.deg_record * elapsed_share(scene)
+
+
+@dataclass(frozen=True)
+class MountingOffset(Effect):
+    """The heading is counted from another direction than the axes."""
+
+    name: ClassVar[str] = "mounting_offset"
+    words: ClassVar[str] = "the heading is turned by a constant from the magnetometer's axes"
+    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    separated_by: ClassVar[Mapping[str, str]] = {
+        "tilt_uncompensated": "logged tilts",
+        "declination_error": "the declination that the instrument was set to",
+    }
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
+    stage: ClassVar = "readout"
+    acts_on: ClassVar = "reading"
+    literature: ClassVar[str] = "A of von Appen 2015, eq. (1); clockwise positive"
+
+    offset_deg: float = parameter("degrees", "recorded heading minus that of the axes", 1.0)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the reading with the offset."""
+        return x + self.offset_deg
+
+
+@dataclass(frozen=True)
+class ReadingLevelled(Effect):
+    """The recorded heading is levelled by the tilts, the simulated one is not."""
+
+    name: ClassVar[str] = "tilt_uncompensated"
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
+    stage: ClassVar = "sensor"
+    words: ClassVar[str] = "the recorded heading is compensated for tilt, the simulated one is not"
+    literature: ClassVar[str] = "physics page, section 4: n = T m instead of m; 1 means that all levelling was left out"
+
+    share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, least=0.5, most=1.5)
+
+    def apply(self, x: Floats, scene: Scene) -> Floats:
+        """Return the field, partly levelled."""
+        return (1.0 - self.share) * x + self.share * np.einsum("nij,nj->ni", scene.levelling, x)

@@ -1,0 +1,387 @@
+"""Checks of the reference against the affected instrument, and the combination of several references.
+
+Several references each give pairs of their own, with the water predicted at their own depth. At one time the affected
+compass turns all of them alike, so that their mean turns as each does; they are weighted by how much their speeds,
+which no compass turns, differ from the predicted ones.
+
+A reference may be the affected record itself: its bins rounded, rescaled, averaged or shifted. Two instruments never
+agree to a millimetre a second: pings and the water between them differ. A deeper cell of the same profiler, given at
+its own depth, is accepted.
+
+A reference may also have been averaged, filtered, interpolated or held. The structure function of speed, the mean
+square of its changes over a lag, needs neither compass nor gapless series. At one site its ratio between two
+instruments is about the same at the shortest lag and at two days, but for their noise: 0.8 to 1.9 times on ten
+simulated and two real moorings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.preparation.gridding import nearest_index
+from compasslib.records import Pairs, Record, take
+from compasslib.statistics.least_squares import robust_width
+from compasslib.types import Complexes, Floats
+
+BLOCK_S = 10 * 86400.0
+MIN_BLOCKS, MIN_COMMON_PAIRS = 5, 100  # that both must have at the same times before they are held against each other
+LEAST_DEG, SURE = 5.0, 4.0  # a difference of directions that is told, and its standard errors
+LEAST_NOISE_M_S = 0.002
+OWN_HEADING = "lower_heading_deg"  # of one instrument: not of several together
+AVERAGED = (
+    *("upper_east", "upper_north", "lower_east", "lower_north"),
+    *("upper_depth_m", "lower_depth_m", "separation_minutes"),
+)
+
+
+def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
+    """Return the pairs of all references that agree, by time, with what is to be said of the others.
+
+    Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
+    nobody can tell whose fault it is, and the first, which the mooring's file names first, stands alone.
+
+    Args:
+        each: by reference, perhaps none of some.
+        names: of the instruments.
+    """
+    if len(each) == 1:
+        return each[0]
+    kept, said = _agreeing(each, names)
+    there = [k for k in kept if len(each[k])] or kept[:1]
+    notes = [f"{names[k]}: {warning}" for k, one in enumerate(each) for warning in one.warnings]
+    rows = {name: np.concatenate([getattr(each[k], name) for k in there]) for name in _columns(each[0])}
+    index = np.concatenate([np.full(len(each[k]), k, dtype=np.int8) for k in there])
+    order = np.lexsort((index, rows["time_s"]))
+    return Pairs(
+        **{name: column[order] for name, column in rows.items()},
+        reference_index=index[order],
+        reference_names=tuple(names),
+        warnings=(*said, *notes),
+        expected_m_s=_expected([each[k] for k in there]),
+        veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
+    )
+
+
+def combine_references(pairs: Pairs) -> Pairs:
+    """Return pairs of which no two are of one time: those of several references become their weighted mean."""
+    if pairs.reference_index is None:
+        return pairs
+    if not len(pairs):
+        return replace(pairs, reference_index=None, reference_names=())
+    times, first, row = np.unique(pairs.time_s, return_index=True, return_inverse=True)
+    used, column = np.unique(pairs.reference_index, return_inverse=True)
+    weight = np.zeros((len(times), len(used)))
+    weight[row, column] = 1.0
+    missed = np.full(weight.shape, np.nan)
+    upper, lower = _flows(pairs)
+    missed[row, column] = np.abs(upper) - np.abs(lower)
+    weight *= _weights(missed)
+    share = (weight / weight.sum(axis=1, keepdims=True))[row, column]
+    means: dict[str, Any] = {name: np.bincount(row, share * getattr(pairs, name), len(times)) for name in AVERAGED}
+    whole = replace(pairs, reference_index=None, reference_names=(), lower_heading_deg=None)
+    return replace(take(whole, first), **means)
+
+
+def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
+    """Return the errors of the published mean and of the prediction, rms over all pairs that have them."""
+    known = [(len(one), one.expected_m_s) for one in each if one.expected_m_s is not None]
+    if not known:
+        return None
+    counts, errors = zip(*known, strict=True)
+    mean, predicted = np.sqrt(np.average(np.square(errors), weights=counts, axis=0)).tolist()
+    return mean, predicted
+
+
+def _columns(pairs: Pairs) -> list[str]:
+    return [name for name, column in vars(pairs).items() if isinstance(column, np.ndarray) and name != OWN_HEADING]
+
+
+def _weights(missed: Floats) -> Floats:
+    """Return the weight of each reference at each time, (t, k), not below 0, for the least noise together.
+
+    Args:
+        missed: predicted minus trusted speed, (t, k), NaN where an instrument has no pair.
+    """
+    there = np.isfinite(missed)
+    off = np.where(there, missed - np.nanmedian(missed, axis=0), 0.0)
+    both = np.maximum(there.T.astype(float) @ there, 1.0)
+    covariance = off.T @ off / both + LEAST_NOISE_M_S**2 * np.eye(missed.shape[1])
+    result = np.zeros(missed.shape)
+    for pattern in np.unique(there, axis=0):
+        own = np.linalg.solve(covariance[np.ix_(pattern, pattern)], np.ones(int(pattern.sum())))
+        # Where one only adds noise that another has too, its best weight is negative: it is left out.
+        result[np.ix_(np.all(there == pattern, axis=1), pattern)] = np.maximum(own, 0.0)
+    return result
+
+
+def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], list[str]]:
+    """Return which references are used, and what is said of those that disagree."""
+    count = len(each)
+    off = {(a, b): _apart(each[a], each[b]) for a in range(count) for b in range(a + 1, count)}
+    wrong = {pair: found for pair, found in off.items() if found is not None}
+    if not wrong:
+        return list(range(count)), []
+    against = [sum(k in pair for pair in wrong) for k in range(count)]
+    worst = int(np.argmax(against))
+    rest = [k for k in range(count) if k != worst]
+    texts = [f"the references {names[a]} and {names[b]} {how}" for (a, b), how in wrong.items()]
+    if count > 2 and against[worst] == len(wrong) and against[worst] > 1:
+        return rest, [f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"]
+    return [0], [
+        f"{'; '.join(texts)}: which is wrong cannot be determined; {names[0]}, first in reference, is used alone"
+    ]
+
+
+def _apart(one: Pairs, other: Pairs) -> str | None:
+    """Return how the directions of two references differ beyond what the profile shows of the water.
+
+    None where they do not, or where too little is there. The predictions at their two depths share the affected
+    compass: their difference is the water's alone.
+    """
+    _, a, b = np.intersect1d(one.time_s, other.time_s, return_indices=True)
+    if len(a) < MIN_COMMON_PAIRS:
+        return None
+    (up_a, low_a), (up_b, low_b) = _flows(take(one, a)), _flows(take(other, b))
+    turn = low_a * np.conj(low_b) * np.conj(up_a * np.conj(up_b))
+    slowest = np.min(np.abs([up_a, low_a, up_b, low_b]), axis=0)
+    turn = np.where(np.abs(turn) > 0.0, turn / np.maximum(np.abs(turn), 1e-12), 0.0) * slowest**2
+    time_s = one.time_s[a]
+    block = np.unique(np.floor((time_s - time_s[0]) / BLOCK_S), return_inverse=True)[1]
+    sums = np.asarray(np.bincount(block, turn.real) + 1j * np.bincount(block, turn.imag), dtype=complex)
+    if len(sums) < MIN_BLOCKS:
+        return None
+    return _at_once(sums, time_s[0]) or _constant(sums)
+
+
+def _constant(sums: Complexes) -> str | None:
+    """Say by how much directions differ all along."""
+    mean = complex(sums.sum())
+    across = np.imag(sums * np.conj(mean)) / abs(mean)
+    sigma = float(np.sqrt(np.sum(across**2))) / abs(mean) / angles.DEGREE
+    off = -float(np.angle(mean)) / angles.DEGREE
+    if abs(off) < max(LEAST_DEG, SURE * sigma):
+        return None
+    return f"differ in direction by {off:+.0f} ± {1.96 * sigma:.0f} degrees (95 %) all along"
+
+
+def _at_once(sums: Complexes, begin_s: float) -> str | None:
+    """Say by how much directions differ from a date on, where a step is there."""
+    angle = -np.angle(sums * np.conj(sums.sum())) / angles.DEGREE
+    weight = np.abs(sums)
+    best: tuple[float, float, float, int] | None = None
+    for k in range(2, len(sums) - 1):
+        parts = [(angle[:k], weight[:k]), (angle[k:], weight[k:])]
+        means = [float(np.average(x, weights=w)) for x, w in parts]
+        errors = [
+            float(np.sqrt(np.sum((w * (x - mean)) ** 2)) / np.sum(w)) for (x, w), mean in zip(parts, means, strict=True)
+        ]
+        step, sigma = means[1] - means[0], max(math.hypot(*errors), 1e-3)
+        if best is None or abs(step) / sigma > best[0]:
+            best = (abs(step) / sigma, step, sigma, k)
+    if best is None or abs(best[1]) < LEAST_DEG or best[0] < SURE + 1.0:  # the best of many dates
+        return None
+    date = str(np.datetime64(round(begin_s + best[3] * BLOCK_S), "s"))[:10]
+    return f"differ in direction by {best[1]:+.0f} ± {1.96 * best[2]:.0f} degrees (95 %) more from about {date} on"
+
+
+def _flows(pairs: Pairs) -> tuple[Complexes, Complexes]:
+    return pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
+
+
+HOUR_S = 3600.0
+# Difference that no two instruments keep under, and the same as a share of a table's last digit.
+ALIKE_M_S, ROUNDED = 2e-3, 0.5
+SMALL = 0.1  # of the scatter of the speeds: in still water two instruments may agree by having nothing to measure
+LAGS_H, SHIFTED_H = np.arange(-12, 13), 6  # hours over which an average may reach, and by which stamps may be shifted
+MIN_COMPARED, MAX_COMPARED = 100, 500  # samples that are compared
+WIDEST = 3  # neighbouring bins that an export may have averaged
+OFF_M = 5.0  # from its cells' depth, beyond what a nominal depth may be wrong by
+
+
+@dataclass(frozen=True)
+class CellSeries:
+    """Velocities of one cell, or of some neighbouring ones averaged."""
+
+    velocity: Complexes  # (n,) NaN where none
+    depth_m: float
+    bins: range
+
+
+@dataclass(frozen=True)
+class MatchedVelocities:
+    """Some of the reference's velocities, and where the affected record was measured hours before and after."""
+
+    velocity: Complexes  # (k,)
+    place: NDArray[np.intp]  # (k, lags)
+    there: NDArray[np.bool_]  # (k, lags)
+    least_m_s: float  # what rounding explains
+
+
+def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
+    """Return why the reference's record is the affected one's own, nothing where it is not.
+
+    Args:
+        upper: the affected instrument on the grid of the pairs.
+        bins: how many of the nearest bins are averaged for a pair.
+    """
+    if len(upper.time_s) < MIN_COMPARED or len(lower.time_s) < MIN_COMPARED:
+        return ""
+    for trusted in _near(upper, lower, bins):
+        met = _matched(trusted, upper.time_s, lower.time_s)
+        for own in _bin_averages(upper):
+            shared, off_m = own.bins.start < bins, abs(own.depth_m - trusted.depth_m)
+            if (shared or off_m > OFF_M) and (_same(own, met) or (own.bins.start == 0 and _averaged(own, met))):
+                return _reason(own, shared, off_m)
+    return ""
+
+
+def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
+    """Give the trusted cells that pairs may take, each by itself and averaged."""
+    velocity, depth = lower.east + 1j * lower.north, lower.bin_depth_m()
+    away = np.abs(np.nanmedian(depth, axis=0) - np.nanmedian(upper.depth_m))
+    order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
+    for run in [order, *([k] for k in order if len(order) > 1)]:
+        yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
+
+
+def _matched(trusted: CellSeries, upper_s: Floats, lower_s: Floats) -> MatchedVelocities:
+    some = np.flatnonzero(np.isfinite(trusted.velocity))
+    some = some[:: 1 + len(some) // MAX_COMPARED]
+    wanted = lower_s[some, None] - HOUR_S * LAGS_H
+    place = nearest_index(upper_s, wanted.ravel()).reshape(wanted.shape)
+    velocity = trusted.velocity[some]
+    return MatchedVelocities(
+        velocity, place, np.abs(upper_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity)
+    )
+
+
+def _last_digit(velocity: Complexes) -> float:
+    """Return the step of a table's numbers, 0 where they have none that shows."""
+    steps = []
+    for x in (velocity.real, np.abs(velocity)):
+        values = np.unique(np.round(x, 6))
+        steps.append(float(np.min(np.diff(values))) if 1 < len(values) < len(x) / 2 else 0.0)
+    return max(steps)
+
+
+def _bin_averages(upper: Record) -> Iterator[CellSeries]:
+    velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
+    for wide in range(1, WIDEST + 1):
+        for first in range(velocity.shape[1] - wide + 1):
+            run = range(first, first + wide)
+            yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), run)
+
+
+def _same(own: CellSeries, met: MatchedVelocities) -> bool:
+    """Tell whether two series have the same speeds, but for a factor, at one lag for all."""
+    found, wanted = np.abs(own.velocity), np.abs(met.velocity)
+    near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
+    columns = np.where(met.there[:, near], found[met.place[:, near]], np.nan)
+    return any(_equal(column, wanted, met.least_m_s) for column in columns.T)
+
+
+def _equal(first: NDArray, second: NDArray, least: float) -> bool:
+    """Tell whether two series are alike but for a factor to what no two instruments keep under."""
+    known = np.isfinite(first)
+    if known.sum() < MIN_COMPARED:
+        return False
+    first, second = first[known], second[known]
+    sizes = np.median(np.abs(first)), np.median(np.abs(second))
+    if min(sizes) <= 0.0:
+        return False
+    factor = sizes[1] / sizes[0]
+    off = robust_width(first - second / factor)
+    return off < max(ALIKE_M_S, least / factor) and off < SMALL * float(np.std(first))
+
+
+def _averaged(own: CellSeries, met: MatchedVelocities) -> bool:
+    """Tell whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
+    columns = own.velocity[met.place]
+    whole = met.there.all(axis=1) & np.isfinite(columns).all(axis=1)
+    if whole.sum() < MIN_COMPARED:
+        return False
+    weight, *_ = np.linalg.lstsq(columns[whole], met.velocity[whole], rcond=None)
+    return _equal(columns[whole] @ weight, met.velocity[whole], met.least_m_s)
+
+
+def _reason(own: CellSeries, shared: bool, off_m: float) -> str:
+    first, last = own.bins.start + 1, own.bins.stop
+    which = f"bin {first}" if first == last else f"bins {first} to {last}"
+    why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
+    return (
+        "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (those "
+        f"of the reference are {which} of the affected one, {why})"
+    )
+
+
+SLOW_S = 2 * 86400.0  # lag with which the shortest is compared
+MIN_CHANGES = 50  # changes of which a mean square is taken
+MOST_REPEATED, EQUAL_M_S = 0.3, 1e-5  # share of values that repeat the one before, and how nearly
+# Ratio of the structure functions at the shortest lag over that at two days, and of the curvatures of both series.
+SMOOTHED, SMOOTHED_CURVATURE = 0.6, 0.6
+ROUGHENED = 3.0
+
+
+def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
+    """Compare how much both instruments' speeds change from one pair to the next and over two days.
+
+    Args:
+        reference: its record inside the deployment.
+    """
+    if (share := _share_repeated(reference)) > MOST_REPEATED:
+        return (f"{share:.0%} of the reference's velocities repeat the one before: it was sampled less often, or held",)
+    if len(pairs) < MIN_CHANGES:
+        return ()
+    step_s = float(np.median(np.diff(pairs.time_s)))
+    slot = np.rint((pairs.time_s - pairs.time_s[0]) / max(step_s, 1.0)).astype(int)
+    speeds = (np.full(slot[-1] + 1, np.nan), np.full(slot[-1] + 1, np.nan))
+    speeds[0][slot] = np.hypot(pairs.upper_east, pairs.upper_north)
+    speeds[1][slot] = np.hypot(pairs.lower_east, pairs.lower_north)
+    slow = max(round(SLOW_S / step_s), 4)
+    fast, days = (_mean_squares(*speeds, lag) for lag in (1, slow))
+    if min(fast[0], days[0], days[1]) <= 0.0:
+        return ()
+    contrast = (fast[1] / fast[0]) / (days[1] / days[0])
+    smooth = _curvature(speeds[1]) < SMOOTHED_CURVATURE * _curvature(speeds[0])
+    if not (contrast > ROUGHENED or (contrast < SMOOTHED and smooth)):
+        return ()
+    what = "averaged, filtered or interpolated" if contrast < 1.0 else "high-pass filtered, noisy or merged"
+    return (
+        f"relative to changes over {slow * step_s / 3600.0:.0f} h, the reference's speed changes from one pair to the "
+        f"next {np.sqrt(contrast):.2g} times as much as the affected instrument's: it may have been {what}; use the "
+        "reference as it was measured",
+    )
+
+
+def _mean_squares(upper: Floats, lower: Floats, lag: int) -> tuple[float, float]:
+    """Compute both structure functions at a lag from the changes that both have; zeros where these are too few."""
+    changes = [speed[lag:] - speed[:-lag] for speed in (upper, lower)]
+    known = np.isfinite(changes[0] + changes[1])
+    if known.sum() < MIN_CHANGES:
+        return 0.0, 0.0
+    first, second = (float(np.mean(change[known] ** 2)) for change in changes)
+    return first, second
+
+
+def _curvature(speed: Floats) -> float:
+    """Compute the ratio of the median second to the median first difference: 0 for straight lines, 1.7 for noise."""
+    first, second = (np.abs(np.diff(speed, k)) for k in (1, 2))
+    if np.isfinite(second).sum() < MIN_CHANGES:
+        return np.nan
+    return float(np.nanmedian(second) / max(float(np.nanmedian(first)), 1e-9))
+
+
+def _share_repeated(reference: Record) -> float:
+    """Compute the share of samples whose velocities are, in all cells, those of the sample before."""
+    change = np.maximum(np.abs(np.diff(reference.east, axis=0)), np.abs(np.diff(reference.north, axis=0)))
+    known = np.isfinite(change)
+    compared = known.any(axis=1)
+    repeated = np.where(known, change, 0.0).max(axis=1, initial=0.0) < EQUAL_M_S
+    return float(repeated[compared].mean()) if compared.sum() >= MIN_CHANGES else 0.0

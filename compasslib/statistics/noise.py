@@ -1,0 +1,357 @@
+"""Correlated noise: effective sample size, ARMA(1, 1) models, and the noise of a swing.
+
+A record of a quarter of an hour holds a dozen independent stretches: a bootstrap of it would hold no distribution.
+Draws therefore come from an ARMA(1, 1) model, and each from another one as likely as the record makes it.
+
+In a swing a helmsman's wandering, the swell and a receiver's filter correlate neighbouring residuals. Means over blocks
+of 20 s are free of most of the swing about the course; the correlation that is left between blocks is an ARMA(1, 1)
+series. It widens the covariance; it does not steer the fit, because a filter to independence would weigh most what a
+boat does within seconds, where the course lags behind the compass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.statistics.least_squares import HUBER_CLIP, robust_width
+from compasslib.statistics.resampling import block_sums
+from compasslib.types import Floats
+
+
+def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float = 5 * 86400.0) -> float:
+    """Return n over the integral of the residual's autocorrelation, which real currents make much less than n.
+
+    Args:
+        residual: standardised residuals, (n,).
+        longest_s: longest lag that is looked at, seconds.
+    """
+    n = len(residual)
+    if n < 3:
+        return float(n)
+    step = float(np.median(np.diff(time_s)))
+    slot = np.rint((time_s - time_s[0]) / step).astype(int)
+    series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
+    series[slot], present[slot] = residual - residual.mean(), 1.0
+    lags = min(int(longest_s / step), len(series) // 3)
+    together = lagged_sums(present, lags)
+    rho = lagged_sums(series, lags) / np.maximum(together, 1.0)
+    if not rho[0] > 0.0:  # one value throughout, as of a sensor that is stuck
+        return 1.0
+    rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
+    return float(np.clip(n / (1.0 + 2.0 * _positive_sum(rho[1:])), 1.0, n))
+
+
+def lagged_sums(x: Floats, lags: int) -> Floats:
+    """Return the sums of a series times itself 0, 1, ... steps later, (lags + 1,).
+
+    Args:
+        x: the series, 0 where nothing was measured.
+        lags: the most steps.
+    """
+    size = 1 << (2 * len(x) - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    return np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
+
+
+def _positive_sum(rho: Floats) -> float:
+    """Sum neighbouring pairs of the autocorrelation while they stay positive (Geyer's initial positive sequence)."""
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    stop = np.flatnonzero(pairs <= 0)
+    return float(pairs[: stop[0]].sum() if stop.size else pairs.sum())
+
+
+Ints = NDArray[np.int_]
+
+PHI = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # autoregressive coefficients that are tried
+THETA = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # moving-average coefficients that are tried
+MIN_DOF = 3.0  # of Student's law, which has a variance from there
+LIKELIHOOD_RANGE = 20.0  # units of log likelihood beyond which a model is hardly ever drawn
+RANK_TOLERANCE = 1e-6  # of the largest direction
+
+
+def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
+    """Return minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none of too few data.
+
+    Args:
+        residual: (n,).
+        columns: that the fit can take up, (n, k).
+    """
+    columns = span_basis(columns)
+    dof = len(residual) - columns.shape[1]
+    if dof < MIN_DOF:
+        return np.zeros((0, 4))
+    rows, tried = np.column_stack([columns, residual]), []
+    lags = lag_matrix(len(residual))
+    for phi in PHI:
+        for theta in THETA[np.greater_equal(THETA, -phi)]:
+            lower = np.linalg.cholesky(arma_correlation(phi, theta, lags))
+            upper = np.asarray(np.linalg.qr(np.linalg.solve(lower, rows), mode="r"))
+            size = np.log(np.abs(np.diag(upper)) + 1e-12)
+            loss = dof * size[-1] + float(np.sum(size[:-1])) + float(np.sum(np.log(np.diag(lower))))
+            tried.append((loss, float(phi), float(theta), float(upper[-1, -1] ** 2) / dof))
+    return np.array(tried)
+
+
+def arma_correlation(phi: float, theta: float, lags: Ints) -> Floats:
+    """Return the correlation of an ARMA(1, 1) series.
+
+    Args:
+        phi: autoregressive coefficient.
+        theta: moving-average coefficient.
+    """
+    return np.where(lags == 0, 1.0, _first_lag(phi, theta) * phi ** np.maximum(lags - 1, 0))
+
+
+def arma_variance_ratio(law: tuple[float, float]) -> float:
+    """Return the variance of an ARMA(1, 1) series over that of its innovations.
+
+    Args:
+        law: autoregressive and moving-average coefficient.
+    """
+    phi, theta = law
+    return (1.0 + 2.0 * phi * theta + theta**2) / (1.0 - phi**2)
+
+
+def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
+    """Return the innovations that an ARMA(1, 1) law makes of evenly sampled columns, (n, k).
+
+    The first sample is taken over its own variance, and foretells its own innovation.
+
+    Args:
+        columns: (n, k).
+        law: autoregressive and moving-average coefficient.
+    """
+    from scipy.signal import lfilter
+
+    phi, theta = law
+    if not phi and not theta:
+        return columns
+    first = arma_variance_ratio(law)
+    begun = lfilter([1.0, -phi], [1.0, theta], columns[1:], axis=0, zi=-(phi + theta / first) * columns[:1])[0]
+    return np.concatenate([columns[:1] / np.sqrt(first), begun])
+
+
+def arma_low_frequency_power(phi: float, theta: float) -> float:
+    """Return the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
+    return 1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)
+
+
+def lag_matrix(n: int) -> Ints:
+    """Return how many steps n samples are apart, (n, n)."""
+    return np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+
+
+def span_basis(columns: Floats, least: float = 0.0) -> Floats:
+    """Return an orthonormal basis of what columns span, directions without length left out.
+
+    Args:
+        columns: (n, k).
+        least: length that a direction must have.
+    """
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return left[:, size > max(least, RANK_TOLERANCE * size.max(initial=0.0))]
+
+
+def arma_draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Floats:
+    """Return draws of the noise, each by a model that is drawn too, (repeats, n) of unit variance.
+
+    Args:
+        residual: of the hypothesis, a stretch each, (n,).
+        columns: that its fit takes up, (n, k).
+    """
+    rng, n = np.random.default_rng(seed), len(residual)
+    models = arma_likelihoods(residual, columns)
+    made = rng.normal(size=(repeats, n))
+    if not len(models):
+        return made
+    which, lags = rng.choice(len(models), repeats, p=_weight(models)), lag_matrix(n)
+    for model in np.unique(which):
+        lower = np.linalg.cholesky(arma_correlation(float(models[model, 1]), float(models[model, 2]), lags))
+        made[which == model] = made[which == model] @ lower.T
+    return made
+
+
+def arma_covariance(residual: Floats, columns: Floats) -> Floats:
+    """Return the covariance of least squares, averaged over the models by their likelihood, (k, k).
+
+    Args:
+        residual: of the fit, (n,).
+        columns: its derivatives, (n, k).
+    """
+    size = np.linalg.norm(columns, axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
+    unit = columns / scale
+    solved = unit @ np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
+    weight, each = _weighted_models(residual, columns)
+    spread = np.stack([solved.T @ of_noise @ solved for of_noise in each])
+    own = np.log(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 1e-300))
+    middle = np.tensordot(weight, spread, 1)
+    # The mean of variances over models is that of the slowest; their middle is that of their logarithms.
+    share = np.exp(weight @ own / 2.0) / np.sqrt(np.maximum(np.diagonal(middle), 1e-300)) / scale
+    return np.asarray(middle * np.outer(share, share))
+
+
+def arma_whitening_matrix(residual: Floats, columns: Floats) -> Floats:
+    """Return what makes stretches independent by the mean covariance of the models, (n, n).
+
+    Args:
+        residual: of the fit, (n,).
+        columns: its derivatives, (n, c).
+    """
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(_noise_covariance(residual, columns))))
+
+
+def arma_standard_errors(residual: Floats, columns: Floats, weights: Floats) -> Floats:
+    """Return the standard errors of weighted sums of stretches, (k,).
+
+    Args:
+        residual: of the fit, (n,).
+        columns: its derivatives, (n, c).
+        weights: (n, k).
+    """
+    return np.sqrt(np.einsum("nk,nm,mk->k", weights, _noise_covariance(residual, columns), weights))
+
+
+def arma_effective_size(residual: Floats, columns: Floats) -> float:
+    """Return how many independent stretches would say as much of a mean.
+
+    Args:
+        residual: of the fit, (n,).
+        columns: its derivatives, (n, k).
+    """
+    of_noise = _noise_covariance(residual, columns)
+    return float(len(residual) * np.trace(of_noise) / of_noise.sum())
+
+
+def _first_lag(phi: float, theta: float) -> float:
+    """Return the correlation of an ARMA(1, 1) series at lag one."""
+    return (1.0 + phi * theta) * (phi + theta) / (1.0 + 2.0 * phi * theta + theta**2)
+
+
+def _noise_covariance(residual: Floats, columns: Floats) -> Floats:
+    """Return the covariance of the stretches, the mean over the models by their likelihood, (n, n)."""
+    weight, each = _weighted_models(residual, columns)
+    return np.asarray(np.tensordot(weight, np.stack(each), 1))
+
+
+def _weighted_models(residual: Floats, columns: Floats) -> tuple[Floats, list[Floats]]:
+    """Return the weight of each model, and the covariance of the stretches by it, (n, n) each."""
+    n, models = len(residual), arma_likelihoods(residual, columns)
+    if not len(models):
+        return np.ones(1), [np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)]
+    lags = lag_matrix(n)
+    return _weight(models), [model[3] * arma_correlation(model[1], model[2], lags) for model in models]
+
+
+def _weight(models: Floats) -> Floats:
+    weight = np.exp(-np.minimum(models[:, 0] - models[:, 0].min(), LIKELIHOOD_RANGE))
+    return np.asarray(weight / weight.sum())
+
+
+MIN_ROBUST = 30  # residuals from which a median tells a width within a fifth
+SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # speeds at which both parts of the scatter are equal
+MIN_SCATTER_DEG = 1e-3  # degrees of scatter; no compass reads finer, and what agrees to the last digit was copied
+LIKELIHOOD_TOLERANCE = 0.125  # of log likelihood: half a standard error
+
+
+@dataclass(frozen=True)
+class SwingNoise:
+    """Scatter of the residuals of one kind of observation."""
+
+    sigma: Floats  # (n,) of each residual
+    phi: float = 0.0  # autoregressive coefficient of the blocks' means
+    theta: float = 0.0  # moving-average coefficient
+    level: float = 1.0  # variance of a block's mean over that of a residual
+    n_effective: float = 0.0  # independent residuals that would say as much
+    dof: float = np.inf  # degrees of freedom of the scatter
+    weight: float = 1.0  # information of a row over that of an independent one
+
+
+def estimate_swing_noise(
+    residual: Floats, basis: Floats, *, speed_kn: Floats | None, blocks: Ints | None
+) -> SwingNoise:
+    """Return the scatter, by restricted likelihood where residuals are correlated.
+
+    Args:
+        residual: (n,) of the present fit.
+        basis: (n, rank) orthonormal, what the fit can take up.
+        speed_kn: (n,) where slow courses scatter more.
+        blocks: (n,) number of each residual's block in time; None where they are independent.
+    """
+    n, rank = basis.shape
+    if n < MIN_ROBUST:
+        flat = np.full(n, np.sqrt(np.sum(residual**2) / max(n - rank, 1)))
+        return SwingNoise(np.maximum(flat, MIN_SCATTER_DEG), n_effective=float(n), dof=float(n - rank))
+    shape, clipped = _scatter_shape(residual, speed_kn)
+    scale = np.sqrt(np.sum((clipped / shape) ** 2) / (n - rank))
+    noise = SwingNoise(np.maximum(shape * scale, MIN_SCATTER_DEG))
+    kept = float(np.mean(residual == clipped))  # Huber's estimate varies as if the clipped ones were not there
+    if blocks is None:
+        return replace(noise, sigma=noise.sigma / kept, n_effective=float(n), dof=float(n - rank))
+    columns = span_basis(basis / noise.sigma[:, None])
+    noise = _correlated(noise, _block_means(clipped / noise.sigma, blocks), _block_means(columns, blocks))
+    noise = replace(noise, level=noise.level / kept**2)
+    fitted = columns if rank else np.full((n, 1), n**-0.5)
+    weight = min(fitted.shape[1] / float(np.trace(score_covariance(fitted, noise, blocks))), 1.0)
+    return replace(noise, n_effective=weight * n, dof=max(weight * n - rank, MIN_DOF), weight=weight)
+
+
+def score_covariance(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Floats:
+    """Return the covariance of the sums of rows times residuals, (k, k), for rows over their scatter.
+
+    Args:
+        rows: (n, k) in order of time, over the scatter.
+        blocks: (n,) number of each row's block in time, without gaps; None where rows are independent.
+    """
+    if blocks is None:
+        return rows.T @ rows
+    summed = block_sums(rows, blocks)
+    return noise.level * summed.T @ arma_correlation(noise.phi, noise.theta, lag_matrix(len(summed))) @ summed
+
+
+def clip_residuals(residual: Floats, noise: SwingNoise) -> Floats:
+    """Return residuals that count no more than a few standard deviations (Huber's pseudo-observations).
+
+    Args:
+        residual: (n,).
+    """
+    if len(residual) < MIN_ROBUST:
+        return residual
+    bound = HUBER_CLIP * noise.sigma
+    return np.clip(residual, -bound, bound)
+
+
+def _scatter_shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
+    """Return the scatter of each residual and the residuals clipped by it, the likeliest share of slowness taken."""
+    slowness = np.zeros(residual.shape) if speed_kn is None else 1.0 / np.maximum(speed_kn, 0.1)
+    best, found = np.inf, (residual, residual)
+    for equal_kn in SLOW_KN if speed_kn is not None else SLOW_KN[:1]:
+        shape = np.hypot(1.0, equal_kn * slowness)
+        scale = robust_width(residual / shape) + 1e-9
+        clipped = np.clip(residual, -HUBER_CLIP * scale * shape, HUBER_CLIP * scale * shape)
+        loss = float(np.sum(np.log(shape)) + 0.5 * len(shape) * np.log(np.mean((clipped / shape) ** 2) + 1e-18))
+        if loss < best:
+            best, found = loss, (scale * shape, clipped)
+    return found
+
+
+def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise:
+    """Fit correlation and level of the blocks' means by restricted likelihood; none where the blocks are too few.
+
+    Of the models as likely as the likeliest but for half a standard error the one of the slowest noise is taken: too
+    short a correlation understates the uncertainty, too long a one hardly overstates it.
+    """
+    tried = arma_likelihoods(means, columns)
+    if not len(tried):
+        return noise
+    likely = tried[tried[:, 0] <= tried[:, 0].min() + LIKELIHOOD_TOLERANCE]
+    _, phi, theta, level = max(likely.tolist(), key=lambda each: each[3] * arma_low_frequency_power(each[1], each[2]))
+    return replace(noise, phi=phi, theta=theta, level=level)
+
+
+def _block_means(values: Floats, blocks: Ints) -> Floats:
+    count = np.bincount(blocks)
+    return block_sums(values, blocks) / (count if values.ndim == 1 else count[:, None])
