@@ -99,7 +99,7 @@ def measure(kind, days, step_s, size, count, seed):
     for index in range(count):
         rng = np.random.default_rng([seed, KINDS.index(kind), int(days), int(step_s), int(100 * size), index])
         series, field, name, date = drawn(rng, kind, days, step_s, size)
-        if observatory.refusal(series):
+        if observatory.too_short_reason(series):
             continue
         begin = time.perf_counter()
         found = declination.diagnose_series(series, field, Options())

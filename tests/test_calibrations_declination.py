@@ -58,14 +58,17 @@ def test_a_wild_value_is_no_storm():
 def test_means_of_minutes_are_those_of_the_minutes_and_gaps_stay_gaps():
     made = series(1, step_s=60.0)
     missing = replace(made, declination_deg=np.where(np.arange(1440) // 600 == 1, np.nan, made.declination_deg))
-    time_s, mean = observatory.means(missing, 600.0)
+    time_s, mean = observatory.average(missing, 600.0)
     assert len(time_s) == 84 and mean[0] == pytest.approx(made.declination_deg[:10].mean())
 
 
 def test_means_and_levels_do_not_mind_the_south():
     made = series(10)
     turned = replace(made, declination_deg=(made.declination_deg - 175.3 + 180.0) % 360.0 - 180.0)
-    there, here = observatory.departure(turned, made.time_s), observatory.departure(made, made.time_s)
+    there, here = (
+        observatory.declination_departure(turned, made.time_s),
+        observatory.declination_departure(made, made.time_s),
+    )
     assert np.allclose(there, here)
 
 

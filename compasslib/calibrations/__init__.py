@@ -36,9 +36,8 @@ class Kind:
     """Where a kind of calibration is made and drawn."""
 
     module: str  # of this room; its calibrate(files, settings) returns the Calibration
-    figures: tuple[
-        str, ...
-    ] = ()  # its own: drawn by draw_NAME(path, calibration, name) of plots.instruments, or .calibrations for a swing
+    # Its own: drawn by draw_NAME(path, calibration, name) of plots.instruments, or of plots.calibrations for a swing.
+    figures: tuple[str, ...] = ()
     by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
     formats: tuple[str, ...] = ("table",)  # of its files, the usual one first
 

@@ -23,7 +23,6 @@ from compasslib.deviation.model import (
 )
 from compasslib.records import BAD, EarthField, Pairs, Record
 from compasslib.statistics.noise import effective_sample_size
-from compasslib.types import Floats
 
 METHOD = "calibration"
 HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
@@ -38,19 +37,14 @@ def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Reco
     Args:
         pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
     """
-    missing = _missing_part(content)
-    if missing:
+    if missing := _missing_part(content):
         return DeviationFit(METHOD, len(pairs), why=f"calibration {content['name']}: {missing}")
     transferred = _transfer(content, field)
     noise = ScatterNoise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, MIN_NOISE_DEG, MAX_NOISE_DEG)))
-    fit = DeviationFit(
-        METHOD,
-        len(pairs),
-        transferred.coefficients,
-        transferred.covariance,
-        noise=noise,
-        warnings=_warnings(content, transferred),
-    )
+    warnings = (transferred.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
+    named = tuple(f"calibration {content['name']}: {warning}" for warning in warnings if warning)
+    coefficients, covariance = transferred.coefficients, transferred.covariance
+    fit = DeviationFit(METHOD, len(pairs), coefficients, covariance, noise=noise, warnings=named)
     return evaluate_on_record(fit, record, pairs)
 
 
@@ -58,13 +52,17 @@ def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> Devia
     """Evaluate a compass known beforehand on the record of a mooring; nothing is fitted."""
     off = heading_residual(fit, pairs)
     off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]
+    # The correct headings of the record alone, both roots counted where there are two.
+    recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
+    roots = compass.inverse(fit.coefficients, recorded)
+    count = np.histogram(roots[np.isfinite(roots)], CELLS, (0.0, 360.0))[0]
     return replace(
         fit,
         n_effective=effective_sample_size(off, when) if len(off) else 0.0,
         residual_rms_deg=angles.rms(off),
         recorded_range_deg=compass.recorded_range(fit.coefficients),
         folded=not compass.turns_full_circle(fit.coefficients),
-        heading_density=_heading_density(fit.coefficients, record),
+        heading_density=smooth_density(1e-6 + count),
     )
 
 
@@ -118,16 +116,3 @@ def _transfer(content: Mapping[str, Any], field: EarthField) -> TransferredCoeff
     away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
     at_home = FieldAtPlace(home["horizontal_nT"], home["vertical_nT"])
     return transfer_coefficients([given["coefficients"][k] for k in LETTERS], covariance, at_home, away)
-
-
-def _heading_density(coefficients: Floats, record: Record) -> Floats:
-    """Histogram the correct headings of the record alone, both roots counted where there are two."""
-    recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
-    roots = compass.inverse(coefficients, recorded)
-    count = np.histogram(roots[np.isfinite(roots)], CELLS, (0.0, 360.0))[0]
-    return smooth_density(1e-6 + count)
-
-
-def _warnings(content: Mapping[str, Any], there: TransferredCoefficients) -> tuple[str, ...]:
-    warnings = (there.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
-    return tuple(f"calibration {content['name']}: {warning}" for warning in warnings if warning)

@@ -58,13 +58,13 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             that of the place.
     """
     series = iaga2002.read(files)
-    place, header = observatory.place_of(series, settings), (series.latitude, series.longitude)
+    place, header = observatory.station_place(series, settings), (series.latitude, series.longitude)
     warnings = [*series.warnings]
     if np.any(np.abs(angles.difference(place, header)) > FARTHEST_DEG):
         warnings.append("the file has the station at {:g} N {:g} E; the YAML's place counts".format(*header))
-    if why := observatory.refusal(series):
+    if why := observatory.too_short_reason(series):
         return Calibration(KIND, "none", 0, 0, details=_header(series, place), why=why, warnings=tuple(warnings))
-    field = observatory.field_of(series, settings, str(files[0]))
+    field = observatory.model_field(series, settings, str(files[0]))
     warnings += check_field(series, place)
     compared = observatory.compare(series, field, limit_deg=STORM_DEG)
     if compared.spikes:

@@ -64,7 +64,7 @@ class Storm:
     worst_deg: float  # rms of its worst three hours
 
 
-def means(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
+def average(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
     """Average declinations over steps, those with too few samples left out; coarser series are returned as they are."""
     known = np.isfinite(series.declination_deg)
     time_s, declination = series.time_s[known], series.declination_deg[known]
@@ -79,7 +79,7 @@ def means(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
     return (slots[full] + 0.5) * step_s, angles.wrap180(mean[full])
 
 
-def departure(series: FieldSeries, time_s: Floats) -> Floats:
+def declination_departure(series: FieldSeries, time_s: Floats) -> Floats:
     """Compute the departure of magnetic north from its slow course at given instants, (n,) degrees, NaN where unknown.
 
     Hourly means of the declination minus the median of the 27 days around: storms and daily variation remain, the
@@ -87,19 +87,19 @@ def departure(series: FieldSeries, time_s: Floats) -> Floats:
     """
     known = np.flatnonzero(np.isfinite(series.declination_deg))
     first = series.declination_deg[known[0]] if len(known) else 0.0
-    return _from_slow_course(series.time_s, angles.difference(series.declination_deg, first), time_s)
+    return _departure(series.time_s, angles.difference(series.declination_deg, first), time_s)
 
 
-def lengthening(series: FieldSeries, time_s: Floats) -> Floats:
+def horizontal_departure(series: FieldSeries, time_s: Floats) -> Floats:
     """Compute the departure of the horizontal field along magnetic north over its strength, (n,) degrees.
 
     Elsewhere, where magnetic north points otherwise, it is across the needle.
     """
-    off = _from_slow_course(series.time_s, series.horizontal_nT, time_s)
+    off = _departure(series.time_s, series.horizontal_nT, time_s)
     return np.asarray(off / (np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0) / angles.DEGREE)
 
 
-def _from_slow_course(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
+def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
     """Compute hourly means of a series minus the median of the 27 days around, (n,), NaN where unknown."""
     known = np.isfinite(values)
     known_s, off = series_s[known], values[known]
@@ -120,10 +120,10 @@ def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Flo
         InputError: a file cannot be read.
     """
     series = iaga2002.read(files)
-    return departure(series, time_s), lengthening(series, time_s)
+    return declination_departure(series, time_s), horizontal_departure(series, time_s)
 
 
-def daily_curve_at(curve_deg: Floats, time_s: Floats) -> Floats:
+def interpolate_daily_curve(curve_deg: Floats, time_s: Floats) -> Floats:
     """Interpolate a daily curve at given instants, (n,) degrees, 0 where it is not known.
 
     Args:
@@ -262,7 +262,7 @@ class FieldComparison:
     @property
     def quiet_deg(self) -> Floats:
         """The quiet-day curve at each mean, (n,) degrees, 0 where it is not known."""
-        return daily_curve_at(self.curve_deg, self.time_s)
+        return interpolate_daily_curve(self.curve_deg, self.time_s)
 
     @property
     def step_s(self) -> float:
@@ -270,7 +270,7 @@ class FieldComparison:
         return float(np.median(np.diff(self.time_s)))
 
 
-def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
+def model_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
     """Evaluate the model's declination along a series, or the number that stands in its place.
 
     Args:
@@ -279,7 +279,7 @@ def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> Ea
     Raises:
         InputError: neither header nor settings tell the place, or a date lies outside the model.
     """
-    latitude, longitude = place_of(series, settings)
+    latitude, longitude = station_place(series, settings)
     if not np.isfinite(latitude + longitude):
         raise InputError(
             where,
@@ -294,13 +294,13 @@ def field_of(series: FieldSeries, settings: Mapping[str, Any], where: str) -> Ea
     )
 
 
-def place_of(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
+def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
     """Look up latitude and longitude, degrees: in the settings, else in the header."""
     latitude, longitude = settings.get("latitude"), settings.get("longitude")
     return (series.latitude, series.longitude) if latitude is None or longitude is None else (latitude, longitude)
 
 
-def refusal(series: FieldSeries) -> str:
+def too_short_reason(series: FieldSeries) -> str:
     """Say why a series is too short to be compared with a model; empty where it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
     if hours >= MIN_HOURS:
@@ -314,18 +314,18 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
     Args:
         limit_deg: rms over three hours from which a disturbance is a storm.
     """
-    time_s, observed = means(series, BIN_S)
+    time_s, observed = average(series, BIN_S)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
     first = _rough_curve(time_s, off)
-    levels, days = _levels(time_s, off - daily_curve_at(first, time_s))
+    levels, days = _levels(time_s, off - interpolate_daily_curve(first, time_s))
     level = _running_level(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
-    rough = off - level - daily_curve_at(first, time_s)
+    rough = off - level - interpolate_daily_curve(first, time_s)
     quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
-    disturbed = off - level - daily_curve_at(curve, time_s)
+    disturbed = off - level - interpolate_daily_curve(curve, time_s)
     stormy, measures, ordinary, spikes = storms(time_s, disturbed, limit_deg)
-    each = _daily_means(time_s, off - daily_curve_at(curve - np.mean(curve), time_s), stormy)
+    each = _daily_means(time_s, off - interpolate_daily_curve(curve - np.mean(curve), time_s), stormy)
     return FieldComparison(
         time_s=time_s,
         observed_deg=observed,
@@ -339,7 +339,7 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
         ordinary_deg=ordinary,
         spikes=spikes,
         constant_deg=float(np.median(each)),
-        constant_sigma_deg=_sigma(each, days, disturbed, limit_deg),
+        constant_sigma_deg=_constant_sigma(each, days, disturbed, limit_deg),
         days=len(days),
     )
 
@@ -397,7 +397,7 @@ def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
     return np.isin(which, quietest[np.isfinite(size[quietest])])
 
 
-def _sigma(each_day: Floats, days: Floats, disturbed: Floats, limit_deg: float) -> float:
+def _constant_sigma(each_day: Floats, days: Floats, disturbed: Floats, limit_deg: float) -> float:
     """Estimate the standard error of the constant: from blocks of days, or by an assumed spread where there are few."""
     spread = np.hypot(DAY_LEVEL_DEG, DISTURBANCE_SHARE * min(angles.rms(disturbed), limit_deg))
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]

@@ -19,7 +19,7 @@ from compasslib import angles, compass
 from compasslib.calibrations.budget import Source
 from compasslib.calibrations.magnetometer import ellipsoid, iron
 from compasslib.calibrations.magnetometer import log as magnetometer_log
-from compasslib.calibrations.magnetometer.iron import Solved
+from compasslib.calibrations.magnetometer.iron import SolvedIron
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.calibrations.result import Calibration, DeviationTable, check_date
 from compasslib.deviation.series import series_deviation
@@ -81,7 +81,7 @@ def _refused(log: Log, why: str) -> Calibration:
 
 
 def _make_calibration(
-    solved: Solved, field: Mapping[str, float] | None, columns: Mapping[str, str], warnings: Sequence[str]
+    solved: SolvedIron, field: Mapping[str, float] | None, columns: Mapping[str, str], warnings: Sequence[str]
 ) -> Calibration:
     exact = iron.exact_coefficients(solved.iron, solved.dip_ratio)
     known = bool(np.isfinite(exact).all())
@@ -101,7 +101,7 @@ def _make_calibration(
     )
 
 
-def _correction(solved: Solved, exact: Floats, *, folded: bool) -> dict[str, Any]:
+def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
     """Compute what the iron does to the heading; the exact coefficients alone where it folds."""
     each = zip(solved.replicates, solved.dip_replicates, strict=True)
     replicates = np.array([iron.exact_coefficients(replicate, float(dip)) for replicate, dip in each])
@@ -120,7 +120,7 @@ def _correction(solved: Solved, exact: Floats, *, folded: bool) -> dict[str, Any
     }
 
 
-def _residual(solved: Solved, series: Floats, exact: Floats) -> float:
+def _residual(solved: SolvedIron, series: Floats, exact: Floats) -> float:
     """Compute the rms of the deviation about the series: of the readings, or along the circle without headings."""
     if solved.headed:
         recorded, corrected = solved.headings()
@@ -131,7 +131,7 @@ def _residual(solved: Solved, series: Floats, exact: Floats) -> float:
     return angles.rms(deviation - series_deviation(series, recorded))
 
 
-def _points(solved: Solved) -> dict[str, Floats]:
+def _points(solved: SolvedIron) -> dict[str, Floats]:
     """Tabulate readings and corrected readings, (n,) each, in the file's unit and axes."""
     scale, field, log = solved.choice.scale, solved.corrected(), solved.log
     size, down = scale * solved.gain(solved.iron), solved.readings.down
@@ -148,7 +148,7 @@ def _points(solved: Solved) -> dict[str, Floats]:
     return columns | {name: values for name, values in extra.items() if values is not None}
 
 
-def _details(solved: Solved, field: Field) -> dict[str, Any]:
+def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
     """Describe what only a magnetometer has, ready for JSON; null where nothing is determined."""
     choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
     angles_to_instrument = zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
@@ -188,13 +188,13 @@ def _details(solved: Solved, field: Field) -> dict[str, Any]:
     return details
 
 
-def _strength(solved: Solved, field: Mapping[str, float]) -> float:
+def _strength(solved: SolvedIron, field: Mapping[str, float]) -> float:
     """Compute the earth's modulus, nT."""
     level = field["horizontal_nT"]
     return float(level if solved.choice.level else np.hypot(level, field["vertical_nT"]))
 
 
-def _iron(solved: Solved) -> dict[str, Any]:
+def _iron(solved: SolvedIron) -> dict[str, Any]:
     """Describe hard and soft iron in the file's axes with one standard deviation.
 
     A model without soft iron says that it is under what can be seen, so the larger model tells how much that is.
@@ -220,7 +220,7 @@ def _iron(solved: Solved) -> dict[str, Any]:
     return {name: values.tolist() for name, values in shown.items()}
 
 
-def _residuals(solved: Solved) -> dict[str, float]:
+def _residuals(solved: SolvedIron) -> dict[str, float]:
     """Compute the scatter of the modulus about its mean before and after, percent."""
     down = solved.readings.down
     moduli = {"before": ellipsoid.modulus(solved.readings.field, down)}
@@ -228,7 +228,7 @@ def _residuals(solved: Solved) -> dict[str, float]:
     return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
 
 
-def _warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[str]:
+def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> list[str]:
     """List the conditions of the correction, in sentences."""
     level, tilted = solved.choice.level, solved.log.tilted
     weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
@@ -255,7 +255,7 @@ def _warnings(solved: Solved, field: Field, columns: Mapping[str, str]) -> list[
     return texts + _unit_warnings(size, _strength(solved, field), what, columns)
 
 
-def _misfits(solved: Solved) -> list[str]:
+def _misfits(solved: SolvedIron) -> list[str]:
     """List what iron that is fixed to a compass does not make: its coefficients are suspect."""
     residual, dimensions = _residuals(solved)["after"], 2 if solved.choice.level else 3
     strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
@@ -273,7 +273,7 @@ def _misfits(solved: Solved) -> list[str]:
     return texts
 
 
-def _sources(solved: Solved, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
+def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
     """Make the uncertainty budget of a corrected heading."""
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - series_deviation(series, table.heading_deg)

@@ -108,7 +108,7 @@ def _rotation(vector: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedIron:
     """The iron with all that a heading needs; a replicate is the same without one block of the readings."""
 
     log: Log
@@ -165,7 +165,7 @@ class Solved:
         return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
 
 
-def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> Solved | None:
+def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> SolvedIron | None:
     """Express the iron in the frame of the instrument; None where the choice holds no fit.
 
     Args:
@@ -178,13 +178,13 @@ def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, fl
     turn, sigma = np.array([np.nan, np.nan, axes.vertical_deg]), np.array([np.nan, np.nan, axes.vertical_sigma_deg])
     levelling, dips = log.levelling(), np.full(len(replicates), dip)
     parts = (log, axes, choice, choice.fitted, choice.readings, iron, replicates, levelling, dip, dips, turn, sigma)
-    solved = Solved(*parts, np.zeros((len(replicates), 3)))
+    solved = SolvedIron(*parts, np.zeros((len(replicates), 3)))
     if log.tilted and not choice.level:
         solved = _align_to_tilts(solved)
     return _align_to_heading(solved)
 
 
-def _align_to_tilts(solved: Solved) -> Solved:
+def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
     """Turn the iron into the frame of the tilt sensor, in which the vertical field is constant; that is the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
     turn, sine, turned = estimate_tilt_misalignment(solved.iron, readings, down)
@@ -211,7 +211,7 @@ def _dip_ratio(sine: float) -> float:
     return sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
 
 
-def _align_to_heading(solved: Solved) -> Solved:
+def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     """Turn the iron about the vertical onto a logged heading that follows the corrected axes better than the raw ones.
 
     Such a heading knows what is correct, so it shows how the magnetometer is mounted.

@@ -157,7 +157,7 @@ def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises
 
 
 @dataclass(frozen=True)
-class Shown:
+class Prediction:
     """What a compass shows on headings."""
 
     residual_deg: Floats  # (n,)
@@ -166,7 +166,7 @@ class Shown:
     facing_deg: Floats  # (n,) magnetic heading by the reading
 
 
-Curve = Callable[[Floats, Floats, Floats], Shown]  # coefficients, headings, readings, degrees
+Curve = Callable[[Floats, Floats, Floats], Prediction]  # coefficients, headings, readings, degrees
 
 
 @dataclass(frozen=True)
@@ -349,24 +349,24 @@ def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Flo
     observed, offset = swing.observed, _offset(parameters, swing)
     heading: Floats = observed.course_deg - offset
     slopes: Floats = np.zeros((len(observed), SIZE))
-    shown = curve(parameters[SERIES], heading, observed.settled_deg)
+    predicted = curve(parameters[SERIES], heading, observed.settled_deg)
     if observed.over_ground:
-        alike = shown.by_compass / shown.by_heading[:, None]
-        aside, slopes = _drift_angle(parameters, swing, shown.facing_deg + offset, alike)
+        alike = predicted.by_compass / predicted.by_heading[:, None]
+        aside, slopes = _drift_angle(parameters, swing, predicted.facing_deg + offset, alike)
         heading, slopes = heading - aside, -slopes
     slopes[:, DECLINATION], slopes[:, LAG] = -1.0, observed.steady_turn_deg_s
-    slopes *= shown.by_heading[:, None]
-    slopes[:, SERIES] = shown.by_compass
+    slopes *= predicted.by_heading[:, None]
+    slopes[:, SERIES] = predicted.by_compass
     unsettled = angles.difference(observed.recorded_deg, observed.settled_deg)
     return angles.difference(curve(parameters[SERIES], heading, observed.settled_deg).residual_deg, unsettled), slopes
 
 
 def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
     recorded, true = np.transpose(swing.marks)
-    shown = curve(parameters[SERIES], true - swing.declination_deg - parameters[DECLINATION], recorded)
+    predicted = curve(parameters[SERIES], true - swing.declination_deg - parameters[DECLINATION], recorded)
     slopes = np.zeros((len(recorded), SIZE))
-    slopes[:, SERIES], slopes[:, DECLINATION] = shown.by_compass, -shown.by_heading
-    return shown.residual_deg, slopes
+    slopes[:, SERIES], slopes[:, DECLINATION] = predicted.by_compass, -predicted.by_heading
+    return predicted.residual_deg, slopes
 
 
 def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
@@ -387,17 +387,17 @@ def _by_log(swing: Swing) -> NDArray[np.bool_]:
     return logged & (observed.over_ground and swing.has_speed and len(observed) > 0 and logged.mean() > 0.5)
 
 
-def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Shown:
+def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
     columns = series_design(recorded)
     fitted = recorded + columns @ coefficients
-    return Shown(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
+    return Prediction(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
 
 
-def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Shown:
+def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
     residual = angles.difference(compass.recorded_heading(coefficients, angles.wrap360(heading)), recorded)
     root = compass.inverse(coefficients, recorded)[:, 0]
     fitted = np.where(np.isfinite(root), root, heading)  # a reading that the compass cannot show has no root
-    return Shown(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
+    return Prediction(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
 
 
 def set_and_drift(parameters: Floats) -> tuple[float, float]:

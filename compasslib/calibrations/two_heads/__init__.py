@@ -23,8 +23,8 @@ from compasslib.calibrations.two_heads.motion import (
     MIN_STRETCHES,
     RESOLUTION_S,
     ClockDifference,
-    Compared,
     Motion,
+    PairedHeads,
     estimate_clock_offset,
     extract_motion,
     heading_error_deg,
@@ -133,20 +133,20 @@ def known_clock_offset(b: Motion, offset_s: float) -> ClockDifference:
     return ClockDifference(offset_s=offset_s, sigma_s=RESOLUTION_S, middle_s=middle)
 
 
-def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> Compared:
+def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
     """Interpolate a to b's instants by the clocks."""
     at = clock.by_a(b.time_s)
     heading, lean, rate = a.heading.at(at), a.leaning.at(at), a.heading.at(at, 1)
     known = np.isfinite(heading) & np.isfinite(lean)
     recorded = angles.wrap360(heading[known])
-    return Compared(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
+    return PairedHeads(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
 
 
 @dataclass(frozen=True)
 class _FittedHeads:
     """The rigid turn between two heads, and the series through the difference that it leaves."""
 
-    pairs: Compared
+    pairs: PairedHeads
     clock: ClockDifference
     frame: Frame
     offset_deg: float  # of b's forward axis clockwise from a's, by the headings
@@ -160,7 +160,7 @@ class _FittedHeads:
         return float(angles.difference(self.frame.offset_deg, self.offset_deg)), sigma
 
 
-def _fit_heads(pairs: Compared, clock: ClockDifference) -> _FittedHeads:
+def _fit_heads(pairs: PairedHeads, clock: ClockDifference) -> _FittedHeads:
     """Fit the turn as the series' constant, iterated because the turn enters the effect of tilt too."""
     frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
@@ -207,7 +207,7 @@ def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibr
     )
 
 
-def simulated_heading(pairs: Compared, offset_deg: float, frame: Frame) -> Floats:
+def simulated_heading(pairs: PairedHeads, offset_deg: float, frame: Frame) -> Floats:
     """Simulate b's heading from a's, rigidly turned, (n,) degrees.
 
     Args:
@@ -332,7 +332,7 @@ def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
     return (*warnings, *_slip_warnings(fitted.pairs.time_s, series))
 
 
-def _sampling_warnings(pairs: Compared, clock: ClockDifference, series: HeadingDifference) -> list[str]:
+def _sampling_warnings(pairs: PairedHeads, clock: ClockDifference, series: HeadingDifference) -> list[str]:
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
     spikes = int(np.sum(~series.used))
     sentences = {

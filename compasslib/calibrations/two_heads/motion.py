@@ -80,7 +80,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Compared:
+class PairedHeads:
     """Both heads at b's instants, (n,) each."""
 
     time_s: Floats  # by b's clock

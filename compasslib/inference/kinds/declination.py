@@ -180,10 +180,10 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
             that of the place.
     """
     series = iaga2002.read(files)
-    if why := observatory.refusal(series):
+    if why := observatory.too_short_reason(series):
         return diagnosis.insufficient(why)
-    field = observatory.field_of(series, settings, str(files[0]))
-    field_check.check_field(series, observatory.place_of(series, settings))
+    field = observatory.model_field(series, settings, str(files[0]))
+    field_check.check_field(series, observatory.station_place(series, settings))
     return diagnose_series(series, field, options or Options())
 
 
@@ -336,7 +336,7 @@ def _interpolation_gain(compared: FieldComparison, series: FieldSeries, storm: S
     inside = (series.time_s >= storm.begin_s) & (series.time_s <= storm.end_s) & np.isfinite(series.declination_deg)
     time_s, observed = series.time_s[inside], series.declination_deg[inside]
     base = np.interp(time_s, compared.time_s, compared.model_deg + compared.level_deg)
-    before = angles.difference(observed, base) - observatory.daily_curve_at(compared.curve_deg, time_s)
+    before = angles.difference(observed, base) - observatory.interpolate_daily_curve(compared.curve_deg, time_s)
     stretch = np.floor((time_s - storm.begin_s) / max(LEFT_OUT_S, float(np.median(np.diff(series.time_s)))))
     left = np.array(before)
     for fold in (0, 1):
@@ -358,7 +358,9 @@ def _fold_gain(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldO
             continue
         simulated = np.full(int(out.sum()), float(np.median(off_deg[~out])))
         if daily:
-            simulated = observatory.daily_curve_at(observatory.hourly_median(time_s, off_deg, ~out), time_s[out])
+            simulated = observatory.interpolate_daily_curve(
+                observatory.hourly_median(time_s, off_deg, ~out), time_s[out]
+            )
         left[out] = off_deg[out] - simulated
     return _residual_gain(off_deg, left, unit - unit[0])
 

@@ -18,7 +18,7 @@ from compasslib.calibrations import two_heads
 from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.frame import Frame
-from compasslib.calibrations.two_heads.motion import ClockDifference, Compared, Motion
+from compasslib.calibrations.two_heads.motion import ClockDifference, Motion, PairedHeads
 from compasslib.effects.effect import Effect, turning_scene
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling
@@ -56,8 +56,8 @@ UNTESTED = (
 class AlignedHeads:
     """Both heads, read at the same instants by the clocks as given, and as found."""
 
-    given: Compared
-    corrected: Compared
+    given: PairedHeads
+    corrected: PairedHeads
     clock: ClockDifference  # beside what was given
 
 
@@ -144,13 +144,13 @@ def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
     return AlignedHeads(given, again, farther) if better else AlignedHeads(given, nearest, clock)
 
 
-def _scatter(pairs: Compared) -> float:
+def _scatter(pairs: PairedHeads) -> float:
     """Return the rms of the difference about its mean, degrees."""
     off = angles.difference(pairs.recorded_b, pairs.recorded_a)
     return angles.rms(angles.difference(off, float(angles.mean(off))))
 
 
-def _turned(pairs: Compared) -> tuple[Floats, Frame]:
+def _turned(pairs: PairedHeads) -> tuple[Floats, Frame]:
     """Return the heading of b by a, turned by the middle difference."""
     frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
