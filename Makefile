@@ -9,7 +9,7 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
-SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --snakefile Snakefile --directory "$(CRUISE)" --cores $(CORES)
+RUN := $(BIN)/compass run "$(CRUISE)" --cores $(CORES)
 
 .PHONY: install slurm run verify check-archive test check bench accuracy proof docs clean lock
 
@@ -29,13 +29,13 @@ slurm: install  ## what a cluster under Slurm needs besides; then: snakemake --w
 	$(PIP) --no-deps --requirement requirements/slurm.txt
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
-	$(SNAKEMAKE)
+	$(RUN)
 
 verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
 	$(BIN)/compass verify "$(CRUISE)"
 
 check-archive: .venv/test  ## CF, ACDD and OceanSITES against a cruise's netCDF files
-	$(SNAKEMAKE) conventions
+	$(RUN) -- conventions
 
 test: .venv/test  ## the tests
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder

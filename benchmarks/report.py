@@ -24,7 +24,7 @@ import browser  # noqa: E402
 
 from compasslib import report  # noqa: E402
 from compasslib.config.cruise import load  # noqa: E402
-from compasslib.pipeline import plan  # noqa: E402
+from compasslib.pipeline.settings import Moorings  # noqa: E402
 from compasslib.report import chart, sections  # noqa: E402
 
 COUNTS, OPENINGS = (7, 50, 200), 5
@@ -62,7 +62,7 @@ def measured(chromium: browser.Page, path: Path, count: int) -> str:
     """Return the line of one count."""
     sections.MAX_SECTIONS, most = (0 if count > sections.MAX_SECTIONS else sections.MAX_SECTIONS), sections.MAX_SECTIONS
     begin = time.perf_counter()
-    described = plan.Moorings(load(PROJECT), PROJECT / "workflow/scripts").described()
+    described = Moorings(load(PROJECT)).described()
     made = report.gather(PROJECT / "results", attributes={}, moorings=described, calibrations=[])
     sections.MAX_SECTIONS = most
     report.write(path, repeated(made, count))

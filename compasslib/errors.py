@@ -17,12 +17,16 @@ class InputError(Exception):
         line = f"{where}: expected {expected}, found {_short(found, MAX_FOUND)}; {advice}"
         # A file's name may hold bytes that are no UTF-8: they are said as escapes.
         super().__init__(" ".join(line.split()).encode("utf-8", "backslashreplace").decode())
-        self.where = where
+        self.where, self.advice = where, advice
         self.others: tuple[InputError, ...] = ()  # further mistakes of the same file, for who wants to hear of all
 
 
 class TransientError(InputError):
     """Trouble of the disk, or of a file that the next run makes again: it says nothing about the input."""
+
+
+class Stopped(Exception):
+    """Moorings or calibrations that were stopped in a run, a line each."""
 
 
 def _short(part: object, longest: int) -> str:

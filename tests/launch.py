@@ -37,7 +37,10 @@ def environment(*beside: Path) -> dict[str, str]:
 def snakemake(
     folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = ()
 ) -> subprocess.CompletedProcess:
-    whole, into = [*command(folder, project), "--cores", "2", *options], environment(project, *beside)
+    """Run ``compass run`` with options of Snakemake, which are files of results too."""
+    code = "import sys; from compasslib.cli import main; sys.exit(main())"
+    whole = [sys.executable, "-P", "-c", code, "run", f"{folder}", "--cores", "2", "--", *options]
+    into = environment(project, *beside)
     return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
 
 
@@ -49,7 +52,7 @@ def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
 def jobs_in(said: str) -> set[tuple[str, str]]:
     jobs = re.findall(r"rule (\w+):\n((?:    .*\n)+)", said)
     named = {(rule, (re.search(r"(?:mooring|calibration)=(\w+)", text) or ["", ""])[1]) for rule, text in jobs}
-    return {job for job in named if job[0] != "all"}
+    return {job for job in named if job[0] not in ("all", "complete")}
 
 
 def keeps_contract(folder: Path, *options: str) -> None:

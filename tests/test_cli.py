@@ -27,7 +27,7 @@ from compasslib.archive.files import write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.cli import _parser, changelog, main, results
-from compasslib.pipeline import reasons
+from compasslib.pipeline import records
 from compasslib.pipeline.process import process_mooring
 
 DIAGNOSED = {
@@ -474,11 +474,11 @@ def test_diff_names_the_settings_and_raw_files_that_differ(tmp_path):
         now |= {"read": read["read"] | {"raw/M1/deep.csv": digest, "results/x": digest}}
         for name, record in ({"read_deep": now, "fit": fit} | more).items():
             write_json(tmp_path / side / f"logs/{name}.json", record)
-    assert reasons.between(tmp_path / "old", tmp_path / "new") == [
+    assert records.compare(tmp_path / "old", tmp_path / "new") == [
         "deep: nominal_depth was 20.0, is 16.2",
         "deep: raw/M1/deep.csv changed",
     ]
-    assert reasons.between(tmp_path / "new", tmp_path / "new") == []
+    assert records.compare(tmp_path / "new", tmp_path / "new") == []
 
 
 def _software(folder: Path) -> str:

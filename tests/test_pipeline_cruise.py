@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import shutil
 from pathlib import Path
@@ -61,6 +62,9 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
     assert ran.returncode != 0 and "Traceback" not in ran.stderr
     said = sorted(errors(ran.stderr))
     assert said[0] in (copied / "results/calibrations/bench/logs/calibrate.log").read_text()
+    why = json.loads((copied / "results/BAD/stopped.json").read_text())
+    assert set(why) == {"stage", "why", "file", "advice"} and why["stage"] == "read_top"
+    assert why["file"] == "raw/BAD/top.000" and why["why"] in said[1] and why["why"].endswith(why["advice"])
     assert len(said) == 2 and said[0].startswith("error: calibration bench: raw/cal/bench.csv: line 2")
     assert said[1].startswith("error: mooring BAD: raw/BAD/top.000: expected an RDI PD0 file")
     table = rows(copied)
@@ -85,7 +89,8 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
     assert failed["mooring BAD"]["error"] == table["BAD"]["warnings"]
     assert verify(copied)[0] == 0
     # No half products and no older ones; what was read whole stays.
-    assert files(copied / "results/BAD") == {"work/deep.nc"} and files(copied / "results/calibrations/bench") == set()
+    assert files(copied / "results/BAD") == {"work/deep.nc", "stopped.json"}
+    assert files(copied / "results/calibrations/bench") == {"stopped.json"}
     assert not (copied / "results/CARRIED/corrected.nc").exists()
     assert (copied / "results/GOOD/corrected.nc").read_bytes() == product
 
@@ -102,6 +107,7 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
     assert mended.returncode == 0, mended.stderr
     assert {row["verdict"] for row in rows(copied).values()} == {"insufficient"}
     assert "stopped." not in (copied / "results/report.html").read_text().split("</header>")[0]
+    assert not list((copied / "results").rglob("stopped.json")) and (copied / "results/BAD/corrected.nc").exists()
 
 
 def test_a_killed_job_or_a_full_disk_makes_no_report_that_calls_a_mooring_unreadable(copied):
@@ -111,7 +117,7 @@ def test_a_killed_job_or_a_full_disk_makes_no_report_that_calls_a_mooring_unread
     (copied / "results/BAD/work/top.nc/in the way").mkdir(parents=True)
     ran = snakemake(copied)
     assert ran.returncode != 0 and not (copied / "results/summary.csv").exists()
-    assert not list((copied / "results").rglob("*.stopped"))
+    assert not list((copied / "results").rglob("stopped.json"))
 
 
 def test_an_error_of_the_program_in_one_mooring_stops_that_one(copied, tmp_path):

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -470,7 +471,7 @@ def test_a_killed_job_is_named_with_the_likely_cause_and_what_to_do(sound, tmp_p
     assert ran.returncode != 0 and "Killed: 1" in said
     line = said[said.index("Killed: 1") + 1]
     assert line.startswith("  M1 read top: killed") and "memory ran out; run again with fewer --cores" in line
-    assert not list((tmp_path / "c/results").rglob("*.stopped"))
+    assert not list((tmp_path / "c/results").rglob("stopped.json"))
 
 
 ENDINGS = [
@@ -481,7 +482,9 @@ ENDINGS = [
 
 
 @pytest.mark.parametrize(("error", "words", "stops"), ENDINGS)
-def test_a_job_that_runs_out_of_memory_or_is_ended_from_within_fails_in_one_line(tmp_path, capsys, error, words, stops):
+def test_a_job_that_runs_out_of_memory_or_is_ended_from_within_fails_in_one_line(
+    tmp_path, monkeypatch, capsys, error, words, stops
+):
     parts = {part: Namedlist() for part in ("input", "output", "params")}
     log = [str(tmp_path / "logs/fit.log")]
     here = SimpleNamespace(rule="fit", log=log, wildcards=Namedlist(fromdict={"mooring": "M1"}), **parts)
@@ -490,12 +493,14 @@ def test_a_job_that_runs_out_of_memory_or_is_ended_from_within_fails_in_one_line
     def stage(mooring, *, say):
         raise error
 
-    with pytest.raises(SystemExit) as ended:
+    monkeypatch.chdir(tmp_path)
+    with nullcontext() if stops else pytest.raises(SystemExit, match="1"):
         job(here, stage)
     said = capsys.readouterr().err
-    assert ended.value.code == 1 and said.startswith("error: mooring M1: ") and words in said and said.count("\n") == 1
-    assert said == (tmp_path / "logs/fit.log").read_text()
-    assert (tmp_path / "logs/fit.stopped").exists() == stops and not (tmp_path / "logs/fit.json").exists()
+    begins = "stopped: mooring M1: " if stops else "error: mooring M1: "
+    assert said.startswith(begins) and words in said and said.count("\n") == 1
+    assert said.replace("stopped: ", "error: ") in (tmp_path / "logs/fit.log").read_text()
+    assert Path("results/M1/stopped.json").exists() == Path("logs/fit.json").exists() == stops
 
 
 @pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])

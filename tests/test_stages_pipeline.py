@@ -18,6 +18,8 @@ from compasslib.archive.files import read_json
 from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
 from compasslib.pipeline import process as processing
+from compasslib.pipeline.plan import Stage
+from compasslib.pipeline.settings import Wildcards
 from compasslib.stages import correct
 
 OF_THE_RUN = ("logs", "benchmarks")  # times, and who wrote what
@@ -74,7 +76,7 @@ def test_stages_and_the_library_take_one_thread_and_give_the_others_back(process
     monkeypatch.setitem(METHODS, "exact", fit)
     monkeypatch.setattr(correct, "compare", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
     with threadpool_limits(2, user_api="blas"):
-        processing._do("compare", processing.Wildcards("M1"), {})
+        processing.run_stage(Stage("correct.compare", "", "", str), Wildcards("M1"), {})
         fit_deviation("exact", None)
         assert threads_of_linear_algebra() == {2}
     assert seen == {"stage": {1}, "library": {1}}

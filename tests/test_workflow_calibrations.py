@@ -6,7 +6,6 @@ import csv
 import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
@@ -17,9 +16,11 @@ from launch import PROJECT, change, keeps_contract, planned, snakemake
 from sea import cruise, pairs
 
 from compasslib import angles, earthfield
+from compasslib.archive import provenance
 from compasslib.config import cruise as config
 from compasslib.deviation.model import FieldAtPlace, transfer_coefficients
 from compasslib.pipeline import plan
+from compasslib.pipeline.settings import Wildcards
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600
@@ -111,7 +112,7 @@ def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
     file = done / "config/calibrations/bench.yaml"
     change(file, uncertainty={"graduation_deg": 0.5})
     jobs = planned(done)
-    assert {("calibrate", "bench"), ("figures_of_platform", "bench"), ("carry", "M1"), ("carry", "ALONE")} <= jobs
+    assert {("calibrate", "bench"), ("calibration_figures", "bench"), ("carry", "M1"), ("carry", "ALONE")} <= jobs
     assert ("diagnose_calibration", "bench") in jobs
     assert ("calibrate", "later") in jobs  # it is compared with this one
     assert {job for job in jobs if job[1] in ("M2", "few")} == set()
@@ -125,20 +126,17 @@ def _module(path):
 
 
 def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
-    rules = plan.plan(config.load(done), PROJECT / "workflow/scripts").calibrations
-    modules = {_module(path) for path in rules.modules(SimpleNamespace(calibration="bench"))}
-    assert {f"calibration.{name}" for name in ("platform", "curves", "exact_curve", "budget")} <= modules
-    assert {"core.earthfield", "readers.delimited"} <= modules
-    others = ("calibration.swing", "calibration.magnetometer", "calibration.heads", "calibration.at_mooring")
-    assert not modules & {*others, "plots.calibrations"}
-    modules = {_module(path) for path in rules.diagnosis_modules(SimpleNamespace(calibration="bench"))}
-    assert {
-        "search.kinds.platform",
-        "search.short_record.fitting",
-        "search.short_record.search",
-        "effects.reading",
-    } <= modules
-    assert not modules & {"search.kinds.two_heads", "calibration.magnetometer.choice", "plots.timeline"}
+    scripts, rules = PROJECT / "workflow/scripts", plan.plan(config.load(done)).calibrations
+    bench = Wildcards(calibration="bench")
+    modules = {_module(path) for path in provenance.sources(scripts / "calibrate.py", *rules.module(bench))}
+    assert {f"calibrations.{name}" for name in ("platform", "curves", "budget")} <= modules
+    assert {"earthfield", "readers.delimited"} <= modules
+    others = {f"calibrations.{name}" for name in ("swing", "magnetometer", "two_heads", "at_mooring")}
+    assert not modules & others and not {name for name in modules if name.startswith(("inference", "plots"))}
+    script = scripts / "diagnose_calibration.py"
+    modules = {_module(path) for path in provenance.sources(script, *rules.diagnosis_module(bench))}
+    assert {"inference.kinds.platform", "inference.short_fit", "inference.short_search"} <= modules
+    assert not modules & {"inference.kinds.two_heads", "calibrations.magnetometer", "plots.timeline"}
 
 
 def test_the_diagnosis_is_that_of_the_bench(done):

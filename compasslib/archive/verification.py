@@ -27,7 +27,7 @@ JOB_FILE = re.compile(
 )
 STAGE = re.compile(
     r"read_.+|overlap|fit|diagnose|diagnose_alone|correct|assess|compare|figures|conventions|simulate|calibrate"
-    r"|diagnosis_figure|join|summary|report|provenance|verify"
+    r"|diagnosis_figure|join|summary|report|provenance|complete|verify"
 )
 
 

@@ -37,7 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: words of the command line; those of this process where absent.
     """
     parser = _parser()
-    asked = parser.parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    end = words.index("--") if words[:1] == ["run"] and "--" in words else len(words)
+    asked = parser.parse_args(words[:end])
+    asked.options = words[end + 1 :]  # Snakemake's own
     if asked.command == "verify" and asked.yes and not asked.clear:
         parser.error("--yes goes with --clear")
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -104,6 +107,12 @@ def _parser() -> argparse.ArgumentParser:
     correct.add_argument(
         "--into", metavar="FOLDER", help="new folder of its results (default: CRUISE/corrected/MOORING)"
     )
+
+    run = _command(commands, "run", "process a cruise: what is missing, changed or damaged", "my_cruise --cores 4")
+    run.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
+    run.add_argument("--cores", metavar="N", help="jobs side by side (default: as many as there are cores)")
+    run.add_argument("--profile", default="default", metavar="NAME", help="of workflow/profiles: default or slurm")
+    run.epilog = f"{run.epilog}\n  compass run my_cruise -- --dry-run      after --, options of Snakemake, or files"
 
     explain = _command(commands, "explain", "the diagnosis of one mooring in words", "EG4 --cruise my_cruise")
     explain.add_argument("mooring", metavar="MOORING", help="its name, or the folder of its results")

@@ -24,7 +24,8 @@ from compasslib.config.schema import Covariate, Instrument, Mooring
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
-from compasslib.pipeline.process import Wildcards, process_mooring, read_settings
+from compasslib.pipeline.process import process_mooring
+from compasslib.pipeline.settings import Moorings, Wildcards, used_instruments
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
@@ -71,7 +72,7 @@ def check(asked: Namespace) -> int:
     """
     refused: list[InputError] = []
     cruise = config.load(Path(asked.cruise), refused.append)
-    planned = plan.plan(cruise, Path())
+    planned = plan.plan(cruise)
     problems = [str(each) for first in refused for each in (first, *first.others)]
     jobs: list[tuple[Callable[[str, plan.Plan], Inspection], str]] = [
         *((_inspect_mooring, name) for name in cruise.moorings),
@@ -117,12 +118,12 @@ def _inspect(job: Callable[[str, plan.Plan], Inspection], name: str, planned: pl
 
 def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
     rules = planned.moorings
-    mooring, used = planned.cruise.moorings[name], rules.roles([name])[name]
+    mooring, used = planned.cruise.moorings[name], used_instruments(planned.cruise.moorings[name])
     records: dict[str, Record] = {}
     problems, warnings, rows = list[str](), list[str](), [HEAD]
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
         try:
-            record = records[role] = read.record_of(**read_settings(rules, Wildcards(name, role)) | {"series": {}})
+            record = records[role] = read.record_of(**rules.reading(Wildcards(name, role)) | {"series": {}})
             rows.append(_row(role, _role(role, mooring), mooring.instruments[role], record))
             match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(Wildcards(name, role)))
         except InputError as error:
@@ -252,7 +253,7 @@ def _directions(record: Record, inside: AppliedDeclination | None) -> str:
     return f"magnetic; declination {inside if inside.differs else format(inside.heading, '+.2f')} removed"
 
 
-def _inspect_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -> Inspection:
+def _inspect_pairs(name: str, rules: Moorings, records: Sequence[Record]) -> Inspection:
     job, problems = Wildcards(name), []
     try:
         along = earthfield.field_along(**rules.place_and_declination(job))
@@ -262,7 +263,7 @@ def _inspect_pairs(name: str, rules: plan.Moorings, records: Sequence[Record]) -
     lines = [f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})"]
     warnings = [f"{name}: {text}" for text in along.warnings]
     asked = PairRules(**rules.pairing_rules(job) | {"predict": False})
-    for role, reference in zip(rules.roles([name])[name][1:], records[1:], strict=True):
+    for role, reference in zip(rules.cruise.moorings[name].reference, records[1:], strict=True):
         pairs = find_pairs(records[0], [reference], along, asked)
         lines.append(f"  with {role}: {_describe_pairs(pairs)}")
         if len(pairs):

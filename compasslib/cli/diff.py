@@ -17,7 +17,7 @@ from compasslib.archive.files import open_netcdf, read_variable
 from compasslib.calibrations.result import DeviationTable
 from compasslib.cli import results
 from compasslib.cli.changelog import changelog_reasons
-from compasslib.pipeline import reasons
+from compasslib.pipeline import records
 from compasslib.report import words
 from compasslib.types import Floats
 
@@ -89,7 +89,7 @@ def _rows(old: Mapping[str, Path], new: Mapping[str, Path], row: Row) -> dict[st
 def _settings(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
     """Return which settings and raw files of the changed moorings are others, where records of the jobs are there."""
     both = {name: (old.get(name) or next(iter(old.values())), new[name]) for name, row in rows.items() if len(row) > 1}
-    lines = [f"  {name}: {text}" for name, sides in both.items() for text in reasons.between(*sides)]
+    lines = [f"  {name}: {text}" for name, sides in both.items() for text in records.compare(*sides)]
     return ["\n".join(["Settings and raw files that differ:", *lines])] if lines else []
 
 

@@ -25,7 +25,7 @@ from compasslib.config import cruise as config
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
-from compasslib.pipeline.process import Wildcards
+from compasslib.pipeline.settings import Moorings, Wildcards
 from compasslib.preparation.deployment import to_utc
 from compasslib.readers.pd0 import rewrite
 from compasslib.readers.pd0.fields import Leaders
@@ -106,7 +106,7 @@ def _note_path(file: Path) -> Path:
 def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     """Write each raw file with corrected headings, and beside it what it was and what became of it."""
     loaded = config.load(Path(asked.cruise))
-    product = _Product(asked.mooring, source, plan.plan(loaded, Path()).moorings)
+    product = _Product(asked.mooring, source, plan.plan(loaded).moorings)
     files = _available_files(into, *_corrected_names(asked.mooring, product.files))
     targets = [*files, *map(_note_path, files)]
     flagged: list[str] = []
@@ -134,7 +134,7 @@ def _corrected_names(mooring: str, files: Sequence[str]) -> list[str]:
 class _Product:
     """The corrected headings of one mooring, asked for by the ensembles of its raw files."""
 
-    def __init__(self, mooring: str, source: Path, rules: plan.Moorings) -> None:
+    def __init__(self, mooring: str, source: Path, rules: Moorings) -> None:
         """Read the headings.
 
         Raises:

@@ -13,7 +13,6 @@ from typing import Any, TextIO
 
 from compasslib.archive import summary, verification
 from compasslib.archive.files import RERUN, read_json
-from compasslib.archive.provenance import PROJECT
 from compasslib.config import cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
@@ -281,7 +280,7 @@ def _verify() -> int:
 def _clear(confirmed: bool) -> int:
     guard.refuse_links([])
     if confirmed:
-        guard.alone()
+        guard.lock()
     configured = _configured_files()
     results = verification.Results(Path(), configured)
     word = "removed" if confirmed else "would be removed"
@@ -297,4 +296,4 @@ def _clear(confirmed: bool) -> int:
 
 
 def _configured_files() -> list[str]:
-    return plan.plan(cruise.load(Path()), PROJECT / "workflow/scripts").configured()
+    return plan.plan(cruise.load(Path())).configured()

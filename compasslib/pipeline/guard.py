@@ -1,4 +1,4 @@
-"""Around a run: nothing of a cruise folder is code or a setting, and nothing is written but what is the run's own."""
+"""Around a run: nothing of a cruise folder is code or a setting, nothing is written but the run's own."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
-from compasslib.pipeline.ledger import RESULTS, KnownHashes, is_future, simulated
+from compasslib.pipeline.records import RESULTS, KnownHashes, is_future, recall, simulated
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, OWN_LOCK = ".snakemake", ".snakemake/compasslib.lock"
@@ -26,6 +27,11 @@ BELOW = ("work", "work/alone", "wide", "figures", "logs", "benchmarks")  # in th
 # glibc gives large arrays back and takes the next one anew, page by page: a quarter of a simulated mooring's time, a
 # twentieth of an assessment's. Those under 32 MB stay with the process, which grows by some 10 MB.
 MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
+WARNING = "warning: "
+KILLED = (
+    "killed before it could say why, most often because memory ran out; run again with fewer --cores, on a cluster "
+    "with more memory for each job (--default-resources mem_mb=N)"
+)
 TEMPORARY = re.compile(rf"\..+\.\d+{re.escape(HALF_WRITTEN)}")  # as archive_files.replacing names them
 
 _locks: list[int] = []  # open for as long as the process lives; the kernel lets go of it when that is killed
@@ -58,11 +64,75 @@ def refuse_config(config: Mapping[str, object]) -> None:
         raise InputError("--config", expected=expected, found=found, advice=advice)
 
 
+def refuse_prefix(modifier: Any) -> None:
+    """Refuse to be a module whose results would stand elsewhere than in the folder of the run.
+
+    Args:
+        modifier: Snakemake's, of paths.
+
+    Raises:
+        InputError: the module has a prefix.
+    """
+    if modifier.prefix or modifier.modifies_prefixes:
+        advice = "start the workflow that uses this one with --directory CRUISE, and leave prefix: out"
+        raise InputError("module", expected="results in the folder of the run", found="a prefix", advice=advice)
+
+
+def begin() -> float:
+    """Take the cruise for this run alone, before its first job; return the time by ``file_clock``.
+
+    Raises:
+        InputError: another run is under way, or no result can be written.
+    """
+    refuse_read_only([RESULTS])
+    if lock():
+        sweep()
+    return file_clock()
+
+
+def listing(paths: Iterable[str], begun: float) -> list[str]:
+    """List at the end of a run what each of its jobs said last, what was warned of, and which jobs were killed.
+
+    Args:
+        paths: records of all jobs.
+        begun: when the run began, by ``file_clock``.
+    """
+    ran = []
+    for record in map(Path, paths):
+        with suppress(OSError):
+            log = record.with_suffix(".log")
+            if (when := log.stat().st_mtime) >= begun:
+                ran.append((when, record, log.read_text(encoding="utf-8", errors="replace").splitlines()))
+    ran.sort()
+    said = [
+        (_label(record), [line for line in log if WARNING not in line and line[:1] != " "]) for _, record, log in ran
+    ]
+    warned = [line for _, _, log in ran for line in log if WARNING in line]
+    killed = [_label(r) for _, r, log in ran if not r.exists() and not any(x.startswith("error: ") for x in log)]
+    lines = [f"Stages: {len(ran)}", *(f"  {label}: {_shortened(label, log)}" for label, log in said)]
+    lines += [f"Warnings: {len(warned)}", *(f"  {line}" for line in warned)] if warned else []
+    lines += [f"Killed: {len(killed)}", *(f"  {label}: {KILLED}" for label in killed)] if killed else []
+    return lines if ran else []
+
+
+def _label(record: Path) -> str:
+    """Name a job by what it is of and its stage, as ``M1 read top``."""
+    folder, stage = record.parent.parent.name, record.stem.replace("_", " ", 1)
+    return stage if folder == RESULTS else f"{folder} {stage}"
+
+
+def _shortened(label: str, log: Sequence[str]) -> str:
+    """Return what a job said last, without the name that stands before it already."""
+    last = log[-1] if log else "nothing said"
+    name, _, what = last.partition(": ")
+    return what if name.split(" ")[0] == label.split(" ")[0] else last
+
+
 def refuse_links(folders: Sequence[str]) -> None:
     """Refuse a link where the run writes: what it leads to is somebody else's.
 
     Args:
-        folders: of results, of each mooring and calibration, below results/.
+        folders: of results, of each mooring, calibration and compass.
 
     Raises:
         InputError: at the first link.
@@ -116,8 +186,8 @@ def refuse_read_only(outputs: Iterable[str]) -> None:
                 raise InputError(needed, expected="the right to write here", found=found, advice=advice)
 
 
-def alone() -> bool:
-    """Return whether this process may call the cruise its own until it ends; False where no lock can be had.
+def lock() -> bool:
+    """Take the cruise for this process until it ends; False where no lock can be had.
 
     Raises:
         InputError: another run is under way.
@@ -144,7 +214,7 @@ def sweep() -> None:
                 path.unlink(missing_ok=True)
 
 
-def to_simulate(cruise: Cruise, known: KnownHashes) -> dict[str, list[str]]:
+def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[str, list[str]]:
     """Return the raw files of each demonstration mooring that a rule may write.
 
     None of a mooring whose files are all there and not provably the simulation's own: they are raw files like any.
@@ -159,7 +229,11 @@ def to_simulate(cruise: Cruise, known: KnownHashes) -> dict[str, list[str]]:
             found, advice = f"that of {taken[file]}", "give each its own"
             where = f"{cruise.mooring_files[name]}: {file}"
             raise InputError(where, expected="a file of one simulated mooring", found=found, advice=advice)
-    return {name: listed for name, listed in files.items() if _may_write(name, listed, known)}
+    known = recall()
+    ours = {name: listed for name, listed in files.items() if _may_write(name, listed, known)}
+    for name in files.keys() - ours.keys():
+        warn(f"{name}: raw files used as they stand: no record says that the simulation wrote them")
+    return ours
 
 
 def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
@@ -206,10 +280,8 @@ def _written(folders: Sequence[str]) -> Iterator[str]:
     yield SNAKEMAKES
     yield from (str(path) for path in Path(SNAKEMAKES).glob("*"))
     yield from (RESULTS, f"{RESULTS}/calibrations", f"{RESULTS}/compasses")
-    for name in folders:
-        yield f"{RESULTS}/{name}"
-    yield from (f"{RESULTS}/{below}" for below in BELOW)
-    yield from (f"{RESULTS}/{name}/{below}" for name in folders for below in BELOW)
+    yield from folders
+    yield from (f"{folder}/{below}" for folder in (RESULTS, *folders) for below in BELOW)
 
 
 def _keep_code_out(cruise: Path, project: Path) -> None:

@@ -1,55 +1,48 @@
-"""What every job of the workflow does around its one call: say what happens, fail in one line, leave its record."""
+"""What every job of the workflow does around its stage: say what happens, end in one line, leave its record.
+
+The record is the file that Snakemake waits for. It names what the job read and wrote or, where a raw file cannot be
+used, why the mooring or calibration is stopped. Stages that follow pass that on.
+"""
 
 from __future__ import annotations
 
 import gc
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from inspect import signature
 from pathlib import Path
 from typing import Any, TextIO
 
-from compasslib.archive import provenance
-from compasslib.archive.files import atomic_write
-from compasslib.errors import InputError
-from compasslib.pipeline import ledger, stopped
+from compasslib.errors import InputError, Stopped
+from compasslib.pipeline import records
+from compasslib.pipeline.records import Record
 from compasslib.statistics import single_threaded
 
-_ENDED = {
-    True: "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a machine with more",
-    False: "was interrupted; run again to take it up",
-}
+OUT_OF_MEMORY = "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
+INTERRUPTED = "was interrupted; run again to take it up"
+STOPPING = ("mooring", "calibration")  # what can be stopped; who judges products fails, and these stand
+Say = Callable[[str], None]
 
 
 def job(snakemake: Any, stage: Callable[..., None]) -> None:
-    """Run one stage with what its rule names: the wildcards in order, then inputs, outputs and parameters by name.
+    """Run one stage: wildcards in order, then the files and settings of its rule by the names of its arguments.
 
-    What the rule does not name is there for the order of the jobs alone, and its parameter ``code`` to run it again.
-    ``say`` is a line in the job's log, of which ``lines`` shows one; an error of the input becomes such a line, on
-    stderr too, and exit 1. A job that ends well leaves what it read and wrote beside its log, NAME.json beside
-    NAME.log; one whose input cannot be used leaves the reason, NAME.stopped. What it reads must be what the jobs before
-    it wrote.
+    ``say`` writes a line into the job's log. Where the content of a file cannot be used, or the program fails on it,
+    the mooring or calibration is stopped: the job ends well, its record says why, and none of its files is left. A
+    full disk, lack of memory or an interruption fail the job, so that it is tried again.
 
     Args:
-        snakemake: what Snakemake gives its scripts; its log is written anew.
+        snakemake: what Snakemake gives its scripts; ``params.files`` has the files read and written by name.
 
     Raises:
-        SystemExit: the input could not be used.
+        SystemExit: the job failed.
     """
-    parts = (snakemake.input, snakemake.output, snakemake.params)
-    named = {name: value for part in parts for name, value in part.items() if name != "code"}
-    record = Path(snakemake.log[0]).with_suffix(".json")
-    with _log(snakemake) as say, _recorded(snakemake, record), single_threaded():
-        stage(*snakemake.wildcards, **named, say=say)
-
-
-@contextmanager
-def _log(snakemake: Any) -> Iterator[Callable[[str], None]]:
-    """Give what says a line, and say why where the block fails."""
-    log, of = Path(snakemake.log[0]), stopped.named(snakemake.wildcards)
-    with _opened(log) as stream:
+    log = Path(snakemake.log[0])
+    begins = "".join(f"{kind} {name}: " for kind, name in snakemake.wildcards.items() if kind in STOPPING)
+    with _opened(log) as stream, single_threaded():
 
         def say(line: str) -> None:
             try:
@@ -58,50 +51,86 @@ def _log(snakemake: Any) -> Iterator[Callable[[str], None]]:
                 _on_screen(line)
 
         try:
-            yield say
+            made = _run(snakemake, stage, log, say)
+            records.write(log.with_suffix(".json"), made)
+        except Stopped as error:
+            lines = [str(line) for line in error.args]
         except InputError as error:
-            stopped.leave(snakemake, error)
-            say(line := f"error: {of}{error}")
-            _on_screen(line)
-            sys.exit(1)
-        except (MemoryError, KeyboardInterrupt) as error:  # they say nothing about the input
-            say(line := f"error: {of}{log.stem} {_ENDED[isinstance(error, MemoryError)]}")
-            _on_screen(line)
-            sys.exit(1)
-        except SystemExit as error:  # from a package beside this one, perhaps with status 0
-            say(line := f"error: {of}{stopped.leave(snakemake, error)}")
-            _on_screen(line)
-            sys.exit(1)
-        except Exception as error:  # whatever the program missed: the mooring is stopped by it, the traceback stays
-            say(f"error: {of}{stopped.leave(snakemake, error)}")
-            raise
+            lines = [f"{begins}{error}"]
+        except (MemoryError, KeyboardInterrupt) as error:
+            lines = [f"{begins}{log.stem} {OUT_OF_MEMORY if isinstance(error, MemoryError) else INTERRUPTED}"]
+        except (Exception, SystemExit) as error:
+            say(traceback.format_exc().rstrip())
+            lines = [f"{begins}{records.reason(log.stem, error)['why']}"]
+        else:
+            return
         finally:
             gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job
+        for line in lines:
+            say(f"error: {line}")
+            _on_screen(f"error: {line}")
+        sys.exit(1)
+
+
+def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say) -> Record:
+    """Run the stage unless something before it was stopped, and return the record of the job."""
+    files: Mapping[str, Any] = snakemake.params.get("files", {"reads": {}, "writes": {}})
+    kind, name = next(iter(snakemake.wildcards.items()), ("", ""))
+    before = [records.load(path) for path in snakemake.input if records.is_record(path)]
+    _clear(files["writes"])
+    known = {path: digest for each in before if not each["stopped"] for path, digest in each["wrote"].items()}
+    reads = files["reads"] if kind in STOPPING else records.made(files["reads"], known)
+    settings = {name: value for name, value in snakemake.params.items() if name not in ("code", "files")}
+    made = records.of_job(snakemake, settings)
+    if inherited := records.inherited(before, kind, name):
+        say(f"{name}: stopped in {inherited['stage']}")
+        return records.stopped(made, inherited)
+    paths = records.flat(reads)
+    made["read"] = dict.fromkeys(paths, "")  # of one that cannot be read, until it can
+    looked_at: records.Signatures = {}
+    try:
+        looked_at = records.sign(paths)
+        made["read"] = {path: digest for path, (_, digest) in looked_at.items()}
+        records.check_inputs(made["read"], known)
+        named = {"say": say, "stopped": records.reasons(before), **reads, **files["writes"], **settings}
+        taken = signature(stage).parameters
+        stage(*snakemake.wildcards, **{name: value for name, value in named.items() if name in taken})
+        records.check_unchanged(looked_at)
+    except (Exception, SystemExit) as error:
+        records.check_unchanged(looked_at)  # a file that is still being copied is no damaged one
+        if kind not in STOPPING or snakemake.rule.endswith("conventions") or records.is_of_machine(error):
+            raise
+        if not isinstance(error, InputError):
+            say(traceback.format_exc().rstrip())
+        reason = records.reason(log.stem, error)
+        say(f"error: {kind} {name}: {reason['why']}")
+        _on_screen(f"stopped: {kind} {name}: {reason['why']}")
+        _clear(files["writes"])
+        return records.stopped(made, reason)
+    made["wrote"] = records.hashes(records.flat(files["writes"]))
+    records.remember(looked_at | {path: (records.sign_one(path), known) for path, known in made["wrote"].items()})
+    return made
+
+
+def _clear(files: Mapping[str, str | Sequence[str]]) -> None:
+    """Delete older files of a job, as Snakemake does with what it knows; a folder in their place fails the job."""
+    for path in records.flat(files):
+        with suppress(OSError):
+            os.unlink(path)
 
 
 @contextmanager
-def _recorded(snakemake: Any, record: Path) -> Iterator[None]:
-    """Hold the inputs against the records of those who wrote them, and leave a record of this job."""
-    before = ledger.looked_at(provenance.inputs(snakemake))
-    read = {path: digest for path, (_, digest) in before.items()}
-    ledger.hold(read)
-    yield
-    ledger.unchanged(before)
-    made = provenance.of_job(snakemake, read)
-    with atomic_write(record) as temporary:
-        temporary.write_text(json.dumps(made, indent=1, default=str) + "\n")
-    raw = {path: seen for path, seen in before.items() if not path.startswith(f"{ledger.RESULTS}/")}
-    ledger.remember(raw | {path: (ledger.signature(path), digest) for path, digest in made["wrote"].items()})
-
-
-def _opened(log: Path) -> TextIO:
+def _opened(log: Path) -> Iterator[TextIO]:
+    """Open the log anew; where the disk is full, standard error in its place."""
     try:
         # Log and benchmark are opened as they stand, which may be a link, or a hard one of an older copy.
         for left in (log, log.parent.parent / "benchmarks" / f"{log.stem}.tsv", log.with_suffix(".json")):
             left.unlink(missing_ok=True)
-        return log.open("w", encoding="utf-8")
+        stream = log.open("w", encoding="utf-8")
     except OSError:
-        return os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
+        stream = os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
+    with stream:
+        yield stream
 
 
 def _on_screen(line: str) -> None:

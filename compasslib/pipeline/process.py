@@ -9,44 +9,22 @@ from __future__ import annotations
 import fcntl
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager, suppress
-from dataclasses import dataclass
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from compasslib.calibrations import at_mooring
 from compasslib.config import cruise as config
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
-from compasslib.pipeline import compasses, plan
+from compasslib.pipeline import plan, records
+from compasslib.pipeline.records import RESULTS
+from compasslib.pipeline.settings import Wildcards
 from compasslib.statistics import single_threaded
 
-FILES = {
-    "field": "work/field.json",
-    "pairs": "overlap.nc",
-    "wide": "wide/overlap.nc",
-    "fit": "work/fit.json",
-    "diagnosis": "diagnosis.json",
-    "deviation": "deviation.json",
-    "assessment": "assessment.json",
-    "forms": "forms.json",
-    "corrected": "corrected.nc",
-}  # of a mooring's folder, by the names that the workflow's rules give them
-MODULES = {"carry": "fit", "share": "diagnose", "join": "diagnose", "compare": "correct"}  # of stages that share one
 TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # of a folder of results until it is whole
-
-
-@dataclass(frozen=True)
-class Wildcards:
-    """The wildcards of a job, as the workflow's rules know them."""
-
-    mooring: str = ""
-    role: str = ""
-    calibration: str = ""
-    compass: str = ""
 
 
 def process_mooring(
@@ -76,120 +54,63 @@ def process_mooring(
 def run_stages(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] = lambda line: None) -> None:
     """Run the stages of one mooring into a folder, over what stands there; the cruise is the working folder.
 
+    Calibrations and other moorings of its compass that it needs are made below ``work`` in that folder.
+
     Args:
         folder: of the mooring's results, absolute.
     """
-    planned = plan.plan(cruise, Path())
-    given = _alone(planned, mooring, folder, say)
-    compass = planned.compasses.moorings.get(mooring)
-    if compass is None:
-        _do("diagnose", Wildcards(mooring), given)
-    else:
-        made = _judged_alone(given, mooring, folder)
-        joined = _joined(planned, compass, mooring, folder, made)
-        alone = [made[name] for name in ("diagnosis", "deviation", "assessment")]
-        _do("share", Wildcards(mooring), given | {"joined": joined, "alone": alone})
-    for rule in ("compare", "correct"):
-        _do(rule, Wildcards(mooring), given)
+    planned, done = plan.plan(cruise), set[str]()
+
+    def make(record: str) -> None:
+        """Run the stages before a job, then its own; a compass is joined without records that cannot be used."""
+        done.add(record)
+        rule, of = planned.jobs[record]
+        files, unusable = planned.files(rule, of), set[str]()
+        for path in records.flat(files["reads"]):
+            try:
+                if (before := planned.writers.get(path, record)) not in done:
+                    make(before)
+            except InputError:
+                if rule != "join":
+                    raise
+                unusable.add(path)
+        reads = {name: _without(given, unusable) for name, given in files["reads"].items()}
+        named = {name: _moved(given, mooring, folder) for name, given in (reads | files["writes"]).items()}
+        speak = say if of.mooring in ("", mooring) else lambda line: None
+        run_stage(planned.stages[rule], of, named | {"say": speak})
+
+    for file in ("corrected.nc", "forms.json"):
+        make(planned.writers[f"{RESULTS}/{mooring}/{file}"])
 
 
-def _alone(planned: plan.Plan, mooring: str, folder: Path, say: Callable[[str], None]) -> dict[str, Any]:
-    """Read one mooring, pair and fit it; return what all of its rules may name."""
-    rules, job = planned.moorings, Wildcards(mooring)
-    used = [Wildcards(mooring, role) for role in rules.roles([mooring])[mooring]]
-    records = [str(folder / f"work/{each.role}.nc") for each in used]
-    given = {name: str(folder / file) for name, file in FILES.items()} | {
-        "record": records[0],
-        "references": records[1:],
-        "observatory": rules.observatory(job),
-        "place": rules.place_and_declination(job),
-        "rules": rules.pairing_rules(job),
-        "method": rules.method(job),
-        "tilt": rules.tilt(job),
-        "options": rules.diagnose(job),
-        "site": rules.site(job),
-        "attributes": rules.attributes(job),
-        "sources": rules.all_raw_files(job),
-        "say": say,
-    }
-    for file in (*FILES.values(), "work/record"):
-        (folder / file).parent.mkdir(parents=True, exist_ok=True)
-    for each, record in zip(used, records, strict=True):
-        _do("read", each, given | read_settings(rules, each) | {"record": record})
-    _do("overlap", job, given | {"upper": records[0], "lower": records[1:]})
-    if given["method"] == at_mooring.METHOD:
-        name = str(planned.cruise.moorings[mooring].fit.name)
-        given["calibration"] = _calibrated(planned.calibrations, name, folder / "work/calibrations", say)
-    _do("carry" if "calibration" in given else "fit", job, given)
-    return given
-
-
-def _judged_alone(given: Mapping[str, Any], mooring: str, folder: Path) -> dict[str, str]:
-    """Judge a record of a shared compass by itself; return what it shows and what others may learn from it."""
-    made = {name: str(folder / f"work/alone/{name}.json") for name in compasses.ALONE}
-    (folder / "work/alone").mkdir(parents=True, exist_ok=True)
-    _do("diagnose", Wildcards(mooring), {**given, **made})
-    return made
-
-
-def _joined(planned: plan.Plan, compass: str, mooring: str, folder: Path, own: Mapping[str, str]) -> str:
-    """Join the records of a mooring's compass, the others made here and now, and return its compass.json.
-
-    What others cannot be used is left out, as the workflow does.
-    """
-    moorings, given = planned.compasses.members[compass]
-    there, say = folder / "work/compasses", lambda line: None
-    there.mkdir(parents=True, exist_ok=True)
-    summaries, calibrations = [], []
-    for other in moorings:
-        with suppress(InputError):
-            made = own if other == mooring else None
-            made = made or _judged_alone(_alone(planned, other, there / other, say), other, there / other)
-            summaries.append(made["summary"])
-    for name in given:
-        with suppress(InputError):
-            calibrations.append(_calibrated(planned.calibrations, name, folder / "work/calibrations", say))
-    files = {"joined": str(there / "compass.json"), "diagnosis": str(there / "diagnosis.json")}
-    job = Wildcards(compass=compass)
-    rules = {
-        "summaries": summaries,
-        "calibrations": calibrations,
-        "spheres": planned.compasses.spheres(job),
-        "min_effect_deg": planned.cruise.options.diagnose.min_effect_deg,
-        "say": say,
-    }
-    _do("join", job, rules | files)
-    return files["joined"]
-
-
-def _do(rule: str, job: Wildcards, given: Mapping[str, Any]) -> None:
-    """Run the stage of a rule with what it takes by name, as the workflow does; only then is it imported."""
-    stage = getattr(import_module(f"compasslib.stages.{MODULES.get(rule, rule)}"), rule)
-    wildcards = [name for name in vars(job).values() if name]
+def run_stage(stage: plan.Stage, of: Wildcards, named: dict[str, Any]) -> None:
+    """Run the function of a stage with the files and settings that it takes by name; only then is it imported."""
+    module, _, name = stage.function.partition(".")
+    function = getattr(import_module(f"compasslib.stages.{module}"), name)
+    taken = signature(function).parameters
+    settings = {name: given(of) for name, given in stage.settings.items()}
     with single_threaded():
-        stage(*wildcards, **{name: given[name] for name in signature(stage).parameters if name in given})
+        function(*filter(None, of), **{name: value for name, value in (settings | named).items() if name in taken})
 
 
-def read_settings(rules: plan.Moorings, job: Wildcards) -> dict[str, Any]:
-    """Return the arguments of ``read.record_of`` for one instrument."""
-    return {
-        "raw": rules.raw_files(job),
-        "form": rules.form(job),
-        "reader": rules.reader_settings(job),
-        "deployment": rules.deployment(job),
-        "series": rules.series(job),
-    }
+def _without(given: Any, unusable: set[str]) -> Any:
+    return given if isinstance(given, str) else [path for path in given if path not in unusable]
 
 
-def _calibrated(rules: plan.Calibrations, name: str, folder: Path, say: Callable[[str], None]) -> str:
-    """Calibrate here and now, after those that it is compared with, and return its calibration.json."""
-    job, other = Wildcards(calibration=name), rules.cruise.calibrations[name].compare_with
-    files = {file.split(".")[0]: str(folder / name / file) for file in ("calibration.json", "table.csv", "points.csv")}
-    (folder / name).mkdir(parents=True, exist_ok=True)
-    given = {"raw": rules.raw_files(job), "kind": rules.kind(job), "settings": rules.settings(job), "say": say}
-    given["earlier"] = [] if other is None else [_calibrated(rules, other, folder, say)]
-    _do("calibrate", job, given | files)
-    return files["calibration"]
+def _moved(given: Any, mooring: str, folder: Path) -> Any:
+    """Return where the files of the workflow stand when one mooring is processed alone."""
+    if not isinstance(given, str):
+        return [_moved(path, mooring, folder) for path in given]
+    parts = Path(given).parts
+    if parts[0] != RESULTS:
+        return given
+    if parts[1] == mooring:
+        path = folder.joinpath(*parts[2:])
+    else:
+        inside = {"calibrations": parts[1:], "compasses": ("compasses", *parts[3:])}
+        path = folder.joinpath("work", *inside.get(parts[1], ("compasses", *parts[1:])))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return str(path)
 
 
 def _refuse_taken(folder: Path, results: Path) -> None:

@@ -1,4 +1,4 @@
-"""Stages of the whole cruise: summary, report, manifest, and checks of the archive."""
+"""Stages of the whole cruise: summary, manifest, and checks of the archive."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from compasslib import report as html
 from compasslib.archive import conventions as rules
 from compasslib.archive import crate, verification
 from compasslib.archive import summary as table
 from compasslib.archive.files import write_json
+from compasslib.errors import Stopped
+from compasslib.pipeline.records import FOLLOWS
 
 
 def summary(
     *,
     summary: str,
     roles: Mapping[str, Sequence[str]],
-    order: Sequence[str],
     stopped: Mapping[str, Mapping[str, str]],
     say: Callable[[str], None],
 ) -> None:
@@ -26,43 +26,18 @@ def summary(
 
     Args:
         summary: beside the folders of the moorings' results.
-        roles: instruments that each mooring uses.
-        stopped: why others have no results, by name, of ``moorings`` and of ``calibrations``.
+        roles: instruments that each mooring uses, in the order of the rows.
+        stopped: why some have no results, by name, of ``moorings`` and of ``calibrations``.
     """
     results = Path(summary).parent
-    rows = [table.summary_row(name, results / name, used) for name, used in roles.items()]
-    rows += [table.stopped_row(name, why) for name, why in stopped["moorings"].items()]
-    rows.sort(key=lambda row: order.index(row["name"]))
+    why = stopped["moorings"]
+    rows = [
+        table.stopped_row(name, why[name]) if name in why else table.summary_row(name, results / name, used)
+        for name, used in roles.items()
+    ]
     table.write_summary(summary, rows)
     say(table.format_table(rows))
     say(f"{summary}: {len(rows)} mooring{'s' * (len(rows) != 1)}")
-
-
-def report(
-    *,
-    page: str,
-    attributes: Mapping[str, Any],
-    moorings: Mapping[str, Mapping[str, Any]],
-    calibrations: Sequence[str],
-    compasses: Sequence[str],
-    stopped: Mapping[str, Mapping[str, str]],
-    say: Callable[[str], None],
-) -> None:
-    """Write the page beside the results that it shows, as ``report.gather`` takes them.
-
-    Raises:
-        InputError: a file of the results is absent or damaged.
-    """
-    gathered = html.gather(
-        Path(page).parent,
-        attributes=attributes,
-        moorings=moorings,
-        calibrations=calibrations,
-        compasses=compasses,
-        stopped=stopped,
-    )
-    html.write(page, gathered)
-    say(html.log_line(page, gathered))
 
 
 def provenance(
@@ -71,7 +46,7 @@ def provenance(
     manifest: str,
     configuration: Mapping[str, Sequence[str]],
     attributes: Mapping[str, Any],
-    stopped: Mapping[str, str],
+    stopped: Mapping[str, Mapping[str, str]],
     say: Callable[[str], None],
 ) -> None:
     """Write the lineage of the products, as ``crate.crate`` takes it.
@@ -80,9 +55,37 @@ def provenance(
         InputError: a product, or a result that it was made from, is not what a job wrote.
     """
     jobs = crate.lineage(crate.records(), products)
-    page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=stopped)
+    page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=_named(stopped))
     write_json(manifest, page)
     say(crate.log_line(page))
+
+
+def complete(*, folders: Sequence[str], stopped: Mapping[str, Mapping[str, str]], say: Callable[[str], None]) -> None:
+    """End the run: what is no longer stopped loses its ``stopped.json``.
+
+    Args:
+        folders: of the results of moorings, calibrations and compasses.
+
+    Raises:
+        Stopped: a mooring or calibration has no results.
+    """
+    left = {f"results/{name}" for name in stopped["moorings"]}
+    left |= {f"results/calibrations/{name}" for name in stopped["calibrations"]}
+    for folder in folders:
+        if folder not in left:
+            Path(folder, "stopped.json").unlink(missing_ok=True)
+    lines = [f"{of}: {why}" for of, why in _named(stopped).items()]
+    for line in lines:
+        say(line)
+    if lines:
+        raise Stopped(*(line for line in lines if FOLLOWS not in line))
+    say(f"{len(folders)} folders of results, none was stopped")
+
+
+def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """Name what was stopped by kind and name, as the configuration behind it is named."""
+    kinds = ("mooring", "calibration")
+    return {f"{kind} {name}": why for kind in kinds for name, why in stopped[f"{kind}s"].items()}
 
 
 def verify(*, configured: Sequence[str], say: Callable[[str], None]) -> None:

@@ -1,4 +1,4 @@
-"""Search for unmodelled effects, assess the correction, and combine the records of a shared compass."""
+"""Search moorings and calibrations for unmodelled effects, assess corrections, join the records of a compass."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from compasslib.deviation import deviation_json, fit_deviation
 from compasslib.deviation.assessment import describe_assessment, find_constant_offset
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, fit_from_json
-from compasslib.inference import covariates, joint, joint_compass
+from compasslib.inference import covariates, joint, joint_compass, kinds
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Conclusion
 from compasslib.inference.joint import SiblingInformation
@@ -266,3 +266,29 @@ def join(
     write_json(joined, page)
     write_json(diagnosis, found.to_json())
     say(joint.log_line(page, found))
+
+
+def diagnose_calibration(
+    name: str,
+    /,
+    *,
+    raw: Sequence[str],
+    diagnosis: str,
+    kind: str,
+    settings: Mapping[str, Any],
+    options: Mapping[str, Any],
+    say: Callable[[str], None],
+) -> None:
+    """Write what its recording shows that the simulation does not hold.
+
+    Args:
+        raw: files in the order of the YAML file.
+        settings: keys of the YAML file that the kind takes.
+        options: of the cruise's diagnoses.
+
+    Raises:
+        InputError: a raw file cannot be read.
+    """
+    found = kinds.diagnose(kind, raw, settings, kinds.chosen(options))
+    write_json(diagnosis, found.to_json())
+    say(found.log_line(name))

@@ -1,19 +1,14 @@
-"""Calibrations that need no mooring: one rule for all kinds, figures a kind each as each has its own."""
+"""Calibrations that need no mooring: one rule for all kinds."""
 
 
 rule calibrate:
     """Raw readings -> coefficients, table of deviations, budget of uncertainty."""
     input:
-        raw=CALIBRATIONS.raw_files,
-        earlier=CALIBRATIONS.earlier,
+        PLAN.inputs("calibrate"),
     output:
-        calibration="results/calibrations/{calibration}/calibration.json",
-        table="results/calibrations/{calibration}/table.csv",
-        points="results/calibrations/{calibration}/points.csv",
+        "results/calibrations/{calibration}/logs/calibrate.json",
     params:
-        kind=CALIBRATIONS.kind,
-        settings=CALIBRATIONS.settings,
-        code=plan.hashed(CALIBRATIONS.modules),
+        **PLAN.params("calibrate"),
     log:
         "results/calibrations/{calibration}/logs/calibrate.log",
     benchmark:
@@ -25,16 +20,11 @@ rule calibrate:
 rule diagnose_calibration:
     """Raw readings -> what they show that the simulation does not hold."""
     input:
-        # For the order: what cannot be read is told once. As ancient() it would hide a changed setting.
-        "results/calibrations/{calibration}/calibration.json",
-        raw=CALIBRATIONS.raw_files,
+        PLAN.inputs("diagnose_calibration"),
     output:
-        diagnosis="results/calibrations/{calibration}/diagnosis.json",
+        "results/calibrations/{calibration}/logs/diagnose.json",
     params:
-        kind=CALIBRATIONS.kind,
-        settings=CALIBRATIONS.settings,
-        options=CALIBRATIONS.diagnose(),
-        code=plan.hashed(CALIBRATIONS.diagnosis_modules),
+        **PLAN.params("diagnose_calibration"),
     log:
         "results/calibrations/{calibration}/logs/diagnose.log",
     benchmark:
@@ -46,17 +36,11 @@ rule diagnose_calibration:
 rule diagnosis_figure:
     """What was found -> where the mismatch lives, before and after, and the ranked hypotheses."""
     input:
-        diagnosis="results/calibrations/{calibration}/diagnosis.json",
+        PLAN.inputs("diagnosis_figure"),
     output:
-        figure=report(
-            "results/calibrations/{calibration}/figures/diagnosis.png",
-            caption="../report/calibration_diagnosis.rst",
-            category="Calibrations",
-            subcategory="{calibration}",
-            labels={"figure": "diagnosis"},
-        ),
+        "results/calibrations/{calibration}/logs/diagnosis_figure.json",
     params:
-        code=MOORINGS.code("diagnosis_figure.py"),
+        **PLAN.params("diagnosis_figure"),
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     benchmark:
@@ -65,54 +49,17 @@ rule diagnosis_figure:
         "../scripts/diagnosis_figure.py"
 
 
-for KIND in KINDS:
-
-    rule:
-        name:
-            f"figures_of_{KIND}"
-        input:
-            calibration="results/calibrations/{calibration}/calibration.json",
-            table="results/calibrations/{calibration}/table.csv",
-            points="results/calibrations/{calibration}/points.csv",
-        output:
-            figures=[
-                report(
-                    f"results/calibrations/{{calibration}}/figures/{figure}.png",
-                    caption="../report/calibration.rst",
-                    category="Calibrations",
-                    subcategory="{calibration}",
-                    labels={"figure": figure},
-                )
-                for figure in CALIBRATIONS.figures(KIND)
-            ],
-        params:
-            code=plan.hashed(CALIBRATIONS.figure_modules),
-        wildcard_constraints:
-            calibration=plan.only(CALIBRATIONS.of_kind(KIND)),
-        log:
-            "results/calibrations/{calibration}/logs/figures.log",
-        benchmark:
-            "results/calibrations/{calibration}/benchmarks/figures.tsv"
-        script:
-            "../scripts/calibration_figures.py"
-
-
-rule carry:
-    """Calibration elsewhere -> the deviation model in the mooring's field."""
+rule calibration_figures:
+    """Calibration -> the figures of its kind."""
     input:
-        calibration=MOORINGS.calibration,
-        record=MOORINGS.compromised,
-        pairs="results/{mooring}/overlap.nc",
-        field="results/{mooring}/work/field.json",
+        PLAN.inputs("calibration_figures"),
     output:
-        fit="results/{mooring}/work/fit.json",
+        "results/calibrations/{calibration}/logs/figures.json",
     params:
-        code=MOORINGS.code("carry.py"),
-    wildcard_constraints:
-        mooring=plan.only(MOORINGS.by_calibration()),
+        **PLAN.params("calibration_figures"),
     log:
-        "results/{mooring}/logs/fit.log",
+        "results/calibrations/{calibration}/logs/figures.log",
     benchmark:
-        "results/{mooring}/benchmarks/fit.tsv"
+        "results/calibrations/{calibration}/benchmarks/figures.tsv"
     script:
-        "../scripts/carry.py"
+        "../scripts/calibration_figures.py"

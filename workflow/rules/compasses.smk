@@ -4,23 +4,13 @@
 rule diagnose_alone:
     """As diagnose, of a record whose compass has others: what it shows alone, and what they may learn from it."""
     input:
-        record=MOORINGS.compromised,
-        references=MOORINGS.reference,
-        pairs="results/{mooring}/overlap.nc",
-        wide="results/{mooring}/wide/overlap.nc",
-        fit="results/{mooring}/work/fit.json",
-        field="results/{mooring}/work/field.json",
-        observatory=MOORINGS.observatory,
+        PLAN.inputs("diagnose_alone"),
     output:
-        diagnosis="results/{mooring}/work/alone/diagnosis.json",
-        deviation="results/{mooring}/work/alone/deviation.json",
-        assessment="results/{mooring}/work/alone/assessment.json",
-        summary="results/{mooring}/work/alone/summary.json",
+        "results/{mooring}/logs/diagnose_alone.json",
     params:
-        options=MOORINGS.diagnose,
-        code=MOORINGS.code("diagnose.py"),
+        **PLAN.params("diagnose_alone"),
     wildcard_constraints:
-        mooring=plan.only(COMPASSES.moorings),
+        mooring=PLAN.names("diagnose_alone"),
     log:
         "results/{mooring}/logs/diagnose_alone.log",
     benchmark:
@@ -32,15 +22,11 @@ rule diagnose_alone:
 rule join:
     """What all records of one compass tell -> its iron and effects, who does not belong, what each may learn."""
     input:
-        summaries=COMPASSES.summaries,
-        calibrations=COMPASSES.calibrations,
+        PLAN.inputs("join"),
     output:
-        joined="results/compasses/{compass}/compass.json",
-        diagnosis="results/compasses/{compass}/diagnosis.json",
+        "results/compasses/{compass}/logs/join.json",
     params:
-        spheres=COMPASSES.spheres,
-        min_effect_deg=CRUISE.options.diagnose.min_effect_deg,
-        code=MOORINGS.code("join.py"),
+        **PLAN.params("join"),
     log:
         "results/compasses/{compass}/logs/join.log",
     benchmark:
@@ -52,25 +38,13 @@ rule join:
 rule share:
     """As diagnose, with what the other records of the compass tell beforehand."""
     input:
-        joined=COMPASSES.joined,
-        alone=multiext("results/{mooring}/work/alone/", "diagnosis.json", "deviation.json", "assessment.json"),
-        record=MOORINGS.compromised,
-        references=MOORINGS.reference,
-        pairs="results/{mooring}/overlap.nc",
-        wide="results/{mooring}/wide/overlap.nc",
-        fit="results/{mooring}/work/fit.json",
-        field="results/{mooring}/work/field.json",
-        observatory=MOORINGS.observatory,
+        PLAN.inputs("share"),
     output:
-        diagnosis="results/{mooring}/diagnosis.json",
-        deviation="results/{mooring}/deviation.json",
-        assessment="results/{mooring}/assessment.json",
+        "results/{mooring}/logs/diagnose.json",
     params:
-        options=MOORINGS.diagnose,
-        tilt=MOORINGS.tilt,
-        code=MOORINGS.code("share.py"),
+        **PLAN.params("share"),
     wildcard_constraints:
-        mooring=plan.only(COMPASSES.moorings),
+        mooring=PLAN.names("share"),
     log:
         "results/{mooring}/logs/diagnose.log",
     benchmark:
@@ -82,20 +56,11 @@ rule share:
 rule joined_figures:
     """A compass -> the iron that each record shows, and the curve that they share."""
     input:
-        joined="results/compasses/{compass}/compass.json",
+        PLAN.inputs("joined_figures"),
     output:
-        figures=[
-            report(
-                f"results/compasses/{{compass}}/figures/{figure}.png",
-                caption="../report/compass.rst",
-                category="Compasses",
-                subcategory="{compass}",
-                labels={"figure": figure},
-            )
-            for figure in COMPASSES.figures
-        ],
+        "results/compasses/{compass}/logs/figures.json",
     params:
-        code=MOORINGS.code("joined_figures.py"),
+        **PLAN.params("joined_figures"),
     log:
         "results/compasses/{compass}/logs/figures.log",
     benchmark:

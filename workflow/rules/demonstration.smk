@@ -10,9 +10,10 @@ for NAME in SIMULATED:
             truth=f"truth/{NAME}.csv",
         priority: 1  # all moorings first: one that came last would end on one core
         params:
+            files={"reads": {}, "writes": {"raw": SIMULATED[NAME], "truth": f"truth/{NAME}.csv"}},
             name=NAME,
             seed=CRUISE.options.seed,
-            code=MOORINGS.code("simulate.py"),
+            code=PLAN.code("simulate"),
         log:
             f"results/{NAME}/logs/simulate.log",
         benchmark:

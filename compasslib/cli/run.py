@@ -1,0 +1,69 @@
+"""``compass run``: Snakemake on a cruise, told which jobs are to run again by the recorded hashes of their files."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from argparse import Namespace
+from contextlib import chdir
+from importlib.util import find_spec
+from pathlib import Path
+
+from compasslib.archive.provenance import PROJECT
+from compasslib.config import cruise
+from compasslib.errors import InputError
+from compasslib.pipeline import guard, plan, records
+
+METADATA = f"{guard.SNAKEMAKES}/metadata"  # what Snakemake remembers of each job: parameters and code
+
+
+def run(asked: Namespace) -> int:
+    """Start Snakemake in place of this process.
+
+    Args:
+        asked: ``cruise``, ``cores``, ``profile``, and ``options`` of Snakemake, files of results among them.
+
+    Raises:
+        InputError: Snakemake or the workflow is not there, or something of the cruise is dated in the future.
+    """
+    snakefile = PROJECT / "Snakefile"
+    if find_spec("snakemake") is None or not snakefile.is_file():
+        found, advice = "none beside this installation", "run from a checkout with its environment (make install)"
+        raise InputError("compass run", expected="Snakemake and the workflow", found=found, advice=advice)
+    if not Path(asked.cruise).is_dir():
+        advice = "name the folder of a cruise"
+        raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
+    stale, options = _stale(Path(asked.cruise), asked.options)
+    profile = PROJECT / "workflow/profiles" / asked.profile
+    cores = asked.cores or ("all" if asked.profile == "default" else None)
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile), "--directory", asked.cruise]
+    command += ["--workflow-profile", str(profile), *(["--cores", cores] if cores else [])]
+    command += ["--forcerun", *stale] if stale else []
+    sys.stdout.flush()
+    os.execv(sys.executable, [*command, *(["--", *options] if options and options[0][:1] != "-" else options)])
+
+
+def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
+    """Return the records that no longer hold, and the options, files of results as the records that Snakemake knows."""
+    looks_only = any(re.fullmatch(r"--dry-?run|-[a-zA-Z]*n[a-zA-Z]*", option) for option in options)
+    with chdir(folder):
+        try:
+            planned = plan.plan(cruise.load(Path()))
+        except InputError:  # the Snakefile refuses it, in Snakemake's log too
+            return [], options
+        guard.refuse_links(planned.folders())
+        known, now = records.recall(), guard.file_clock()
+        if not looks_only:
+            if restored := records.restore_times(planned.jobs, known, now):
+                more = f" and {len(restored) - 1} more" if restored[1:] else ""
+                print(f"{restored[0]}{more}: dated in the future and as recorded: dated anew", file=sys.stderr)
+            guard.refuse_future(planned.given(), now)
+        options = [planned.writers.get(option, option) for option in options]
+        wanted = () if "verify" in options else (*planned.everything(), *planned.jobs.keys() & {*options})
+        stale = records.stale(wanted, known)
+        if not (os.path.isdir(METADATA) and any(os.scandir(METADATA))):  # nobody knows by what settings and code
+            stale = [record for record in wanted if os.path.lexists(record)]
+        if not looks_only:
+            known.keep()
+        return stale, options

@@ -1,0 +1,334 @@
+"""What each stage is given of the cruise's configuration: files, modules and narrow settings.
+
+A stage is given only the keys that it uses, so that a change of one key re-runs the stages it affects and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from compasslib import calibrations, plugins, readers
+from compasslib.archive import provenance
+from compasslib.calibrations import KINDS
+from compasslib.config import calibrations as configured
+from compasslib.config import compasses
+from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
+from compasslib.config.schema import Instrument, Mooring
+from compasslib.earthfield import parse_applied_declination
+from compasslib.inference import kinds
+
+DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+SCRIPTS = provenance.PROJECT / "workflow/scripts"
+EFFECTS = str(provenance.PROJECT / "compasslib/effects/__init__.py")
+
+
+class Wildcards(NamedTuple):
+    """What one job is of, as Snakemake's wildcards."""
+
+    mooring: str = ""
+    role: str = ""
+    calibration: str = ""
+    compass: str = ""
+
+
+@dataclass(frozen=True)
+class Moorings:
+    """What stages of a mooring are given; each method takes a job's wildcards."""
+
+    cruise: Cruise
+
+    def templates(self) -> list[str]:
+        return sorted(str(path) for path in (provenance.PROJECT / "compasslib/report/templates").iterdir())
+
+    def reader_code(self, wildcards: Any, scripts: Path = SCRIPTS) -> str:
+        """Hash the modules behind the reading of one instrument, its own format's reader only."""
+        reader = readers.get_format(self._instrument(wildcards).format)
+        modules = provenance.sources(scripts / "read.py", f"compasslib.readers.{reader.module}")
+        return hash_code(modules, reader.plugin)
+
+    def raw_files(self, wildcards: Any) -> list[str]:
+        return list(self._instrument(wildcards).files)
+
+    def companion_files(self, wildcards: Any) -> list[str]:
+        """Return the files that the reading of one instrument needs besides; it is given them by its settings."""
+        series = [file for one in self.series(wildcards).values() for file in one["files"]]
+        return [*self._instrument(wildcards).pressure_files, *series]
+
+    def series(self, wildcards: Any) -> dict[str, dict[str, Any]]:
+        """Return the tables of other series that the search may use, with the instrument that is corrected."""
+        mooring = self._mooring(wildcards)
+        given = mooring.covariates.items() if wildcards.role == mooring.compromised else ()
+        return {name: one.model_dump(exclude={"format"}) for name, one in given if one.format == "table"}
+
+    def all_raw_files(self, wildcards: Any) -> list[str]:
+        """Return the raw files of the instruments that one mooring uses."""
+        mooring = self._mooring(wildcards)
+        used = [mooring.instruments[role] for role in used_instruments(mooring)]
+        series = [file for one in mooring.covariates.values() if one.format == "table" for file in one.files]
+        return [file for one in used for file in (*one.files, *one.pressure_files)] + series
+
+    def form(self, wildcards: Any) -> str:
+        return str(self._instrument(wildcards).format)
+
+    def reader_settings(self, wildcards: Any) -> dict[str, Any]:
+        """Return the keys of one instrument that its reader takes."""
+        instrument = self._instrument(wildcards)
+        unset = {key for key in readers.TABLE_KEYS if key not in instrument.model_fields_set}
+        keys = [key for key in readers.get_format(instrument.format).keys if key not in unset]
+        numbered = {"serial_number": self.serial_number(wildcards)} if "serial_number" in keys else {}
+        return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
+
+    def deployment(self, wildcards: Any) -> dict[str, Any]:
+        """Return the arguments of ``deployment.apply_deployment``."""
+        mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
+        # Some readers take it out themselves: a PD0 file may hold it as heading bias.
+        taken = readers.get_format(instrument.format).takes_declination
+        inside = 0.0 if taken else instrument.declination_applied or 0.0
+        return _plain(instrument, DEPLOYMENT_KEYS) | {
+            "start_s": mooring.start_s,
+            "end_s": mooring.end_s,
+            "water_depth": mooring.water_depth,
+            "latitude": mooring.latitude,
+            "nominal_depth": instrument.depth,
+            "declination_applied": inside,
+            "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
+            "affected": wildcards.role == mooring.compromised,
+        }
+
+    def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
+        """Return position, dates and declination of one mooring."""
+        mooring = self._mooring(wildcards)
+        inside = {
+            f"{role} ({part})" if one.differs else role: degrees
+            for role in used_instruments(mooring)
+            if (one := parse_applied_declination(mooring.instruments[role].declination_applied)) is not None
+            for part, degrees in one._asdict().items()
+        }
+        return {
+            "latitude": mooring.latitude,
+            "longitude": mooring.longitude,
+            "start_s": mooring.start_s,
+            "end_s": mooring.end_s,
+            "declination": None if mooring.declination == "auto" else mooring.declination,
+            "applied": {name: degrees for name, degrees in inside.items() if degrees},
+        }
+
+    def pairing_rules(self, wildcards: Any) -> dict[str, Any]:
+        """Return the rules of pairing; the published method keeps the published mean of the bins."""
+        rules = self.cruise.options.overlap.model_dump()
+        published = self._mooring(wildcards).fit.method == "von_appen"
+        return rules | {"predict": rules["predict"] and not published}
+
+    def compromised(self, wildcards: Any) -> str:
+        return _record(wildcards.mooring, self._mooring(wildcards).compromised)
+
+    def reference(self, wildcards: Any) -> list[str]:
+        """Return the records of the references; none where the mooring has none."""
+        return [_record(wildcards.mooring, role) for role in self._mooring(wildcards).reference]
+
+    def records(self, wildcards: Any) -> list[str]:
+        return [_record(wildcards.mooring, role) for role in used_instruments(self._mooring(wildcards))]
+
+    def method(self, wildcards: Any) -> str:
+        return str(self._mooring(wildcards).fit.method)
+
+    def tilt(self, wildcards: Any) -> bool:
+        return bool(self._mooring(wildcards).fit.tilt)
+
+    def diagnose(self, wildcards: Any) -> dict[str, Any]:
+        """Return the options of the search for unmodelled effects in one mooring."""
+        mooring = self._mooring(wildcards)
+        trusted = [mooring.instruments[name].direction_reference for name in mooring.reference]
+        magnetic = not trusted or "magnetic" in trusted
+        beside = {"reference_magnetic": magnetic, "constant_confirmed": mooring.confirmed.constant}
+        return mooring.diagnose.model_dump() | beside
+
+    def observatory(self, wildcards: Any) -> list[str]:
+        """Return the files of the observatory that one mooring names, none where it names none."""
+        every = self._mooring(wildcards).covariates.values()
+        return [file for one in every if one.format == "iaga2002" for file in one.files]
+
+    def calibration(self, wildcards: Any) -> str:
+        return _calibration(str(self._mooring(wildcards).fit.name))
+
+    def site(self, wildcards: Any) -> dict[str, Any]:
+        mooring = self._mooring(wildcards)
+        return {
+            "name": mooring.name,
+            "latitude": mooring.latitude,
+            "longitude": mooring.longitude,
+            "water_depth_m": mooring.water_depth,
+        }
+
+    def attributes(self, wildcards: Any) -> dict[str, Any]:
+        """Return the archive's attributes: the cruise's, the mooring's over them, the instrument's over both."""
+        mooring = self._mooring(wildcards)
+        return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
+
+    def configuration(self) -> dict[str, list[str]]:
+        """Return the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
+        moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
+        calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
+        both = compasses.members(self.cruise.moorings, self.cruise.calibrations).items()
+        joined = {
+            f"compass {name}": [
+                CONFIG,
+                *(self.cruise.mooring_files[mooring] for mooring in of),
+                *(f"{CALIBRATIONS}/{calibration}.yaml" for calibration in given),
+            ]
+            for name, (of, given) in both
+        }
+        return {"": [CONFIG]} | moorings | calibrations | joined
+
+    def described(self) -> dict[str, dict[str, Any]]:
+        return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
+
+    def serial_number(self, wildcards: Any) -> str | None:
+        """Return the serial number by the metadata, the mooring's attributes being the affected instrument's."""
+        own = self._instrument(wildcards).attributes
+        known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
+        return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)
+
+    def reading(self, wildcards: Any) -> dict[str, Any]:
+        """Return the arguments of ``read.record_of`` for one instrument."""
+        return {
+            "raw": self.raw_files(wildcards),
+            "form": self.form(wildcards),
+            "reader": self.reader_settings(wildcards),
+            "deployment": self.deployment(wildcards),
+            "series": self.series(wildcards),
+        }
+
+    def _mooring(self, wildcards: Any) -> Mooring:
+        return self.cruise.moorings[wildcards.mooring]
+
+    def _instrument(self, wildcards: Any) -> Instrument:
+        return self._mooring(wildcards).instruments[wildcards.role]
+
+
+@dataclass(frozen=True)
+class Calibrations:
+    """What stages of a calibration are given; each method takes a job's wildcards."""
+
+    cruise: Cruise
+
+    def raw_files(self, wildcards: Any) -> list[str]:
+        return list(self.cruise.calibrations[wildcards.calibration].files)
+
+    def earlier(self, wildcards: Any) -> list[str]:
+        """Return the calibration that one is compared with; none where it stands alone."""
+        other = self.cruise.calibrations[wildcards.calibration].compare_with
+        return [] if other is None else [_calibration(other)]
+
+    def kind(self, wildcards: Any) -> str:
+        return str(self.cruise.calibrations[wildcards.calibration].kind)
+
+    def settings(self, wildcards: Any) -> dict[str, Any]:
+        """Return the keys of a calibration's file that its kind takes."""
+        return configured.settings(self.cruise.calibrations[wildcards.calibration])
+
+    def diagnose(self, wildcards: Any) -> dict[str, Any]:
+        return dict(self.cruise.options.diagnose.model_dump())
+
+    def is_diagnosed(self, name: str) -> bool:
+        return self.cruise.calibrations[name].kind in kinds.KINDS
+
+    def figures(self, wildcards: Any) -> list[str]:
+        there = f"results/calibrations/{wildcards.calibration}/figures"
+        return [f"{there}/{figure}.png" for figure in calibrations.figure_names(self.kind(wildcards))]
+
+    def module(self, wildcards: Any) -> list[str]:
+        """Return the module that calibrates one kind, which its stage imports by name."""
+        return [f"compasslib.calibrations.{KINDS[self.kind(wildcards)].module}"]
+
+    def diagnosis_module(self, wildcards: Any) -> list[str]:
+        return [kinds.KINDS[self.kind(wildcards)]]
+
+
+@dataclass(frozen=True)
+class Compasses:
+    """What stages of a compass that several records share are given; each method takes a job's wildcards."""
+
+    cruise: Cruise
+    figures: tuple[str, ...] = ("coefficients", "curve")
+
+    @cached_property
+    def members(self) -> dict[str, tuple[list[str], list[str]]]:
+        """Moorings and calibrations of each compass."""
+        return compasses.members(self.cruise.moorings, self.cruise.calibrations)
+
+    @cached_property
+    def moorings(self) -> dict[str, str]:
+        """The compass of each mooring that names one."""
+        return {mooring: name for name, (moorings, _) in self.members.items() for mooring in moorings}
+
+    def summaries(self, wildcards: Any) -> list[str]:
+        """Return what each mooring of a compass shows alone."""
+        return [f"results/{name}/work/alone/summary.json" for name in self.members[wildcards.compass][0]]
+
+    def calibrations(self, wildcards: Any) -> list[str]:
+        return [_calibration(name) for name in self.members[wildcards.compass][1]]
+
+    def min_effect_deg(self, wildcards: Any) -> float:
+        return self.cruise.options.diagnose.min_effect_deg
+
+    def spheres(self, wildcards: Any) -> dict[str, str | None]:
+        """Return in which sphere each record of a compass was."""
+        moorings, given = self.members[wildcards.compass]
+        moored = {name: self.cruise.moorings[name] for name in moorings}
+        own = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
+        return own | {name: self.cruise.calibrations[name].sphere for name in given}
+
+    def joined(self, wildcards: Any) -> str:
+        """Return the file of a mooring's compass, joined from all its records."""
+        return f"results/compasses/{self.moorings[wildcards.mooring]}/compass.json"
+
+
+def hash_code(modules: tuple[str, ...], also: str = "") -> str:
+    """Hash library files, and what else a job goes by: other packages' effects where it knows any."""
+    known = plugins.declared_plugins(plugins.EFFECTS) if EFFECTS in modules else ()
+    return " ".join(filter(None, (provenance.code(modules), also, *map(plugins.code_identity, known))))
+
+
+def _described(mooring: Mooring) -> dict[str, Any]:
+    roles = {"affected": [mooring.compromised], "reference": mooring.reference}
+    texts = {
+        role: ", ".join(_instrument_text(name, mooring.instruments[name]) for name in names) or "none"
+        for role, names in roles.items()
+    }
+    return {
+        "latitude": mooring.latitude,
+        "longitude": mooring.longitude,
+        "water_depth_m": mooring.water_depth,
+        "start": mooring.start.isoformat(),
+        "end": mooring.end.isoformat(),
+        "instruments": texts,
+        "roles": used_instruments(mooring),
+    }
+
+
+def _instrument_text(name: str, instrument: Instrument) -> str:
+    depth = "" if instrument.depth is None else f", {instrument.depth:g} m"
+    return f"{name} ({instrument.format}{depth})"
+
+
+def used_instruments(mooring: Mooring) -> list[str]:
+    """List the instruments that a mooring uses; others of its results are of an earlier time."""
+    return [mooring.compromised, *mooring.reference]
+
+
+def _calibration(name: str) -> str:
+    return f"results/calibrations/{name}/calibration.json"
+
+
+def _record(mooring: str, role: str) -> str:
+    return f"results/{mooring}/work/{role}.nc"
+
+
+def _plain(instrument: Instrument, keys: Sequence[str]) -> dict[str, Any]:
+    dumped = instrument.model_dump(mode="json")
+    return {key: dumped[key] for key in keys}

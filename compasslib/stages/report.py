@@ -1,0 +1,36 @@
+"""Write the report: all results on one page that needs no network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from compasslib import report as html
+
+
+def report(
+    *,
+    page: str,
+    attributes: Mapping[str, Any],
+    moorings: Mapping[str, Mapping[str, Any]],
+    calibrations: Sequence[str],
+    compasses: Sequence[str],
+    stopped: Mapping[str, Mapping[str, str]],
+    say: Callable[[str], None],
+) -> None:
+    """Write the page beside the results that it shows, as ``report.gather`` takes them.
+
+    Raises:
+        InputError: a file of the results is absent or damaged.
+    """
+    gathered = html.gather(
+        Path(page).parent,
+        attributes=attributes,
+        moorings=moorings,
+        calibrations=[name for name in calibrations if name not in stopped["calibrations"]],
+        compasses=[name for name in compasses if name not in stopped["compasses"]],
+        stopped=stopped,
+    )
+    html.write(page, gathered)
+    say(html.log_line(page, gathered))

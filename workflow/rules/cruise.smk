@@ -1,0 +1,78 @@
+"""The whole cruise: summary, report, what was made from what, and whether it still is so."""
+
+
+rule summary:
+    """One row a mooring."""
+    input:
+        PLAN.inputs("summary"),
+    output:
+        report("results/summary.csv", caption="../report/summary.rst", category="Cruise"),
+        "results/logs/summary.json",
+    params:
+        **PLAN.params("summary"),
+    log:
+        "results/logs/summary.log",
+    benchmark:
+        "results/benchmarks/summary.tsv"
+    script:
+        "../scripts/summary.py"
+
+
+rule report:
+    """All results on one page that needs no network."""
+    input:
+        PLAN.inputs("report"),
+    output:
+        report("results/report.html", caption="../report/page.rst", category="Cruise"),
+        "results/logs/report.json",
+    params:
+        **PLAN.params("report"),
+    log:
+        "results/logs/report.log",
+    benchmark:
+        "results/benchmarks/report.tsv"
+    script:
+        "../scripts/report.py"
+
+
+rule provenance:
+    """Records of all jobs -> manifest with the hash of every file read or written, a Process Run Crate."""
+    input:
+        PLAN.inputs("provenance"),
+    output:
+        "results/ro-crate-metadata.json",
+        "results/logs/provenance.json",
+    params:
+        **PLAN.params("provenance"),
+    log:
+        "results/logs/provenance.log",
+    benchmark:
+        "results/benchmarks/provenance.tsv"
+    script:
+        "../scripts/provenance.py"
+
+
+rule complete:
+    """All else -> status 1 where a mooring or calibration was stopped."""
+    input:
+        PLAN.inputs("complete"),
+    output:
+        "results/logs/complete.json",
+    params:
+        **PLAN.params("complete"),
+    log:
+        "results/logs/complete.log",
+    benchmark:
+        "results/benchmarks/complete.tsv"
+    script:
+        "../scripts/complete.py"
+
+
+rule verify:
+    """The manifest against the files; no input, so that nothing is made anew before it is looked at."""
+    params:
+        configured=PLAN.configured,
+    log:
+        "results/logs/verify.log",
+    script:
+        "../scripts/verify.py"
