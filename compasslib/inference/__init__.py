@@ -1,9 +1,9 @@
-"""Where a recording and its simulation differ, what physics was left out, and how sure that is.
+"""Where a recording and its simulation differ, what physics was left out, and how certain that is.
 
-``diagnosis.diagnose`` searches a mooring, ``kinds.diagnose`` a calibration's recording. Nothing is imported here: the
-jobs that only correct need no search.
+``kinds.mooring.diagnose`` searches a mooring, ``kinds.diagnose`` a calibration's recording; ``joint.join_compass``
+joins the records of one compass. Nothing is imported here: the jobs that only correct need no search.
 
-What a bench shows that its curve does not hold, here three cycles a turn:
+An error of a bench that its curve cannot take, here three cycles a turn:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
@@ -17,7 +17,21 @@ What a bench shows that its curve does not hold, here three cycles a turn:
 >>> with TemporaryDirectory() as folder:
 ...     path = Path(folder, "bench.csv")
 ...     _ = path.write_text("\\n".join(["reference_deg,recorded_deg", *rows, ""]))
-...     found = kinds.diagnose("platform", [path], {}, options)
->>> found.verdict, [one.effect for one in found.findings]
+...     diagnosis = kinds.diagnose("platform", [path], {}, options)
+>>> diagnosis.verdict, [finding.effect for finding in diagnosis.findings]
 ('explained', ['sextantal'])
+
+Three deployments in other fields of the same iron, 600 nT forward, each known to some 60 nT; the fourth is another:
+
+>>> from compasslib.inference.joint_compass import Member, join_records
+>>> fields = {"A": 12000.0, "B": 15000.0, "C": 12000.0, "D": 12000.0}
+>>> covariance = np.diag([0.01, 0.005, 0.005, 0.005, 0.005]) ** 2
+>>> iron = {"A": 600.0, "B": 560.0, "C": 640.0, "D": -900.0}
+>>> members = [
+...     Member(name, "mooring", None, h, 50000.0, np.array([0.0, iron[name] / h, 0.0, 0.0, 0.0]), covariance)
+...     for name, h in fields.items()
+... ]
+>>> joined = join_records(members)
+>>> joined.consistent, [record.name for record in joined.rejected]
+(('A', 'B', 'C'), ['D'])
 """

@@ -99,15 +99,11 @@ class Comparison:
         return float(self.time_s[0]), float(self.time_s[-1])
 
     def unit(self, term: Effect, k: int) -> tuple[float, str]:
-        """Return by what a parameter is multiplied for people, and its unit.
-
-        Args:
-            k: number of the parameter among those that are fitted.
-        """
+        """Give the factor and the unit by which a parameter is shown."""
         return 1.0, self.driven(term, term.units()[k])
 
     def driven(self, term: Effect, unit: str) -> str:
-        """Return a unit with that of a driver which the grammar knows by its name only."""
+        """Replace a driver's name in a unit by the driver's own unit."""
         if isinstance(term, ComposedEffect):
             for driver in term.composition[1].split("*"):
                 driver_unit = self.units.get(driver, driver)
@@ -117,13 +113,13 @@ class Comparison:
         return unit
 
     def where(self, name: str, span: tuple[float, float] | None = None) -> CovariateRange:
-        """Return a range of a covariate, by default the one that it covers."""
+        """Describe a range of a covariate, by default the one that it covers."""
         low, high = span or tuple(np.quantile(self.covariates[name], findings.SHOWN_QUANTILES).tolist())
         text = wording.range_text(name, low, high, on_land=bool(self.what), clocked=self.clocked)
         return CovariateRange(name, low, high, text)
 
     def outside(self, curve: BinnedResidual) -> CovariateRange:
-        """Return the range in which a binned residual leaves its band; all of the covariate where no bin does alone."""
+        """Describe the range in which a binned residual leaves its band; all of the covariate where no bin does."""
         far = np.abs(curve.before_deg) > BAND_SIGMAS * curve.sigma_deg
         if not far.any() or len(curve.centre) < 2:
             return self.where(curve.covariate)
@@ -133,7 +129,7 @@ class Comparison:
         return self.where(curve.covariate, (float(low), float(high)))
 
     def since(self, date_s: float) -> CovariateRange:
-        """Return the time from a date on."""
+        """Describe the time from a date on."""
         last = self.span_s[1]
         if self.clocked:
             return CovariateRange("time", date_s, last, f"from {wording.date_text(date_s, last - self.span_s[0])} on")
@@ -141,7 +137,7 @@ class Comparison:
         return CovariateRange("reading", first, last, f"from reading {first:.0f} on")
 
     def main_covariate(self, term: Effect) -> str:
-        """Return the covariate along which an effect lives: of those known to go with it the one that varies most."""
+        """Choose the covariate along which an effect shows: of those it depends on the one that varies most."""
         listed = term.needs if isinstance(term, ComposedEffect) else wording.SHOWN_ALONG.get(term.name, ("time",))
         known = [name for name in listed if name in self.covariates]
         known = [name for name in known if name in term.needs] or known
@@ -155,7 +151,7 @@ class Comparison:
         named: Sequence[str],
         place: CovariateRange | None = None,
     ) -> Unexplained:
-        """Return what is left after the named terms: where it lives, how large, its empirical curve.
+        """Describe the mismatch that the named terms leave: where, how large, its empirical curve.
 
         Args:
             curves: along its covariates.
@@ -200,7 +196,7 @@ def compare_pairs(
     reference_magnetic: bool = True,
     units: Mapping[str, str] | None = None,
 ) -> LongComparison:
-    """Return the overlap of a mooring held against its fitted exact compass.
+    """Compare the overlap of a mooring with its fitted exact compass.
 
     Args:
         logged: other series at their times, (n,) each.
@@ -245,13 +241,7 @@ def scene_of_pairs(
     field: EarthField,
     heading_deg: Floats,
 ) -> Scene:
-    """Return in what the pairs were measured.
-
-    Args:
-        columns: covariates, (n,) each.
-        references: what the terms' departures count from.
-        heading_deg: headings as the fit corrects them, (n,), degrees.
-    """
+    """Build the scene in which the pairs were measured."""
     h, z = (np.interp(pairs.time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
     return Scene(
         time_s=pairs.time_s,
@@ -267,11 +257,7 @@ def scene_of_pairs(
 def testable_effects(
     scene: Scene, reference_magnetic: bool
 ) -> tuple[tuple[type[Effect], ...], tuple[tuple[str, str], ...]]:
-    """Return the terms that a mooring's record can be tested for, and which not with the reason.
-
-    Args:
-        reference_magnetic: whether the reference has a compass too.
-    """
+    """Select the terms that a mooring's record can test; give the reason for every other."""
     terms, missing = [], []
     for term in all_effects():
         if "mooring" not in term.recordings or term.acts_on == "time":
@@ -293,7 +279,7 @@ def testable_effects(
 
 
 def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: ForwardModel) -> Floats:
-    """Return columns that every overlap has: noise of the tilt sensor through Z, and a rate of turn of the flow.
+    """Build the columns that every overlap has: noise of the tilt sensor through Z, and the flow's rate of turn.
 
     The noise of a recorded tilt stands in the heading and in the tilt alike; on the fast part of the tilt it looks
     like heeling. A clock, or water that arrives at one depth later, shows as the rate of turn of the flow, and a clock
@@ -311,7 +297,7 @@ def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: ForwardModel) -> F
 
 
 def _aliased_tides(time_s: Floats) -> Floats:
-    """Return waves of the tides where they are sampled too rarely to be followed, else none, (n, k).
+    """Build waves of the tides where they are sampled too rarely to be resolved, else none, (n, k).
 
     A profiler that passes twice a day sees the tides' directional shear as waves of weeks to a year, and that of the
     sun's tide as very nearly a constant. The mean of each wave is A's, as any mean shear is, and what hardly varies
@@ -324,7 +310,7 @@ def _aliased_tides(time_s: Floats) -> Floats:
 
 
 def tide_waves(time_s: Floats) -> Floats:
-    """Return sine and cosine of the five largest tides, (n, 10)."""
+    """Build sine and cosine of the five largest tides, (n, 10)."""
     return np.column_stack(angles.sin_cos(360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDE_PERIODS_H)))
 
 
@@ -345,7 +331,7 @@ def build_finding(
     place: CovariateRange,
     span_s: tuple[float, float] | None = None,
 ) -> Finding:
-    """Return the finding of one term of the likeliest hypothesis.
+    """Build the finding of one term of the likeliest hypothesis.
 
     Args:
         chances: probability of the effect, which is first, and of what else may stand in its place.
@@ -387,12 +373,7 @@ def build_finding(
 
 
 def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") -> Finding:
-    """Return the finding that the five-term series is too small a model: the exact compass fits where it does not.
-
-    Args:
-        size_deg: difference of the two, rms.
-        what: is compared, in words, where a recording may hold several comparisons.
-    """
+    """Build the finding that the exact compass fits where the five-term series does not."""
     effect, place = "large_deviation", CovariateRange("heading", 0.0, 360.0, "along the recorded heading")
     shown = (proof.rms_before_deg, proof.rms_after_deg, proof.p_value)
     text = wording.finding_text(effect, (), where=place.text, parameters={}, size_deg=size_deg, proof=shown, what=what)
@@ -400,7 +381,6 @@ def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") 
 
 
 def _name_and_composition(term: Effect) -> tuple[str, dict[str, str] | None]:
-    """Return the name of an effect, and what it is composed of where nobody listed it."""
     if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
         return term.name, None
     return "composed", dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))

@@ -40,7 +40,7 @@ BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more wi
 FEWEST_PREDICTED = 100  # samples that tell the weights
 SHEAR_REACH = 6  # samples to either side over which water shears and instruments' own noise averages out
 NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
-FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly tells apart is not scaled up
+FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly separates is not scaled up
 CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
 FLOW_NAMES = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
 # ap of every third of Kp, from 0 to 9 (Bartels 1957)
@@ -53,13 +53,10 @@ NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 
 
 def tilt_corrections(record: Record) -> dict[str, Floats]:
-    """Return true minus recorded pitch and roll while the tilts stick, (n,) each, 0 elsewhere; nothing if they do not.
+    """Estimate true minus recorded pitch and roll while the tilts stick, (n,) each, 0 elsewhere; empty if they do not.
 
     A moored instrument leans with the drag of the water. The flow in its own frame needs no compass, so that what the
     healthy part of the record shows of lean against flow tells the tilt when the sensor no longer does.
-
-    Args:
-        record: the affected instrument.
     """
     if not np.isfinite(record.pitch_deg + record.roll_deg).any():
         return {}
@@ -82,7 +79,7 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
 
 
 def longest_constant_tilt(record: Record) -> slice:
-    """Return the longest stretch in which neither tilt changes by anything, empty where none is long enough."""
+    """Find the longest stretch in which neither tilt changes, empty where none is long enough."""
     still = (np.diff(record.pitch_deg) == 0.0) & (np.diff(record.roll_deg) == 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     if not len(edges):
@@ -95,7 +92,7 @@ def longest_constant_tilt(record: Record) -> slice:
 
 
 def _drag_regressors(record: Record) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return powers of the flow along and across the instrument, (n, 5), and where it is known, (n,)."""
+    """Build powers of the flow along and across the instrument, (n, 5), and a mask of where it is known, (n,)."""
     velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     sine, cosine = angles.sin_cos(record.heading_deg)
     along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
@@ -106,7 +103,7 @@ def _drag_regressors(record: Record) -> tuple[Floats, NDArray[np.bool_]]:
 
 
 def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
-    """Return the series beside heading and tilt, those that hold anything, (n,) each.
+    """Collect the series beside heading and tilt that hold anything, (n,) each.
 
     Args:
         record: the affected instrument.
@@ -133,11 +130,7 @@ def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | 
 
 
 def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return the covariates along which the residual is looked at, (n,) each; constants are left out.
-
-    Args:
-        logged: other series at their times, as ``temperature`` and ``supply_voltage``, (n,) each.
-    """
+    """Collect the covariates along which the residual is tested, (n,) each; constants are left out."""
     upper, _ = pair_speeds(pairs)
     series = {
         "heading": pairs.heading_deg,
@@ -158,30 +151,23 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
 
 
 def reference_values(columns: Mapping[str, Floats]) -> dict[str, float]:
-    """Return what the departures of covariates count from, by name: their means, but for what is a departure itself.
-
-    Args:
-        columns: covariates, (n,) each.
-    """
+    """Compute the references of departures by covariate: means, or 0 for what is a departure itself."""
     means = {name: 0.0 if name in WITHOUT_REFERENCE else float(np.mean(column)) for name, column in columns.items()}
     tilts = [columns[name] for name in ("pitch", "roll") if name in columns]
     return means | ({"tilt": float(np.mean(np.hypot.reduce(tilts)))} if tilts else {})
 
 
 def smooth_supply(name: str, column: Floats, time_s: Floats) -> Floats:
-    """Return a logged series as the search uses it: a supply voltage as its mean of a day, (n,).
+    """Average a supply voltage over a day; other series are returned as they are, (n,).
 
     Batteries change within days; what is faster is mostly the converter's count, and would hide that a voltage falls as
     evenly as time goes.
-
-    Args:
-        column: (n,), NaN where missing.
     """
     return running_mean(column, time_s, DAY_S) if name == "supply_voltage" and len(column) else column
 
 
 def running_mean(column: Floats, time_s: Floats, span_s: float) -> Floats:
-    """Return the mean of a series over a span around each sample, (n,).
+    """Average a series over a span around each sample, (n,).
 
     Args:
         column: (n,), NaN where missing.
@@ -196,31 +182,23 @@ def running_mean(column: Floats, time_s: Floats, span_s: float) -> Floats:
 
 
 def varies(column: Floats) -> bool:
-    """Tell whether a covariate is there for most samples and takes more than a few values.
-
-    Args:
-        column: (n,), NaN where missing.
-    """
+    """Tell whether most samples of a covariate are there and take more than a few values."""
     known = column[np.isfinite(column)]
     return 2 * len(known) > len(column) and len(np.unique(known)) >= FEWEST_VALUES
 
 
 def fill_gaps(column: Floats) -> Floats:
-    """Return a covariate with what is missing set to its middle value, which says nothing.
-
-    Args:
-        column: (n,), NaN where missing.
-    """
+    """Fill missing values with the median, which is neutral."""
     return np.where(np.isfinite(column), column, np.nanmedian(column))
 
 
 def departures(
     pairs: Pairs, covariates: Mapping[str, Floats], references: Mapping[str, float], heading_deg: Floats
 ) -> dict[str, Floats]:
-    """Return what the terms need: covariates minus their references, and rates, (n,) each.
+    """Compute the series that the terms need: covariates minus their references, and rates, (n,) each.
 
     Args:
-        covariates: as ``of_pairs`` gives them.
+        covariates: as ``pair_covariates`` gives them.
         references: what is taken off, by name.
         heading_deg: headings as the fit corrects them, (n,), degrees; NaN where it cannot.
     """
@@ -251,7 +229,7 @@ def departures(
 
 
 def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
-    """Return the index ap of storms that was given, or as a given Kp has it; None where neither was, (n,).
+    """Take the storm index ap, or convert Kp to it; None where neither was given, (n,).
 
     Args:
         covariates: by name, of which ``ap`` and ``kp`` count; tenths of Kp are known by values beyond its highest.
@@ -265,11 +243,7 @@ def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
 
 
 def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
-    """Return the rate of turn between the neighbours of each sample, (n,) degrees/s, 0 where they are too far.
-
-    Args:
-        angle_deg: (n,), degrees.
-    """
+    """Differentiate an angle between the neighbours of each sample, (n,) degrees/s, 0 where they are too far."""
     turn, apart = angles.difference(angle_deg[2:], angle_deg[:-2]), time_s[2:] - time_s[:-2]
     result = np.zeros(len(time_s))
     result[1:-1] = np.where(apart <= 2.0 * NEIGHBOUR_S, turn / apart, 0.0)
@@ -277,11 +251,7 @@ def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
 
 
 def battery_count(voltage: Floats) -> Floats:
-    """Return how many batteries were put in since the first, (n,): each makes the voltage rise and stay.
-
-    Args:
-        voltage: (n,), any unit.
-    """
+    """Count the batteries replaced since the first, (n,): each makes the voltage rise and stay."""
     window = min(24, len(voltage) // 8)
     if window == 0:
         return np.zeros(len(voltage))
@@ -289,24 +259,21 @@ def battery_count(voltage: Floats) -> Floats:
     rise = smooth[window:] - smooth[:-window]
     least = BATTERY_JUMP * np.ptp(voltage)
     number, last = np.zeros(len(voltage)), -len(voltage)
-    for at in np.flatnonzero((rise > least) & (rise >= _sliding_maximum(rise, window))):
+    padded = np.pad(rise, window, constant_values=-np.inf)
+    highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * window + 1).max(axis=1)
+    for at in np.flatnonzero((rise > least) & (rise >= highest)):
         if at - last > window:  # whole counts rise alike from several neighbours: one battery all the same
             number[at + window :] += 1.0
         last = int(at)
     return number
 
 
-def _sliding_maximum(x: Floats, reach: int) -> Floats:
-    padded = np.pad(x, reach, constant_values=-np.inf)
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)
-
-
 def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
-    """Return the flow's direction as the hours around tell it, and the turn of the mooring's excursion.
+    """Predict the flow's direction from the hours around, and compute the turn of the mooring's excursion.
 
     The noise of either instrument's direction is in the residual too. In the middle between them what shears over hours
     cancels, in their mean weighted by what each one's own noise is what changes from sample to sample; and the noise of
-    the hours around is hardly in what the residual's filter leaves. What the hours around tell is less than what the
+    the hours around is hardly in what the residual's filter leaves. The prediction is smaller than what the
     water does: it is scaled by how the direction follows it, as the first of two stages of least squares, so that a
     veer by direction keeps its size.
     """
@@ -332,7 +299,7 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
 def _body_frame_flow(
     heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], whose: str
 ) -> dict[str, Floats]:
-    """Return sine and cosine of the flow's angle in an instrument's body over its speed, and the sine of twice it.
+    """Compute sine and cosine of the flow's angle in an instrument's body over its speed, and the sine of twice it.
 
     Args:
         heading_deg: to true north, (n,).
@@ -351,20 +318,20 @@ def _body_frame_flow(
 
 
 def _smooth(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the mean of the samples around each, fewer at the ends."""
+    """Average the samples around each, fewer at the ends."""
     reach = min(len(flow), 2 * SHEAR_REACH + 1)
     return np.convolve(flow, np.ones(reach), "same") / np.convolve(np.ones(len(flow)), np.ones(reach), "same")
 
 
 def _harmonics(flow: NDArray[np.complex128]) -> Floats:
-    """Return sine and cosine of the flow's direction and of its double, (n, 4); 0 where it does not flow."""
+    """Compute sine and cosine of the flow's direction and of its double, (n, 4); 0 where it does not flow."""
     size = np.abs(flow)
     unit = np.where(size > 0.0, flow / np.where(size > 0.0, size, 1.0), 0.0)
     return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
 
 
 def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Floats:
-    """Return what the hours around tell of each harmonic that is seen, the residual's memory filtered out, (n, k)."""
+    """Scale the predicted harmonics by how the observed ones follow them, lag-one memory filtered out, (n, k)."""
     x, z = (series[1:] - memory * series[:-1] for series in (harmonics, around))
     known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)
     if not known.any():
@@ -376,14 +343,14 @@ def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Float
 
 
 def _lag_one_correlation(product: NDArray[np.complex128]) -> float:
-    """Return the correlation of neighbours of the angle between the two directions."""
+    """Correlate neighbouring values of the angle between the two directions."""
     angle = np.clip(np.angle(product), -CLIPPED_RAD, CLIPPED_RAD)
     angle = angle - angle.mean()
     return float(np.clip(angle[1:] @ angle[:-1] / max(float(angle @ angle), 1e-12), 0.0, 1.0))
 
 
 def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]) -> float:
-    """Return the upper's weight in the mean whose noise the difference does not know: the lower's share of the noise.
+    """Weight the upper direction so that the mean's noise is independent of the difference: the lower's noise share.
 
     Second differences of either series hold its own noise and what both have in common.
     """
@@ -394,7 +361,7 @@ def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]
 
 
 def _flow_turn_rate(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
-    """Return the rate at which the flow turns, from a straight line through five samples, degrees/h, 0 at gaps."""
+    """Fit the flow's rate of turn, a straight line through five samples, degrees/h, 0 at gaps."""
     result = np.zeros(len(flow))
     five = np.lib.stride_tricks.sliding_window_view(flow, 5)
     hours = np.lib.stride_tricks.sliding_window_view(time_s, 5) / HOUR_S
@@ -406,7 +373,7 @@ def _flow_turn_rate(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
 
 
 def _predict_from_neighbours(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
-    """Return what samples some hours before and after tell of the flow, by least squares; 0 where they are missing."""
+    """Predict the flow from samples some hours before and after, by least squares; 0 where they are missing."""
     result, most = np.zeros(len(flow), dtype=complex), NEIGHBOURS[-1]
     inside = np.arange(most, len(flow) - most)
     inside = inside[time_s[inside + most] - time_s[inside - most] <= (2 * most + 0.5) * HOUR_S]

@@ -79,11 +79,7 @@ class FittedModel:
     response: float  # share of a small shift that survives the clip
 
     def ridge(self, terms: Iterable[type[Effect] | Effect]) -> Floats:
-        """Return the prior precision of terms' parameters, in units of products of whitened columns, (k,).
-
-        Args:
-            terms: in the order of the columns.
-        """
+        """Compute the prior precision of terms' parameters, in units of products of whitened columns, (k,)."""
         usual = self.case.usual
         each: list[Floats] = [np.zeros(0)]
         for term in terms:
@@ -100,7 +96,7 @@ class FittedModel:
         return ridge
 
     def external_information(self) -> tuple[Floats, Floats]:
-        """Return what other records of the compass tell of the base's columns: information (b, b) and score (b,)."""
+        """Collect what other records tell of the base's columns: information (b, b) and score (b,)."""
         information, score = np.zeros((self.base.shape[1],) * 2), np.zeros(self.base.shape[1])
         if self.case.prior is not None:
             information[:5, :5] = self.case.prior.precision
@@ -111,27 +107,15 @@ class FittedModel:
         return information, score
 
     def whiten_and_project(self, columns_deg: Floats) -> Floats:
-        """Return columns whitened, the base projected out, (n, k).
-
-        Args:
-            columns_deg: (n, k), degrees a unit.
-        """
+        """Whiten columns and project the base out, (n, k)."""
         return self.project_out_nuisance(self.whitener(np.nan_to_num(columns_deg, posinf=0.0, neginf=0.0)))
 
     def project_out_nuisance(self, white: Floats) -> Floats:
-        """Return whitened columns, the base projected out, (n, k).
-
-        Args:
-            white: (n, k).
-        """
+        """Project the base out of whitened columns, (n, k)."""
         return project_out(white, self.basis.astype(white.dtype))
 
     def visible(self, columns_deg: Floats) -> Floats:
-        """Return columns with what the base can take of them taken, (n, k) degrees: by the widths, not whitened.
-
-        Args:
-            columns_deg: (n, k), degrees a unit.
-        """
+        """Subtract from columns what the base can take, by the widths, not whitened, (n, k) degrees."""
         weight = 1.0 / self.whitener.width_deg
         columns = np.where(np.isfinite(columns_deg), columns_deg, 0.0)
         taken, *_ = np.linalg.lstsq(self.base * weight[:, None], columns * weight[:, None], rcond=1e-9)
@@ -142,7 +126,7 @@ class FittedModel:
 def evaluate_model(
     case: LongComparison, simulation: ForwardModel, nuisance: Floats, *, freed_deg: Floats | None = None
 ) -> FittedModel:
-    """Return the residual of a simulation, whitened, with its base projected out.
+    """Compute the residual of a simulation, whiten it and project the base out.
 
     Args:
         nuisance: values of the nuisances, (k,).
@@ -150,7 +134,7 @@ def evaluate_model(
             in their place; else the terms belong to the base.
 
     Raises:
-        Lost: too few samples are left to be examined.
+        TooFewSamples: too few samples are left to be examined.
     """
     heading, residual, width_floor = _residual(case, simulation, nuisance)
     if (usable := int(np.isfinite(residual).sum())) < FEWEST_SAMPLES:
@@ -163,7 +147,9 @@ def evaluate_model(
         if (usable := int(np.isfinite(width).sum())) < FEWEST_SAMPLES:
             raise TooFewSamples(f"{usable} of {len(case)} samples show a direction")
         weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
-        step = np.linalg.solve(_normal_matrix(weighted), weighted.T @ clip_standardized(left, width))
+        gram = weighted.T @ weighted
+        ridge = BASE_RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
+        step = np.linalg.solve(gram + ridge, weighted.T @ clip_standardized(left, width))
         left, shift = left - base @ step, shift + step
     white = replace(fit_whitener(left, width, case.scene.time_s), louder=case.louder)
     basis = orthonormal_basis(white(base))
@@ -184,7 +170,7 @@ def evaluate_model(
 
 
 def midpoint_linearization(state: FittedModel) -> FittedModel:
-    """Return the state with its terms at half their sizes, for columns only: nothing is refitted there.
+    """Halve the terms of a model for columns only; nothing is refitted there.
 
     There the slopes are those of the chord from none to all of an effect; where it stands whole they are not, and what
     would do as well in its place looks worse than it is.
@@ -196,16 +182,12 @@ def midpoint_linearization(state: FittedModel) -> FittedModel:
 
 
 def count_usable(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> int:
-    """Return how many samples show on which branch of a simulation's compass they are.
-
-    Args:
-        nuisance: values of the nuisances, (k,).
-    """
+    """Count the samples whose branch of a simulation's compass is known."""
     return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
 
 
 def _residual(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return simulated heading, residual, and what the compass's own noise makes of it, (n,) each."""
+    """Compute simulated heading, residual, and its noise from the compass itself, (n,) each."""
     shown = case.observed_deg - water_veer(simulation, case.scene) - case.nuisance @ nuisance
     roots = invert_heading(simulation, case.scene, case.recorded_deg)
     heading = nearest_root(roots, shown)
@@ -216,14 +198,9 @@ def _residual(case: LongComparison, simulation: ForwardModel, nuisance: Floats) 
 
 
 def slow_hats(time_s: Floats) -> Floats:
-    """Return hat functions of time that follow what changes over weeks, (n, k)."""
+    """Build hat functions of time that follow what changes over weeks, (n, k)."""
     knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / trend_spacing_s(time_s)), 1) + 1)
     return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
-
-
-def _normal_matrix(columns: Floats) -> Floats:
-    gram = columns.T @ columns
-    return gram + BASE_RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
 
 
 @dataclass(frozen=True)
@@ -246,28 +223,19 @@ class Products:
 
 
 def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:
-    """Return the columns of one term beside a simulation.
-
-    Args:
-        term: the term at the values where the derivative is taken.
-    """
+    """Build the columns of one term beside a simulation."""
     return ColumnGroup(term.name, _term_derivative(state, term), term)
 
 
 def step_columns(state: FittedModel, kind: type[Effect], dates_s: Floats) -> list[ColumnGroup]:
-    """Return the columns of a term that begins at each of some dates.
-
-    Args:
-        kind: a term with a date.
-        dates_s: UTC seconds since 1970, (m,).
-    """
+    """Build the columns of a term that begins at each of some dates."""
     always = _term_derivative(state, kind())
     since = state.case.scene.since
     return [ColumnGroup(kind.name, always * since(d)[:, None], replace(kind(), date_s=float(d))) for d in dates_s]  # type: ignore[call-arg]
 
 
 def step_dates(time_s: Floats) -> Floats:
-    """Return the dates of steps that are tried, (m,)."""
+    """List the dates at which steps are tried, (m,)."""
     first, last = np.quantile(time_s, [DATE_MARGIN, 1.0 - DATE_MARGIN])
     return np.arange(first, last, max(DATE_STEP_S, (last - first) / 60.0))
 
@@ -291,7 +259,7 @@ class Estimate:
 
 
 def refit(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
-    """Return the state with terms beside the compass, all fitted together by Gauss and Newton's steps."""
+    """Fit terms, compass and nuisances together by Gauss-Newton steps."""
     begin = _RefitState(_initialize(state, terms))
     return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_DEG, worse=MISFIT_GROWTH).state
 
@@ -303,12 +271,12 @@ class _RefitState:
     state: FittedModel
 
     def step(self) -> tuple[Floats, float]:
-        """Return the step of all parameters; nuisances go along, however far."""
+        """Solve for the step of all parameters; nuisances do not count for its length."""
         step, simulation = _least_squares_step(self.state), self.state.simulation
         return step, float(np.max(np.abs(step[: len(simulation.parameters)]) / simulation.steps))
 
     def moved(self, step: Floats) -> _RefitState | None:
-        """Return the state a step away, None where there is no such compass."""
+        """Take a step; None where there is no such compass."""
         state, count = self.state, len(self.state.simulation.parameters)
         simulation = state.simulation.at(state.simulation.parameters + step[:count])
         try:
@@ -317,15 +285,15 @@ class _RefitState:
             return None
 
     def misfit(self, other: _RefitState) -> float:
-        """Return the middle size of another state's residual over that of this, by the widths of this."""
+        """Compare another model's median residual with this one's, by the widths of this."""
         return _median_misfit(other.state, self.state) / max(_median_misfit(self.state, self.state), TINY)
 
 
 def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
-    """Return the state with terms beside the compass, smaller where there is no such compass.
+    """Evaluate the model with terms, halved in size until there is such a compass.
 
     Raises:
-        Lost: there is none however small they are.
+        TooFewSamples: there is none however small they are.
     """
     for _ in range(MOST_HALVINGS):
         try:
@@ -336,12 +304,11 @@ def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
 
 
 def _median_misfit(state: FittedModel, common: FittedModel) -> float:
-    """Return the middle size of a state's residual over another's widths."""
     return float(np.nanmedian(np.abs(angles.wrap180(state.residual_deg)) / common.whitener.width_deg))
 
 
 def refine_dates(state: FittedModel) -> FittedModel:
-    """Return the state with the dates of its terms looked for more finely, refitted."""
+    """Search the dates of the terms on a finer grid and refit."""
     terms = list(state.simulation.terms)
     if not any(term.dated() for term in terms):
         return state
@@ -359,7 +326,7 @@ def refine_dates(state: FittedModel) -> FittedModel:
 
 
 def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
-    """Return what each group of columns takes off the whitened residual's square, (g,)."""
+    """Compute the drop of the whitened residual's square by each group of columns, (g,)."""
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1))
     parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
     pulls = [part.T @ state.innovation for part in parts]
@@ -367,7 +334,7 @@ def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
 
 
 def visible_columns(state: FittedModel, k: int) -> Floats:
-    """Return what of a fitted term's columns the compass and the nuisances cannot take, (n, k) degrees a unit."""
+    """Project compass and nuisances out of a fitted term's columns, (n, k) degrees a unit."""
     columns = state.base[:, parameter_slices(state.simulation.terms, 5)[k]]
     others = np.column_stack([state.base[:, :5], state.base[:, len(state.simulation.parameters) :]])
     weight = 1.0 / state.whitener.width_deg
@@ -376,14 +343,14 @@ def visible_columns(state: FittedModel, k: int) -> Floats:
 
 
 def visible_size_deg(state: FittedModel, k: int, covariance: Floats) -> float:
-    """Return the visible size of a fitted term, rms degrees, freed of what its own uncertainty adds."""
+    """Compute the visible size of a fitted term, rms degrees, its own uncertainty taken off."""
     values, columns = state.simulation.terms[k].values, visible_columns(state, k)[np.isfinite(state.whitener.width_deg)]
     product = columns.T @ columns / len(columns)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
 def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
-    """Return the log likelihood that one hypothesis gains on another, each where it stands.
+    """Compute the log likelihood that one hypothesis gains on another, each where it stands.
 
     It is followed along the straight way from one to the other, by the mean of the clipped and whitened residuals at
     its ends: squares of clipped residuals alone do not see by how much a direction far off moves. What the base of
@@ -403,13 +370,12 @@ def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
 
 
 def _filtered_residual(state: FittedModel, whitener: Whitener, standard: Floats) -> Floats:
-    """Return a residual filtered, without what the state's base can take of it."""
     white, basis = whitener.filtered(standard[:, None])[:, 0], orthonormal_basis(whitener(state.base))
     return np.asarray(white - basis @ (basis.T @ white))
 
 
 def _least_squares_step(state: FittedModel) -> Floats:
-    """Return the least-squares step of all parameters from the whitened, clipped residual."""
+    """Solve for the step of all parameters from the whitened, clipped residual."""
     white = state.whitener(state.base)
     scale = np.linalg.norm(white, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)

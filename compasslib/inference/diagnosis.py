@@ -88,7 +88,7 @@ class Diagnosis:
         object.__setattr__(self, "not_testable", untested)
 
     def to_json(self) -> dict[str, Any]:
-        """Return diagnosis.json."""
+        """Encode diagnosis.json."""
         return {
             "verdict": self.verdict,
             "findings": [finding.to_json() for finding in self.findings],
@@ -109,7 +109,7 @@ class Diagnosis:
         }
 
     def log_line(self, name: str) -> str:
-        """Return what the job says of its result, findings and warnings on lines of their own."""
+        """Summarize the diagnosis for the log; findings and warnings on lines of their own."""
         texts = [finding.text for finding in self.findings]
         texts += [self.unexplained.text] if self.unexplained else []
         texts += [self.why] if self.why else []
@@ -118,20 +118,12 @@ class Diagnosis:
 
 
 def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Diagnosis:
-    """Return the diagnosis that there was too little to judge.
-
-    Args:
-        why: in a sentence.
-    """
+    """Build the diagnosis of a record with too little data."""
     return Diagnosis("insufficient", why=why, not_testable=not_testable)
 
 
 def overall_verdict(findings: Sequence[Finding], unexplained: Unexplained | None) -> str:
-    """Return the verdict that findings and an unexplained rest amount to.
-
-    Args:
-        unexplained: what nothing explains, or None.
-    """
+    """Choose the verdict from findings and an unexplained mismatch."""
     if unexplained is not None:
         return "unexplained"
     if not findings:
@@ -164,7 +156,7 @@ def combine_outcomes(
     not_testable: Sequence[tuple[str, str]] = (),
     separated_by: str | None = None,
 ) -> Diagnosis:
-    """Return what all comparisons of a recording show together.
+    """Combine the comparisons of a recording into its diagnosis.
 
     Args:
         extra: findings that were made apart from a search.
@@ -205,7 +197,7 @@ def combine_outcomes(
 
 
 def exclude_nothing(side: str, sides: Mapping[str, float]) -> dict[str, float]:
-    """Return the probabilities of sides where something surely acts on one: what is left out is not nothing."""
+    """Condition the probabilities of sides on something that surely acts on one."""
     if not sides:
         return {}
     yielding = ("none", "water") if side == "clock" else ("none", "water", "clock", "reference")
@@ -216,7 +208,7 @@ def exclude_nothing(side: str, sides: Mapping[str, float]) -> dict[str, float]:
 
 
 def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosis:
-    """Return the diagnosis with findings that were made before the search, strongest first."""
+    """Add findings that were made before the search, strongest first."""
     if not first:
         return diagnosis
     findings = tuple(sorted((*first, *diagnosis.findings), key=lambda finding: -finding.rms_effect_deg))
@@ -225,25 +217,21 @@ def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosi
 
 
 def _side_probabilities(part: Outcome, stands: Sequence[Finding]) -> dict[str, float]:
-    """Return the probability of each side: what is too small to matter or was taken back counts as nothing."""
+    """Compute the probability of each side; what is too small or was taken back counts as nothing."""
     standing, fallen = set[str](), set(part.taken_back)
     for finding, slot in zip(part.findings, part.slots, strict=True):
-        (standing if finding in stands else fallen).update(_slot_effects(slot))
+        (standing if finding in stands else fallen).update((slot.effect, *slot.alternatives))
     return part.posterior.sides(fallen - standing)
 
 
-def _slot_effects(slot: Slot) -> tuple[str, ...]:
-    return (slot.effect, *slot.alternatives)
-
-
 def _unconfirmed(finding: Finding) -> Unexplained:
-    """Return a mismatch that is proven where it was fitted, and whose name held-out readings deny."""
+    """Describe a mismatch that is proven where it was fitted and whose name held-out readings deny."""
     text = wording.unexplained_text(finding.where.text, finding.rms_effect_deg, [])
     return Unexplained((finding.where.covariate,), finding.where, finding.when_s, finding.rms_effect_deg, (), text)
 
 
 def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:
-    """Return every effect that was tried alone, the best first, each once."""
+    """Rank the effects that were tested alone, the best first, each once."""
     best: dict[str, RankedEffect] = {}
     for effect in (effect for part in parts for effect in part.ranked):
         if effect.effect not in best or best[effect.effect].score < effect.score:
@@ -252,7 +240,7 @@ def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:
 
 
 def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
-    """Return findings, strongest first: what two comparisons show is one effect."""
+    """Merge findings, strongest first: what two comparisons show is one effect."""
     merged: list[Finding] = []
     for group in groups:
         again = {finding.effect: finding for finding in group}
@@ -268,7 +256,7 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
 
 
 def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
-    """Return what is to correct the record after the search for unmodelled effects."""
+    """Choose what corrects the record after the search for unmodelled effects."""
     left_deg = _uncorrected_deg(diagnosis)
     if diagnosis.fit is None:
         return Product(fit, left_deg=left_deg)
@@ -278,7 +266,7 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
 
 
 def _uncorrected_deg(diagnosis: Diagnosis) -> float:
-    """Return the visible size of what bends the compass, or may, and does not enter the product, rms degrees."""
+    """Sum the visible sizes of what may bend the compass and does not enter the product, rms degrees."""
     uncorrected = [
         finding for finding in diagnosis.findings if not finding.applied and finding.held_out is not UNTESTED
     ]
@@ -299,7 +287,7 @@ class Conclusion:
 
 
 def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
-    """Return the diagnosis of a mooring whose constant a mistake in the configuration explains.
+    """Diagnose a mooring whose constant a mistake in the configuration explains.
 
     Nothing else is attributed until the constant is settled.
     """
@@ -389,7 +377,7 @@ def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
 
 
 def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
-    """Return the diagnosis with the stretches that disagree with the rest as what it does not explain."""
+    """Add the stretches that disagree with the other pairs as an unexplained mismatch."""
     worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
     first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
     span = (max(worst.from_s, first), min(worst.to_s, last))

@@ -76,13 +76,13 @@ class Model:
         return int(self.ends[-1])
 
     def columns(self, scene: Scene, heading_deg: Floats) -> Floats:
-        """Return the candidates' slopes in another scene, in their usual sizes, (n, p) degrees."""
+        """Evaluate the candidates' slopes in another scene, in their usual sizes, (n, p) degrees."""
         simulation = self.state.simulation
         each = [added_term_jacobian(simulation, scene, heading_deg, term) for term in self.terms]
         return np.nan_to_num(np.concatenate(each, axis=1)) * self.usual
 
     def of_terms(self, chosen: Sequence[bool]) -> NDArray[np.bool_]:
-        """Return which of the candidates' columns belong to some terms, (p,)."""
+        """Mark the candidates' columns that belong to some terms, (p,)."""
         return np.repeat(np.asarray(chosen, dtype=bool), np.diff(self.ends))
 
 
@@ -97,11 +97,11 @@ class Prospects:
     observations: dict[str, Rows]
 
     def chance(self, what: str) -> float:
-        """Return the probability that an observation leaves one name."""
+        """Estimate the probability that an observation leaves one name."""
         return self.weighed.decided(self.observations[what], self.names, self.probability)
 
     def after(self, what: str, observed: Floats) -> float:
-        """Tell by 1 or 0 whether an observation that was made left one name.
+        """Give 1 where an observation that was made left one name, else 0.
 
         Args:
             observed: observed minus expected by the compass refitted without terms, in units of its noise, (m,).
@@ -115,7 +115,7 @@ class Prospects:
 
 
 def of(inferred: Inference) -> tuple[tuple[str, float], ...]:
-    """Return observations and the probability that each leaves one name, the best first."""
+    """Rank observations by the probability that each leaves one name."""
     if (ahead := prospects(inferred)) is None:
         return ()
     return tuple(
@@ -124,7 +124,7 @@ def of(inferred: Inference) -> tuple[tuple[str, float], ...]:
 
 
 def prospects(inferred: Inference) -> Prospects | None:
-    """Return what could be observed of a recording, None where there is nothing to tell apart."""
+    """Build the linear model of what could be observed, None where there is nothing to separate."""
     posterior = inferred.posterior
     order = np.argsort(-posterior.probability)[:MOST]
     likely = [int(i) for i in order if posterior.probability[i] >= LEAST]
@@ -166,11 +166,7 @@ def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
 
 
 def _observations(model: Model, variance: Floats) -> Iterator[tuple[str, Rows]]:
-    """Return what could be observed.
-
-    Args:
-        variance: of slow water's coefficients, (q,).
-    """
+    """List the observations with what each adds to the model."""
     time_s = model.state.case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     yield f"another {days:.0f} days of the same mooring", _longer(model, variance)
@@ -201,7 +197,7 @@ def _longer(model: Model, variance: Floats) -> Rows:
 
 
 def _continued(column: Floats, time_s: Floats, span_s: float) -> Floats:
-    """Return what a series is expected to be a span later, (n,): the same, or further along if it is mostly a trend."""
+    """Extrapolate a series by a span, (n,): unchanged, or further along if it is mostly a trend."""
     spread = float(np.std(column))
     if not spread:
         return column
@@ -275,12 +271,11 @@ def _strength(model: Model) -> Rows:
 
 
 def known_heading(state: FittedModel) -> Floats:
-    """Return the headings of a simulation, the recorded one where it has none, (n,) degrees."""
     return np.where(np.isfinite(state.heading_deg), state.heading_deg, state.case.recorded_deg)
 
 
 def strength_unit(time_s: Floats) -> float:
-    """Return what makes a logged field strength one of noise of unit variance without memory, 1/nT."""
+    """Scale a logged field strength to noise of unit variance without memory, 1/nT."""
     spacing = float(np.median(np.diff(time_s)))
     return float(np.sqrt(min(spacing / (2.0 * STRENGTH_S), 1.0))) / STRENGTH_NT
 
@@ -306,12 +301,7 @@ class _Weighed:
             self.precision.append(information[np.ix_(at, at)] + np.diag(np.concatenate([np.ones(len(columns)), known])))
 
     def decided(self, rows: Rows, names: Sequence[tuple[str, ...]], probability: Floats) -> float:
-        """Return the probability that an observation leaves one name.
-
-        Args:
-            names: effects of each hypothesis.
-            probability: of each now.
-        """
+        """Estimate the probability that an observation leaves one name."""
         rng, information = np.random.default_rng(SEED), rows.information
         values, vectors = np.linalg.eigh((information + information.T) / 2.0)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -326,7 +316,7 @@ class _Weighed:
         return _single_name_share(names, self.updated(information, shown, probability))
 
     def updated(self, information: Floats, shown: Floats, probability: Floats) -> Floats:
-        """Return the probability of each hypothesis once something was shown, (h, d).
+        """Update the probability of each hypothesis by simulated observations, (h, d).
 
         Args:
             information: information of the observation.
@@ -340,7 +330,7 @@ class _Weighed:
         return np.asarray(after / after.sum(axis=0))
 
     def _gained(self, h: int, information: Floats, shown: Floats) -> Floats:
-        """Return the log probability of what is shown under a hypothesis, up to a constant of what is shown, (d,)."""
+        """Compute the log probability of the observations under a hypothesis, up to a constant, (d,)."""
         at = self.index[h]
         before = cholesky(self.precision[h], lower=True)
         after = cholesky(self.precision[h] + information[np.ix_(at, at)], lower=True)
@@ -352,7 +342,7 @@ class _Weighed:
 
 
 def _single_name_share(names: Sequence[tuple[str, ...]], probability: Floats) -> float:
-    """Return how often each place that is filled has one sure name, or none is filled surely, as verdicts have it.
+    """Average how often each place that is filled has one sure name, or none is filled surely, as verdicts have it.
 
     Args:
         names: effects of each hypothesis.

@@ -49,7 +49,6 @@ class HeldOut:
         )
 
     def to_json(self) -> dict[str, object]:
-        """Return it for diagnosis.json."""
         return {
             "rms_before_deg": self.rms_before_deg,
             "rms_after_deg": self.rms_after_deg,
@@ -79,21 +78,14 @@ class BinnedResidual:
 def compare_residuals(
     before_deg: Floats, after_deg: Floats, width_deg: Floats | float, block: NDArray[np.intp]
 ) -> HeldOut:
-    """Return by how much a residual became smaller, what is far off counting no more than near.
-
-    Args:
-        before_deg: (n,).
-        after_deg: (n,).
-        width_deg: width of the residual, (n,) or one.
-        block: number of the block of each, (n,).
-    """
+    """Score by how much a residual became smaller, outliers clipped."""
     sizes = [np.abs(angles.wrap180(np.nan_to_num(left))) / width_deg for left in (before_deg, after_deg)]
     squares = [np.minimum(size, MOST_WIDTHS) ** 2 for size in sizes]
     return bootstrap_gain((squares[0] - squares[1]) / 2.0, block, (angles.rms(before_deg), angles.rms(after_deg)))
 
 
 def bootstrap_gain(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, float]) -> HeldOut:
-    """Return a gain with its interval and p-value from blocks drawn again.
+    """Estimate interval and p-value of a gain by resampling blocks.
 
     Args:
         each: gain of each sample's log score, (n,).
@@ -126,7 +118,6 @@ class CovariateRange:
     text: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for diagnosis.json."""
         return {"covariate": self.covariate, "from": self.low, "to": self.high, "text": self.text}
 
 
@@ -166,7 +157,6 @@ class Finding:
         return not self.of_compass
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for diagnosis.json."""
         return {
             "effect": self.effect,
             "side": self.side,
@@ -196,7 +186,6 @@ class Unexplained:
     text: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for diagnosis.json."""
         return {
             "covariates": list(self.covariates),
             "where": self.where.to_json(),
@@ -218,18 +207,13 @@ class RankedEffect:
 
 
 def span_json(span_s: tuple[float, float] | None) -> dict[str, str] | None:
-    """Return a span of time as the JSON writes it, null for a recording without a clock.
-
-    Args:
-        span_s: first and last instant, UTC seconds since 1970.
-    """
+    """Encode a span of time, null for a recording without a clock."""
     if span_s is None:
         return None
     return {"from": iso_time(span_s[0]), "to": iso_time(span_s[1])}
 
 
 def curve_json(curve: BinnedResidual) -> dict[str, Any]:
-    """Return a binned residual for diagnosis.json."""
     columns = ("centre", "before_deg", "after_deg", "sigma_deg")
     written = {"covariate": curve.covariate} | ({"compared": curve.compared} if curve.compared else {})
     return written | {name: getattr(curve, name).tolist() for name in columns}

@@ -35,11 +35,7 @@ class SiblingInformation:
     effects: SharedInformation  # in the parameters' own units
 
     def block(self, text: str) -> dict[str, Any]:
-        """Return the block ``shared`` of deviation.json.
-
-        Args:
-            text: whose data carry the fit, in words.
-        """
+        """Encode the block ``shared`` of deviation.json."""
         return {
             "compass": self.compass,
             "from": list(self.others),
@@ -49,7 +45,7 @@ class SiblingInformation:
 
 
 def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformation | None:
-    """Return what a compass.json gives back to a mooring, None where nothing of others belongs to it."""
+    """Read what a compass.json gives back to a mooring, None where no other record belongs to it."""
     block = content["returned"].get(mooring)
     if block is None:
         return None
@@ -65,7 +61,7 @@ def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformatio
 def apply_shared_effects(
     made: Product, shared: SiblingInformation, field: EarthField, logged: Mapping[str, Floats]
 ) -> Product:
-    """Return what corrects a record that cannot be searched, with the effects that the others tell.
+    """Correct a record that cannot be searched with the effects known from other records.
 
     Args:
         field: the earth's field along the deployment.
@@ -92,11 +88,7 @@ def apply_shared_effects(
 
 
 def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) -> tuple[dict[str, Any], Diagnosis]:
-    """Return compass.json and the diagnosis of a compass.
-
-    Args:
-        min_effect_deg: visible size below which a shared effect does not matter.
-    """
+    """Join the records of a compass into compass.json and its diagnosis."""
     joined = joint_compass.join_records(members)
     fitting = [member for member in members if member.name in joined.consistent]
     shared = joint_effects.infer_shared(fitting, ALARM)
@@ -116,7 +108,6 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
 
 
 def log_line(content: Mapping[str, Any], diagnosis: Diagnosis) -> str:
-    """Return what the job says of its result."""
     name, siblings = content["compass"], [entry["name"] for entry in content["deployments"] if entry["fits"]]
     names, count = ", ".join(siblings) or "none", len(content["deployments"])
     lines = [f"{name}: {count} records, {len(siblings)} of one compass ({names})"]
@@ -173,7 +164,7 @@ def _effect_json(amplitude: SharedAmplitude) -> dict[str, Any]:
 def _returned_json(
     member: Member, joined: JointCompass, shared: SharedEffects | None, named: set[str]
 ) -> dict[str, Any] | None:
-    """Return what the other records tell one: never what it told itself."""
+    """Encode the information of the other records for one: never its own."""
     prior, others = joined.prior(member.name), joined.others(member.name)
     if prior is None:
         return None
@@ -197,7 +188,12 @@ def _diagnosis(joined: JointCompass, shared: SharedEffects | None, min_effect_de
         count = sum(member.effects is not None for member in joined.members if member.name in joined.consistent)
         return insufficient(f"{count} of its records fit each other and were searched; 2 are needed to share an effect")
     findings = [_finding(entry, shared, joined) for entry in shared.amplitudes]
-    stands = tuple(sorted((entry for entry in findings if entry.rms_effect_deg >= min_effect_deg), key=_negative_size))
+    stands = tuple(
+        sorted(
+            (entry for entry in findings if entry.rms_effect_deg >= min_effect_deg),
+            key=lambda entry: -entry.rms_effect_deg,
+        )
+    )
     small = tuple((entry.effect, entry.rms_effect_deg) for entry in findings if entry.rms_effect_deg < min_effect_deg)
     verdict = (
         "consistent" if not stands else "ambiguous" if any(entry.alternatives for entry in stands) else "explained"
@@ -216,10 +212,6 @@ def _diagnosis(joined: JointCompass, shared: SharedEffects | None, min_effect_de
         noise={"season_deg": shared.season_deg},
         warnings=doubted,
     )
-
-
-def _negative_size(finding: Finding) -> float:
-    return -finding.rms_effect_deg
 
 
 def _finding(amplitude: SharedAmplitude, shared: SharedEffects, joined: JointCompass) -> Finding:

@@ -59,7 +59,7 @@ class Member:
 
 
 def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
-    """Return a mooring's record by its summary."""
+    """Read a mooring's record from its summary."""
     information, place = content["told"], (content["horizontal_nT"], content["vertical_nT"])
     if information is None:
         return Member(content["name"], "mooring", sphere, *place, _unknown(), _unknown(), why=content["why"])
@@ -69,7 +69,7 @@ def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
 
 
 def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:
-    """Return a calibration by its calibration.json; without coefficients where its headings do not determine them."""
+    """Read a calibration from its calibration.json; without coefficients where its headings do not determine them."""
     field, exact = content["place"]["field"] or {}, content["exact"]
     unknown = Member(
         content["name"],
@@ -91,7 +91,7 @@ def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member
 def summarize_record(
     name: str, field: tuple[float, float], information: Any, *, span_s: Sequence[float], why: str
 ) -> dict[str, Any]:
-    """Return what a mooring's record tells of its compass, as ``of_mooring`` takes it.
+    """Encode what a mooring's record tells of its compass, as ``mooring_member`` reads it.
 
     Args:
         field: horizontal and vertical, nT, the mean of the deployment.
@@ -123,7 +123,6 @@ class EffectInformation:
     n: int
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for the record's summary."""
         products = [
             {
                 "information": conditional.information.tolist(),
@@ -138,7 +137,6 @@ class EffectInformation:
 
 
 def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
-    """Return the effects that a summary holds."""
     products = tuple(
         Products(np.array(entry["information"]), np.array(entry["score"]), entry["log_likelihood"])
         for entry in content["beside"]
@@ -164,7 +162,6 @@ class RecordInformation:
     effects: EffectInformation | None  # None where nothing was searched
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record's summary."""
         return {
             "coefficients": self.coefficients.tolist(),
             "covariance": self.covariance.tolist(),
@@ -173,7 +170,6 @@ class RecordInformation:
 
 
 def effect_class(form: str) -> type[Effect]:
-    """Return the class of an effect by its name."""
     return next(kind for kind in all_effects() if kind.__name__ == form)
 
 
@@ -219,7 +215,7 @@ class JointCompass:
 
     @cached_property
     def shared(self) -> Mixture:
-        """What the compass is, by NAMES."""
+        """The posterior of the iron, by IRON_NAMES."""
         return _infer_iron(self._those(self.consistent))
 
     @cached_property
@@ -238,13 +234,13 @@ class JointCompass:
         return float(np.hypot(sphere[0], battery[0]))
 
     def others(self, name: str) -> tuple[str, ...]:
-        """Return the records that tell another what its compass is; none where it does not belong."""
+        """List the records that inform another; none where it does not belong."""
         if any(record.name == name for record in self.rejected):
             return ()
         return tuple(other for other in self.consistent if other != name)
 
     def prior(self, name: str) -> CoefficientPrior | None:
-        """Return what the others tell of a record's A..E, None where they tell nothing."""
+        """Compute the prior of a record's A..E by the others, None where they tell nothing."""
         this_member = next(member for member in self.members if member.name == name)
         others = self._those(self.others(name))
         if not others:
@@ -264,7 +260,7 @@ class JointCompass:
 
 
 def join_records(members: Sequence[Member]) -> JointCompass:
-    """Return what records tell together, those that do not fit the others left out one by one, the worst first."""
+    """Join records, leaving out those that do not fit the others one by one, the worst first."""
     siblings, rejected = [member for member in members if member.tells], list[RejectedRecord]()
     same: dict[str, float] = {}
     while len(siblings) > 1:
@@ -285,7 +281,7 @@ def join_records(members: Sequence[Member]) -> JointCompass:
 
 
 def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, float]:
-    """Return the probability that a record is of the same compass as others, and by how many sigmas it is off.
+    """Compute the probability that a record is of the same compass as others, and its distance in sigmas.
 
     Another compass is some standard deviations away in any direction: of records that are known well enough to be told
     apart at all, that says more than what compasses there are.
@@ -293,8 +289,8 @@ def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, f
     law = predict_compass(member, others)
     spread = law.covariances + member.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
     off = member.coefficients[SHARED_COEFFICIENTS] - law.means
-    same = _log_sum(np.log(law.weight) + np.array([_log_normal(*pair) for pair in zip(off, spread, strict=True)]))
-    other = _log_sum(
+    same = log_sum(np.log(law.weight) + np.array([_log_normal(*pair) for pair in zip(off, spread, strict=True)]))
+    other = log_sum(
         np.array(
             [
                 np.log(weight / len(STRANGER_SIGMAS)) + _log_normal(x, s * (1.0 + far**2))
@@ -312,7 +308,7 @@ def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, f
 
 
 def predict_compass(member: Member, others: Sequence[Member]) -> Mixture:
-    """Return what others tell of B..E of one record, what varies between deployments included."""
+    """Predict B..E of one record from others, what varies between deployments included."""
     observed, noise = _stacked(others)
     design, here = np.concatenate([_design(other) for other in others]), _design(member)
     prior = np.diag(PRIOR_SIGMA**2)
@@ -330,7 +326,7 @@ def predict_compass(member: Member, others: Sequence[Member]) -> Mixture:
 
 
 def _infer_iron(members: Sequence[Member]) -> Mixture:
-    """Return the posterior of NAMES by some records."""
+    """Compute the posterior of IRON_NAMES by some records."""
     observed, noise = _stacked(members)
     design = np.concatenate([np.zeros((0, len(IRON_NAMES))), *(_design(member) for member in members)])
     means, covariances, logs = [], [], []
@@ -350,7 +346,7 @@ def _weights(members: Sequence[Member]) -> Floats:
 
 
 def _design(member: Member) -> Floats:
-    """Return how B, C, D, E depend on NAMES at one place, (4, 6)."""
+    """Build the derivative of B, C, D, E by IRON_NAMES at one place, (4, 6)."""
     level, dip = 1.0 / member.horizontal_nT, member.vertical_nT / member.horizontal_nT
     rows = np.zeros((4, 6))
     rows[0, [0, 2]] = rows[1, [1, 3]] = level, dip
@@ -359,7 +355,7 @@ def _design(member: Member) -> Floats:
 
 
 def _between(members: Sequence[Member], sizes: tuple[float, float]) -> Floats:
-    """Return the covariance of what varies between deployments, (4 m, 4 m); who shares a sphere shares its iron."""
+    """Build the covariance of what varies between deployments, (4 m, 4 m); a shared sphere shares its iron."""
     of_sphere, of_battery = sizes
     level = np.array([1.0 / member.horizontal_nT for member in members])
     alike = np.array(
@@ -386,12 +382,12 @@ def _sizes() -> list[tuple[float, float]]:
 
 
 def _log_prior(sizes: tuple[float, float]) -> float:
-    """Return the log weight of two sizes, on a grid even in their logarithms."""
+    """Compute the log prior of two sizes, on a grid even in their logarithms."""
     return float(sum(np.log(size / BETWEEN_PRIOR_NT) - np.log1p((size / BETWEEN_PRIOR_NT) ** 2) for size in sizes))
 
 
 def _mounting(members: Sequence[Member]) -> tuple[float, float]:
-    """Return mean and precision of A for a record that cannot tell its own."""
+    """Compute mean and precision of A for a record that does not determine its own."""
     values = np.array([member.coefficients[0] for member in members])
     variances = np.array([member.covariance[0, 0] for member in members])
     least = (CLAMP_DEG * angles.DEGREE) ** 2
@@ -414,7 +410,8 @@ def _log_normal(off: Floats, covariance: Floats) -> float:
     return float(-0.5 * (off @ np.linalg.solve(covariance, off) + sign_log))
 
 
-def _log_sum(logs: Floats) -> float:
+def log_sum(logs: Floats) -> float:
+    """Sum in logarithms."""
     return float(logs.max() + np.log(np.exp(logs - logs.max()).sum()))
 
 

@@ -28,7 +28,7 @@ from compasslib.inference import noise as noise_models
 from compasslib.inference.comparison import LongComparison
 from compasslib.inference.design import Products
 from compasslib.inference.inference import Inference
-from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation
+from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, log_sum
 from compasslib.inference.posterior import Hypothesis, Posterior
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
@@ -46,7 +46,7 @@ MOST_LOG = 700.0
 
 
 def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformation:
-    """Return what was inferred of a record.
+    """Summarize what was inferred of a record for others of its compass.
 
     Args:
         fit: the exact compass; what days do not show of its uncertainty is in its covariance.
@@ -63,7 +63,7 @@ def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformat
 
 
 def fit_information(fit: DeviationFit) -> RecordInformation | None:
-    """Return what a fit tells where nothing was searched, None where nothing was fitted."""
+    """Summarize a fit where nothing was searched, None where nothing was fitted."""
     known = fit.fitted and fit.method == "exact"
     return RecordInformation(fit.coefficients, fit.covariance[:5, :5], None) if known else None
 
@@ -111,14 +111,14 @@ def _effect_information(inferred: Inference) -> EffectInformation:
 
 
 def _record_only_columns(half: Any) -> Floats:
-    """Return the columns of the terms that stand in the record and are its own."""
+    """Build the columns of the terms that belong to the record, not to the instrument."""
     slopes = np.nan_to_num(heading_jacobian(half.simulation, half.case.scene, half.heading_deg, first=5))
     chosen = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
     return np.asarray(slopes[:, np.concatenate([np.zeros(0, dtype=bool), *chosen])])
 
 
 def season_columns(case: LongComparison) -> Floats:
-    """Return what a season of the water that recurs every year does, degrees for one degree of its size, (n, SEASONS).
+    """Build the columns of a yearly season of the water, degrees for one degree of its size, (n, SEASON_COLUMNS).
 
     Harmonics of the year of a veer, and of an eastward and a northward shear; higher ones are as much smaller.
     """
@@ -218,12 +218,12 @@ class JointEvidence:
         )
 
     def columns(self, hypothesis: Hypothesis) -> NDArray[np.intp]:
-        """Return the columns of a hypothesis, those of the season after them."""
+        """List the columns of a hypothesis, those of the season after them."""
         effect_columns = [self.parts[k] for k in hypothesis]
         return np.concatenate([*effect_columns, self.count + np.arange(SEASON_COLUMNS)]).astype(np.intp)
 
     def mode(self, hypothesis: Hypothesis, season_deg: float, chosen: Sequence[int]) -> Mode:
-        """Return the likeliest amplitudes by some of the records, and the evidence.
+        """Find the likeliest amplitudes by some of the records, and the evidence.
 
         Args:
             hypothesis: numbers of effects that these records share.
@@ -244,7 +244,7 @@ class JointEvidence:
             for products, scores, record in each:
                 likely = record.log_weight + scores @ values - 0.5 * np.einsum("wij,i,j->w", products, values, values)
                 share = np.exp(likely - likely.max())
-                logs += float(likely.max() + np.log(share.sum()) - _log_sum(record.log_weight))
+                logs += float(likely.max() + np.log(share.sum()) - log_sum(record.log_weight))
                 share /= share.sum()
                 information += np.einsum("w,wij->ij", share, products)
                 score += share @ scores
@@ -255,7 +255,7 @@ class JointEvidence:
         return Mode(before, information, score, evidence)
 
     def plausible(self, hypothesis: Hypothesis, mode: Mode) -> bool:
-        """Tell whether the amplitudes of a hypothesis are such as its effects have."""
+        """Tell whether the amplitudes of a hypothesis are physically possible."""
         at = 0
         for k in hypothesis:
             part = self.parts[k]
@@ -266,11 +266,7 @@ class JointEvidence:
 
 
 def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | None:
-    """Return the effects that records share, None where fewer than two were searched.
-
-    Args:
-        alarm: probability that noise alone is allowed to give a name, as of a single record.
-    """
+    """Infer the effects that records share, None where fewer than two were searched."""
     evidence = JointEvidence(members)
     if len(evidence.members) < 2 or not evidence.kinds:
         return None
@@ -296,14 +292,14 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
     table[
         [not evidence.plausible(hypothesis, mode) for hypothesis, mode in zip(hypotheses, likeliest, strict=True)]
     ] = -MOST_LOG
-    shared = np.array([_log_sum(row) for row in table]) + prior
+    shared = np.array([log_sum(row) for row in table]) + prior
     apart = np.array([_log_odds_apart(evidence, k, odds[k]) for k in range(len(evidence.kinds))]) + shared[0]
     logs = np.concatenate([shared, apart])
-    probability = np.exp(logs - _log_sum(logs))
+    probability = np.exp(logs - log_sum(logs))
     posterior_shared = Posterior(
         [kind.name for kind in evidence.kinds], hypotheses, probability[: len(hypotheses)], prior
     )
-    sizes = np.exp(table + prior[:, None] - _log_sum((table + prior[:, None]).ravel()))
+    sizes = np.exp(table + prior[:, None] - log_sum((table + prior[:, None]).ravel()))
     middle = float(sizes.sum(axis=0) @ SEASONS_DEG)
     spread = float(np.sqrt(sizes.sum(axis=0) @ (SEASONS_DEG - middle) ** 2))
     best = posterior_shared.best
@@ -326,7 +322,7 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
 
 
 def information_from_others(members: Sequence[Member], shared: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
-    """Return information and score of the effects that were found, by some records, in the parameters' units.
+    """Compute information and score of the shared effects by some records, in the parameters' units.
 
     Args:
         members: the others of the record that is to know it.
@@ -349,7 +345,7 @@ def information_from_others(members: Sequence[Member], shared: SharedEffects) ->
 
 
 def _log_odds_apart(evidence: JointEvidence, k: int, odds: float) -> float:
-    """Return the log odds that records have an effect each by itself, at least one, against none."""
+    """Compute the log odds that records have an effect each by itself, at least one, against none."""
     each = [
         odds + evidence.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence - evidence.mode((), 0.1, [j]).log_evidence
         for j in range(len(evidence.members))
@@ -371,7 +367,8 @@ def _amplitude(
     each: dict[str, tuple[Floats, Floats]] = {}
     for j, member in enumerate(evidence.members):
         alone = evidence.mode((k,), season_deg, [j])
-        spread = np.linalg.inv(alone.information + np.diag(_precision(len(usual), season_deg)))
+        prior = np.append(np.ones(len(usual)), np.full(SEASON_COLUMNS, season_deg**-2.0))
+        spread = np.linalg.inv(alone.information + np.diag(prior))
         each[member.name] = (
             alone.values[: len(usual)] * usual,
             np.sqrt(np.diag(spread)[: len(usual)]) * usual,
@@ -388,12 +385,8 @@ def _amplitude(
     )
 
 
-def _precision(count: int, season_deg: float) -> Floats:
-    return np.append(np.ones(count), np.full(SEASON_COLUMNS, season_deg**-2.0))
-
-
 def _predictive_gain(evidence: JointEvidence, k: int, season_deg: float) -> float:
-    """Return the log score of each record with the amplitude that the others tell, over without, summed."""
+    """Sum the log score of each record with the amplitude predicted by the others, over without."""
     everyone, total = range(len(evidence.members)), 0.0
     for j in everyone:
         others = [i for i in everyone if i != j]
@@ -404,7 +397,7 @@ def _predictive_gain(evidence: JointEvidence, k: int, season_deg: float) -> floa
 
 
 def _visible_products(evidence: JointEvidence, k: int) -> Floats:
-    """Return the mean products of an effect's visible columns over the records, square degrees."""
+    """Average the products of an effect's visible columns over the records, square degrees."""
     each = []
     for member in evidence.members:
         assert member.effects is not None
@@ -422,7 +415,3 @@ def _form_parts(member: Member) -> list[tuple[str, NDArray[np.intp]]]:
     return [
         (form, np.arange(a, b)) for form, (a, b) in zip(member.effects.forms, itertools.pairwise(ends), strict=True)
     ]
-
-
-def _log_sum(logs: Floats) -> float:
-    return float(logs.max() + np.log(np.exp(logs - logs.max()).sum()))

@@ -1,8 +1,8 @@
-"""Whether days that were left out confirm a finding: everything is chosen anew without them.
+"""Diagnose a long record: infer, test for what is left unexplained, and score every finding on held-out days.
 
-Fifths of the recording are left out in turn. What the rest foretells of one is the probability of all over that of the
-rest, every hypothesis, size, date and slow water weighed again; the gain is that of all hypotheses over those without
-the effect. What lives inside one fifth cannot be learnt from the others: blocks between its own are left out.
+Fifths of the recording are left out in turn. The score of a fifth is the probability of all data over that of the
+others, every hypothesis, size, date and slow noise weighed again; the gain is that of all hypotheses over those without
+the effect. An effect inside one fifth cannot be learnt from the others: blocks between its own are left out.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ MOST_REWEIGHED, MOST_NOISE_REWEIGHED = 200, 12  # hypotheses and kinds of water 
 
 
 def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
-    """Return the diagnosis of a long record that is held against its simulation.
+    """Diagnose a long record against its simulation.
 
     Args:
-        fit: of the exact compass, where what the recording tells is asked for.
+        fit: of the exact compass, where information for other records is asked for.
     """
     none = np.zeros(case.nuisance.shape[1])
     if (usable := design.count_usable(case, case.simulation, none)) < FEWEST_PAIRS:
@@ -67,9 +67,7 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
     cluster = omnibus.sticking_sector(empty)
     outside = case if cluster is None else replace(case, observed_deg=omnibus.observed_outside(case, cluster))
     if cluster is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
-        empty = design.evaluate_model(
-            outside, case.simulation, none
-        )  # what hangs tells nothing of terms, and feigns some
+        empty = design.evaluate_model(outside, case.simulation, none)  # readings that stick would feign terms
     empty = design.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
     inferred = inference.infer(empty, options.alarm)
     remainder, slots = _omnibus_remainder(inferred.state, options), inferred.slots
@@ -102,12 +100,7 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
 def _outcome(
     inferred: Inference, null_model: FittedModel, remainder: OmnibusResult, cluster: HeadingCluster | None
 ) -> Outcome:
-    """Return what the search tells.
-
-    Args:
-        null_model: the simulation without terms.
-        remainder: what it leaves.
-    """
+    """Collect the outcome of the search."""
     state, case = inferred.state, inferred.state.case
     covariances = inferred.estimate(state).term_covariances
     findings = tuple(_finding(inferred, k, covariance) for k, covariance in enumerate(covariances))
@@ -139,7 +132,7 @@ def _outcome(
 
 
 def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: ColumnGroup, options: Options) -> Inference:
-    """Return what the recording tells without names that only stand for what nothing explains.
+    """Drop effects that only stand in for a mismatch that nothing explains.
 
     Args:
         curve: what is left beside the names; free to be anything, it takes what they only stood for.
@@ -152,7 +145,6 @@ def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: Colum
 
 
 def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
-    """Return what the omnibus tests find beside the terms of a simulation."""
     tested = omnibus.score_tests(state, omnibus.omnibus_groups(state), seed=99)
     return omnibus.omnibus_test(
         tested, options.alarm * OMNIBUS_SHARE, partial(omnibus.group_size_deg, state), options.min_effect_deg
@@ -162,11 +154,7 @@ def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
 def _unexplained(
     state: FittedModel, remainder: OmnibusResult, cluster: HeadingCluster | None, named: Sequence[str]
 ) -> Unexplained | None:
-    """Return what nothing explains: what the mean residual shows, or a sector in which the compass hangs.
-
-    Args:
-        named: effects that stand beside it.
-    """
+    """Describe the unexplained mismatch: of the mean residual, or a sector in which the compass sticks."""
     group, size = remainder.above_min_effect[0] if remainder.above_min_effect else (None, 0.0)
     if cluster is not None and cluster.rms_deg > max(size, remainder.min_effect_deg):
         low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
@@ -205,7 +193,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats) -> Finding:
 
 
 def _place_parameters(inferred: Inference, term: ComposedEffect) -> dict[str, Parameter]:
-    """Return where along its driver a composition acts: dates are told apart, what is counted from a mean is not.
+    """Collect where along its driver a composition acts: dates, and values with the driver's mean added.
 
     How sure a place is tell the probabilities of the other places that were tried, and the spacing between them.
     """
@@ -231,7 +219,7 @@ def _place_parameters(inferred: Inference, term: ComposedEffect) -> dict[str, Pa
 
 
 def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
-    """Return when an effect acts: a storm has dates, everything else lasts."""
+    """Find when an effect acts: a storm has dates, everything else lasts."""
     scene, always = state.case.scene, state.case.span_s
     if set(covariate_series.OBSERVATORY) & set(term.needs):
         moved = north_shift(replace(state.simulation, terms=(term,)), scene)
@@ -245,7 +233,7 @@ def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
 
 
 def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) -> str:
-    """Return the detection limits in a sentence."""
+    """State the detection limits in a sentence."""
     sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
     if not sizes:
         return ""
@@ -258,7 +246,7 @@ def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) ->
 
 
 def _weighted_compasses(inferred: Inference) -> tuple[WeightedCompass, ...]:
-    """Return the compasses that correct the record: each hypothesis with what stands on the compass side of it."""
+    """Weight the compasses that correct the record by the probabilities of their hypotheses."""
     return tuple(
         WeightedCompass(
             weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass_of_model(inferred, state)
@@ -268,7 +256,7 @@ def _weighted_compasses(inferred: Inference) -> tuple[WeightedCompass, ...]:
 
 
 def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:
-    """Return the compass of a state with the terms on its side; None where none stands: the fit by itself is that."""
+    """Extract the compass with the terms on its side; None where no term stands, which is the fit itself."""
     terms = state.simulation.terms
     if not terms:
         return None
@@ -287,7 +275,7 @@ def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass
 
 
 def residual_curve(before: FittedModel, after: FittedModel, covariate: str) -> BinnedResidual:
-    """Return the residual in bins of a covariate, with and without the terms; what tells nothing is in no bin."""
+    """Bin the residual along a covariate, with and without the terms; samples without a root are in no bin."""
     x = before.case.covariates[covariate]
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, finding.CURVE_BINS + 1)))
     if covariate == "heading":
@@ -302,7 +290,7 @@ def residual_curve(before: FittedModel, after: FittedModel, covariate: str) -> B
 
 
 def partial_residual(state: FittedModel, effect: str, turned_deg: Floats) -> BinnedResidual:
-    """Return the residual in bins of the turn that a fitted effect foretells, without the effect and with it.
+    """Bin the residual along the turn that a fitted effect predicts, without the effect and with it.
 
     Where the effect is there, what it leaves out follows the line on which both are equal, however small it is.
 
@@ -320,7 +308,7 @@ def partial_residual(state: FittedModel, effect: str, turned_deg: Floats) -> Bin
 
 
 def _binned(state: FittedModel, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
-    """Return mean residual and its standard error in each bin, by width; blocks of days count as one each.
+    """Compute mean residual and its standard error in each bin, by width; blocks of days count as one each.
 
     The error is never under what the blocks of all bins together make likely: the few of one bin may agree by chance,
     and on nulls some bins then lay seven of their own standard errors off.
@@ -337,11 +325,7 @@ def _binned(state: FittedModel, bins: NDArray[np.intp], count: int) -> tuple[Flo
 
 
 def cross_validate(inferred: Inference, k: int) -> HeldOut:
-    """Return what a term adds on days that were left out.
-
-    Args:
-        k: its place among the terms.
-    """
+    """Score a term on days that were left out."""
     state, term = inferred.state, inferred.state.simulation.terms[k]
     time_s = state.case.scene.time_s
     share = (term.date - time_s[0]) / np.ptp(time_s) if term.dated() else 0.5
@@ -355,7 +339,7 @@ def cross_validate(inferred: Inference, k: int) -> HeldOut:
 
 
 def _refit_gain(inferred: Inference, names: set[str], fold: NDArray[np.intp]) -> float:
-    """Return by how much all hypotheses foretell what was left out better than those without some effects."""
+    """Score all hypotheses on the data left out against those without some effects."""
     whole = inferred.posterior
     chosen = [i for i, p in enumerate(whole.probability) if p > LEAST_REWEIGHED or not names & set(whole.names[i])]
     chosen = sorted({0, *sorted(chosen, key=lambda i: -float(whole.probability[i]))[:MOST_REWEIGHED]})
@@ -373,7 +357,7 @@ def _refit_gain(inferred: Inference, names: set[str], fold: NDArray[np.intp]) ->
 
 
 def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tuple[float, float]]:
-    """Return what a term adds to the log score of each sample, sizes fitted without its fold, and the rms around it."""
+    """Score a term for each sample, sizes fitted without its fold, and give the rms with and without it."""
     values = np.zeros(state.base.shape[1])
     parameters = state.simulation.parameters
     values[5 : len(parameters)] = parameters[5:]
@@ -392,7 +376,7 @@ def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Flo
 
 
 def _fold_values(white: Floats, target: Floats, ridge: Floats, fold: NDArray[np.intp]) -> Floats:
-    """Return for each sample the values of the columns fitted without its fold, (n, k)."""
+    """Fit the values of the columns for each sample without its fold, (n, k)."""
     values = np.empty(white.shape)
     for f in np.unique(fold):
         out = fold == f

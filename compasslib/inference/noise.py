@@ -53,7 +53,7 @@ class Process:
     memory_days: float
 
     def variances(self, frequency: Floats, step: float) -> Floats:
-        """Return the variance of each cosine's coefficient.
+        """Compute the variance of each column's coefficient.
 
         Args:
             frequency: cycles a day, (k,), evenly spaced from 0.
@@ -86,14 +86,14 @@ class SlowNoiseBasis:
     kinds: int  # processes: 1, or 3 with the shear
 
     def variances(self, water: SlowNoiseParams) -> Floats:
-        """Return the variance of each column's coefficient, (q,)."""
+        """Compute the variance of each column's coefficient."""
         step = float(self.frequency[1])
         each = [process.variances(self.frequency, step) for process in (water.veer, water.shear, water.shear)]
         slow = np.concatenate(each[: self.kinds])
         return np.concatenate([slow, np.full(self.columns.shape[1] - len(slow), USUAL_SHEAR_M_S**2)])
 
     def waters(self) -> list[SlowNoiseParams]:
-        """Return the kinds of water that are summed over."""
+        """List the parameters of slow noise that are summed over."""
         none = Process(0.0, VEER_DAYS[0])
         veers = [none, *(Process(*process) for process in itertools.product(VEER_DEG, VEER_DAYS))]
         shears = [none, *(Process(*process) for process in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
@@ -101,7 +101,7 @@ class SlowNoiseBasis:
 
 
 def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
-    """Return what slow water a recording may show, None where it is no mooring or too short."""
+    """Build the basis of slow noise of a recording, None where it is no mooring or too short."""
     time_s = case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
@@ -117,7 +117,7 @@ def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
 
 
 def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:
-    """Return by how many degrees eastward and northward shear of 1 m/s that goes as some waves turns directions.
+    """Compute the turn by eastward and northward shear of 1 m/s that follows some waves, degrees.
 
     Args:
         waves: (n, k).
@@ -130,7 +130,7 @@ def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:
 
 
 def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoiseParams) -> LowRankNoise | None:
-    """Return slow water as directions in which the whitened noise of a recording is louder; None where it is none.
+    """Express slow noise as directions in which the whitened noise is louder; None where it has none.
 
     Args:
         view: whose whitener knows no slow water.
@@ -155,7 +155,7 @@ class _StormScatter:
     share: Floats  # (n,) variance for 1 nT a unit of ap, over the noise's
 
     def gains(self, sizes_nT: Floats, share: Floats) -> Floats:
-        """Return the log likelihood gained over even noise by each size, the noise's own width being free, (k,)."""
+        """Compute the log likelihood gained over even noise by each size, the noise's own width being free, (k,)."""
         return np.sum(self._each(sizes_nT, share), axis=1)
 
     def _each(self, sizes_nT: Floats, share: Floats) -> Floats:
@@ -164,7 +164,7 @@ class _StormScatter:
         return (self.squares / even - self.squares / variance / width - np.log(variance * width / even)) / 2.0
 
     def best(self, samples: Floats | slice = slice(None)) -> float:
-        """Return the likeliest size by some of the samples, nT a unit of ap."""
+        """Find the likeliest size by some of the samples, nT a unit of ap."""
         from scipy.optimize import minimize_scalar
 
         fitted = _StormScatter(self.squares[samples], self.share[samples])
@@ -178,7 +178,7 @@ class _StormScatter:
         return float(np.exp(optimum.x))
 
     def chance(self, time_s: Floats) -> float:
-        """Return how often the index at other dates does as well."""
+        """Estimate how often the index at other dates does as well."""
         step = max(float(np.median(np.diff(time_s))), 1.0)
         nearest = int(NEAREST_SHIFT_S / step) + 1
         count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
@@ -189,7 +189,7 @@ class _StormScatter:
         return (1 + int(np.sum(np.array(others) >= observed))) / (1 + count)
 
     def left_out(self, block: Floats) -> tuple[float, float, Floats]:
-        """Return the size, its standard error by the jackknife, and the gain of each block by the others' size."""
+        """Compute the size, its standard error by the jackknife, and the gain of each block by the others' size."""
         sizes = np.array([self.best(np.asarray(block != k)) for k in range(STORM_BLOCKS)])
         whole, off = self.best(), sizes - sizes.mean()
         gains = [self._each(sizes[k : k + 1], self.share)[0, block == k].sum() for k in range(STORM_BLOCKS)]
@@ -197,7 +197,7 @@ class _StormScatter:
 
 
 def storm_finding(state: FittedModel, alarm: float) -> Finding | None:
-    """Return the finding that directions scatter with the index of storms, None where they do not or there is none.
+    """Find directions that scatter with the storm index, None where they do not or there is none.
 
     Args:
         state: with all that was found in its simulation.

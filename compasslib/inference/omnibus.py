@@ -41,12 +41,12 @@ FEWEST_WAVES = 8  # below which their mean power is not known within a half
 TRIMMED_SHARE, TRIMMED_MEAN = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
 SPELL_HANDICAP = 0.4  # score taken off each of many spells, so that they do not raise the bar for the other groups
 
-CELL_DEG = 2.0  # width of the cells in which readings heap up
-NEAREST_CELL, FARTHEST_CELL = 2, 8  # bins on either side that foretell the one between
+CELL_DEG = 2.0  # width of the cells in which readings are counted
+NEAREST_CELL, FARTHEST_CELL = 2, 8  # cells on either side that predict the one between
 SECTOR_BLOCK_S = 5 * 86400.0  # a sphere stays where it is for days
 CLUSTER_SIGMAS = 5.0  # by the scatter from block to block
-CLUSTER_RATIO = 2.5  # what a heap holds over what its neighbours foretell
-FEWEST_IN_CLUSTER = 30  # readings in a heap
+CLUSTER_RATIO = 2.5  # count of a cluster over what its neighbours predict
+FEWEST_IN_CLUSTER = 30  # readings in a cluster
 WIDEST_SECTOR, RIM_CELLS, EMPTIED_SHARE = (
     30,
     4,
@@ -65,7 +65,7 @@ class ScoreTests:
     highest: Floats  # (r,) highest normal score of each draw of the noise
 
     def threshold(self, alarm: float) -> float:
-        """Return the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
+        """Compute the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
 
         To how many independent ones the draws of the noise amount is fitted by likelihood. Gumbel's law, the limit
         of very many, is reached too slowly: it lets 2 in 1000 pass where it says 6.
@@ -104,7 +104,7 @@ class OmnibusResult:
 def omnibus_test(
     tested: ScoreTests, alarm: float, size_deg: Callable[[ColumnGroup, float], float], min_effect_deg: float
 ) -> OmnibusResult:
-    """Return what is significant.
+    """Select the significant groups with their visible sizes.
 
     Args:
         alarm: probability that noise alone is anywhere.
@@ -119,23 +119,13 @@ def omnibus_test(
 
 
 def normal_score(statistic: Floats, freedom: Floats) -> Floats:
-    """Return the normal score of a chi-squared statistic (Wilson and Hilferty, PNAS 17, 684, 1931).
-
-    Args:
-        statistic: (..., g).
-        freedom: (g,).
-    """
+    """Convert a chi-squared statistic to a normal score (Wilson and Hilferty, PNAS 17, 684, 1931)."""
     spread = 2.0 / (9.0 * freedom)
     return (np.cbrt(np.maximum(statistic, 0.0) / freedom) - 1.0 + spread) / np.sqrt(spread)
 
 
 def heading_hats(heading_deg: Floats, width_deg: float, fewest: float) -> Floats:
-    """Return hats over the sectors that occur, (n, k).
-
-    Args:
-        width_deg: of a sector.
-        fewest: readings in one.
-    """
+    """Build hat functions over the sectors that occur, (n, k)."""
     centres = np.arange(0.0, 360.0, width_deg)
     away = np.abs(angles.difference(heading_deg[:, None], centres)) / width_deg
     hats = np.maximum(1.0 - away, 0.0)
@@ -143,12 +133,12 @@ def heading_hats(heading_deg: Floats, width_deg: float, fewest: float) -> Floats
 
 
 def fourier_columns(angle_deg: Floats, harmonics: range) -> Floats:
-    """Return sine and cosine of some multiples of an angle, (n, 2 k)."""
+    """Build sine and cosine of some multiples of an angle, (n, 2 k)."""
     return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
 
 
 def hat_columns(x: Floats, count: int) -> Floats:
-    """Return hat functions on knots at even quantiles, (n, k)."""
+    """Build hat functions on knots at even quantiles, (n, k)."""
     knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
     if len(knots) < 2:
         return np.zeros((len(x), 0))
@@ -157,12 +147,12 @@ def hat_columns(x: Floats, count: int) -> Floats:
 
 
 def standardize(x: Floats) -> Floats:
-    """Return a series over its standard deviation, without far outliers, (n,)."""
+    """Standardize a series and clip far outliers, (n,)."""
     return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)
 
 
 def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
-    """Return splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
+    """Build splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
     covariates, groups = state.case.covariates, []
     heading = state.case.recorded_deg
     each = [
@@ -185,7 +175,9 @@ def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
             groups += [ColumnGroup(name, tide, covariates=(name,)) for tide in tides]
         elif name != "heading" and name not in covariate_series.TILT_CORRECTIONS:
             groups.append(ColumnGroup(name, hat_columns(column, COVARIATE_KNOTS), covariates=(name,)))
-            groups += [ColumnGroup(name, step, covariates=(name,)) for step in _onset_columns(column)]
+            onsets = np.unique(np.quantile(column, ONSET_QUANTILES))  # on a long tail, hats do not turn there
+            steps = [(column > onset)[:, None].astype(float) for onset in onsets]
+            groups += [ColumnGroup(name, step, covariates=(name,)) for step in steps]
     linear = {name: standardize(covariates[name]) for name in PRODUCT_COVARIATES if name in covariates}
     turning = np.column_stack([np.ones(len(heading)), fourier_columns(heading, range(1, 4))])
     for name, column in linear.items():
@@ -197,14 +189,14 @@ def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
 
 
 def time_waves(time_s: Floats) -> list[ColumnGroup]:
-    """Return one wave a group: what swings with one period is faint among all knots."""
+    """Build one wave a group: what swings with one period is faint among all knots."""
     turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
     each = [fourier_columns(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
     return [ColumnGroup("time", wave, covariates=("time",)) for wave in each]
 
 
 def spell_groups(state: FittedModel) -> list[ColumnGroup]:
-    """Return offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
+    """Build offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
     time_s = state.case.scene.time_s
     begins = np.arange(time_s[0], time_s[-1], max(SPELL_STEP_S, float(np.ptp(time_s)) / 120.0))[1:]
     steps = [group.columns for group in step_columns(state, HeadingSlip, begins)]
@@ -213,7 +205,7 @@ def spell_groups(state: FittedModel) -> list[ColumnGroup]:
 
 
 def _well_determined(columns_deg: Floats) -> Floats:
-    """Return combinations of columns without those that only a few samples at the edge of what occurs would tell.
+    """Drop combinations of columns that only a few samples at the edge of the range determine.
 
     Of 36 harmonics over headings that spread by 34 degrees 22 are left; among the others single samples decide.
     """
@@ -224,18 +216,12 @@ def _well_determined(columns_deg: Floats) -> Floats:
     return np.asarray(unit @ vectors[:, values > FAINTEST_DIRECTION * values[-1]] * np.sqrt(len(unit)))
 
 
-def _onset_columns(x: Floats) -> list[Floats]:
-    """Return what sets in beyond a threshold, each alone: where a covariate has a long tail, hats do not turn there."""
-    return [(x > threshold)[:, None].astype(float) for threshold in np.unique(np.quantile(x, ONSET_QUANTILES))]
-
-
 def _linear_and_square(x: Floats) -> tuple[Floats, Floats]:
-    """Return a standardised series and its square's departure."""
     return x, x**2 - np.mean(x**2)
 
 
 def score_tests(state: FittedModel, groups: Sequence[ColumnGroup], seed: int = 0) -> ScoreTests:
-    """Return the score tests of all groups."""
+    """Compute the score tests of all groups."""
     groups = [group for group in groups if group.columns.shape[1]]
     ends = np.cumsum([group.columns.shape[1] for group in groups])
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
@@ -257,7 +243,7 @@ def score_tests(state: FittedModel, groups: Sequence[ColumnGroup], seed: int = 0
 
 
 def group_size_deg(state: FittedModel, group: ColumnGroup, inflation: float) -> float:
-    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
+    """Compute the visible size of a group's best fit, rms degrees, the contribution of noise taken off."""
     values, covariance = solve_group(state, group)
     columns = state.visible(group.columns)
     product = columns.T @ columns / len(columns)
@@ -265,14 +251,14 @@ def group_size_deg(state: FittedModel, group: ColumnGroup, inflation: float) -> 
 
 
 def solve_group(state: FittedModel, group: ColumnGroup) -> tuple[Floats, Floats]:
-    """Return the values of columns fitted to the residual, and their covariance."""
+    """Fit columns to the residual: values and covariance."""
     white = state.whiten_and_project(group.columns)
     inverted = scaled_inverse(white.T @ white)
     return inverted @ (white.T @ state.innovation) / state.response, inverted * (state.sigma / state.response) ** 2
 
 
 def _resample_noise(state: FittedModel, seed: int, repeats: int = NOISE_DRAWS) -> Floats:
-    """Return draws of the record's own noise: blocks of days of its innovations at other dates, turned at random.
+    """Resample the record's own noise: blocks of days of its innovations at other dates, with random signs.
 
     What changes over weeks is taken out first: a real drift must not raise the bar for itself.
     """
@@ -287,7 +273,7 @@ def _resample_noise(state: FittedModel, seed: int, repeats: int = NOISE_DRAWS) -
 
 
 def _cluster_inflation(state: FittedModel, basis: Floats) -> float:
-    """Return what the noise makes of a group's statistic where the group weighs most, 1 where noise is even.
+    """Compute the inflation of a group's statistic by clusters where it weighs most, 1 where noise is even.
 
     Real water scatters more in some weeks and at some headings than speeds tell. The group's own fit is taken out, and
     the scores of blocks of days are squared as they are (a sandwich by clusters; Liang and Zeger, Biometrika 73, 1986).
@@ -301,7 +287,7 @@ def _cluster_inflation(state: FittedModel, basis: Floats) -> float:
 
 
 def _slow_inflation(state: FittedModel, basis_all: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
-    """Return by how much each group's statistic is inflated by slow changes that the filter and the blocks do not hold.
+    """Compute the inflation of each group's statistic by slow changes beyond filter and blocks.
 
     Water veers for weeks. What the record holds at periods of about a week, beyond white noise, is taken for the noise
     of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
@@ -326,7 +312,7 @@ def _slow_inflation(state: FittedModel, basis_all: Floats, begins: NDArray[np.in
 
 
 def _wave_basis(state: FittedModel, number: NDArray[np.intp]) -> Floats:
-    """Return an orthonormal basis of waves over the record, projected."""
+    """Build an orthonormal basis of waves over the record, projected."""
     time_s = state.case.scene.time_s
     phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
     return whitened_basis(state.whiten_and_project(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
@@ -334,7 +320,7 @@ def _wave_basis(state: FittedModel, number: NDArray[np.intp]) -> Floats:
 
 @dataclass(frozen=True)
 class HeadingCluster:
-    """Readings that heap up."""
+    """Readings that cluster at one heading."""
 
     recorded_deg: float  # where they do
     width_deg: float  # of the sector that they came from
@@ -342,10 +328,11 @@ class HeadingCluster:
 
 
 def sticking_sector(state: FittedModel) -> HeadingCluster | None:
-    """Return the largest heap of readings, None where there is none."""
+    """Find the largest cluster of readings at one heading, None where there is none."""
     known = np.isfinite(state.heading_deg)
     recorded = state.case.recorded_deg[known]
-    if _resolution_deg(recorded) > CELL_DEG / 4.0:
+    values = np.unique(recorded)
+    if len(values) < 2 or np.median(np.diff(values)) > CELL_DEG / 4.0:
         return None
     time_s = state.case.scene.time_s[known]
     block = np.floor((time_s - time_s[0]) / SECTOR_BLOCK_S).astype(np.intp)
@@ -356,10 +343,10 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     excess = counts - expected_by_cell
     score = excess.sum(axis=0) / np.maximum(np.linalg.norm(excess, axis=0), 1.0)
     held, expected = counts.sum(axis=0), np.maximum(expected_by_cell.sum(axis=0), 1.0)
-    heaped = (score > CLUSTER_SIGMAS) & (held > CLUSTER_RATIO * expected) & (held >= FEWEST_IN_CLUSTER)
-    if not heaped.any():
+    clustered = (score > CLUSTER_SIGMAS) & (held > CLUSTER_RATIO * expected) & (held >= FEWEST_IN_CLUSTER)
+    if not clustered.any():
         return None
-    k = int(np.argmax(np.where(heaped, held, 0.0)))
+    k = int(np.argmax(np.where(clustered, held, 0.0)))
     reach, inside = _emptied_sector(np.roll(held, cells // 2 - k))
     width = CELL_DEG * (2 * reach + 1)
     share = inside / len(state.case)
@@ -367,17 +354,13 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
 
 
 def observed_outside(case: LongComparison, cluster: HeadingCluster) -> Floats:
-    """Return the headings that the reference's side shows, NaN where the reading hangs, (n,) degrees.
-
-    Args:
-        cluster: where its readings heap up.
-    """
+    """Mask the observed headings, (n,) degrees, with NaN where the reading sticks."""
     away = np.abs(angles.difference(case.recorded_deg, cluster.recorded_deg))
     return np.where(away > cluster.width_deg / 2.0, case.observed_deg, np.nan)
 
 
 def _emptied_sector(held: Floats) -> tuple[int, float]:
-    """Return how many cells on either side of the middle one are emptied, and the readings in all of them."""
+    """Count the emptied cells on either side of the middle one, and the readings in all of them."""
     middle = len(held) // 2
     both_sides = np.array([held[middle - k] + held[middle + k] for k in range(1, WIDEST_SECTOR + 1)])
     dense = np.convolve(both_sides, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
@@ -386,7 +369,7 @@ def _emptied_sector(held: Floats) -> tuple[int, float]:
 
 
 def _expected_counts(counts: Floats) -> Floats:
-    """Return what each cell's neighbours foretell for it, by a parabola through them, (blocks, cells)."""
+    """Expect each cell's count by a parabola through its neighbours, (blocks, cells)."""
     away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
     design = np.column_stack([np.ones(len(away)), away**2])
     weights = np.linalg.pinv(design)[0] / 2.0
@@ -394,8 +377,3 @@ def _expected_counts(counts: Floats) -> Floats:
         w * (np.roll(counts, int(k), axis=1) + np.roll(counts, -int(k), axis=1))
         for w, k in zip(weights, away, strict=True)
     )
-
-
-def _resolution_deg(recorded_deg: Floats) -> float:
-    values = np.unique(recorded_deg)
-    return float(np.median(np.diff(values))) if len(values) > 1 else np.inf

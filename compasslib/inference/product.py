@@ -54,7 +54,7 @@ class AppliedCompass:
         *,
         field: EarthField,
     ) -> Scene:
-        """Return in what samples of the affected instrument were made; what is missing counts as the reference.
+        """Build the scene of samples of the affected instrument; what is missing counts as the reference.
 
         Args:
             time_s: (n,) increasing, UTC seconds.
@@ -77,11 +77,7 @@ class AppliedCompass:
         return Scene(time_s, h, z, pitch, roll, self.references["time"], series_used)
 
     def along(self, scene: Scene, recorded_deg: Floats) -> CompassSeries:
-        """Return the compass at every sample.
-
-        Args:
-            recorded_deg: recorded headings, (n,), degrees, NaN where there is none.
-        """
+        """Evaluate the compass at every sample."""
         return CompassSeries(
             reading_deg=invert_readout(self.simulation, scene, recorded_deg),
             coefficients=coefficients_with_effects(self.simulation, scene),
@@ -92,7 +88,6 @@ class AppliedCompass:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for diagnosis.json."""
         return {
             "coefficients": dict(zip(LETTERS, self.simulation.coefficients.tolist(), strict=True)),
             "horizontal_nT": self.simulation.horizontal_nT,
@@ -114,30 +109,22 @@ class WeightedCompass:
     compass: AppliedCompass | None  # None where the fit by itself is it
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for deviation.json."""
         compass = None if self.compass is None else self.compass.to_json()
         return {"effect": self.effect, "weight": self.weight, "compass": compass}
 
 
 def inflate_covariance(fit: DeviationFit, covariance: Floats) -> DeviationFit:
-    """Return the fit with coefficients no surer than what the search makes of them, slow water being in its noise.
-
-    Args:
-        covariance: of A..E, (5, 5).
-    """
+    """Inflate the covariance of a fit to that of the search, which has slow noise."""
     inflated = fit.covariance.copy()
     inflated[:5, :5] += positive_part(covariance - inflated[:5, :5])
     return replace(fit, covariance=inflated)
 
 
 def limit_precision(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
-    """Return a compass with coefficients that are no surer than the fit by itself has them.
+    """Limit the precision of a compass's coefficients to that of the fit alone.
 
     The search judges by blocks of days. These do not show water that veers for months by its direction, nor veer in
     step with the heading, and the fit counts both (``deviation.spread``).
-
-    Args:
-        fit: the exact compass without terms.
     """
     if member.compass is None:
         return member
@@ -165,7 +152,6 @@ class Product:
         return bool(self.effects or self.accounted or self.applied)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the block ``applied`` of deviation.json."""
         return {
             "method": self.fit.method,
             "effects": list(self.effects),
@@ -182,7 +168,7 @@ class Product:
 
 
 def from_json(content: Mapping[str, Any]) -> Product:
-    """Return what a deviation.json says the record is to be corrected by."""
+    """Read the product from a deviation.json."""
 
     block = content["applied"]
     left_deg, stretches = block["uncorrected_deg"], doubts_from_json(block.get("doubts", ()))
@@ -199,14 +185,9 @@ def from_json(content: Mapping[str, Any]) -> Product:
 
 
 def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:
-    """Return the pairs as the compass by itself would have recorded them, without what was found beside it.
+    """Convert the pairs to what the compass alone would have recorded, without the other effects.
 
     A method that knows five coefficients and no effects can go on from there.
-
-    Args:
-        pairs: overlapping measurements, at times of the record.
-        record: the affected instrument.
-        series: what was logged besides at the record's samples.
     """
     when = np.searchsorted(record.time_s, pairs.time_s)
     at = compass_along_record(
@@ -222,7 +203,7 @@ def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: Eart
 
 
 def compass_along_record(product: Product, record: Record, field: EarthField, series: Series) -> CompassSeries | None:
-    """Return the compass at every sample of the record, None where the fit by itself says it.
+    """Evaluate the compass at every sample of the record, None where the fit alone is it.
 
     Args:
         record: the affected instrument.

@@ -48,12 +48,11 @@ class ShortEvidence:
 
 
 def laws(channel: ShortComparison) -> tuple[Law, ...]:
-    """Return the laws of memory that are integrated over."""
     return WHITE if channel.independent else LAWS
 
 
 def log_evidence(channel: ShortComparison, evidences: Sequence[ShortEvidence], uneven: float) -> Floats:
-    """Return the log evidence of hypotheses, up to a constant of the recording, (h,).
+    """Compute the log evidence of hypotheses, up to a constant of the recording, (h,).
 
     Args:
         uneven: variance of the scores of slow or local columns over what even noise makes of it: what a hypothesis
@@ -69,7 +68,7 @@ def log_evidence(channel: ShortComparison, evidences: Sequence[ShortEvidence], u
 
 
 def _occam_factor(evidence: ShortEvidence, uneven: float) -> float:
-    """Return what a hypothesis pays for sizes that it could have had: a wide-tailed law of them beforehand."""
+    """Compute the cost of the sizes that a hypothesis could have had, with a wide-tailed prior."""
     p = len(evidence.information)
     if not p:
         return 0.0
@@ -78,7 +77,7 @@ def _occam_factor(evidence: ShortEvidence, uneven: float) -> float:
 
 
 def short_evidence(fitted: FittedHypothesis) -> ShortEvidence:
-    """Return the evidence of a hypothesis where it was refitted."""
+    """Compute the evidence of a refitted hypothesis."""
     fits = [_filtered_fit(fitted, law) for law in laws(fitted.channel)]
     squares = np.array([fit[0] for fit in fits])
     usual = prior_sizes(fitted)
@@ -88,13 +87,13 @@ def short_evidence(fitted: FittedHypothesis) -> ShortEvidence:
 
 
 def likeliest_law(channel: ShortComparison, evidence: ShortEvidence) -> Law:
-    """Return the law of memory that makes what a hypothesis leaves likeliest."""
+    """Choose the law of memory that makes the residual of a hypothesis likeliest."""
     first = np.array([arma_variance_ratio(law) for law in laws(channel)])
     return laws(channel)[int(np.argmin(_degrees_of_freedom(channel) * np.log(evidence.squares) + np.log(first)))]
 
 
 def prior_sizes(fitted: FittedHypothesis) -> Floats:
-    """Return what is expected of each parameter of the terms, (p,): by physics, or that it turns by some degrees."""
+    """Give the prior size of each parameter of the terms, (p,): by physics, or a turn of some degrees."""
     columns = fitted.columns[:, len(fitted.base) :]
     turn = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
     with np.errstate(divide="ignore"):
@@ -103,7 +102,7 @@ def prior_sizes(fitted: FittedHypothesis) -> Floats:
 
 
 def likelihood_gains(fitted: FittedHypothesis, law: Law, columns: Floats) -> Floats:
-    """Return the log likelihood that a term would add to a hypothesis at each of its places, (g,).
+    """Compute the log likelihood that a term would add to a hypothesis at each of its places, (g,).
 
     Args:
         columns: of the term's parameters at each place, (n, g, p) degrees a unit.
@@ -122,12 +121,9 @@ def likelihood_gains(fitted: FittedHypothesis, law: Law, columns: Floats) -> Flo
 
 
 def cluster_inflation(fitted: FittedHypothesis, law: Law, groups: list[Floats]) -> float:
-    """Return what blocks make of the scores of columns over what even noise would, in the middle, at least 1.
+    """Compute the median inflation of the scores of columns by blocks over even noise, at least 1.
 
     A rule that is known to some hundredths of a degree only counts as noise that no number of samples averages out.
-
-    Args:
-        groups: columns, (n, p) each.
     """
     channel = fitted.channel
     if channel.independent or not groups:
@@ -147,7 +143,7 @@ def cluster_inflation(fitted: FittedHypothesis, law: Law, groups: list[Floats]) 
 
 
 def _filtered_fit(fitted: FittedHypothesis, law: Law) -> tuple[float, Floats]:
-    """Return the sum of squares by one law, and what is known of the terms' parameters beside a free base."""
+    """Compute the sum of squares by one law, and the information on the terms' parameters beside a free base."""
     count = len(fitted.base)
     white = arma_innovations(np.column_stack([fitted.columns, fitted.clipped]), law)
     free = orthonormal_basis(white[:, :count])
@@ -157,7 +153,7 @@ def _filtered_fit(fitted: FittedHypothesis, law: Law) -> tuple[float, Floats]:
 
 
 def _huber_excess(fitted: FittedHypothesis) -> float:
-    """Return what clipped samples add to the squares by Huber's law: what is left out for a while is not free."""
+    """Compute what clipped samples add to the squares by Huber's law: an offset for a while is not free."""
     clip = finding.MOST_WIDTHS * fitted.scale_deg
     beyond = np.maximum(np.abs(fitted.residual_deg) - clip, 0.0) * (not fitted.channel.independent)
     return float(2.0 * clip * np.sum(beyond))
@@ -207,11 +203,7 @@ class SectorOffset(LocalOffset):
         return x + self.offset_deg * self.share(x)
 
     def share(self, x: Floats) -> Floats:
-        """Return how much of the error acts at some readings, (n,) 0 to 1.
-
-        Args:
-            x: readings, (n,) degrees.
-        """
+        """Compute the share of the error that acts, (n,) 0 to 1."""
         return bump(x, self.centre_deg, self.reach_deg)
 
 
@@ -230,11 +222,7 @@ class SpellOffset(LocalOffset):
         return x + self.offset_deg * self.share(scene.time_s)
 
     def share(self, x: Floats) -> Floats:
-        """Return 1 while the error acts, (n,).
-
-        Args:
-            x: time, or number of the reading, (n,).
-        """
+        """Compute the share of the error that acts, (n,) 0 to 1."""
         return ((x >= self.begin_s) & (x < self.end_s)).astype(float)
 
 
@@ -242,7 +230,7 @@ LOCAL_OFFSETS = (SectorOffset, SpellOffset)
 
 
 def candidate_places(fitted: FittedHypothesis, kind: type[Effect], near: Effect | None = None) -> list[Effect]:
-    """Return a kind of term at zero size at every place and date that is tried, one that has none once.
+    """List a kind of term at zero size at every place and date that is tried, one without places once.
 
     Args:
         fitted: the hypothesis beside which it is tried.
@@ -260,11 +248,7 @@ def candidate_places(fitted: FittedHypothesis, kind: type[Effect], near: Effect 
 
 
 def place_columns(fitted: FittedHypothesis, terms: Sequence[Effect]) -> Floats:
-    """Return the derivative of the simulated heading by the parameters of a term at each of its places, (n, g, p).
-
-    Args:
-        terms: of one kind.
-    """
+    """Compute the derivative of the simulated heading by a term's parameters at each of its places, (n, g, p)."""
     channel, first = fitted.channel, terms[0]
     if isinstance(first, LOCAL_OFFSETS):
         always = short_fit.term_derivative(fitted, SpellOffset(0.0, -np.inf, np.inf))
@@ -302,7 +286,7 @@ def _spell_places(channel: ShortComparison, near: Effect | None) -> list[tuple[f
 
 
 def _date_places(channel: ShortComparison, near: Effect | None) -> list[float]:
-    """Return the dates that are tried, between samples."""
+    """List the dates that are tried, between samples."""
     n = len(channel)
     if near is None:
         first = max(2, int(STEP_MARGIN * n))

@@ -56,7 +56,7 @@ class ShortComparison(Comparison):
     reads: bool = True  # whether what is compared is a reading of a compass
 
     def unit(self, term: Effect, k: int) -> tuple[float, str]:
-        """Return by what a parameter is multiplied for people, and its unit."""
+        """Give the factor and the unit by which a parameter is shown."""
         unit = term.units()[k]
         if not unit.startswith("nT"):
             return 1.0, unit
@@ -64,7 +64,7 @@ class ShortComparison(Comparison):
 
 
 def thin_indices(length: int, most: int) -> NDArray[np.intp]:
-    """Return which samples of a record stay, evenly."""
+    """Select evenly spaced samples of a record."""
     return np.arange(0, length, max(1, -(-length // most)))
 
 
@@ -106,7 +106,7 @@ def recording_scene(
     tilt_deg: tuple[Floats, Floats] | None = None,
     departures: Mapping[str, Floats] | None = None,
 ) -> tuple[Scene, tuple[float, str]]:
-    """Return in what a recording was made, and the unit of its iron.
+    """Build the scene of a recording, and the unit of its iron.
 
     Args:
         time_s: (n,), UTC seconds or numbers of readings.
@@ -134,32 +134,23 @@ class FittedHypothesis:
 
     @property
     def clipped(self) -> Floats:
-        """Return the residual, clipped where samples are many enough to know a width, (n,)."""
+        """The residual, clipped where samples are many enough to know a width, (n,)."""
         if self.channel.independent:
             return self.residual_deg
         return np.clip(self.residual_deg, -finding.MOST_WIDTHS * self.scale_deg, finding.MOST_WIDTHS * self.scale_deg)
 
     @property
     def square(self) -> float:
-        """Return the sum of the squares."""
         return float(self.clipped @ self.clipped)
 
     def reordered(self, order: Sequence[int]) -> FittedHypothesis:
-        """Return the same with its terms in another order.
-
-        Args:
-            order: number of each term, the first first.
-        """
+        """Reorder the terms."""
         places = parameter_slices(self.terms, len(self.base))
         columns = self.columns[:, np.r_[: len(self.base), *(places[k] for k in order)]]
         return replace(self, terms=tuple(self.terms[k] for k in order), columns=columns)
 
     def projected(self, columns: Floats) -> Floats:
-        """Return columns without what the parameters can take of them, (n, k).
-
-        Args:
-            columns: (n, k).
-        """
+        """Project the parameters out of columns, (n, k)."""
         return project_out(columns, orthonormal_basis(self.columns))
 
 
@@ -170,7 +161,7 @@ def fit_hypothesis(
     near: FittedHypothesis | None = None,
     use: NDArray[np.bool_] | None = None,
 ) -> FittedHypothesis:
-    """Return a hypothesis refitted.
+    """Refit a hypothesis.
 
     Args:
         terms: beside the base, where the fit begins; their dates stay.
@@ -197,27 +188,21 @@ class _FitState:
     keep: NDArray[np.bool_]  # (n,) samples that count
 
     def step(self) -> tuple[Floats, float]:
-        """Return the step of all parameters."""
         step = _least_squares_step(self.fitted, self.steps, self.keep)  # in the parameters' own steps
         return step * self.steps, float(np.max(np.abs(step)))
 
     def moved(self, step: Floats) -> _FitState:
-        """Return the hypothesis a step away."""
         theta = self.theta + step
         return replace(self, fitted=_linearize(self.fitted.channel, theta, self.fitted.terms, self.steps), theta=theta)
 
     def misfit(self, other: _FitState) -> float:
-        """Return the sum of the squares of another hypothesis over that of this."""
+        """Compare another hypothesis's sum of squares with this one's."""
         square, then = (float(np.sum(state.fitted.clipped[self.keep] ** 2)) for state in (self, other))
         return then / max(square, 1e-300)
 
 
 def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
-    """Return the derivative of the simulated heading by a term's parameters beside a hypothesis, (n, p).
-
-    Args:
-        term: where the derivative is taken.
-    """
+    """Differentiate the simulated heading by a term's parameters beside a hypothesis, (n, p)."""
     made = []
     for j, step in enumerate(term.steps()):
         moved = term.at(term.values + 0.1 * step * (np.arange(len(term.values)) == j))
@@ -226,7 +211,6 @@ def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
 
 
 def _linearize(channel: ShortComparison, theta: Floats, terms: tuple[Effect, ...], steps: Floats) -> FittedHypothesis:
-    """Return the residual and its derivative where the parameters stand."""
     base, placed = _split_parameters(channel, theta, terms)
     residual = channel.residual(base, placed)
     columns = np.zeros((len(channel), len(theta)))
@@ -247,7 +231,7 @@ def _split_parameters(
 
 
 def _least_squares_step(now: FittedHypothesis, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
-    """Return the weighted least-squares step in the parameters' own steps; directions that nothing determines stay."""
+    """Solve for the weighted least-squares step in the parameters' own steps; undetermined directions stay."""
     size = np.maximum(np.abs(now.residual_deg), 1e-300)
     weight = np.sqrt(np.minimum(1.0, finding.MOST_WIDTHS * now.scale_deg / size)) * keep
     if now.channel.independent:
@@ -258,7 +242,7 @@ def _least_squares_step(now: FittedHypothesis, steps: Floats, keep: NDArray[np.b
 
 
 def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
-    """Return the block of each sample, (n,): longer than the memory, each reading one where there is none."""
+    """Number the block of each sample, (n,): longer than the memory, one reading where there is none."""
     channel = fitted.channel
     if channel.independent:
         return np.arange(len(channel))
@@ -268,7 +252,7 @@ def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
 
 
 def effective_samples(fitted: FittedHypothesis) -> float:
-    """Return how many independent samples the residual is worth."""
+    """Estimate how many independent samples the residual is worth."""
     n = len(fitted.channel)
     if fitted.channel.independent:
         return float(n)
@@ -278,7 +262,7 @@ def effective_samples(fitted: FittedHypothesis) -> float:
 
 
 def parameter_covariance(fitted: FittedHypothesis) -> Floats:
-    """Return the covariance of base and terms: by the scores of blocks, never below that of independent samples.
+    """Estimate the covariance of base and terms by the scores of blocks, never below that of independent samples.
 
     What the simulation itself does not know is added, as if it lay all along each parameter's own column.
     """
@@ -299,7 +283,7 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
 
 
 def visible_size_deg(fitted: FittedHypothesis, k: int) -> float:
-    """Return the visible size of a term: what no other parameter can take of it, rms degrees."""
+    """Compute the visible size of a term: what no other parameter can take of it, rms degrees."""
     columns = parameter_slices(fitted.terms, len(fitted.base))[k]
     other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
     without = fitted.channel.residual(fitted.base, tuple(other_terms)) - fitted.residual_deg

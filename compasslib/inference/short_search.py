@@ -56,7 +56,7 @@ FEWEST_IN_BIN = 5  # of a figure's curve
 
 
 def omnibus_groups(now: FittedHypothesis) -> list[ColumnGroup]:
-    """Return harmonics and hats of the heading, hats of every other covariate, and products with the heading."""
+    """Build harmonics and hats of the heading, hats of every other covariate, and products with the heading."""
     covariates = now.channel.covariates
     worth = (
         len(now.channel) if now.channel.arma_noise else short_fit.effective_samples(now)
@@ -83,7 +83,7 @@ def omnibus_groups(now: FittedHypothesis) -> list[ColumnGroup]:
 def score_tests(
     now: FittedHypothesis, noise: FittedHypothesis, groups: Sequence[ColumnGroup], seed: int = 0
 ) -> ScoreTests:
-    """Return the score tests of all groups.
+    """Compute the score tests of all groups.
 
     Args:
         noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
@@ -92,7 +92,7 @@ def score_tests(
     filtered = [group.columns if white is None else white @ group.columns for group in groups]
     base = orthonormal_basis(now.columns if white is None else white @ now.columns)
     bases = [directions(columns, base) for columns in filtered]
-    determined = [k for k, basis in enumerate(bases) if basis.shape[1] and _is_determined(filtered[k], bases[k], base)]
+    determined = [k for k, basis in enumerate(bases) if basis.shape[1] and _is_determined(filtered[k], base)]
     if not determined:
         none = np.zeros(0)
         return ScoreTests([], none, none, none, none)
@@ -108,18 +108,15 @@ def score_tests(
 
 
 def directions(columns: Floats, base: Floats) -> Floats:
-    """Return an orthonormal basis of what the base leaves of some columns, (n, k).
+    """Build an orthonormal basis of what the base leaves of some columns, (n, k).
 
     What the base nearly is leaves faint directions that are no splines any more: they are left out.
-
-    Args:
-        base: orthonormal, (n, b).
     """
     return orthonormal_basis(project_out(columns, base), FAINTEST_DIRECTION)
 
 
 def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) -> Floats:
-    """Return draws of the record's own noise: blocks of it at other places with random signs, (repeats, n).
+    """Resample the record's own noise: blocks of it at other places with random signs, (repeats, n).
 
     Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
     memory: a dozen of them hold no distribution of their own.
@@ -133,7 +130,7 @@ def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) 
 
 
 def group_size_deg(now: FittedHypothesis, group: ColumnGroup, inflation: float) -> float:
-    """Return the visible size of a group's best fit, rms degrees, freed of what noise adds to it."""
+    """Compute the visible size of a group's best fit, rms degrees, the contribution of noise taken off."""
     columns = directions(group.columns, orthonormal_basis(now.columns))
     pull, n = columns.T @ now.clipped, len(now.channel)
     noise = inflation * columns.shape[1] * now.square / n
@@ -141,15 +138,14 @@ def group_size_deg(now: FittedHypothesis, group: ColumnGroup, inflation: float) 
 
 
 def _gains(rows: Floats, basis_all: Floats, begins: NDArray[np.intp], base: Floats) -> Floats:
-    """Return twice the log likelihood that each group adds to each row, (rows, groups)."""
+    """Compute twice the log likelihood that each group adds to each row, (rows, groups)."""
     projected = rows - (rows @ base) @ base.T
     total = np.sum(projected**2, axis=1)[:, None]
     taken = np.add.reduceat((projected @ basis_all) ** 2, begins, axis=1)
     return -rows.shape[1] * np.log(np.maximum(1.0 - taken / np.maximum(total, 1e-300), 1e-12))
 
 
-def _is_determined(columns: Floats, basis: Floats, base: Floats) -> bool:
-    """Tell whether the base leaves more than rounding of a group."""
+def _is_determined(columns: Floats, base: Floats) -> bool:
     return float(np.linalg.norm(project_out(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
 
 
@@ -195,7 +191,7 @@ class HypothesisSearch:
         return [odds - float(np.log(forms[kind.name])) for odds, kind in zip(whole, self.kinds, strict=True)]
 
     def logs(self, uneven: float = 1.0) -> dict[Hypothesis, float]:
-        """Return the log of how likely each hypothesis is, up to a constant, odds beforehand counted."""
+        """Compute the log posterior of each hypothesis, up to a constant."""
         evidence = short_evidence.log_evidence(
             self.channel, [hypothesis.evidence for hypothesis in self.refitted.values()], uneven
         )
@@ -203,7 +199,6 @@ class HypothesisSearch:
         return {key: log + hypothesis.share + self.prior(key) for (key, hypothesis), log in each}
 
     def prior(self, hypothesis: Hypothesis) -> float:
-        """Return the log odds beforehand of a hypothesis."""
         return posteriors.joint_odds([self.odds[k] for k in hypothesis])
 
     def run(self) -> None:
@@ -258,7 +253,7 @@ class HypothesisSearch:
         return RefittedHypothesis(fitted, evidence, float(np.log(np.mean(np.exp(gains - gains.max())))))
 
     def _refitted(self, base: FittedHypothesis, term: Effect) -> FittedHypothesis:
-        """Return a hypothesis with one more term, from each value where its fit may begin."""
+        """Refit a hypothesis with one more term, from each value where its fit may begin."""
         starts = [np.append(first, term.values[1:]) for first in self.channel.starts.get(term.name, ())]
         fits = [
             short_fit.fit_hypothesis(self.channel, (*base.terms, term.at(v)), near=base) for v in (term.values, *starts)
@@ -266,7 +261,7 @@ class HypothesisSearch:
         return _refine_places(min(fits, key=lambda fit: fit.square))
 
     def posterior(self) -> Posterior:
-        """Return how probable each hypothesis is, by noise as uneven as blocks of the likeliest one's residual."""
+        """Compute the posterior, noise as uneven as blocks of the likeliest hypothesis's residual."""
         logs = self.logs()
         plausible = [
             key for key, hypothesis in self.refitted.items() if all(t.plausible for t in hypothesis.fitted.terms)
@@ -282,7 +277,7 @@ class HypothesisSearch:
         return Posterior([kind.name for kind in self.kinds], plausible, probability / probability.sum(), prior)
 
     def alone(self) -> dict[str, tuple[float, float]]:
-        """Return log evidence and visible size of each effect beside the base alone, the best first."""
+        """Compute log evidence and visible size of each effect beside the base alone, the best first."""
         sizes: dict[str, tuple[float, float]] = {}
         logs = self.logs()
         for hypothesis in sorted(
@@ -296,7 +291,7 @@ class HypothesisSearch:
 
 
 def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
-    """Return the terms that the comparison calls for, each with all that may stand in its place."""
+    """Search the terms that explain a comparison, each with all that may stand in its place."""
     made = HypothesisSearch(channel, options.alarm)
     made.run()
     posterior_found = made.posterior()
@@ -309,23 +304,20 @@ def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
 
 
 def _refine_places(fitted: FittedHypothesis) -> FittedHypothesis:
-    """Return a hypothesis with the places of its last term looked for among the samples between those tried."""
+    """Refine the place of the last term among the samples between those tried."""
     term = fitted.terms[-1]
     near = [candidate.at(term.values) for candidate in short_evidence.candidate_places(fitted, type(term), near=term)]
-    squares = [_clipped_square(fitted, candidate) for candidate in near]
+    residuals = [fitted.channel.residual(fitted.base, (*fitted.terms[:-1], candidate)) for candidate in near]
+    clip = finding.MOST_WIDTHS * fitted.scale_deg
+    squares = [float(np.sum(np.minimum(np.abs(residual), clip) ** 2)) for residual in residuals]
     if not squares or min(squares) >= fitted.square:
         return fitted
     better = near[int(np.argmin(squares))]
     return short_fit.fit_hypothesis(fitted.channel, (*fitted.terms[:-1], better), near=fitted)
 
 
-def _clipped_square(fitted: FittedHypothesis, last: Effect) -> float:
-    residual = fitted.channel.residual(fitted.base, (*fitted.terms[:-1], last))
-    return float(np.sum(np.minimum(np.abs(residual), finding.MOST_WIDTHS * fitted.scale_deg) ** 2))
-
-
 def build_outcome(named: SearchResult) -> Outcome:
-    """Return what the search of one comparison tells."""
+    """Collect the outcome of the search of one comparison."""
     fitted, channel = named.fitted, named.fitted.channel
     named_terms = [k for k, term in enumerate(fitted.terms) if not isinstance(term, LOCAL_OFFSETS)]
     covariance = short_fit.parameter_covariance(fitted) if named_terms else np.zeros((0, 0))
@@ -367,7 +359,7 @@ def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
 
 
 def _slot_probabilities(slot: Slot, channel: ShortComparison) -> dict[str, float]:
-    """Return the probability of an effect and of what else it could be; what looks the same here has equal shares."""
+    """Give the probability of an effect and its alternatives; what looks the same here has equal shares."""
     shared: dict[str, float] = {}
     for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():
         alike = (effect, *channel.confused.get(effect, ()))
@@ -388,13 +380,13 @@ def _parameters(fitted: FittedHypothesis, k: int, covariance: Floats) -> dict[st
 
 
 def held_out(fitted: FittedHypothesis, k: int) -> HeldOut:
-    """Return what a term adds on stretches that were not fitted, the others refitted with and without it."""
+    """Score a term on stretches that were not fitted, the others refitted with and without it."""
     other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
     return _held_out_gain(fitted, fitted, other_terms)
 
 
 def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
-    """Return what some of the base parameters add on stretches that were not fitted, all others refitted."""
+    """Score some base parameters on stretches that were not fitted, all others refitted."""
     steps = fitted.channel.steps.copy()
     steps[part] = 0.0
     without = replace(fitted, channel=replace(fitted.channel, steps=steps), base=fitted.base * (steps > 0.0))
@@ -402,7 +394,7 @@ def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
 
 
 def _held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequence[Effect]) -> HeldOut:
-    """Return the gain of a fit over one with fewer parameters on held-out stretches."""
+    """Score a fit against one with fewer parameters on held-out stretches."""
     block = short_fit.memory_blocks(fitted)
     folds = min(finding.FOLDS, block.max() + 1) if not fitted.channel.independent else block.max() + 1
     before, after = held_out_residual(less, terms, block, folds), held_out_residual(fitted, fitted.terms, block, folds)
@@ -410,7 +402,7 @@ def _held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequ
 
 
 def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Effect], block: NDArray[np.intp], folds: int) -> Floats:
-    """Return the residual of each stretch by a fit to the others, (n,) degrees.
+    """Compute the residual of each stretch by a fit to the others, (n,) degrees.
 
     Args:
         fitted: to start from.
@@ -426,11 +418,7 @@ def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Effect], block: 
 
 
 def _unexplained_mismatch(named: SearchResult, listed: Sequence[str]) -> Unexplained | None:
-    """Return what stays proven and without a name: an error at a few headings or for a while, or a mean residual.
-
-    Args:
-        listed: effects that stand beside it.
-    """
+    """Describe what is proven and has no name: an error at a few headings or for a while, or a mean residual."""
     fitted, channel, remainder = named.fitted, named.fitted.channel, named.omnibus
     local = [
         (short_fit.visible_size_deg(fitted, k), k)
@@ -449,7 +437,7 @@ def _unexplained_mismatch(named: SearchResult, listed: Sequence[str]) -> Unexpla
 
 
 def _covered_range(channel: ShortComparison, term: Effect) -> CovariateRange:
-    """Return the range of a covariate that a local error covers; one of headings may go through north."""
+    """Describe the range of a covariate that a local error covers; one of headings may cross north."""
     assert isinstance(term, LOCAL_OFFSETS)
     name = next(name for name in term.along if name in channel.covariates)
     share = term.share(channel.covariates[name])
@@ -462,7 +450,7 @@ def _covered_range(channel: ShortComparison, term: Effect) -> CovariateRange:
 
 
 def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str) -> BinnedResidual:
-    """Return the residual in bins of a covariate, with and without terms, and the standard error of each bin."""
+    """Bin the residual along a covariate, with and without terms, with the standard error of each bin."""
     column = before.channel.covariates[name]
     count = int(np.clip(len(column) // 4, 4, finding.CURVE_BINS))
     edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, count + 1)))
@@ -481,7 +469,7 @@ def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str)
 def _bin_sigma(
     after: FittedHypothesis, bins: NDArray[np.intp], held: NDArray[np.intp], there: NDArray[np.intp]
 ) -> Floats:
-    """Return the standard error of a bin's mean: samples of one stretch of time in it count once."""
+    """Estimate the standard error of a bin's mean: samples of one stretch of time in it count once."""
     scatter = float(np.std(after.clipped))
     if after.channel.independent:
         return scatter / np.sqrt(there[held])
@@ -495,6 +483,5 @@ def _bin_sigma(
 
 
 def _block_variance(x: Floats, block: NDArray[np.intp]) -> float:
-    """Return the standard error of a mean from the sums of the stretches."""
     sums = np.bincount(block, x - x.mean())
     return float(np.sqrt(np.sum(sums**2))) / len(x)

@@ -47,11 +47,7 @@ OTHERWISE = "a record in which {} and {} vary independently"
 
 
 def separating_observations(effect: str, alternatives: Sequence[str]) -> str:
-    """Return what observation would separate effects, one sentence a pair.
-
-    Args:
-        effect: the effect that fits best.
-    """
+    """List the observations that would separate an effect from its alternatives, one sentence a pair."""
     pairs = [(effect, other) for other in alternatives]
     phrases = dict.fromkeys(_separating_observation(*pair) for pair in pairs)
     return "; ".join(phrases)
@@ -80,7 +76,7 @@ def finding_text(
     physics: str = "",
     what: str = "",
 ) -> str:
-    """Return two or three sentences on one finding.
+    """Describe one finding in two or three sentences.
 
     Args:
         parameters: value, standard error and unit by name.
@@ -107,7 +103,7 @@ def shared_finding_text(
     size_deg: float,
     gain: float,
 ) -> str:
-    """Return two or three sentences on one finding that several records of a compass share.
+    """Describe one finding that several records of a compass share.
 
     Args:
         parameters: value, standard error and unit by name.
@@ -123,7 +119,7 @@ def shared_finding_text(
 def _effect_text(
     effect: str, where: str, parameters: Mapping[str, tuple[float, float, str]], size_deg: float, physics: str = ""
 ) -> str:
-    """Return where an effect is, what it is, how large, and its numbers with their intervals."""
+    """Describe where an effect is, what it is, its size, and its numbers with their intervals."""
     fitted = {name: parameter for name, parameter in parameters.items() if parameter[1] > 0.0}
     known = meanings(effect)
     numbers = "".join(f"; {known.get(name, name)} {_interval_text(*parameter)}" for name, parameter in fitted.items())
@@ -146,7 +142,7 @@ ACTED_ON = {
 
 
 def describe_composition(acts_on: str, driver: str, form: str) -> tuple[str, str]:
-    """Return in words what changes, and with what and how, for an effect that nobody listed."""
+    """Describe what changes, and with what and how, for an effect that the catalogue does not list."""
     named = {
         "voltage": "supply voltage",
         "turn_rate": "rate of turn",
@@ -159,18 +155,13 @@ def describe_composition(acts_on: str, driver: str, form: str) -> tuple[str, str
 
 
 def _interval_text(value: float, sigma: float, unit: str) -> str:
-    """Return a number with its 95 % interval and its unit, without an exponent."""
+    """Format a number with its 95 % interval and its unit, without an exponent."""
     text = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
     return f"{text} (95 %)" if unit == "1" else f"{text} {unit} (95 %)"
 
 
 def unexplained_text(where: str, size_deg: float, named: Sequence[str]) -> str:
-    """Return what is said of a mismatch that nothing in the catalogue fits.
-
-    Args:
-        size_deg: visible size, rms degrees.
-        named: effects that stand beside it.
-    """
+    """Describe a mismatch that nothing in the catalogue fits."""
     beyond = f" beyond {join_names(named)}" if named else ""
     return (
         f"Recording and simulation differ{beyond} {where}, by {size_deg:.1f}° rms. "
@@ -179,11 +170,7 @@ def unexplained_text(where: str, size_deg: float, named: Sequence[str]) -> str:
 
 
 def range_text(covariate: str, low: float, high: float, *, on_land: bool = False, clocked: bool = True) -> str:
-    """Return the range of a covariate in words.
-
-    Args:
-        clocked: whether time is UTC.
-    """
+    """Describe the range of a covariate."""
     if covariate == "time" and clocked:
         return f"from {date_text(low, high - low)} to {date_text(high, high - low)}"
     units = UNITS_OF_CALIBRATIONS if on_land else UNITS
@@ -191,23 +178,12 @@ def range_text(covariate: str, low: float, high: float, *, on_land: bool = False
 
 
 def date_text(time_s: float, span_s: float) -> str:
-    """Return an instant in words: its day where a record lasts for weeks, else its second.
-
-    Args:
-        time_s: UTC seconds since 1970.
-        span_s: of the record.
-    """
+    """Format an instant: its day where a record lasts for weeks, else its second."""
     return iso_time(time_s)[:10] if span_s > LONG_RECORD_S else iso_time(time_s)
 
 
 def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
-    """Return what the verdict rests on, one sentence.
-
-    Args:
-        effects: that were found.
-        left: what is said of what has no name, empty where there is nothing.
-        compared: what was, in words.
-    """
+    """Describe what the verdict rests on, one sentence."""
     if left:
         return left
     if causes := [PHYSICS.get(effect, display_name(effect)) for effect in effects]:
@@ -216,11 +192,7 @@ def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -
 
 
 def displayed_residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the binned residuals to look at: of what stays unexplained first, which stands for its covariate alone.
-
-    Args:
-        diagnosis: content of diagnosis.json.
-    """
+    """Select the binned residuals to show: unexplained ones first, each covariate once."""
     left = diagnosis["unexplained"]["curves"] if diagnosis["unexplained"] else []
     taken = {curve["covariate"] for curve in left}
     others = [curve for curve in diagnosis.get("curves", []) if curve["covariate"] not in taken]
@@ -228,13 +200,13 @@ def displayed_residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]
 
 
 def display_name(effect: str) -> str:
-    """Return the name of an effect to read; a composed one, written composed:ACTS_ON/DRIVER/FORM, in words."""
+    """Format the name of an effect to read; a composed one, written composed:ACTS_ON/DRIVER/FORM, in words."""
     if effect.startswith(COMPOSED):
         return " changing ".join(describe_composition(*effect.removeprefix(COMPOSED).split("/")))
     return effect.replace("_", " ")
 
 
 def join_names(names: Sequence[str], last: str = " or ") -> str:
-    """Return names to read, one after the other."""
+    """Join names to read, one after the other."""
     words = [display_name(name) for name in names]
     return last.join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -28,7 +28,7 @@ DISABLED = "the search for unmodelled effects is switched off: diagnose: {enable
 def diagnose(
     kind: str, files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None
 ) -> Diagnosis:
-    """Return what a calibration's recording shows that its simulation does not hold.
+    """Diagnose a calibration's recording against its simulation.
 
     Args:
         files: raw files in the order of the YAML file.
@@ -48,11 +48,7 @@ def diagnose(
 
 
 def chosen(settings: Mapping[str, Any]) -> Options | None:
-    """Return the options of a diagnosis, None where it is switched off.
-
-    Args:
-        settings: ``enabled``, ``apply`` and ``min_effect_deg`` of config.yaml.
-    """
+    """Read the options of a diagnosis, None where it is switched off."""
     from compasslib.inference.comparison import Options
 
     if not settings["enabled"]:

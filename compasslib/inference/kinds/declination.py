@@ -58,14 +58,13 @@ FEWEST_DAYS = 5  # that a quiet-day curve must come from to be held against days
 
 
 def separating_text(findings: Sequence[Finding]) -> str | None:
-    """Return what would tell the alternatives apart, or None where nothing is open."""
+    """List what would separate the alternatives, None where nothing is open."""
     pairs = [(finding.effect, other) for finding in findings for other in finding.alternatives]
     texts = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
     return "; ".join(dict.fromkeys(texts)) or None
 
 
 def reason_text(compared: FieldComparison, source: str, findings: Sequence[Finding]) -> str:
-    """Return what the verdict rests on."""
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
         f"{len(compared.time_s)} means over {compared.days} days against {model} plus "
@@ -77,11 +76,7 @@ def reason_text(compared: FieldComparison, source: str, findings: Sequence[Findi
 
 
 def storm_text(storm: Storm, compared: FieldComparison, proof: HeldOut, more: int) -> str:
-    """Return the sentences on one storm.
-
-    Args:
-        more: smaller storms that have no finding of their own.
-    """
+    """Describe one storm; smaller ones without a finding are counted."""
     quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
     others = f" {more} smaller storms are not listed." if more else ""
     return (
@@ -94,12 +89,7 @@ def storm_text(storm: Storm, compared: FieldComparison, proof: HeldOut, more: in
 
 
 def daily_text(amplitude_deg: float, size_deg: float, days: int) -> str:
-    """Return the sentences on a daily variation that matters.
-
-    Args:
-        amplitude_deg: half of its range.
-        days: quiet days that it comes from.
-    """
+    """Describe a daily variation that matters: amplitude is half of its range."""
     return (
         f"Every day magnetic north swings by {amplitude_deg:.2f}° to either side, {size_deg:.2f}° rms: "
         f"the daily variation, by the median of {days} quiet days."
@@ -107,11 +97,7 @@ def daily_text(amplitude_deg: float, size_deg: float, days: int) -> str:
 
 
 def constant_text(compared: FieldComparison, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
-    """Return the sentences on a constant that rocks do not make.
-
-    Args:
-        most_deg: largest plausible constant of rocks.
-    """
+    """Describe a constant larger than the crust makes plausible."""
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
         f"The declination differs from {model} by {compared.constant_deg:+.2f} ± "
@@ -124,11 +110,6 @@ def constant_text(compared: FieldComparison, most_deg: float, source: str, alter
 
 
 def restless_text(size_deg: float) -> str:
-    """Return the sentence on a series that is disturbed at all times.
-
-    Args:
-        size_deg: its middle rms over three hours.
-    """
     return (
         f"The declination is restless at all times, by {size_deg:.2f}° rms over three hours in the middle of "
         "the record: the ordinary weather of a station in the auroral zone, or noise of the recording. No storm stands "
@@ -137,7 +118,7 @@ def restless_text(size_deg: float) -> str:
 
 
 def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> SlowFindings:
-    """Return trend and jumps of a series."""
+    """Find trend and jumps of a series."""
     if why := why_too_short(compared):
         jump = short_jump(compared, options.min_effect_deg) if compared.storms else None
         missing = [("secular_variation", why)] + ([] if jump else [("heading_slip", why)])
@@ -169,7 +150,7 @@ def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthFi
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None) -> Diagnosis:
-    """Return what an observatory's declination shows that model and constant do not hold.
+    """Diagnose an observatory's declination against model plus constant.
 
     Args:
         files: IAGA-2002 files of one observatory.
@@ -188,7 +169,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 
 
 def diagnose_series(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis:
-    """Return the diagnosis of a series that is held against a declination along time plus a constant.
+    """Diagnose a series against a declination along time plus a constant.
 
     Args:
         series: of an observatory, at least half a day.
@@ -222,7 +203,7 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
 
 
 def plausible_deg(series: FieldSeries, field: EarthField) -> float:
-    """Return the largest plausible constant of the rocks of a place, degrees."""
+    """Compute the largest plausible constant of the crust at a place, degrees."""
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
     return float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
 
@@ -329,9 +310,9 @@ def _span(compared: FieldComparison) -> tuple[float, float]:
 
 
 def _interpolation_gain(compared: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
-    """Return what the storm's own curve adds on stretches left out of it, between its neighbours.
+    """Score the storm's own curve on stretches left out of it, interpolated between its neighbours.
 
-    It foretells no other day and no other place; it shows that the disturbance is a course in time and not noise.
+    It predicts no other day and no other place; it shows that the disturbance is a course in time and not noise.
     """
     inside = (series.time_s >= storm.begin_s) & (series.time_s <= storm.end_s) & np.isfinite(series.declination_deg)
     time_s, observed = series.time_s[inside], series.declination_deg[inside]
@@ -348,7 +329,7 @@ def _interpolation_gain(compared: FieldComparison, series: FieldSeries, storm: S
 
 
 def _fold_gain(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldOut:
-    """Return what a constant, or a daily curve, adds on days that it was not made from."""
+    """Score a constant, or a daily curve, on days that it was not made from."""
     day = np.floor(time_s / observatory.DAY_S).astype(int)
     unit = day if day[-1] > day[0] else np.floor(time_s / observatory.HOUR_S).astype(int)
     left = np.array(off_deg)
@@ -372,7 +353,7 @@ def _residual_gain(before: Floats, after: Floats, block: NDArray[np.intp]) -> He
 
 
 def _restless(compared: FieldComparison, limit_deg: float) -> Unexplained | None:
-    """Return that the series is restless at all times, if it is: then no storm stands out."""
+    """Describe a series that is disturbed at all times, if it is: then no storm stands out."""
     if compared.ordinary_deg < limit_deg:
         return None
     span = _span(compared)

@@ -47,7 +47,7 @@ LEAST_STEADY = 0.5  # of the limit: what a jump may leave
 
 
 def jump_text(jump: tuple[float, float], sigma_deg: float, proof: HeldOut, alternatives: Sequence[str]) -> str:
-    """Return the sentences on a jump of the baseline.
+    """Describe a jump of the baseline.
 
     Args:
         jump: date, and degrees that the declination rises by.
@@ -62,7 +62,7 @@ def jump_text(jump: tuple[float, float], sigma_deg: float, proof: HeldOut, alter
 
 
 def trend_text(slope: Parameter, finding: Finding, model_slope: float | None, alternatives: Sequence[str]) -> str:
-    """Return the sentences on a trend.
+    """Describe a trend.
 
     Args:
         slope: degrees a year.
@@ -92,17 +92,13 @@ class SlowFindings:
 
 
 def remove_jumps(series: FieldSeries, jumps: Jumps) -> FieldSeries:
-    """Return a series with its jumps taken out.
-
-    Args:
-        jumps: dates and degrees.
-    """
+    """Subtract jumps from a series."""
     risen = np.sum([size * (series.time_s >= date) for date, size in jumps], axis=0) if jumps else 0.0
     return replace(series, declination_deg=angles.wrap180(series.declination_deg - risen))
 
 
 def compare_series(compared: FieldComparison, model: EarthField) -> LongComparison:
-    """Return the series as a case of the general search: a compass that stays where it is while north moves."""
+    """Build the comparison of the general search: a compass that stays where it is while north moves."""
     years = float(np.ptp(compared.time_s)) / YEAR_S
     step = observatory.HOUR_S if years < HOURS_OF_YEARS else observatory.DAY_S
     time_s, off = _averaged(compared.time_s, compared.residual_deg - compared.constant_deg - compared.quiet_deg, step)
@@ -146,7 +142,7 @@ def covered_share(compared: FieldComparison) -> float:
 def trend_of_pieces(
     compared: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float
 ) -> SlowFindings:
-    """Return the trend through the medians of 27 days of a record that is mostly gaps; a jump may hide in a gap."""
+    """Fit the trend through the medians of 27 days of a record that is mostly gaps; a jump may hide in a gap."""
     missing = (("heading_slip", "most of the record is gaps: a jump in one looks like a trend or like nothing"),)
     number = np.unique(np.floor(compared.time_s / observatory.DAY_S / observatory.BLOCK_DAYS), return_inverse=True)[1]
     years = (compared.time_s - compared.time_s[0]) / YEAR_S
@@ -185,7 +181,7 @@ def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Float
 def reword_finding(
     finding: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None
 ) -> Finding:
-    """Return a finding of the search in the words of an observatory, with what it could also be."""
+    """Reword a finding of the search for an observatory, with what it could also be."""
     assert finding.when_s is not None  # an observatory has a clock
     if jump is not None:
         sigma = next(iter(finding.parameters.values())).sigma
@@ -210,7 +206,7 @@ def reword_finding(
 
 
 def date_jump(compared: FieldComparison, finding: Finding) -> tuple[float, float]:
-    """Return the date of a jump among the means around where the search has it, and by how much the series rises."""
+    """Date a jump among the means around the date of the search, and measure by how much the series rises."""
     assert finding.when_s is not None  # an observatory has a clock
     near = np.abs(compared.time_s - finding.when_s[0]) <= NEAR_S
     time_s, off = compared.time_s[near], (compared.residual_deg - compared.quiet_deg)[near]
@@ -222,7 +218,7 @@ def date_jump(compared: FieldComparison, finding: Finding) -> tuple[float, float
 
 
 def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
-    """Return where a series changes its level best, by how much, and what the two levels leave."""
+    """Find the best change of level of a series: where, by how much, and the residual of the two levels."""
     splits = range(least, len(off) - least + 1, max(1, len(off) // 600))
     spread = [np.sum(np.abs(part - np.median(part))) for k in splits for part in (off[:k], off[k:])]
     at = splits[int(np.argmin(np.add(spread[::2], spread[1::2])))]
@@ -231,7 +227,7 @@ def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
 
 
 def short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
-    """Return the jump of a short record, if two levels leave nothing of what else would be a storm."""
+    """Find the jump of a short record, if two levels leave nothing of what else would be a storm."""
     off = compared.residual_deg - compared.quiet_deg
     least = int(LEAST_SIDE_S / compared.step_s)
     if len(off) < 2 * least + 2:
@@ -249,7 +245,7 @@ def short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tu
 
 
 def large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
-    """Return jumps far beyond what the levels of days do otherwise, which the search would clip as outliers.
+    """Find jumps far beyond the other changes of daily levels, which the search would clip as outliers.
 
     The change from five days to the next five is held against its own median, so that a trend makes no jump.
     """
@@ -275,7 +271,7 @@ def large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Findi
 
 
 def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
-    """Return the finding of one jump: two levels against one, on stretches that were not fitted."""
+    """Build the finding of one jump: two levels against one, on stretches that were not fitted."""
     date, last, after = jump[0], float(compared.time_s[-1]), compared.time_s >= jump[0]
     off = compared.residual_deg - compared.quiet_deg
     unit = observatory.DAY_S if np.ptp(compared.time_s) > 10 * observatory.DAY_S else observatory.HOUR_S

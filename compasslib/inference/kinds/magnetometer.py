@@ -58,7 +58,7 @@ NO_HEADING = "no heading was logged to hold that of the axes against"
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Return what a magnetometer's log shows that an iron-free, level compass does not hold.
+    """Diagnose a magnetometer's log against an iron-free, level compass.
 
     Args:
         files: CSV files, or A files of a 3D-ACM.
@@ -69,11 +69,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 
 
 def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Options) -> Diagnosis:
-    """Return the diagnosis of a log.
-
-    Args:
-        field: the earth's field there, None where the place is unknown.
-    """
+    """Diagnose a log."""
     if len(log.raw) < magnetometer_log.MIN_READINGS:
         return diagnosis.insufficient(magnetometer_log.unusable_reason(log))
     choice, why_not = _choice(log)
@@ -97,7 +93,7 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
 
 
 def _choice(log: Log) -> tuple[ModelChoice, str]:
-    """Return the ellipsoid that the readings carry, or why their modulus says nothing of iron."""
+    """Choose the ellipsoid that the readings carry, or explain why their modulus says nothing of iron."""
     if magnetometer_log.are_direction_cosines(log):
         return ModelChoice(), magnetometer_log.COSINES
     if why := magnetometer_log.unusable_reason(log):
@@ -107,7 +103,7 @@ def _choice(log: Log) -> tuple[ModelChoice, str]:
 
 
 def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
-    """Return how the axes stand, by the logged heading, and why it says nothing where it does not follow them.
+    """Orient the axes by the logged heading, or explain why it does not follow them.
 
     A heading may have been freed of strong iron: the axes without it are tried too.
     """
@@ -199,7 +195,7 @@ def _of_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping[str,
 
 
 def _tilted_instead(log: Log, choice: ModelChoice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
-    """Return tilt as what iron could also be where none was logged: a mean tilt in the vertical field, not too large.
+    """Offer a mean tilt in the vertical field as an alternative to iron where no tilt was logged.
 
     A vertical field that is not known may be of any strength.
     """
@@ -223,7 +219,7 @@ def _strength(field: Mapping[str, float] | None, level: bool) -> float:
 def _working(
     body: Floats, scale: float, log: Log, field: Mapping[str, float] | None, *, level: bool = True
 ) -> tuple[Floats, tuple[float, str]]:
-    """Return the readings scaled to nT, or near it where the earth's field is unknown, and the unit of iron."""
+    """Scale the readings to nT, or near it where the earth's field is unknown, and give the unit of iron."""
     strength = _strength(field, level)
     if field is not None and not magnetometer_log.are_direction_cosines(log):
         return body * (strength / scale), (1.0, "nT")
@@ -276,12 +272,7 @@ class OfModulus:
 
 
 def freed(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
-    """Return the field without the iron that terms add: the inverse of their sum of a matrix and a vector.
-
-    Args:
-        field_nT: as read, (n, 3).
-        terms: that act on the field.
-    """
+    """Remove the iron that terms add from the field: the inverse of their sum of a matrix and a vector."""
     soft, zero = np.eye(3), np.zeros((len(field_nT), 3))
     hard: Floats = np.zeros((len(field_nT), 3))
     for term in terms:
@@ -293,12 +284,12 @@ def freed(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
 
 
 def warmed(log: Log) -> bool:
-    """Return whether a temperature that varies was logged."""
+    """Tell whether a temperature that varies was logged."""
     return log.temperature_c is not None and bool(np.isfinite(log.temperature_c).any() and np.nanstd(log.temperature_c))
 
 
 def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) -> Floats:
-    """Return what the fast part of each tilt does to the modulus, (n, 2) degrees.
+    """Differentiate the modulus by the fast part of each tilt, (n, 2) degrees.
 
     Waves and handling accelerate the tilt sensor: what it then adds to the tilt stands in the modulus too.
     """
@@ -313,14 +304,14 @@ def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) ->
 
 
 def _fast(x: Floats) -> Floats:
-    """Return a series without its running mean."""
+    """Subtract the running mean from a series."""
     span = min(WOBBLE_SAMPLES, len(x))
     together = np.convolve(np.ones(len(x)), np.ones(span), "same")
     return x - np.convolve(x, np.ones(span), "same") / together
 
 
 def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
-    """Return in what the log was made and its covariates, thinned, which samples stay, and whether it has a clock."""
+    """Build the scene of the log and its covariates, thinned, with the samples kept and whether it has a clock."""
     n = len(log.raw)
     samples = thin_indices(n, MOST_SAMPLES)
     clocked = log.time_s is not None and bool(np.isfinite(log.time_s).all() and np.all(np.diff(log.time_s) > 0.0))

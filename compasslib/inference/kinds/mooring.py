@@ -75,7 +75,7 @@ class ClockError:
         return self.offset_named or self.drift_named
 
     def ahead_s(self, time_s: Floats) -> Floats:
-        """Return the named error along time, seconds, (n,).
+        """Compute the named clock error along time, seconds, (n,).
 
         Args:
             time_s: UTC seconds, the first sample first, (n,).
@@ -86,7 +86,7 @@ class ClockError:
 
 
 def estimate_clock_error(pairs: Pairs) -> ClockError:
-    """Return the clock error that the speeds show; nothing named where they cannot tell."""
+    """Estimate the clock error from the speeds; nothing is named where they cannot tell."""
     step = float(np.median(np.diff(pairs.time_s)))
     if step > 2.0 * HOUR_S:
         return ClockError()
@@ -107,7 +107,7 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
 
 
 def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockError:
-    """Return the simplest clock that fits the windows: an offset, a drift from zero, or both."""
+    """Select the simplest clock that fits the windows: an offset, a drift from zero, or both."""
     ones = np.ones(len(years))
     (mean, mean_sigma, _), (rate, rate_sigma, _) = (_fit(x[:, None], ahead_h) for x in (ones, years))
     square = [_fit(x, ahead_h)[2] for x in (ones[:, None], years[:, None], np.column_stack([ones, years]))]
@@ -135,7 +135,7 @@ def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockErr
 
 
 def _fit(design: Floats, ahead_h: Floats) -> tuple[list[float], list[float], float]:
-    """Return values, standard errors and the sum of squares of a least-squares fit."""
+    """Fit by least squares: values, standard errors and the sum of squares."""
     values, *_ = np.linalg.lstsq(design, ahead_h, rcond=None)
     square = float(np.sum((ahead_h - design @ values) ** 2))
     variance = square / (len(ahead_h) - design.shape[1])
@@ -155,7 +155,7 @@ def _is_significant(value: float, sigma: float, freedom: int) -> bool:
 
 
 def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
-    """Return the pairs with the reference read at the affected one's true times.
+    """Read the reference at the affected instrument's true times.
 
     A affected clock that is ahead stamps too late: its sample belongs to an earlier one of the reference.
     """
@@ -173,12 +173,12 @@ def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
 
 
 def pairs_remaining(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:
-    """Return which pairs a repair kept, (n,)."""
+    """Mark the pairs that a repair keeps, (n,)."""
     return np.isin(pairs.time_s, again.time_s)
 
 
 def _highpass_speed(slot: NDArray[np.intp], speed: Floats, step_s: float) -> Floats:
-    """Return the speed on an even grid without what changes slowly, 0 where missing."""
+    """Put the speed on an even grid without slow changes, 0 where missing."""
     grid, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
     grid[slot], present[slot] = np.where(np.isfinite(speed), speed, 0.0), np.isfinite(speed)
     reach = max(int(SLOW_HOURS * HOUR_S / step_s), 1)
@@ -188,7 +188,7 @@ def _highpass_speed(slot: NDArray[np.intp], speed: Floats, step_s: float) -> Flo
 
 
 def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:
-    """Return by how much the upper clock is ahead where the correlation of the speeds is highest, hours."""
+    """Estimate by how many hours the upper clock is ahead, where the correlation of the speeds is highest."""
     reach = int(LONGEST_HOURS * HOUR_S / step_s)
     size = 1 << (2 * len(upper)).bit_length()
     product = np.fft.irfft(np.conj(np.fft.rfft(upper, size)) * np.fft.rfft(lower, size), size)
@@ -223,7 +223,7 @@ def diagnose(
     units: Mapping[str, str] | None = None,
     shared: SharedInformation | None = None,
 ) -> Diagnosis:
-    """Return what a mooring's overlap shows that its fitted compass does not hold.
+    """Diagnose a mooring's overlap against its fitted compass.
 
     Args:
         logged: other series at their times, ``temperature`` and ``supply_voltage`` where there are, (n,) each.
@@ -281,12 +281,13 @@ def _why_too_few(pairs: Pairs, fit: DeviationFit) -> str:
 
 
 def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
-    """Return the pairs freed of a clock error, and what is to be said where held-out directions deny it."""
+    """Repair the pairs of a clock error, or explain why held-out directions deny it."""
     if not clock.named:
         return None, ()
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
-        freed = fit_deviation(fit.method, again, _start_fit(fit), dip_ratio=fit.dip_ratio)
+        start = fit if fit.method == "calibration" or fit.prior is not None else None  # else without the clock's error
+        freed = fit_deviation(fit.method, again, start, dip_ratio=fit.dip_ratio)
         clock_found = clock_findings(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(finding.held_out.refuted for finding in clock_found):
             return Repair(again, freed, clock_found), ()
@@ -299,13 +300,8 @@ def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[R
     return None, (warning,)
 
 
-def _start_fit(fit: DeviationFit) -> DeviationFit | None:
-    """Return what a fit without the clock's error starts from: anew, or a calibration that no pair changes."""
-    return fit if fit.method == "calibration" or fit.prior is not None else None
-
-
 def _without_veer_by_direction(case: LongComparison) -> LongComparison:
-    """Return the case without the veer by direction, whose flow knows nothing of noise that was interpolated."""
+    """Remove the veer by direction, whose flow has no noise that was interpolated."""
     why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
     return replace(
         case,
@@ -317,7 +313,7 @@ def _without_veer_by_direction(case: LongComparison) -> LongComparison:
 def clock_findings(
     before: Pairs, after: Pairs, fits: tuple[DeviationFit, DeviationFit], clock: ClockError
 ) -> list[Finding]:
-    """Return the findings on the clocks, with what re-pairing does to the residual of fits that have not seen it.
+    """Build the findings on the clocks, scored by the residual of fits that have not seen the clocks.
 
     Args:
         after: pairs with the reference read at the true times.
@@ -356,12 +352,9 @@ def clock_findings(
 def exact_compass_findings(
     pairs: Pairs, fit: DeviationFit, series: DeviationFit, min_effect_deg: float
 ) -> list[Finding]:
-    """Return the finding that the exact compass fits where the small-angle series does not, or none.
+    """Find that the exact compass fits where the small-angle series does not.
 
     Both have five parameters, so the comparison on held-out days needs no charge for complexity.
-
-    Args:
-        min_effect_deg: size below which the difference does not matter, rms.
     """
     observed = observed_heading(pairs)
     by_exact = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
@@ -377,7 +370,7 @@ def exact_compass_findings(
 
 
 def _block_gain(pairs: Pairs, fit: DeviationFit, series: DeviationFit) -> HeldOut:
-    """Return the gain of the exact compass over the best series on blocks that neither was fitted to."""
+    """Score the exact compass over the best series on blocks that neither was fitted to."""
     compared = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
     block = blocks_by_span(compared.time_s, finding.HELD_OUT_BLOCK_S)
     scores = [
@@ -388,12 +381,9 @@ def _block_gain(pairs: Pairs, fit: DeviationFit, series: DeviationFit) -> HeldOu
 
 
 def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
-    """Return the observed heading minus that of a fit of the same method to the other half of the blocks, (n,) degrees.
+    """Compute the observed heading minus that of a fit to the other half of the blocks, (n,) degrees.
 
     What no heading explains is as far off as chance takes it.
-
-    Args:
-        fit: to all of them.
     """
     block = blocks_by_span(pairs.time_s, finding.HELD_OUT_BLOCK_S)
     observed, left = observed_heading(pairs), np.full(len(pairs), finding.NO_ROOT_DEG)

@@ -36,12 +36,7 @@ NO_CLOCK = "the readings carry no temperature, voltage or tilt"
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Return what a bench shows that its fitted five-term series does not hold.
-
-    Args:
-        files: CSV files with reference and recorded headings.
-        settings: settled keys of the calibration's file.
-    """
+    """Diagnose a bench against its fitted five-term series."""
     made = platform.calibrate(files, settings)
     if not len(made.points["recorded_deg"]):
         return diagnosis.insufficient(made.why)
@@ -52,7 +47,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_readings(
     correct_deg: Floats, recorded_deg: Floats, *, field: Mapping[str, float] | None, options: Options, why: str = ""
 ) -> Diagnosis:
-    """Return the diagnosis of readings in the order in which they were taken.
+    """Diagnose readings in the order in which they were taken.
 
     Args:
         correct_deg: directions of the bench, magnetic, (n,).
@@ -106,11 +101,7 @@ def _channel(
 
 
 def too_few(headings: int, points: Points, why: str = "") -> str:
-    """Return why readings at few headings prove nothing, and what to swing.
-
-    Args:
-        why: why no curve could be fitted, empty where one could.
-    """
+    """Explain why readings at few headings prove nothing, and what to swing."""
     if headings <= 5 or why:
         return f"{why or f'{headings} headings determine no curve with anything to spare'}; {SWING}".replace(
             f"{SWING}; {SWING}", SWING
@@ -129,7 +120,7 @@ def _five(points: Points) -> Floats:
 
 
 def _harmonic(recorded_deg: Floats, left_deg: Floats, k: int) -> float:
-    """Return what one harmonic takes of a residual, the five terms refitted beside it, rms degrees."""
+    """Compute the rms that one harmonic takes off a residual, the five terms refitted beside it, degrees."""
     five, pair = series_design(recorded_deg), np.column_stack(angles.sin_cos(k * recorded_deg))
     after = (
         left_deg
@@ -149,7 +140,7 @@ CLEARLY = 6.0  # twice the log likelihood by which the series must be better to 
 
 
 def too_large(points: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
-    """Return the finding that the exact compass fits where the series does not, or none.
+    """Find that the exact compass fits where the series does not.
 
     The likelihood ratio is held against benches drawn from the series itself.
 
@@ -168,7 +159,7 @@ def too_large(points: Points, min_effect_deg: float, alarm: float) -> list[Findi
 
 
 def _held_out(points: Points, scale_deg: float) -> HeldOut:
-    """Return the gain of the exact compass over the series on readings that neither was fitted to."""
+    """Score the exact compass over the series on readings that neither was fitted to."""
     fold, left = np.arange(len(points)) % finding.FOLDS, np.full((2, len(points)), np.nan)
     for k in range(finding.FOLDS):
         both = _residuals(points, fold != k)
@@ -188,7 +179,7 @@ def series_fits_better(points: Points) -> bool:
 
 
 def _residuals(points: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats] | None:
-    """Return what the best series and the best exact compass (of some readings) leave of the correct heading, (n,)."""
+    """Compute the residuals of the best series and the best exact compass (of some readings), (n,) each."""
     fitted_points = (
         points
         if fitted is None
@@ -213,7 +204,7 @@ def _ratio(points: Points, left: tuple[Floats, Floats]) -> float:
 
 
 def _probability(points: Points, ratio: float) -> float:
-    """Return how often a bench that the series holds gives as large a ratio."""
+    """Estimate how often a bench that the series holds gives as large a ratio."""
     solution, rng = SMITH.solve(points), np.random.default_rng(7)
     if solution is None:
         return 1.0

@@ -156,7 +156,7 @@ def _of_course(term: Effect) -> bool:
 
 
 def water(terms: tuple[Effect, ...], scene: Scene) -> Floats:
-    """Return the velocity of the water, (n, 2) m/s true east and north."""
+    """Sum the velocity of the water, (n, 2) m/s true east and north."""
     moving: Floats = np.zeros((len(scene), 2))
     for term in (term for term in terms if term.acts_on == "velocity"):
         moving = term.apply(moving, scene)
@@ -180,7 +180,7 @@ class Track:
     turned_deg: Floats  # (m,) readings, not wrapped
 
     def reading(self, later_s: Floats | float = 0.0, filters: Sequence[Filter] = ()) -> Floats:
-        """Return the reading some time after each course, (n,) degrees.
+        """Interpolate the reading some time after each course, (n,) degrees.
 
         Args:
             later_s: (n,).
@@ -198,7 +198,7 @@ class Track:
 
     @property
     def ground_m_s(self) -> Floats | None:
-        """Return the velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
+        """The velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
         if not self.has_speed:
             return None
         speed = KNOT_M_S * observations.moving_average(self.observations.speed_kn, self.observations.time_s, SMOOTHED_S)
@@ -206,7 +206,7 @@ class Track:
 
     @property
     def logged_m_s(self) -> Floats | None:
-        """Return the speed through the water, (n,), NaN where there is none; None where that is mostly so."""
+        """The speed through the water, (n,), NaN where there is none; None where that is mostly so."""
         turns = np.nan_to_num(self.observations.water_speed_kn) > LEAST_WATER_KN
         return np.where(turns, KNOT_M_S * self.observations.water_speed_kn, np.nan) if turns.mean() > MOSTLY else None
 
@@ -292,7 +292,7 @@ def diagnose_log(
 
 
 def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> SearchResult | None:
-    """Return what the two speeds show of the water, None without a log of the speed through it."""
+    """Search the two speeds for the water, None without a log of the speed through it."""
     ground, logged = track.ground_m_s, track.logged_m_s
     if ground is None or logged is None:
         return None
@@ -311,7 +311,7 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
 def _bases(
     track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: SearchResult | None
 ) -> tuple[FittedHypothesis, FittedHypothesis]:
-    """Return the deviation curve fitted as the series and as the exact compass."""
+    """Fit the deviation curve as the series and as the exact compass."""
     scene, unit = short_fit.recording_scene(track.observations.time_s, settings.get("field"))
     observed, ground = track.observations, track.ground_m_s
     carried = water(known.fitted.terms, scene) if known is not None else np.zeros((len(observed), 2))
@@ -347,7 +347,7 @@ def _channel(
 
 
 def _chosen(series: FittedHypothesis, exact: FittedHypothesis) -> FittedHypothesis:
-    """Return the exact compass, and the series where that is clearly nearer."""
+    """Choose the exact compass, and the series where that is clearly nearer."""
     gained = short_fit.effective_samples(series) * np.log(exact.square / series.square)
     return series if gained > platform.CLEARLY else exact
 
@@ -389,7 +389,7 @@ def _delay_separable(fitted: FittedHypothesis) -> bool:
 
 
 def _water_unseparated(made: Calibration) -> str:
-    """Return why set and drift cannot be told from B and C, empty where they can or where there is no water."""
+    """Explain why set and drift cannot be separated from B and C, empty where they can or where there is no water."""
     drift = made.details["drift"]
     if drift is None or drift["separable"]:
         return ""
@@ -420,7 +420,7 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
 
 
 def _beyond_series(coefficients: Floats) -> float:
-    """Return what the five-term series cannot take of an exact compass's curve, rms degrees round the circle."""
+    """Compute the part of an exact compass's curve that the five-term series cannot take, rms degrees."""
     correct = np.arange(0.0, 360.0, 5.0)
     recorded = compass.recorded_heading(coefficients, correct)
     columns, deviation = series_design(recorded), angles.difference(correct, recorded)
@@ -448,7 +448,7 @@ SEPARATED = (
 
 
 def _bound(fitted: FittedHypothesis) -> str:
-    """Return how large a drift the courses still allow."""
+    """Bound the drift that the courses still allow."""
     if fitted.channel.covariates.get("speed") is None:
         return ""
     with_water = short_fit.fit_hypothesis(fitted.channel, (*fitted.terms, SetAndDrift()), near=fitted)
@@ -458,7 +458,7 @@ def _bound(fitted: FittedHypothesis) -> str:
 
 
 def _with_set(item: Finding) -> Finding:
-    """Return the finding of the water with set and drift beside its components."""
+    """Add set and drift to the components of a finding of the water."""
     if item.effect != WATER_DRIFT:
         return item
     east, north = (item.parameters[name] for name in ("east_m_s", "north_m_s"))

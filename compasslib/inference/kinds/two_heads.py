@@ -62,7 +62,7 @@ class AlignedHeads:
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Return what the difference of two heads shows that a rigid turn does not hold.
+    """Diagnose the difference of two heads against a rigid turn.
 
     Args:
         files: PD0 files of head a and of head b.
@@ -93,7 +93,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_motion(
     a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Return the diagnosis of two heads.
+    """Diagnose two heads by their motions.
 
     Args:
         a: motion of one head by its own clock.
@@ -128,7 +128,7 @@ def diagnose_motion(
 
 
 def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
-    """Return both heads by the clocks; farther apart where the nearest agreement is none."""
+    """Align both heads by their clocks, searching farther where the nearest agreement is none."""
     given = two_heads.pair_samples(a, b, two_heads.known_clock_offset(b, 0.0))
     clock = (
         motion.estimate_clock_offset(a, b, farthest_s)
@@ -145,13 +145,13 @@ def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
 
 
 def _scatter(pairs: PairedHeads) -> float:
-    """Return the rms of the difference about its mean, degrees."""
+    """Compute the rms of the difference about its mean, degrees."""
     off = angles.difference(pairs.recorded_b, pairs.recorded_a)
     return angles.rms(angles.difference(off, float(angles.mean(off))))
 
 
 def _turned(pairs: PairedHeads) -> tuple[Floats, Frame]:
-    """Return the heading of b by a, turned by the middle difference."""
+    """Turn the heading of a into that of b by the mean difference."""
     frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
     return two_heads.simulated_heading(pairs, offset, frame), frame
@@ -185,7 +185,7 @@ def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
 
 
 def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Finding]:
-    """Return the findings on the clocks: what is sure and turns the simulated heading by enough to matter."""
+    """Build the findings on the clocks that are sure and turn the simulated heading by enough to matter."""
     clock, pairs = aligned.clock, aligned.corrected
     if not clock.determined:
         return []
@@ -216,7 +216,7 @@ def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Findin
 
 
 def _clock_gain(aligned: AlignedHeads) -> HeldOut:
-    """Return what the found clock does to the difference of the headings; the clock comes from rates, not from it."""
+    """Score the estimated clock by the difference of the headings; the clock comes from rates, not from it."""
     left, rms_deg = {}, {}
     for name, pairs in (("before", aligned.given), ("after", aligned.corrected)):
         off = _about_others(angles.difference(pairs.recorded_b, pairs.recorded_a), pairs.time_s)
@@ -232,7 +232,7 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
 
 
 def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
-    """Return differences about the mean of the other half of the stretches, (n,) degrees."""
+    """Subtract from differences the mean of the other half of the stretches, (n,) degrees."""
     if not len(off_deg):
         return off_deg
     left, odd = np.array(off_deg), blocks_by_count(time_s, short_fit.MOST_BLOCKS) % 2 == 1
@@ -242,7 +242,7 @@ def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
 
 
 def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
-    """Return iron that only one head feels: one and two cycles of the heading, which a rigid turn does not have."""
+    """Build findings of iron that only one head feels: one and two cycles of the heading."""
     covariance, fitted, findings = short_fit.parameter_covariance(named.fitted), named.fitted, []
     for effect, (part, letters) in IRON.items():
         values, part_covariance = fitted.base[part], covariance[part, part]
