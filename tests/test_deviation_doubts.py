@@ -14,7 +14,7 @@ from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.files import read_json
 from compasslib.calibrations import at_mooring
-from compasslib.deviation.assessment import ConstantOffset, find_constant_offset
+from compasslib.deviation.assessment import ConstantOffset, find_constant_offset, find_declination_error
 from compasslib.deviation.correction import correct
 from compasslib.deviation.doubts import (
     UNIFORM_SIGMA_DEG,
@@ -29,7 +29,7 @@ from compasslib.deviation.model import DeviationFit
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.pipeline.process import process_mooring
-from compasslib.records import GOOD, PROBABLY_BAD, Pairs
+from compasslib.records import GOOD, PROBABLY_BAD, EarthField, Pairs
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
 
@@ -74,6 +74,14 @@ def test_a_small_declination_is_told_from_an_ordinary_constant_by_the_odds(some)
     """6° within 1°: 12 to 1 against a normal constant of 4°; within 2.9° of it, 3 to 1."""
     assert find_constant_offset(fitted(6.0, 1.0), some, 6.0).effect == "declination_error"
     assert find_constant_offset(fitted(6.0, 1.4), some, 8.7).effect == ""
+
+
+def test_a_declination_that_no_crust_explains_is_questioned_and_the_local_anomaly_is_not():
+    wrong, local = (EarthField(*(np.full(2, x) for x in (0.0, d, 1e4, 5e4, -20.0))) for d in (15.0, -17.0))
+    assert find_declination_error(local) is None
+    offset = find_declination_error(wrong)
+    assert offset.effect == "declination_error" and offset.angle_deg == 35.0
+    assert offset.text.startswith("the declination of the metadata is +35.0")
 
 
 def test_a_heading_bias_that_was_subtracted_is_named_with_its_instrument(some):
@@ -213,18 +221,31 @@ def test_directions_that_agree_with_no_heading_doubt_the_record():
 
 # --------------------------------------------------------------------------------------------- verdict, flags and words
 def concluded(
-    seen: Pairs, *, fit: DeviationFit | None = None, fixed: ConstantOffset | None = None, calibration: str = ""
+    seen: Pairs,
+    *,
+    fit: DeviationFit | None = None,
+    fixed: ConstantOffset | None = None,
+    calibration: str = "",
+    diagnosis: Diagnosis = Diagnosis("consistent"),
 ):
     fit = fit_exact(seen) if fit is None else fit
-    found = Diagnosis("consistent")
     return diagnoses.conclude(
-        lambda _: found, seen, record_of(seen), field_of(seen), {}, fit=fit, constant=fixed, calibration=calibration
+        lambda _: diagnosis, seen, record_of(seen), field_of(seen), {}, fit=fit, constant=fixed, calibration=calibration
     )
 
 
 def test_a_sound_mooring_keeps_the_verdict_of_the_search():
     made = concluded(pairs(MILD, n=1500, seed=6)[0])
     assert made.diagnosis == Diagnosis("consistent") and made.product.doubts == ()
+
+
+def test_effects_do_not_excuse_a_configured_fit_that_no_instrument_can_have():
+    seen, _ = pairs(MILD, n=1500, seed=6)
+    sound = fit_exact(seen)
+    wrong = replace(sound, coefficients=np.array([0.0, 0.2, 0.1, 0.7, 0.1]), covariance=1e-4 * np.eye(5))
+    made = concluded(seen, fit=wrong, diagnosis=Diagnosis("explained", fit=sound))
+    assert made.diagnosis.verdict == "insufficient" and "soft iron of 7" in made.diagnosis.why
+    assert made.product.doubts[0].sigma_deg == UNIFORM_SIGMA_DEG
 
 
 def test_a_doubtful_stretch_makes_the_verdict_unexplained_and_says_when():

@@ -20,7 +20,7 @@ from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.exact import held_out_scores
 from compasslib.deviation.likelihood import EXACT, FORMS
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
-from compasslib.records import Pairs, take
+from compasslib.records import EarthField, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Complexes, Floats
@@ -257,6 +257,7 @@ LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # a smaller constant is not questioned
 NEAR_SIGMAS = 2.0  # within which it equals the angle of a mistake
 ORDINARY_DEG = 4.0  # standard deviation of the constants of correctly configured moorings: mounts and mean veers
 LEAST_ODDS = 10.0  # of the mistake against an ordinary constant
+CRUST_DEG = 5.0  # by which the crust's field may turn the needle at sea, with a margin (IGRF: 0.4 to 2°)
 LARGE_DEG = 10.0  # a constant beyond this is mentioned even where no mistake explains it
 DECLINATION = {
     1: "equal to the declination ({:+.1f}°): the directions of the reference hold it twice, being true already "
@@ -284,10 +285,13 @@ class ConstantOffset:
     effect: str = ""  # declination_error or mounting_offset; empty where no mistake explains it
     cause: str = ""
     probability: float = 0.0  # of the mistake, against an ordinary constant at even prior odds
+    between_instruments: bool = True  # or of both, against the model of the earth's field
 
     @property
     def text(self) -> str:
         """What is known of it, in words; empty where it is as small as those of correct moorings."""
+        if not self.between_instruments:
+            return self.cause
         size = f"the two instruments differ by a constant of {self.angle_deg:+.1f}° (1σ {self.sigma_deg:.1f}°)"
         if self.effect:
             return f"{size}, {self.cause}"
@@ -297,6 +301,22 @@ class ConstantOffset:
                 "declination_applied"
             )
         return ""
+
+
+def find_declination_error(field: EarthField) -> ConstantOffset | None:
+    """Compare the declination of the metadata with IGRF; None where it lies within what the crust may add.
+
+    Directions of both instruments are turned by it, so that they agree whatever it is.
+    """
+    off = angles.difference(field.declination_deg, field.model_declination_deg)
+    size = float(off[np.argmax(np.abs(off))])
+    if abs(size) <= CRUST_DEG:
+        return None
+    cause = (
+        f"the declination of the metadata is {size:+.1f}° off IGRF, more than the earth's crust makes at sea: it is "
+        "probably wrong, and so are all corrected directions"
+    )
+    return ConstantOffset(size, 1.0, "declination_error", cause, 0.99, between_instruments=False)
 
 
 def find_constant_offset(

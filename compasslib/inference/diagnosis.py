@@ -346,7 +346,7 @@ def conclude(
     plain = products.equivalent_pairs(made, pairs, record, field, series)
     doubts = find_doubtful_windows(plain, made.fit)
     agreement = assess_correction(pairs, made.fit, plain)
-    denied = agreement["refuted"] or find_implausibility(made.fit, record)
+    denied = agreement["refuted"] or find_implausibility(made.fit, record) or find_implausibility(fit, record)
     if why := denied or (at_mooring.contradiction(fit, pairs) if calibration else ""):
         why = f"calibration {calibration}: {why}" if calibration else why
         diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)

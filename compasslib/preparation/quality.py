@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from compasslib import angles
+from compasslib.preparation.headings import flag_altered
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags, Record, iso_time
 from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Bools, Floats
@@ -54,7 +55,7 @@ def flag_quality(record: Record, water_depth: float, *, affected: bool = False) 
         record = _stuck_heading(
             flag_velocities(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours")
         )
-    return _constant_sensors(record)
+    return _constant_sensors(flag_altered(record) if affected else record)
 
 
 def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:

@@ -13,7 +13,7 @@ from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import deviation_json, fit_deviation
-from compasslib.deviation.assessment import describe_assessment, find_constant_offset
+from compasslib.deviation.assessment import describe_assessment, find_constant_offset, find_declination_error
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, fit_from_json
 from compasslib.inference import covariates, joint, joint_compass, kinds
@@ -102,7 +102,9 @@ def judged(
     fixed = None
     if not options["constant_confirmed"]:
         biases = netcdf.read_applied_declinations((record, *references))
-        fixed = find_constant_offset(fitted, near, float(np.mean(along.declination_deg)), biases)
+        fixed = find_declination_error(along) or find_constant_offset(
+            fitted, near, float(np.mean(along.declination_deg)), biases
+        )
 
     def search(some: Pairs) -> Diagnosis:
         if not options["enabled"]:

@@ -1,0 +1,76 @@
+"""Headings that were altered after the instrument had turned its velocities by them, and those that were not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sea import SHARED
+from test_preparation_overlap import HOUR
+from test_preparation_overlap import record as steady
+
+from compasslib import angles, readers
+from compasslib.preparation import headings
+from compasslib.records import PROBABLY_BAD, Record
+from tests.world.pairs import red_from_rest as red_noise
+
+N = 2000
+
+
+def moored(seed: int = 1) -> Record:
+    """An instrument that turns with the water, 130 degrees off it within some 30, for twelve weeks."""
+    rng = np.random.default_rng(seed)
+    tide, eddies = np.exp(1j * np.arange(N) / 1.98), (red_noise(rng, N, 60, 0.1) for _ in range(2))
+    flow = next(eddies) + 1j * next(eddies) + 0.08 * tide
+    heading = angles.wrap360(130.0 + angles.direction(flow.real, flow.imag) + red_noise(rng, N, 30, 30.0))
+    ranges = (10.0, 14.0, 18.0)
+    column = np.repeat(flow[:, None], len(ranges), axis=1)
+    plain = steady(HOUR * np.arange(N), ranges=ranges)
+    return replace(plain, heading_deg=heading.round(2), east=column.real, north=column.imag)
+
+
+def altered(some: slice, change) -> Record:
+    record = moored()
+    heading = record.heading_deg.copy()
+    heading[some] = angles.wrap360(change(heading[some])).round(2)
+    return replace(record, heading_deg=heading)
+
+
+MIDDLE = slice(800, 1200)
+
+
+@pytest.mark.parametrize(
+    ("record", "words", "some"),
+    [
+        (altered(MIDDLE, lambda h: h + 180.0), "not those by which the velocities were turned", MIDDLE),
+        (altered(MIDDLE, lambda h: h % 2.56), "not those by which the velocities were turned", MIDDLE),
+        (altered(slice(None), lambda h: -h), "mirrored (counted anticlockwise)", slice(None)),
+        (altered(MIDDLE, lambda h: moored().heading_deg[100:500]), "repeat others to the last digit", MIDDLE),
+        (replace(moored(), heading_deg=np.maximum(moored().heading_deg, 40.0)), "exactly 40 degrees", slice(0, 0)),
+    ],
+    ids=["half a turn", "low byte", "mirrored", "copied", "clipped"],
+)
+def test_altered_headings_are_flagged_and_the_log_says_how(record, words, some):
+    found = headings.flag_altered(record)
+    assert any(words in warning for warning in found.warnings)
+    assert (found.heading_quality[some] == PROBABLY_BAD).mean() > 0.7 if some != slice(0, 0) else True
+    assert (found.heading_quality == PROBABLY_BAD).mean() < 0.55 or some == slice(None)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_headings_as_recorded_keep_their_flags_whatever_iron_bends_them(seed):
+    record = moored(seed)
+    assert headings.flag_altered(record) is record
+    turned = 25.0 * np.sin(np.deg2rad(record.heading_deg))  # heading and earth velocities by one wrong compass
+    east, north = angles.turn(record.east, record.north, turned[:, None])
+    bent = replace(record, heading_deg=angles.wrap360(record.heading_deg + turned), east=east, north=north)
+    assert headings.flag_altered(bent) is bent
+
+
+def test_a_real_compass_keeps_its_flags():
+    files = sorted((SHARED / "pd0").glob("eh2_*.000"))
+    if not files:
+        pytest.skip(f"no {SHARED}/pd0/eh2_*")
+    record = readers.read("pd0", files, {})
+    assert headings.flag_altered(record).heading_quality.max() < PROBABLY_BAD
