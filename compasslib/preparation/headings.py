@@ -45,11 +45,10 @@ def flag_altered(record: Record) -> Record:
     number = np.floor((record.time_s - record.time_s[0]) / WINDOW_S).astype(int)
     altered = _far_windows(number, direction, weight)[number]
     if altered.any():
-        first, last = record.time_s[altered][[0, -1]]
         note = (
-            f"{int(altered.sum())} recorded headings between {iso_time(first)} and {iso_time(last)} are not those by which "
-            "the velocities were turned, as the flow in the instrument's own frame shows: they are flagged doubtful, "
-            "with five days on either side; check the column of headings"
+            f"{_span(record, altered)} are not those by which the velocities were turned, as the flow in "
+            "the instrument's own frame shows: they are flagged doubtful, with five days on either side; check the column "
+            "of headings"
         )
         record = _flag(record, altered, note)
     return _flag_limits(_flag_repeated(record))
@@ -109,12 +108,16 @@ def _flag_repeated(record: Record) -> Record:
     repeated[known[(begins[:, None] + np.arange(SEQUENCE)).ravel()]] = True
     if not repeated.any():
         return record
-    first, last = record.time_s[repeated][[0, -1]]
     note = (
-        f"{int(repeated.sum())} recorded headings between {iso_time(first)} and {iso_time(last)} repeat others to the last "
-        "digit: part of the record was copied, and both places are flagged doubtful"
+        f"{_span(record, repeated)} repeat others to the last digit: part of the record was copied, and both places are "
+        "flagged doubtful"
     )
     return _flag(record, repeated, note)
+
+
+def _span(record: Record, which: Bools) -> str:
+    first, last = record.time_s[which][[0, -1]]
+    return f"{int(which.sum())} recorded headings between {iso_time(first)} and {iso_time(last)}"
 
 
 def _flag_limits(record: Record) -> Record:
