@@ -220,13 +220,16 @@ def test_directions_that_agree_with_no_heading_doubt_the_record():
 
 
 # --------------------------------------------------------------------------------------------- verdict, flags and words
+CONSISTENT = Diagnosis("consistent")
+
+
 def concluded(
     seen: Pairs,
     *,
     fit: DeviationFit | None = None,
     fixed: ConstantOffset | None = None,
     calibration: str = "",
-    diagnosis: Diagnosis = Diagnosis("consistent"),
+    diagnosis: Diagnosis = CONSISTENT,
 ):
     fit = fit_exact(seen) if fit is None else fit
     return diagnoses.conclude(

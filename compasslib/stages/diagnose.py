@@ -102,9 +102,8 @@ def judged(
     fixed = None
     if not options["constant_confirmed"]:
         biases = netcdf.read_applied_declinations((record, *references))
-        fixed = find_declination_error(along) or find_constant_offset(
-            fitted, near, float(np.mean(along.declination_deg)), biases
-        )
+        declination_deg = float(np.mean(along.declination_deg))
+        fixed = find_declination_error(along) or find_constant_offset(fitted, near, declination_deg, biases)
 
     def search(some: Pairs) -> Diagnosis:
         if not options["enabled"]:
