@@ -109,8 +109,8 @@ def _flag_repeated(record: Record) -> Record:
     if not repeated.any():
         return record
     note = (
-        f"{_span(record, repeated)} repeat others to the last digit: part of the record was copied, and both places are "
-        "flagged doubtful"
+        f"{_span(record, repeated)} repeat others to the last digit: part of the record was copied, and both places "
+        "are flagged doubtful"
     )
     return _flag(record, repeated, note)
 
