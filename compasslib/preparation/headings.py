@@ -47,8 +47,8 @@ def flag_altered(record: Record) -> Record:
     if altered.any():
         note = (
             f"{_span(record, altered)} are not those by which the velocities were turned, as the flow in "
-            "the instrument's own frame shows: they are flagged doubtful, with five days on either side; check the column "
-            "of headings"
+            "the instrument's own frame shows: they are flagged doubtful, with five days on either side; check the "
+            "column of headings"
         )
         record = _flag(record, altered, note)
     return _flag_limits(_flag_repeated(record))
