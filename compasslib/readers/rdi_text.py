@@ -217,7 +217,6 @@ def _looks_up(table: _Table, orientation: str | None) -> bool:
     stated = "up" if words == {"u"} else "down" if words == {"d"} else None
     if not (orientation or stated):
         shown = f"{len(words)} kinds of column Ori" if places else "no column Ori"
-        raise InputError(
-            str(table.path), expected="the orientation", found=shown, advice="write orientation: up or down"
-        )
+        advice = "write orientation: up or down"
+        raise InputError(str(table.path), expected="the orientation", found=shown, advice=advice)
     return (orientation or stated) == "up"

@@ -318,7 +318,7 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
     length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
     stated = (length - HEADER_BYTES) // RECORD.itemsize if _is_profile_length(length) else -1
     fit, odd = divmod(limit - mark - TAIL_BYTES, RECORD.itemsize)
-    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_record_times(data, mark, limit - TAIL_BYTES)):
+    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_switch_times(data, mark, limit - TAIL_BYTES)):
         return _Span(mark, limit, fit, limit - TAIL_BYTES)
     end = mark + stated * RECORD.itemsize
     if stated >= 0 and end + TAIL_BYTES <= limit:
@@ -329,7 +329,7 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
     return _Span(mark, limit, fit, torn=int(odd > 0))
 
 
-def _ends_in_record_times(data: bytes, begin: int, tail: int) -> bool:
+def _ends_in_switch_times(data: bytes, begin: int, tail: int) -> bool:
     """Tell whether times of switching on and off stand there, near the record that stands first."""
     first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
     on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)

@@ -35,6 +35,8 @@ SPLIT_ADVICE = (
     "write the rows of one instrument as a table with time and depth (format: table): rows of one time are its bins"
 )
 ADVICE = "check that format: netcdf and the file belong together"
+# What the library answers damage with; UnicodeDecodeError is a ValueError.
+DAMAGE_ERRORS = (OSError, RuntimeError, IndexError, KeyError, ValueError, AttributeError, TypeError)
 VELOCITIES: Mapping[str, tuple[str, ...]] = {
     "up": ("WCUR", "w_1204", "vel_up", "up", "w"),
     "error_velocity": ("ERROR_VELOCITY", "ECUR", "Werr_1201", "Werr"),
@@ -113,17 +115,7 @@ def _read_file(path: Path, settings: _Settings) -> Record:
     try:
         with netCDF4.Dataset(path) as nc:
             return _record(path, nc, settings)
-    except (
-        OSError,
-        RuntimeError,
-        UnicodeDecodeError,
-        IndexError,
-        KeyError,
-        ValueError,
-        AttributeError,
-        TypeError,
-    ) as error:
-        # The library answers damage with any of these.
+    except DAMAGE_ERRORS as error:
         shown = f"{type(error).__name__}: {error}"
         raise InputError(str(path), expected="a whole netCDF file", found=shown, advice=ADVICE) from None
 
@@ -181,9 +173,8 @@ def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, F
     columns = settings.columns
     if nc.groups and not nc.variables:
         advice = "write the group with the velocities as a file of its own"
-        raise InputError(
-            str(path), expected="variables at the top", found=f"groups {', '.join(nc.groups)}", advice=advice
-        )
+        shown = f"groups {', '.join(nc.groups)}"
+        raise InputError(str(path), expected="variables at the top", found=shown, advice=advice)
     system = str(getattr(nc, "coord_sys", "earth"))
     if system != "earth":
         advice = "give the instrument's own file, or save it after rotate2(ds, 'earth')"
@@ -192,9 +183,8 @@ def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, F
     if time is None:
         shown = ", ".join(nc.variables) or "no variables"
         advice = "name it in the mooring file: columns: {time: NAME}"
-        raise InputError(
-            f"{path}: time", expected="a variable with a unit such as days since", found=shown, advice=advice
-        )
+        expected = "a variable with a unit such as days since"
+        raise InputError(f"{path}: time", expected=expected, found=shown, advice=advice)
     long = [name for name in time.dimensions if nc.dimensions[name].size > 1] or list(time.dimensions[:1])
     file = File(path, nc, dict(columns), settings.meanings, time=long[0] if long else "")
     if len(long) != 1:
@@ -368,9 +358,8 @@ def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
 
 def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
     if not np.isfinite(places).any(axis=0).all():
-        raise file.refuse(
-            variable.name, "a number for every bin", "bins without any", "name another variable in columns"
-        )
+        advice = "name another variable in columns"
+        raise file.refuse(variable.name, "a number for every bin", "bins without any", advice)
     return places
 
 
@@ -470,8 +459,5 @@ def _arranged(file: File, variable: netCDF4.Variable, *last: str) -> Floats | No
     if not np.issubdtype(variable.dtype, np.number) or {*long} - {*wanted} or file.time not in variable.dimensions:
         return None
     present = [name for name in wanted if name in variable.dimensions]
-    data = numbers(file, variable)
-    apart = [k for k, name in enumerate(variable.dimensions) if name not in present]
-    data = data.transpose([*(variable.dimensions.index(name) for name in present), *apart])
-    data = data.reshape([variable.shape[variable.dimensions.index(name)] for name in present])
+    data: Floats = variables.transposed(numbers(file, variable), variable.dimensions, present)
     return data if file.bins in present else data[:, None]

@@ -7,7 +7,7 @@ product; standard names are CF's. Dimensions are told by their names, never by t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -158,9 +158,8 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
     if name := file.columns.get(role):
         if name not in file.nc.variables:
             there = ", ".join(file.nc.variables)
-            raise file.refuse(
-                f"columns.{role}", "a variable of the file", f"{name!r}; it has {there}", "correct columns"
-            )
+            shown = f"{name!r}; it has {there}"
+            raise file.refuse(f"columns.{role}", "a variable of the file", shown, "correct columns")
         return file.nc.variables[name]
     long = [{name for name in names if name and file.nc.dimensions[name].size > 1} for names in dimensions]
     fitting = {n: v for n, v in file.nc.variables.items() if spans(v) in long and np.issubdtype(v.dtype, np.number)}
@@ -187,7 +186,7 @@ def spans(variable: netCDF4.Variable) -> set[str]:
 
 
 def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Floats:
-    """Return a variable in our units and sign, (n,) or (n, m) by names of dimensions, missing as NaN.
+    """Read a variable in our units and sign, (n,) or (n, m) by names of dimensions, missing as NaN.
 
     Args:
         part: a dimension and the place along it that is wanted.
@@ -281,10 +280,14 @@ def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str,
         shown = ", ".join(f"{name} ({file.nc.dimensions[name].size})" for name in other)
         advice = "write one station, depth or beam a file, or name another variable in columns"
         raise file.refuse(variable.name, "dimensions of time and of one profile", shown, advice)
-    apart = [names.index(name) for name in names if name not in wanted]
-    return data.transpose([*(names.index(name) for name in wanted), *apart]).reshape(
-        [data.shape[names.index(n)] for n in wanted]
-    )
+    return transposed(data, names, wanted)
+
+
+def transposed(data: Any, names: Sequence[str], wanted: Sequence[str]) -> Any:
+    """Transpose an array with named dimensions to some of them; the others are of one value and go."""
+    others = [k for k, name in enumerate(names) if name not in wanted]
+    ordered = data.transpose([*(names.index(name) for name in wanted), *others])
+    return ordered.reshape([data.shape[names.index(name)] for name in wanted])
 
 
 def time_variable(file_columns: str | None, nc: netCDF4.Dataset) -> netCDF4.Variable | None:

@@ -69,6 +69,9 @@ def decode(packets: Packets) -> Samples:
     elif recorded == BEAM:
         velocity = velocity @ (head[30:48].view("<i2").reshape(3, 3) / 4096.0).T
     magnetometer = MAGNETOMETER.get(kind)
+    at = np.flatnonzero(packets.kind == HARDWARE)
+    hardware = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
+    serial = hardware[4:12].tobytes().decode("ascii", "replace").strip(" \0") if hardware.size >= 18 else ""
     return Samples(
         offset=packets.start[mine],
         **_decode_sensors(sensors, has_pressure=bool(head[4] & 1)),
@@ -77,7 +80,7 @@ def decode(packets: Packets) -> Samples:
         bin_range_m=(0.0,) if kind in POINT else _ranges(packets, user, head, cells),
         recorded=recorded,
         beam_angle_deg=0.0 if kind in POINT else SLANT_DEG,
-        serial=_serial(packets),
+        serial=serial,
         average_s=float(_number(user, 16)),
         magnetometer=rows[:, magnetometer : magnetometer + 6].copy().view("<i2") * 1.0 if magnetometer else None,
         up=up,
@@ -183,9 +186,3 @@ def _ranges(packets: Packets, user: Bytes, head: Bytes, cells: int) -> tuple[flo
     cell = round(int(_number(user, 36)) / 256 * CELL_M[khz] * cosine, 2)
     blanking = round(int(_number(user, 6)) * BLANKING_M[khz] * cosine - cell, 2)
     return tuple((blanking + cell * (1.0 + np.arange(cells))).tolist())
-
-
-def _serial(packets: Packets) -> str:
-    at = np.flatnonzero(packets.kind == HARDWARE)
-    block = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
-    return block[4:12].tobytes().decode("ascii", "replace").strip(" \0") if block.size >= 18 else ""

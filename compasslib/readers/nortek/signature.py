@@ -37,13 +37,8 @@ SECTIONS = {BURST: "BURST", AVERAGE: "AVG"}  # how the text calls them
 FORMAT = 3
 # Bits of the configuration: which sensors were valid, and which blocks follow the head.
 PRESSURE, TEMPERATURE, COMPASS, TILT, VELOCITY, AMPLITUDE, CORRELATION = 1, 2, 4, 8, 32, 64, 128
-BLOCKS = (
-    (0x0100, 8),
-    (0x0400, 20),
-    (0x0200, None),
-    (0x0800, None),
-    (0x1000, 64),
-)  # before percent good, and their bytes
+# Blocks before percent good, and their bytes.
+BLOCKS = ((0x0100, 8), (0x0400, 20), (0x0200, None), (0x0800, None), (0x1000, 64))
 PERCENT_GOOD = 0x2000
 CENTIMETRES = 0x02  # bit of the status: the blanking's unit
 SIDEWAYS, DOWN = (0, 1, 2, 3), 5  # codes of the orientation: X up, X down, Y up, Y down; Z down

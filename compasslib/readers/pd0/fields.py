@@ -178,12 +178,7 @@ class GrowableArrays:
     """Arrays by name that grow along their ensembles: many pieces would leave holes in memory as they are joined."""
 
     def __init__(self, where: str, size: int) -> None:
-        """Begin without any.
-
-        Args:
-            where: names of all files.
-            size: bytes of all files.
-        """
+        """Begin without any, with names and bytes of all files."""
         self._where = where
         self._size, self._used, self._whole = size, 0, dict[str, NDArray[Any]]()
 
