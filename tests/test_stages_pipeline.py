@@ -85,7 +85,7 @@ def test_stages_and_the_library_take_one_thread_and_give_the_others_back(process
 def test_a_library_that_is_loaded_within_takes_one_thread_too():
     """In a process of its own, as a variable of the environment counts only where a library is loaded."""
     code = (
-        "from compasslib.threads import single_threaded\n"
+        "from compasslib.statistics import single_threaded\n"
         "import os, numpy, threadpoolctl\n"
         "with single_threaded():\n"
         "    import scipy.linalg\n"
