@@ -7,12 +7,12 @@ rule calibrate:
         PLAN.inputs("calibrate"),
     output:
         "results/calibrations/{calibration}/logs/calibrate.json",
-    params:
-        **PLAN.params("calibrate"),
     log:
         "results/calibrations/{calibration}/logs/calibrate.log",
     benchmark:
         "results/calibrations/{calibration}/benchmarks/calibrate.tsv"
+    params:
+        **PLAN.params("calibrate"),
     script:
         "../scripts/calibrate.py"
 
@@ -23,12 +23,12 @@ rule diagnose_calibration:
         PLAN.inputs("diagnose_calibration"),
     output:
         "results/calibrations/{calibration}/logs/diagnose.json",
-    params:
-        **PLAN.params("diagnose_calibration"),
     log:
         "results/calibrations/{calibration}/logs/diagnose.log",
     benchmark:
         "results/calibrations/{calibration}/benchmarks/diagnose.tsv"
+    params:
+        **PLAN.params("diagnose_calibration"),
     script:
         "../scripts/diagnose_calibration.py"
 
@@ -39,12 +39,12 @@ rule diagnosis_figure:
         PLAN.inputs("diagnosis_figure"),
     output:
         "results/calibrations/{calibration}/logs/diagnosis_figure.json",
-    params:
-        **PLAN.params("diagnosis_figure"),
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     benchmark:
         "results/calibrations/{calibration}/benchmarks/diagnosis_figure.tsv"
+    params:
+        **PLAN.params("diagnosis_figure"),
     script:
         "../scripts/diagnosis_figure.py"
 
@@ -55,11 +55,11 @@ rule calibration_figures:
         PLAN.inputs("calibration_figures"),
     output:
         "results/calibrations/{calibration}/logs/figures.json",
-    params:
-        **PLAN.params("calibration_figures"),
     log:
         "results/calibrations/{calibration}/logs/figures.log",
     benchmark:
         "results/calibrations/{calibration}/benchmarks/figures.tsv"
+    params:
+        **PLAN.params("calibration_figures"),
     script:
         "../scripts/calibration_figures.py"

@@ -7,14 +7,14 @@ rule diagnose_alone:
         PLAN.inputs("diagnose_alone"),
     output:
         "results/{mooring}/logs/diagnose_alone.json",
-    params:
-        **PLAN.params("diagnose_alone"),
-    wildcard_constraints:
-        mooring=PLAN.names("diagnose_alone"),
     log:
         "results/{mooring}/logs/diagnose_alone.log",
     benchmark:
         "results/{mooring}/benchmarks/diagnose_alone.tsv"
+    wildcard_constraints:
+        mooring=PLAN.names("diagnose_alone"),
+    params:
+        **PLAN.params("diagnose_alone"),
     script:
         "../scripts/diagnose.py"
 
@@ -25,12 +25,12 @@ rule join:
         PLAN.inputs("join"),
     output:
         "results/compasses/{compass}/logs/join.json",
-    params:
-        **PLAN.params("join"),
     log:
         "results/compasses/{compass}/logs/join.log",
     benchmark:
         "results/compasses/{compass}/benchmarks/join.tsv"
+    params:
+        **PLAN.params("join"),
     script:
         "../scripts/join.py"
 
@@ -41,14 +41,14 @@ rule share:
         PLAN.inputs("share"),
     output:
         "results/{mooring}/logs/diagnose.json",
-    params:
-        **PLAN.params("share"),
-    wildcard_constraints:
-        mooring=PLAN.names("share"),
     log:
         "results/{mooring}/logs/diagnose.log",
     benchmark:
         "results/{mooring}/benchmarks/diagnose.tsv"
+    wildcard_constraints:
+        mooring=PLAN.names("share"),
+    params:
+        **PLAN.params("share"),
     script:
         "../scripts/share.py"
 
@@ -59,11 +59,11 @@ rule joined_figures:
         PLAN.inputs("joined_figures"),
     output:
         "results/compasses/{compass}/logs/figures.json",
-    params:
-        **PLAN.params("joined_figures"),
     log:
         "results/compasses/{compass}/logs/figures.log",
     benchmark:
         "results/compasses/{compass}/benchmarks/figures.tsv"
+    params:
+        **PLAN.params("joined_figures"),
     script:
         "../scripts/joined_figures.py"

@@ -8,12 +8,12 @@ rule summary:
     output:
         report("results/summary.csv", caption="../report/summary.rst", category="Cruise"),
         "results/logs/summary.json",
-    params:
-        **PLAN.params("summary"),
     log:
         "results/logs/summary.log",
     benchmark:
         "results/benchmarks/summary.tsv"
+    params:
+        **PLAN.params("summary"),
     script:
         "../scripts/summary.py"
 
@@ -25,12 +25,12 @@ rule report:
     output:
         report("results/report.html", caption="../report/page.rst", category="Cruise"),
         "results/logs/report.json",
-    params:
-        **PLAN.params("report"),
     log:
         "results/logs/report.log",
     benchmark:
         "results/benchmarks/report.tsv"
+    params:
+        **PLAN.params("report"),
     script:
         "../scripts/report.py"
 
@@ -42,12 +42,12 @@ rule provenance:
     output:
         "results/ro-crate-metadata.json",
         "results/logs/provenance.json",
-    params:
-        **PLAN.params("provenance"),
     log:
         "results/logs/provenance.log",
     benchmark:
         "results/benchmarks/provenance.tsv"
+    params:
+        **PLAN.params("provenance"),
     script:
         "../scripts/provenance.py"
 
@@ -58,21 +58,21 @@ rule complete:
         PLAN.inputs("complete"),
     output:
         "results/logs/complete.json",
-    params:
-        **PLAN.params("complete"),
     log:
         "results/logs/complete.log",
     benchmark:
         "results/benchmarks/complete.tsv"
+    params:
+        **PLAN.params("complete"),
     script:
         "../scripts/complete.py"
 
 
 rule verify:
+    log:
+        "results/logs/verify.log",
     """The manifest against the files; no input, so that nothing is made anew before it is looked at."""
     params:
         configured=PLAN.configured,
-    log:
-        "results/logs/verify.log",
     script:
         "../scripts/verify.py"

@@ -8,15 +8,15 @@ for NAME in SIMULATED:
         output:
             raw=SIMULATED[NAME],
             truth=f"truth/{NAME}.csv",
+        log:
+            f"results/{NAME}/logs/simulate.log",
+        benchmark:
+            f"results/{NAME}/benchmarks/simulate.tsv"
         priority: 1  # all moorings first: one that came last would end on one core
         params:
             files={"reads": {}, "writes": {"raw": SIMULATED[NAME], "truth": f"truth/{NAME}.csv"}},
             name=NAME,
             seed=CRUISE.options.seed,
             code=PLAN.code("simulate"),
-        log:
-            f"results/{NAME}/logs/simulate.log",
-        benchmark:
-            f"results/{NAME}/benchmarks/simulate.tsv"
         script:
             "../scripts/simulate.py"

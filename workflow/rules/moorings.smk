@@ -7,12 +7,12 @@ rule read:
         PLAN.inputs("read"),
     output:
         "results/{mooring}/logs/read_{role}.json",
-    params:
-        **PLAN.params("read"),
     log:
         "results/{mooring}/logs/read_{role}.log",
     benchmark:
         "results/{mooring}/benchmarks/read_{role}.tsv"
+    params:
+        **PLAN.params("read"),
     script:
         "../scripts/read.py"
 
@@ -23,12 +23,12 @@ rule overlap:
         PLAN.inputs("overlap"),
     output:
         "results/{mooring}/logs/overlap.json",
-    params:
-        **PLAN.params("overlap"),
     log:
         "results/{mooring}/logs/overlap.log",
     benchmark:
         "results/{mooring}/benchmarks/overlap.tsv"
+    params:
+        **PLAN.params("overlap"),
     script:
         "../scripts/overlap.py"
 
@@ -39,14 +39,14 @@ rule fit:
         PLAN.inputs("fit"),
     output:
         "results/{mooring}/logs/fit.json",
-    params:
-        **PLAN.params("fit"),
-    wildcard_constraints:
-        mooring=PLAN.names("fit"),
     log:
         "results/{mooring}/logs/fit.log",
     benchmark:
         "results/{mooring}/benchmarks/fit.tsv"
+    wildcard_constraints:
+        mooring=PLAN.names("fit"),
+    params:
+        **PLAN.params("fit"),
     script:
         "../scripts/fit.py"
 
@@ -57,14 +57,14 @@ rule carry:
         PLAN.inputs("carry"),
     output:
         "results/{mooring}/logs/fit.json",
-    params:
-        **PLAN.params("carry"),
-    wildcard_constraints:
-        mooring=PLAN.names("carry"),
     log:
         "results/{mooring}/logs/fit.log",
     benchmark:
         "results/{mooring}/benchmarks/fit.tsv"
+    wildcard_constraints:
+        mooring=PLAN.names("carry"),
+    params:
+        **PLAN.params("carry"),
     script:
         "../scripts/carry.py"
 
@@ -75,14 +75,14 @@ rule diagnose:
         PLAN.inputs("diagnose"),
     output:
         "results/{mooring}/logs/diagnose.json",
-    params:
-        **PLAN.params("diagnose"),
-    wildcard_constraints:
-        mooring=PLAN.names("diagnose"),
     log:
         "results/{mooring}/logs/diagnose.log",
     benchmark:
         "results/{mooring}/benchmarks/diagnose.tsv"
+    wildcard_constraints:
+        mooring=PLAN.names("diagnose"),
+    params:
+        **PLAN.params("diagnose"),
     script:
         "../scripts/diagnose.py"
 
@@ -93,12 +93,12 @@ rule correct:
         PLAN.inputs("correct"),
     output:
         "results/{mooring}/logs/correct.json",
-    params:
-        **PLAN.params("correct"),
     log:
         "results/{mooring}/logs/correct.log",
     benchmark:
         "results/{mooring}/benchmarks/correct.tsv"
+    params:
+        **PLAN.params("correct"),
     script:
         "../scripts/correct.py"
 
@@ -109,13 +109,13 @@ rule compare:
         PLAN.inputs("compare"),
     output:
         "results/{mooring}/logs/compare.json",
-    priority: -1  # it fills the cores that others leave
-    params:
-        **PLAN.params("compare"),
     log:
         "results/{mooring}/logs/compare.log",
     benchmark:
         "results/{mooring}/benchmarks/compare.tsv"
+    priority: -1  # it fills the cores that others leave
+    params:
+        **PLAN.params("compare"),
     script:
         "../scripts/compare.py"
 
@@ -126,12 +126,12 @@ rule figures:
         PLAN.inputs("figures"),
     output:
         "results/{mooring}/logs/figures.json",
-    params:
-        **PLAN.params("figures"),
     log:
         "results/{mooring}/logs/figures.log",
     benchmark:
         "results/{mooring}/benchmarks/figures.tsv"
+    params:
+        **PLAN.params("figures"),
     script:
         "../scripts/figures.py"
 
@@ -142,12 +142,12 @@ rule check_conventions:
         PLAN.inputs("check_conventions"),
     output:
         "results/{mooring}/logs/conventions.json",
-    params:
-        **PLAN.params("check_conventions"),
     log:
         "results/{mooring}/logs/conventions.log",
     benchmark:
         "results/{mooring}/benchmarks/conventions.tsv"
+    params:
+        **PLAN.params("check_conventions"),
     script:
         "../scripts/conventions.py"
 
