@@ -212,7 +212,7 @@ def test_odd_names_are_planned_each_for_itself(tmp_path):
     change(folder / "config/moorings/M11.yaml", fit={"method": "calibration", "name": "a.c"})
     ran = snakemake(folder, "--dry-run", "--quiet", "progress")
     assert ran.returncode == 0, ran.stderr
-    made = re.findall(r"rule (fit|carry):\n(?:    .*\n)*?    output: results/(.+)/work/fit.json", ran.stdout)
+    made = re.findall(r"rule (fit|carry):\n(?:    .*\n)*?    output: results/(.+)/logs/fit.json", ran.stdout)
     assert sorted(made) == sorted(("carry" if name == "M11" else "fit", name) for name in NAMES)
 
 

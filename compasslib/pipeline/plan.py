@@ -260,8 +260,8 @@ class Plan:
         summarized = ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json")
         configuration = of.configuration()
         files = {
-            "summary": [*self.of(*summarized, "overlap.nc"), *self.records_of_instruments()],
-            "report": [*self.of(*PICTURES, "work/pictures.json"), *self.calibrated(), *self.joined()],
+            "summary": [*self.per_mooring(*summarized, "overlap.nc"), *self.records_of_instruments()],
+            "report": [*self.per_mooring(*PICTURES, "work/pictures.json"), *self.calibrated(), *self.joined()],
         }
         templates = provenance.digest(of.templates())
         return {
@@ -375,7 +375,7 @@ class Plan:
     def names(self, rule: str) -> str:
         """Return the constraint of a wildcard: the moorings, calibrations or compasses that a rule is for."""
         names = {of.mooring or of.calibration or of.compass: None for name, of in self.jobs.values() if name == rule}
-        return "|".join(map(re.escape, names)) or "(?!)"
+        return only(names)
 
     def everything(self, wildcards: Any = None) -> list[str]:
         """Return the records of all jobs of a run."""
@@ -396,7 +396,7 @@ class Plan:
         joined = (f"{CRUISE}/compasses/{name}" for name in self.compasses.members)
         return [*(f"{CRUISE}/{name}" for name in self.cruise.moorings), *calibrations, *joined]
 
-    def of(self, *files: str) -> list[str]:
+    def per_mooring(self, *files: str) -> list[str]:
         """Return these files of each mooring."""
         return [f"{CRUISE}/{name}/{file}" for file in files for name in self.cruise.moorings]
 
@@ -426,9 +426,9 @@ class Plan:
     def products(self) -> list[str]:
         """Return the files from which the jobs' records lead back to all others."""
         last = ("corrected.nc", "assessment.json", "forms.json", *PICTURES)
-        checked = self.of("conventions.json") if self.cruise.options.conventions.check else []
+        checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
         drawn = [file for file in self.joined() if file.endswith(".png")]
-        return [*self.of(*last), *checked, *self.table(), *self.calibrated(), *drawn, REPORT]
+        return [*self.per_mooring(*last), *checked, *self.table(), *self.calibrated(), *drawn, REPORT]
 
     def given(self) -> list[str]:
         """Return what jobs are given: settings, raw files and scripts of this software."""

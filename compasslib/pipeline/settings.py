@@ -144,8 +144,8 @@ class Moorings:
         mooring = self._mooring(wildcards)
         trusted = [mooring.instruments[name].direction_reference for name in mooring.reference]
         magnetic = not trusted or "magnetic" in trusted
-        beside = {"reference_magnetic": magnetic, "constant_confirmed": mooring.confirmed.constant}
-        return mooring.diagnose.model_dump() | beside
+        derived = {"reference_magnetic": magnetic, "constant_confirmed": mooring.confirmed.constant}
+        return mooring.diagnose.model_dump() | derived
 
     def observatory(self, wildcards: Any) -> list[str]:
         """Return the files of the observatory that one mooring names, none where it names none."""
