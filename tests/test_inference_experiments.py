@@ -45,5 +45,5 @@ def test_one_name_is_left_where_the_verdict_would_have_it():
     """A name is sure whatever else may stand beside it; an even contest leaves two, a probable nothing is not sure."""
     names = [(), ("heeling",), ("current_veer", "heeling"), ("temperature",)]
     draws = np.array([[0.0, 0.6, 0.38, 0.02], [0.0, 0.5, 0.0, 0.5], [0.8, 0.2, 0.0, 0.0], [0.97, 0.03, 0.0, 0.0]]).T
-    each = [experiments._one_name(names, draws[:, k : k + 1]) for k in range(4)]
-    assert each == [1.0, 0.0, 0.0, 1.0] and experiments._one_name(names, draws) == 0.5
+    each = [experiments._single_name_share(names, draws[:, k : k + 1]) for k in range(4)]
+    assert each == [1.0, 0.0, 0.0, 1.0] and experiments._single_name_share(names, draws) == 0.5
