@@ -84,7 +84,7 @@ def test_a_file_that_breaks_each_convention_is_told_by_each(tmp_path, offline, c
         nc.data_mode = "X"
     said: list[str] = []
     with pytest.raises(InputError, match=r"1 netCDF files: expected no remark, found [1-9]"):
-        conventions.tell([str(path)], said.append)
+        conventions.report_remarks([str(path)], said.append)
     known = ("OceanSITES", "CF", "ACDD") if conventions.installed() else ("OceanSITES",)
     for convention in known:
         assert any(line.startswith(f"{path}: {convention}: ") for line in said), convention
@@ -94,7 +94,7 @@ def test_a_file_that_breaks_each_convention_is_told_by_each(tmp_path, offline, c
 def test_what_may_still_be_given_is_said_and_is_no_remark(tmp_path, offline):
     said: list[str] = []
     path = write(tmp_path / "corrected.nc", attributes={"license": "free"})
-    held = conventions.tell([str(path)], said.append)
+    held = conventions.report_remarks([str(path)], said.append)
     assert "attributes may still give institution, project, principal_investigator" in said[0]
     assert said[-1].endswith("OceanSITES") and "license" not in said[0]
     assert list(held["attributes_may_still_give"]) == held["files"] == [str(path)]
@@ -105,7 +105,7 @@ def test_what_may_still_be_given_is_said_and_is_no_remark(tmp_path, offline):
 def test_without_the_checker_it_says_what_was_not_checked(corrected, monkeypatch):
     monkeypatch.setattr(conventions, "CHECKER", "no_such_package")
     said: list[str] = []
-    held = conventions.tell([str(corrected)], said.append)
+    held = conventions.report_remarks([str(corrected)], said.append)
     assert list(held["no_remark_by"]) == ["OceanSITES"]
     assert any("compliance-checker is not installed; make check-archive installs it" in line for line in said)
     assert said[-1] == "1 netCDF files: no remark by OceanSITES"

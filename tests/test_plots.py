@@ -536,7 +536,7 @@ def test_circle_is_cut_where_it_is_empty(begin, width, seed):
 @given(ANGLES, ANGLES)
 @settings(max_examples=60, deadline=None)
 def test_angles_are_placed_without_being_changed(angle, reference):
-    placed, beside = plots_curves.placed(angle, reference), plots_curves.beside(angle, reference)
+    placed, beside = plots_curves.placed(angle, reference), plots_curves.nearest_turn(angle, reference)
     assert reference <= placed <= reference + 360.0
     assert abs(beside - reference) <= 180.0
     for found in (placed, beside):

@@ -88,7 +88,7 @@ def hostile(name: str = "M") -> ReportSection:
         findings=(replace(filled(ReportedFinding, HOSTILE), parameters=table),),
         tables=(table,),
         first=(figure,),
-        found=(figure,),
+        finding_figures=(figure,),
         figures=(figure, replace(figure, data="data:image/png;base64,", width=3, height=5)),
     )
 
@@ -331,7 +331,7 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
         getattr(instruments, f"draw_{figure}")(there / f"figures/{figure}.png", made, "heads")
     section = report.gather(tmp_path, attributes={}, moorings={}, calibrations=["heads"]).calibrations.sections[0]
     assert section.verdict == "explained" and section.findings[0].title == "Heeling"
-    assert set(made.details["cannot_tell"]) < set(section.cannot_tell)
+    assert set(made.details["cannot_tell"]) < set(section.limits)
     assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
     assert section.first[0].title == "Difference of the two compasses"
     assert all("offset is" in figure.caption for figure in section.first[::2])

@@ -169,11 +169,11 @@ def iso_duration(seconds: float) -> str:
     Args:
         seconds: the duration, not negative.
     """
-    minutes, rest = divmod(round(float(seconds), 3), 60.0)
+    minutes, remainder = divmod(round(float(seconds), 3), 60.0)
     hours, minutes = divmod(int(minutes), 60)
     days, hours = divmod(hours, 24)
     clock = "".join(
-        f"{value:g}{unit}" for value, unit in ((hours, "H"), (minutes, "M"), (round(rest, 3), "S")) if value
+        f"{value:g}{unit}" for value, unit in ((hours, "H"), (minutes, "M"), (round(remainder, 3), "S")) if value
     )
     day = f"{days}D" if days or not clock else ""
     return f"P{day}" + (f"T{clock}" if clock else "")
@@ -235,7 +235,7 @@ def _who(user: Attributes) -> Attributes:
 
 def _where(site: Site, depth_m: Floats) -> Attributes:
     longitude = site.signed_longitude()
-    found: Attributes = {
+    ranges: Attributes = {
         "geospatial_lat_min": site.latitude,
         "geospatial_lat_max": site.latitude,
         "geospatial_lat_units": "degree_north",
@@ -250,20 +250,20 @@ def _where(site: Site, depth_m: Floats) -> Attributes:
     }
     known = depth_m[np.isfinite(depth_m)]
     if known.size:
-        found |= {"geospatial_vertical_min": float(known.min()), "geospatial_vertical_max": float(known.max())}
+        ranges |= {"geospatial_vertical_min": float(known.min()), "geospatial_vertical_max": float(known.max())}
     if site.water_depth_m is not None:
-        found |= {"water_depth": float(site.water_depth_m), "water_depth_units": "m"}
-    return found
+        ranges |= {"water_depth": float(site.water_depth_m), "water_depth_units": "m"}
+    return ranges
 
 
 def _when(time_s: Floats) -> Attributes:
     if not len(time_s):
         return {}
-    found: Attributes = {
+    ranges: Attributes = {
         "time_coverage_start": iso_time(time_s[0]),
         "time_coverage_end": iso_time(time_s[-1]),
         "time_coverage_duration": iso_duration(time_s[-1] - time_s[0]),
     }
     if len(time_s) > 1:
-        found["time_coverage_resolution"] = iso_duration(float(np.median(np.diff(time_s))))
-    return found
+        ranges["time_coverage_resolution"] = iso_duration(float(np.median(np.diff(time_s))))
+    return ranges

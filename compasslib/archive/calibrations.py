@@ -56,7 +56,7 @@ def write(
 
 
 def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> Page:
-    """Return what a calibration's files hold.
+    """Read a calibration's files.
 
     Args:
         points: path of points.csv.

@@ -31,16 +31,16 @@ def installed() -> bool:
 
 
 def checkers() -> dict[str, str]:
-    """Return what files are held against here, and by which program."""
-    own = {"OceanSITES": f"manual {MANUAL}"}
+    """Name the conventions that files are checked against here, and by which program."""
+    standards = {"OceanSITES": f"manual {MANUAL}"}
     if not installed():
-        return own
+        return standards
     program = f"compliance-checker {provenance.installed('compliance-checker')}"
-    return own | {"CF": f"{CF} by {program}", "ACDD": f"{ACDD} by {program}"}
+    return standards | {"CF": f"{CF} by {program}", "ACDD": f"{ACDD} by {program}"}
 
 
 def remarks(path: str | Path) -> list[str]:
-    """Return what stands against a file of the archive, each with its convention; what cannot be avoided apart.
+    """Check a file of the archive and list the remarks of each convention, unavoidable ones left out.
 
     Args:
         path: corrected.nc, or another netCDF file, which claims CF alone.
@@ -49,12 +49,12 @@ def remarks(path: str | Path) -> list[str]:
         InputError: the file is absent or damaged.
     """
     product = Path(path).name == PRODUCT
-    found = [f"OceanSITES: {remark}" for remark in oceansites_remarks(path)] if product else []
+    issues = [f"OceanSITES: {remark}" for remark in oceansites_remarks(path)] if product else []
     if not installed():
-        return found
-    found += [f"CF: {remark}" for remark in checked(path, CF)]
+        return issues
+    issues += [f"CF: {remark}" for remark in checked(path, CF)]
     asked = set(checked(path, ACDD)) - UNAVOIDABLE if product else set()
-    return found + [f"ACDD: {remark}" for remark in sorted(asked)]
+    return issues + [f"ACDD: {remark}" for remark in sorted(asked)]
 
 
 def not_given(path: str | Path) -> list[str]:
@@ -81,21 +81,21 @@ def checked(path: str | Path, checker: str) -> list[str]:
     return sorted(f"{group.name} {message}" for group in failed for message in group.msgs) + broken
 
 
-def tell(paths: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+def report_remarks(paths: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
     """Say what stands against files, a line each; return what they were held against and what may still be given.
 
     Raises:
         InputError: something does.
     """
-    found = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
+    issues = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
     absent = {path: names for path in paths if (names := not_given(path))}
-    for line in [*found, *(f"{path}: attributes may still give {', '.join(names)}" for path, names in absent.items())]:
+    for line in [*issues, *(f"{path}: attributes may still give {', '.join(names)}" for path, names in absent.items())]:
         say(line)
     if not installed():
         say("CF and ACDD were not checked: compliance-checker is not installed; make check-archive installs it")
-    if found:
+    if issues:
         advice = "attributes are those of the YAML files; anything else is this program's fault"
-        raise InputError(f"{len(paths)} netCDF files", expected="no remark", found=str(len(found)), advice=advice)
+        raise InputError(f"{len(paths)} netCDF files", expected="no remark", found=str(len(issues)), advice=advice)
     say(f"{len(paths)} netCDF files: no remark by {'CF, ACDD and ' if installed() else ''}OceanSITES")
     return {"no_remark_by": checkers(), "files": list(paths), "attributes_may_still_give": absent}
 
@@ -186,16 +186,16 @@ ORIENTATIONS = ("upward", "downward", "horizontal")  # table 8
 
 
 def oceansites_remarks(path: str | Path) -> list[str]:
-    """Return what the manual says against a file, one sentence each.
+    """Check a file against the OceanSITES manual; return its remarks, a sentence each.
 
     Raises:
         InputError: the file is absent or damaged.
     """
     with open_netcdf(path) as nc:
         data = [name for name in nc.variables if _is_data(nc, name)]
-        found = [*_attributes(nc), *_extent(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
-        found += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
-        return found + [remark for name in nc.variables if name.endswith("_QC") for remark in _flags(nc, name)]
+        issues = [*_attributes(nc), *_extent(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
+        issues += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
+        return issues + [remark for name in nc.variables if name.endswith("_QC") for remark in _flags(nc, name)]
 
 
 def _attributes(nc: netCDF4.Dataset) -> Remarks:
@@ -277,11 +277,11 @@ def _data(nc: netCDF4.Dataset, name: str) -> Remarks:
 
 
 def _uncertainty(nc: netCDF4.Dataset, name: str) -> Remarks:
-    of = name.removesuffix("_UNCERTAINTY")
-    if of not in nc.variables or _attribute(nc[name], "units") != _attribute(nc[of], "units"):
-        yield f"{name}:units are not those of {of}"
-    if _attribute(nc[name], "long_name") != f"uncertainty of {of}":
-        yield f"{name}:long_name is not 'uncertainty of {of}'"
+    base = name.removesuffix("_UNCERTAINTY")
+    if base not in nc.variables or _attribute(nc[name], "units") != _attribute(nc[base], "units"):
+        yield f"{name}:units are not those of {base}"
+    if _attribute(nc[name], "long_name") != f"uncertainty of {base}":
+        yield f"{name}:long_name is not 'uncertainty of {base}'"
 
 
 def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
@@ -301,11 +301,11 @@ def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
 
 def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
     """The scale of a flag variable [2.6, table 2]."""
-    variable, of = nc[name], name.removesuffix("_QC")
+    variable, base = nc[name], name.removesuffix("_QC")
     if variable.dtype != np.int8:
         yield f"{name} is not of type byte"
-    if _attribute(variable, "long_name") != f"quality flag for {of}":
-        yield f"{name}:long_name is not 'quality flag for {of}'"
+    if _attribute(variable, "long_name") != f"quality flag for {base}":
+        yield f"{name}:long_name is not 'quality flag for {base}'"
     if np.atleast_1d(getattr(variable, "flag_values", [])).tolist() != list(FLAGS):
         yield f"{name}:flag_values are not those of table 2"
     if _attribute(variable, "flag_meanings").split() != list(FLAGS.values()):

@@ -49,8 +49,8 @@ Entity = dict[str, Any]
 
 def records() -> dict[str, Record]:
     """Return the records of all jobs that ever ended well in this cruise, by the name of their action."""
-    found = sorted(path for pattern in RECORDS for path in Path(FOLDER).glob(pattern))
-    return {_action(path): read_json(path) for path in found}
+    entries = sorted(path for pattern in RECORDS for path in Path(FOLDER).glob(pattern))
+    return {_action(path): read_json(path) for path in entries}
 
 
 def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:
@@ -64,16 +64,16 @@ def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, R
     """
     made_by = {made: name for name, record in known.items() for made in record["wrote"].items()}
     waiting = list((wanted := provenance.hashes(products)).items())
-    kept: set[str] = set()
+    traced: set[str] = set()
     while waiting:
         file = waiting.pop()
         name = made_by.get(file)
         if name is None and (file[0] in wanted or file[0].startswith(f"{FOLDER}/")):
             _refuse_foreign(file[0])
-        elif name is not None and name not in kept:
-            kept.add(name)
+        elif name is not None and name not in traced:
+            traced.add(name)
             waiting += known[name]["read"].items()
-    return {name: known[name] for name in sorted(kept)}
+    return {name: known[name] for name in sorted(traced)}
 
 
 def _refuse_foreign(path: str) -> None:
@@ -98,7 +98,7 @@ def crate(
     files = _files(jobs, configuration)
     data = [_file(path, files[path]) for path in sorted(files)]
     actions = [_job(name, record, configuration) for name, record in jobs.items()]
-    failed = [_failed(of, why, configuration) for of, why in (stopped or {}).items()]
+    failed = [_failed(subject, why, configuration) for subject, why in (stopped or {}).items()]
     actions += failed
     parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
     tools = list(_surroundings())
@@ -114,12 +114,12 @@ def listed(page: Mapping[str, Any]) -> dict[str, str]:
 
 
 def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
-    """Return what stands for a file and is none of the cruise that a job read or wrote, each with its identifier.
+    """List entities that stand for a file but for none that a job of the cruise read or wrote, by identifier.
 
     A file's identifier is that of the path that it is named by, letter for letter: no other leads to the same place.
     """
     files = {entity["@id"]: entity["name"] for entity in page["@graph"] if entity["@type"] == "File"}
-    used = {one for action in _actions(page) for part in ("object", "result") for one in _identifiers(action, part)}
+    used = {item for action in _actions(page) for part in ("object", "result") for item in _identifiers(action, part)}
     wrong = {name: known for known, name in files.items() if known not in used or not _is_of(known, name)}
     return wrong | {known: known for known in sorted(used - files.keys())}
 
@@ -135,7 +135,7 @@ def written(page: Mapping[str, Any]) -> set[str]:
 
 
 def log_line(page: Mapping[str, Any]) -> str:
-    """Return what the job says of the crate."""
+    """Format the job's line on the crate."""
     jobs = sum("result" in entity for entity in page["@graph"])
     return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
 
@@ -146,7 +146,7 @@ def _actions(page: Mapping[str, Any]) -> list[Entity]:
 
 def _identifiers(action: Mapping[str, Any], part: str) -> list[str]:
     given = action.get(part, [])
-    return [one["@id"] for one in (given if isinstance(given, list) else [given])]
+    return [item["@id"] for item in (given if isinstance(given, list) else [given])]
 
 
 def _is_of(identifier: str, path: str) -> bool:
@@ -158,7 +158,7 @@ def _is_of(identifier: str, path: str) -> bool:
 def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:
     settings = provenance.hashes(path for paths in configuration.values() for path in paths)
     files_of_jobs = [record[part] for record in jobs.values() for part in ("read", "wrote")]
-    return settings | {path: known for one in files_of_jobs for path, known in one.items()}
+    return settings | {path: known for item in files_of_jobs for path, known in item.items()}
 
 
 def _action(path: Path) -> str:
@@ -250,8 +250,8 @@ def _tool(identifier: str, name: str, version: str, url: str = "") -> Entity:
 def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) -> Entity:
     parameters = json.dumps(record["parameters"], ensure_ascii=False)
     about = " ".join(record["of"].values())
-    of = " ".join(next(iter(record["of"].items()), ""))
-    read = {*record["read"], *configuration.get(of, configuration[""])}
+    subject = " ".join(next(iter(record["of"].items()), ""))
+    read = {*record["read"], *configuration.get(subject, configuration[""])}
     return {
         "@id": f"#{quote(name)}",
         "@type": "CreateAction",
@@ -264,15 +264,15 @@ def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) 
     }
 
 
-def _failed(of: str, why: str, configuration: Mapping[str, Sequence[str]]) -> Entity:
+def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]]) -> Entity:
     return {
-        "@id": f"#{quote(f'stopped/{of}')}",
+        "@id": f"#{quote(f'stopped/{subject}')}",
         "@type": "CreateAction",
-        "name": of,
+        "name": subject,
         "instrument": _ref(f"#{quote(provenance.software())}"),
         "actionStatus": "http://schema.org/FailedActionStatus",
         "error": why,
-        "object": _refs(configuration[of]),
+        "object": _refs(configuration[subject]),
     }
 
 
@@ -298,8 +298,8 @@ def _path(identifier: str) -> str:
 
 def _refs(paths: Iterable[str]) -> list[Entity] | Entity:
     """Return references to files; RO-Crate writes a single one without a list."""
-    found = [_ref(_id(path)) for path in sorted(paths)]
-    return found[0] if len(found) == 1 else found
+    entries = [_ref(_id(path)) for path in sorted(paths)]
+    return entries[0] if len(entries) == 1 else entries
 
 
 def _ref(identifier: str) -> Entity:

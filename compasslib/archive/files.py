@@ -45,10 +45,10 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, path)
     except (OSError, RuntimeError) as error:  # RuntimeError: netCDF's word for a full disk
-        found = getattr(error, "strerror", None) or str(error)
+        reason = getattr(error, "strerror", None) or str(error)
         advice = "free some space or mend the permissions, and run again"
         raise TransientError(
-            str(path), expected="room and the right to write it", found=found, advice=advice
+            str(path), expected="room and the right to write it", found=reason, advice=advice
         ) from error
     finally:
         with contextlib.suppress(OSError):
@@ -70,7 +70,7 @@ def write_json(path: str | Path, data: object) -> None:
 
 
 def read_json(path: str | Path) -> Any:
-    """Return what a JSON file holds.
+    """Read a JSON file.
 
     Raises:
         InputError: the file is absent or is not JSON.

@@ -68,7 +68,7 @@ def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _beams(record: Record) -> int:
-    """Return how many beams the profiles tell apart, 0 where none does."""
+    """Count the beams that the profiles tell apart; 0 where none does."""
     shapes = [profile[:1].shape for profile in record.profiles.values()]
     return max((shape[2] for shape in shapes if len(shape) == 3), default=0)
 
@@ -87,16 +87,16 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
         # The ranges first: they shrink to a row before the velocities come.
         arrays = {"bin_range_m": _shared(read_variable(nc, variables.RECORD["bin_range_m"].name, bins))}
         arrays |= {
-            name: read_variable(nc, one.name, bins) for name, one in variables.RECORD.items() if name not in arrays
+            name: read_variable(nc, entry.name, bins) for name, entry in variables.RECORD.items() if name not in arrays
         }
         others = {field.name for field in fields(Record)} - set(variables.RECORD) - variables.NOT_STORED
-        rest = {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
-        rest["channels"] = {
+        metadata = {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
+        metadata["channels"] = {
             name.removeprefix(variables.CHANNEL): read_variable(nc, name)
             for name in nc.variables
             if name.startswith(variables.CHANNEL)
         }
-    return Record(**arrays | rest | {"warnings": tuple(rest["warnings"])})
+    return Record(**arrays | metadata | {"warnings": tuple(metadata["warnings"])})
 
 
 def read_profiles(path: str | Path) -> dict[str, Rows]:
@@ -119,7 +119,7 @@ def _shared(bin_range_m: Floats) -> Floats:
 
 
 def read_counts(path: str | Path) -> dict[str, int]:
-    """Return what was read, skipped and flagged in a record that ``write_record`` wrote; its series are not read.
+    """Read the counts of a record (read, skipped, flagged); its series are not read.
 
     Raises:
         InputError: the file is absent, damaged or something else.
@@ -139,16 +139,16 @@ def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
 
     Records of an older version know one number, or none, which is 0.
     """
-    found: dict[str, float] = {}
+    applied: dict[str, float] = {}
     for path in map(Path, paths):
         with open_netcdf(path) as nc:
             heading = float(json.loads(getattr(nc, "heading_bias_deg", "0")))
             velocity = json.loads(getattr(nc, "velocity_bias_deg", "null"))
         if velocity in (None, heading):
-            found[path.stem] = heading
+            applied[path.stem] = heading
         else:
-            found |= {f"{path.stem} (headings)": heading, f"{path.stem} (velocities)": float(velocity)}
-    return found
+            applied |= {f"{path.stem} (headings)": heading, f"{path.stem} (velocities)": float(velocity)}
+    return applied
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -220,7 +220,7 @@ def write_corrected(
         processing: how and when the product was made; see ``archive.attributes.global_attributes``.
     """
     pieces = [product] if isinstance(product, CorrectedRecord) else product
-    whole = _seen(pieces)
+    whole = _scan_pieces(pieces)
     attributes = global_attributes(
         site,
         time_s=whole.time_s,
@@ -240,8 +240,8 @@ def write_corrected(
         for piece in pieces:
             begin, end = end, end + len(piece.record.time_s)
             for name, column in _columns(piece, whole).items():
-                told = of_sensor.get(name, {}) | of_model.get(name, {})
-                _put_placed(nc, _of_beams(variables.CORRECTED[name], column[0]), column, told, slice(begin, end))
+                sensor = of_sensor.get(name, {}) | of_model.get(name, {})
+                _put_placed(nc, _of_beams(variables.CORRECTED[name], column[0]), column, sensor, slice(begin, end))
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ class _Whole:
     instrument: dict[str, str]  # what its files tell of it
 
 
-def _seen(pieces: Iterable[CorrectedRecord]) -> _Whole:
+def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
     times, instrument, depths, counts = [], [], [], np.zeros(4, dtype=int)
     declination: list[float] = []
     for piece in pieces:
@@ -354,24 +354,27 @@ def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
 def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
     record, nominal = product.record, whole.nominal_depth
     depth, instrument_depth = record.bin_depth_m(), record.depth_m
-    corrected = _kept(product.heading_corrected_quality, product.heading_corrected_deg, BAD)
+    corrected = _flag_missing(product.heading_corrected_quality, product.heading_corrected_deg, BAD)
     true = angles.wrap360(product.heading_corrected_deg + product.declination_deg)
     columns: Columns = {
         "DEPTH": (depth, _judged("DEPTH", depth, nominal)),
         "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),
-        "HEADING": (angles.wrap360(record.heading_deg), _kept(record.heading_quality, record.heading_deg, MISSING)),
+        "HEADING": (
+            angles.wrap360(record.heading_deg),
+            _flag_missing(record.heading_quality, record.heading_deg, MISSING),
+        ),
         "HEADING_CORRECTED": (angles.wrap360(product.heading_corrected_deg), corrected),
         "HEADING_CORRECTED_UNCERTAINTY": (product.heading_uncertainty_deg, corrected),
         "DEVIATION": (product.deviation_deg, corrected),
         "BRANCH_PROBABILITY": (product.branch_probability, None),
         "DECLINATION": (product.declination_deg, _judged("DECLINATION", product.declination_deg, True)),
-        "UCUR": (product.east, _kept(product.velocity_quality, product.east, BAD)),
-        "VCUR": (product.north, _kept(product.velocity_quality, product.north, BAD)),
-        "UCUR_RECORDED": (product.east_recorded, _kept(record.quality, product.east_recorded, MISSING)),
-        "VCUR_RECORDED": (product.north_recorded, _kept(record.quality, product.north_recorded, MISSING)),
+        "UCUR": (product.east, _flag_missing(product.velocity_quality, product.east, BAD)),
+        "VCUR": (product.north, _flag_missing(product.velocity_quality, product.north, BAD)),
+        "UCUR_RECORDED": (product.east_recorded, _flag_missing(record.quality, product.east_recorded, MISSING)),
+        "VCUR_RECORDED": (product.north_recorded, _flag_missing(record.quality, product.north_recorded, MISSING)),
         "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
-        "HEADING_TRUE": (true, _kept(product.heading_corrected_quality, true, BAD)),
+        "HEADING_TRUE": (true, _flag_missing(product.heading_corrected_quality, true, BAD)),
         "PITCH": (record.pitch_deg, _judged("PITCH", record.pitch_deg)),
         "ROLL": (record.roll_deg, _judged("ROLL", record.roll_deg)),
     }
@@ -379,7 +382,7 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
     columns |= {name: (values, _judged(name, values)) for name, values in series.items() if name in whole.measured}
     for name, profile in record.profiles.items():
         values = profile[:]
-        flags = _kept(record.quality, values, MISSING) if values.dtype.kind == "f" else None
+        flags = _flag_missing(record.quality, values, MISSING) if values.dtype.kind == "f" else None
         columns[variables.PROFILES[name]] = (_beams_first(values), flags)
     return columns
 
@@ -388,7 +391,7 @@ def _count(values: Floats) -> int:
     return int(np.isfinite(values).sum())
 
 
-def _kept(flags: Flags, values: Floats, absent: int) -> Flags:
+def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:
     """Return the flags, with one that says so where a value is absent and its flag does not."""
     given = np.isfinite(values) | np.isin(flags, (BAD, MISSING))
     return np.where(given, flags, absent).astype(np.int8)
@@ -424,7 +427,7 @@ def _of_beams(variable: Variable, values: NDArray[Any]) -> Variable:
 
 
 def _put_placed(
-    nc: netCDF4.Dataset, variable: Variable, column: Column, told: Mapping[str, object], rows: slice
+    nc: netCDF4.Dataset, variable: Variable, column: Column, sensor: Mapping[str, object], rows: slice
 ) -> None:
     """Write a piece of one variable and of its flags, with where it was measured."""
     values, flags = column
@@ -432,7 +435,7 @@ def _put_placed(
     placed = {} if variable.name in coordinates.split() else {"coordinates": coordinates}
     quality = quality_variable(variable)
     ancillary = variable.ancillary if flags is None else (quality.name, *variable.ancillary)
-    described = replace(variable, ancillary=ancillary, also={**variable.also, **placed, **told})
+    described = replace(variable, ancillary=ancillary, also={**variable.also, **placed, **sensor})
     write_variable(nc, described, values, level=4, rows=rows)
     if flags is not None:
         flagged = replace(quality, also={**quality.also, "coordinates": coordinates})

@@ -42,13 +42,13 @@ def sources(script: str | Path, *others: str) -> tuple[str, ...]:
     Args:
         others: modules that it imports by name only when it runs, as ``compasslib.readers.table``.
     """
-    seen = {file for other in others for file in _files(other)}
-    waiting = [Path(script), *seen]
+    visited = {file for other in others for file in _files(other)}
+    waiting = [Path(script), *visited]
     while waiting:
-        new = _imported(waiting.pop()) - seen
-        seen |= new
+        new = _imported(waiting.pop()) - visited
+        visited |= new
         waiting.extend(new)
-    return tuple(sorted(str(path) for path in seen))
+    return tuple(sorted(str(path) for path in visited))
 
 
 @cache
@@ -60,8 +60,8 @@ def _imported(path: Path) -> frozenset[Path]:
     """
     names: set[str] = set()
     for module, members, whole in _IMPORT.findall(_FOR_TYPES.sub("", path.read_text(encoding="utf-8"))):
-        own_names = re.findall(r"\w+", _ALIAS_OR_COMMENT.sub("", members))
-        names |= {module or whole, *(f"{module}.{name}" for name in own_names)}
+        member_names = re.findall(r"\w+", _ALIAS_OR_COMMENT.sub("", members))
+        names |= {module or whole, *(f"{module}.{name}" for name in member_names)}
     return frozenset(file for name in names for file in _files(name))
 
 
@@ -159,7 +159,7 @@ def inputs(job: Any) -> list[str]:
 
 
 def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
-    """Return what one job of the workflow read and wrote, by what code and with which parameters.
+    """Describe what one job of the workflow read and wrote, by what code and with which parameters.
 
     Args:
         job: the object ``snakemake`` of its script; its parameter ``code`` is the hash of the library files behind it.
@@ -198,15 +198,15 @@ def origin(what: str, files: Sequence[str], within: Path | None = None) -> dict[
 
 
 def processing(product: Product, field: EarthField, raw_files: Sequence[str]) -> dict[str, Any]:
-    """Return how and when a record was corrected, for the archive's attributes.
+    """Describe how and when a record was corrected, as attributes of the archive.
 
     Args:
         field: the declination that was used.
         raw_files: what was read, relative to the cruise folder.
     """
-    beside = f" with {', '.join(product.effects)}" if product.effects else ""
-    beside += f" fitted beside {', '.join(product.accounted)}" if product.accounted else ""
-    made = origin(f"headings corrected, method {product.fit.method}{beside},", raw_files)
+    suffix = f" with {', '.join(product.effects)}" if product.effects else ""
+    suffix += f" fitted beside {', '.join(product.accounted)}" if product.accounted else ""
+    made = origin(f"headings corrected, method {product.fit.method}{suffix},", raw_files)
     return made | {
         "method": product.fit.method,
         "effects": ", ".join(product.effects),
@@ -217,7 +217,7 @@ def processing(product: Product, field: EarthField, raw_files: Sequence[str]) ->
 
 
 def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
-    """Return what a calibration was made from, and by what.
+    """Describe what a calibration was made from, and by what.
 
     Args:
         raw_files: what was read, relative to the cruise folder.
@@ -231,7 +231,7 @@ def _modules() -> list[Path]:
 
 @cache
 def _git(*arguments: str) -> tuple[str, str]:
-    """Return what git says of this project and, where it says nothing, why: nothing outside a checkout of its own."""
+    """Ask git about this project; return its answer and, where it has none, the reason."""
     if not (PROJECT / ".git").exists():
         return "", _NONE
     # A checkout may be another's: git then refuses, for fear of what its settings may start. Its Python runs already.
@@ -241,8 +241,8 @@ def _git(*arguments: str) -> tuple[str, str]:
     environment = {name: value for name, value in os.environ.items() if name not in _OF_A_REPOSITORY}
     environment |= {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
     try:
-        found = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        completed = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     except OSError as error:
         return "", f"git cannot be run ({error.strerror})"
-    refusal = " ".join(found.stderr.split())[:_LONGEST]
-    return found.stdout.strip(), f"git refuses ({refusal})" if found.returncode else ""
+    refusal = " ".join(completed.stderr.split())[:_LONGEST]
+    return completed.stdout.strip(), f"git refuses ({refusal})" if completed.returncode else ""

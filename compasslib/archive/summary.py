@@ -41,7 +41,7 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
     """
     folder = Path(folder)
     files = ("deviation.json", "assessment.json", "diagnosis.json")
-    fit, verdict, found = (read_json(folder / file) for file in files)
+    fit, verdict, diagnosis = (read_json(folder / file) for file in files)
     heading, deviation = read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
     corrected = np.isfinite(heading)
     return {
@@ -53,10 +53,10 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
         "rms_after_deg": _rounded(verdict["after"]["rms_deg"], 2),
         "max_deviation_deg": _rounded(np.nanmax(np.abs(deviation)) if corrected.any() else None, 1),
         "folded": fit["folded"],
-        "verdict": found["verdict"],
-        "effects": " ".join(finding["effect"] for finding in found["findings"]),
+        "verdict": diagnosis["verdict"],
+        "effects": " ".join(finding["effect"] for finding in diagnosis["findings"]),
         "warnings": " | ".join(
-            [*_warnings(folder, roles, fit, found, verdict), *_record_warnings(record_paths(folder, roles))]
+            [*_warnings(folder, roles, fit, diagnosis, verdict), *_record_warnings(record_paths(folder, roles))]
         ),
     }
 
@@ -97,14 +97,16 @@ def _warnings(
     folder: Path,
     roles: Iterable[str] | None,
     fit: Mapping[str, Any],
-    found: Mapping[str, Any],
+    diagnosis: Mapping[str, Any],
     verdict: Mapping[str, Any],
 ) -> list[str]:
     field = read_json(folder / "work/field.json")
-    reasons = dict.fromkeys(why for why in (fit["why"], found["why"] * (found["verdict"] == "insufficient")) if why)
+    reasons = dict.fromkeys(
+        why for why in (fit["why"], diagnosis["why"] * (diagnosis["verdict"] == "insufficient")) if why
+    )
     pairs = netcdf.read_pairs(folder / "overlap.nc").warnings
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
-    first = [*refuted, *reasons, *found.get("warnings", ()), *_unexplained(found), *pairs]
+    first = [*refuted, *reasons, *diagnosis.get("warnings", ()), *_unexplained(diagnosis), *pairs]
     return [*first, *fit["warnings"], *field["warnings"]]
 
 
@@ -112,9 +114,9 @@ def _record_warnings(paths: Iterable[Path]) -> list[str]:
     return [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
 
 
-def _unexplained(found: Mapping[str, Any]) -> list[str]:
+def _unexplained(diagnosis: Mapping[str, Any]) -> list[str]:
     """Say what the search saw and nothing predicts: the verdict alone does not tell how large it is."""
-    left = found["unexplained"]
+    left = diagnosis["unexplained"]
     if not left:
         return []
     return [
@@ -186,7 +188,7 @@ COMPONENTS = (("UCUR_RECORDED", "VCUR_RECORDED"), ("UCUR", "VCUR"))
 
 
 def reference_current(pairs: Pairs) -> CurrentSeries:
-    """Return what the reference measured at the overlaps."""
+    """Extract the reference's current at the overlaps."""
     return CurrentSeries(pairs.time_s, pairs.lower_east + 1j * pairs.lower_north)
 
 

@@ -140,7 +140,7 @@ _RANGE_ONLY = "Flagged by its valid range alone."
 _RECORDED = "Turned by the recorded heading plus DECLINATION, before the correction."
 _NOT_CORRECTED = "What cannot be corrected is missing and flagged 4, never guessed."
 _CORRECTED = f"The recorded velocity turned clockwise by DEVIATION; its speed is unchanged. {_NOT_CORRECTED}"
-_ONE_SIGMA = "One standard deviation."
+_STANDARD_DEVIATION = "One standard deviation."
 _BY_CORRECTED = ("HEADING_CORRECTED", "DECLINATION")
 
 TIME = Variable(
@@ -248,7 +248,7 @@ _TABLE = (
         "uncertainty of HEADING_CORRECTED",
         "degree",
         valid=(0.0, 180.0),
-        comment=_ONE_SIGMA,
+        comment=_STANDARD_DEVIATION,
     ),
     Variable(
         "DEVIATION",
@@ -276,8 +276,8 @@ _TABLE = (
     _current("VCUR", "by the corrected heading", _CORRECTED, ("VCUR_UNCERTAINTY", *_BY_CORRECTED)),
     _current("UCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
     _current("VCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
-    replace(_current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _ONE_SIGMA), valid=(0.0, 10.0)),
-    replace(_current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _ONE_SIGMA), valid=(0.0, 10.0)),
+    replace(_current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _STANDARD_DEVIATION), valid=(0.0, 10.0)),
+    replace(_current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _STANDARD_DEVIATION), valid=(0.0, 10.0)),
     Variable(
         "HEADING_TRUE",
         "heading of the instrument from true north, corrected for magnetic deviation",
@@ -375,7 +375,9 @@ PROFILES = dict(
 )
 PERHAPS = ("TEMPERATURE", "PRES", *PROFILES.values())  # only where they were measured
 _UNFLAGGED = ("BRANCH_PROBABILITY", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY")
-FLAGGED = tuple(name for name, one in CORRECTED.items() if name not in _UNFLAGGED and "QC_indicator" not in one.also)
+FLAGGED = tuple(
+    name for name, entry in CORRECTED.items() if name not in _UNFLAGGED and "QC_indicator" not in entry.also
+)
 BY_DECLINATION = ("DECLINATION", "HEADING_TRUE", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED")
 # What the affected instrument measures, and what therefore carries its make and number.
 SENSED = ("HEADING", "PITCH", "ROLL", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED", *PERHAPS)
@@ -389,11 +391,11 @@ def profile_variable(name: str, kind: str, beams: bool) -> Variable:
         kind: of numbers: ``f4``; or ``u1`` of the raw file, for which CF 1.8 has no type but a byte's bits, and ``i2``.
         beams: whether it has a value a beam.
     """
-    own, dimensions = CORRECTED[PROFILES[name]], BEAMS if beams else BINS
+    base, dimensions = CORRECTED[PROFILES[name]], BEAMS if beams else BINS
     if kind == "u1":
-        bits = {**own.also, "_Unsigned": "true"}
-        return replace(own, dtype="i1", fill=None, valid=None, dimensions=dimensions, also=bits)
-    return replace(own, dtype=kind, dimensions=dimensions)
+        bits = {**base.also, "_Unsigned": "true"}
+        return replace(base, dtype="i1", fill=None, valid=None, dimensions=dimensions, also=bits)
+    return replace(base, dtype=kind, dimensions=dimensions)
 
 
 # Table of the documentation.
@@ -404,7 +406,7 @@ COORDINATE_VARIABLES = (TIME, BIN, BEAM, LATITUDE, LONGITUDE, STATION)
 
 def format_table() -> str:
     """Return the variables as Markdown, a row each."""
-    rows = [*map(_row, COORDINATE_VARIABLES), *(_row(one, one.name in FLAGGED) for one in CORRECTED.values())]
+    rows = [*map(_row, COORDINATE_VARIABLES), *(_row(entry, entry.name in FLAGGED) for entry in CORRECTED.values())]
     return "\n".join([*TABLE_HEAD, *rows, ""])
 
 

@@ -41,24 +41,24 @@ class Results:
     @cached_property
     def files(self) -> list[str]:
         """Paths of all files and links from the cruise folder, the manifest apart."""
-        found: list[str] = []
+        entries: list[str] = []
         for folder, folders, names in os.walk(self.root / crate.FOLDER):
             place = Path(folder).relative_to(self.root)
             if place == Path(crate.FOLDER) and self.root.resolve() == provenance.PROJECT:
                 folders[:] = [name for name in folders if name not in PROJECT_FOLDERS]
             links = [name for name in folders if os.path.islink(Path(folder, name))]
-            found += [(place / name).as_posix() for name in (*names, *links)]
-        return sorted({*found} - {crate.FILE})
+            entries += [(place / name).as_posix() for name in (*names, *links)]
+        return sorted({*entries} - {crate.FILE})
 
     @cached_property
     def records(self) -> dict[str, Mapping[str, str]]:
         """SHA-256 by path of what each job wrote, by the path of its record; a damaged record is none."""
-        found: dict[str, Mapping[str, str]] = {}
+        entries: dict[str, Mapping[str, str]] = {}
         for file in self.files:
             if JOB_FILE.fullmatch(file) and file.endswith(".json"):
                 with suppress(OSError, ValueError, TypeError, KeyError):
-                    found[file] = dict(json.loads((self.root / file).read_bytes())["wrote"])
-        return found
+                    entries[file] = dict(json.loads((self.root / file).read_bytes())["wrote"])
+        return entries
 
     @cached_property
     def former(self) -> list[str]:
@@ -110,7 +110,7 @@ class Results:
 
 
 def differences(cruise: str | Path, configured: Collection[str] | None) -> list[str]:
-    """Return what differs from the manifest, a line a file, and what is configured no more, a line a folder.
+    """List what differs from the manifest, a line a file, and what is configured no more, a line a folder.
 
     Args:
         cruise: folder of the cruise; nothing in it is written to.
@@ -122,7 +122,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     root = Path(cruise)
     page = _manifest(root)
     listed, misplaced, results = crate.listed(page), crate.misplaced(page), Results(root, configured)
-    foreign = [*results.foreign(listed), *_beside_raw_files(root, page, listed)]
+    foreign = [*results.foreign(listed), *_unlisted_raw_files(root, page, listed)]
     apart = {*listed, *results.former, *foreign}
     left = (file for file in results.files if file not in apart and not results.of_job(file))
     unlisted = [file for file in left if not (crate.has_failures(page) or file.endswith(f"/{CONVENTIONS}"))]
@@ -148,15 +148,15 @@ def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable
     Raises:
         InputError: something differs, or there is no manifest.
     """
-    found = differences(cruise, configured)
-    for line in found:
+    entries = differences(cruise, configured)
+    for line in entries:
         say(escaped(line))
     files = f"{len(crate.listed(_manifest(Path(cruise))))} files as listed"
-    if found:
+    if entries:
         advice = "restore them, or make run again if the change was meant"
-        if any(line.startswith(FORMER) for line in found):
+        if any(line.startswith(FORMER) for line in entries):
             advice += "; compass verify --clear shows and removes what is configured no more"
-        raise InputError(crate.FILE, expected=files, found=f"{len(found)} that differ", advice=advice)
+        raise InputError(crate.FILE, expected=files, found=f"{len(entries)} that differ", advice=advice)
     say(f"{crate.FILE}: {files}")
 
 
@@ -171,11 +171,11 @@ def _manifest(root: Path) -> dict[str, Any]:
     expected, advice = "a manifest that lists the files of a run", "make run writes it"
     try:
         crate.written(page), crate.misplaced(page), crate.has_failures(page)
-        found = "" if crate.listed(page) else "no file listed"
+        entries = "" if crate.listed(page) else "no file listed"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        found = repr(error)
-    if found:
-        raise InputError(str(root / crate.FILE), expected=expected, found=found, advice=advice)
+        entries = repr(error)
+    if entries:
+        raise InputError(str(root / crate.FILE), expected=expected, found=entries, advice=advice)
     return page
 
 
@@ -185,16 +185,16 @@ def _difference(root: Path, path: str, listed: str) -> str:
         return f"missing: {path}"
     if path.startswith(f"{crate.FOLDER}/") and any((root / part).is_symlink() for part in (path, *_folders(path))):
         return f"changed: {path} (a link, or in a folder that is one)"
-    found = provenance.sha256(place)
-    return "" if found == listed else f"changed: {path} (sha256 {found[:12]}, listed {listed[:12]})"
+    entries = provenance.sha256(place)
+    return "" if entries == listed else f"changed: {path} (sha256 {entries[:12]}, listed {listed[:12]})"
 
 
-def _beside_raw_files(root: Path, page: Mapping[str, Any], listed: Collection[str]) -> list[str]:
+def _unlisted_raw_files(root: Path, page: Mapping[str, Any], listed: Collection[str]) -> list[str]:
     """Return files that the manifest does not list, in folders outside results/ that a simulation wrote into."""
     wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
     folders = {(root / path).parent for path in wrote}
-    beside = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
-    return [path for file in beside if (path := file.relative_to(root).as_posix()) not in listed]
+    neighbours = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
+    return [path for file in neighbours if (path := file.relative_to(root).as_posix()) not in listed]
 
 
 def _record(job: re.Match[str]) -> str:

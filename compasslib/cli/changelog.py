@@ -44,14 +44,14 @@ def parse_changelog(text: str) -> list[ChangelogEntry]:
         text: in Markdown: a section a version, an entry a point, at its end what it can change.
     """
     _, *parts = _SECTION.split(text)
-    found = []
+    parsed = []
     for version, section in zip(parts[::2], parts[1::2], strict=True):
         for point in _ENTRY.findall(section):
             joined = " ".join(point.split())
             tags = _TAGS.search(joined)
             changes = frozenset(tag.strip() for tag in tags[1].split(",")) if tags else frozenset()
-            found.append(ChangelogEntry(version, _TAGS.sub("", joined), changes))
-    return found
+            parsed.append(ChangelogEntry(version, _TAGS.sub("", joined), changes))
+    return parsed
 
 
 def changelog_reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
@@ -97,7 +97,7 @@ def _is_between(entry: ChangelogEntry, low: tuple[int, ...], high: tuple[int, ..
 
 def _touches(entry: ChangelogEntry, changed: frozenset[str]) -> bool:
     """Tell whether an entry can change any of these; one of calibrations at large touches each kind of them."""
-    return any(one in entry.changes or one.partition(":")[0] in entry.changes for one in changed)
+    return any(change in entry.changes or change.partition(":")[0] in entry.changes for change in changed)
 
 
 def _number(version: str) -> tuple[int, ...]:

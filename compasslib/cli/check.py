@@ -17,7 +17,7 @@ import numpy as np
 from compasslib import calibrations as calibrations
 from compasslib import earthfield, readers
 from compasslib.cli.results import print_warnings, split_warnings
-from compasslib.config import compasses, identity
+from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
 from compasslib.config.schema import Covariate, Instrument, Mooring
@@ -85,13 +85,15 @@ def check(asked: Namespace) -> int:
     inspections, warnings = dict[str, Inspection](), list[str]()
     with ProcessPoolExecutor(max(min(os.cpu_count() or 1, len(jobs)), 1)) as pool:
         opened = pool.map(_inspect, *zip(*((job, name, planned) for job, name in jobs), strict=True)) if jobs else ()
-        for (_, name), found in zip(jobs, opened, strict=False):
-            print("\n".join(found.lines), flush=True)
-            inspections[name] = found
-            problems += found.problems
-            warnings += found.warnings
-    problems += identity.problems(cruise, {name: found.serials for name, found in inspections.items()})
-    for line in compasses.suggestions(cruise.moorings):
+        for (_, name), inspection in zip(jobs, opened, strict=False):
+            print("\n".join(inspection.lines), flush=True)
+            inspections[name] = inspection
+            problems += inspection.problems
+            warnings += inspection.warnings
+    if not cruise.options.demonstration:
+        serials = {name: inspection.serials for name, inspection in inspections.items()}
+        problems += compasses.find_contradictions(cruise.root, cruise.moorings, serials)
+    for line in compasses.suggest_shared(cruise.moorings):
         print(line)
     print_warnings(warnings, sys.stdout)
     for line in problems:
@@ -107,7 +109,7 @@ def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection
     if refused:
         return f"cannot run, {problems}"
     everything = " and ".join(_plural(len(each), noun) for each, noun in names if each) or "nothing to run"
-    stopped = [name for name, found in inspections.items() if not found.usable]
+    stopped = [name for name, inspection in inspections.items() if not inspection.usable]
     return f"{everything}: can run, {problems}" + (f" (stopped: {', '.join(stopped)})" if stopped else "")
 
 
@@ -197,7 +199,7 @@ def _title(name: str, mooring: Mooring) -> str:
     place = f"{abs(mooring.latitude):.4f} {'NS'[mooring.latitude < 0]} "
     west = mooring.longitude if mooring.longitude <= 180.0 else mooring.longitude - 360.0
     place += f"{abs(west):.4f} {'EW'[west < 0]}"
-    also = "".join(f"; {series} ({one.format})" for series, one in mooring.covariates.items())
+    also = "".join(f"; {series} ({series_file.format})" for series, series_file in mooring.covariates.items())
     alone = "" if mooring.reference or mooring.fit.name else "; no reference, so nothing is corrected"
     return f"{name}: {place}, {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}{alone}"
 

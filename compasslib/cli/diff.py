@@ -72,7 +72,7 @@ def diff(asked: Namespace) -> int:
     moorings = _rows(old.moorings, new.moorings, _mooring_row)
     calibrations = _rows(old.calibrations, new.calibrations, _calibration_row)
     changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]
-    sections = [table(*one) for one in changed if any(one[1].values())]
+    sections = [table(*entry) for entry in changed if any(entry[1].values())]
     sections += _settings(old.moorings, new.moorings, moorings)
     sections += _mooring_reasons(old.moorings, new.moorings, moorings)
     sections += _calibration_reasons(old.calibrations, new.calibrations, calibrations)
@@ -139,12 +139,12 @@ def _read_mooring(folder: Path) -> MooringRun:
 def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
     turned = _heading_change(old, new)
     share = from_to(words.percent(_corrected_share(old)), words.percent(_corrected_share(new)))
-    found = (
+    outcome = (
         from_to(old.diagnosis["verdict"], new.diagnosis["verdict"]),
         from_to(effects(old.diagnosis), effects(new.diagnosis)),
     )
     fitted = coefficients(old.deviation, new.deviation)
-    shown = {"assessment": turned[0], "diagnosis": "".join(found).replace(2 * SAME, SAME), "deviation": fitted}
+    shown = {"assessment": turned[0], "diagnosis": "".join(outcome).replace(2 * SAME, SAME), "deviation": fitted}
     others = _changed_variables(old, new, turned[0]) + _changed_attributes(old, new)
     others += [f"{file}.json" for file, said in shown.items() if said == SAME and _file(old, file) != _file(new, file)]
     return (
@@ -152,7 +152,7 @@ def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
         _change_in_sigmas(old, new),
         share,
         _flag_changes(old, new),
-        *found,
+        *outcome,
         fitted,
         ", ".join(others) or SAME,
     )
@@ -196,7 +196,7 @@ def _change_in_sigmas(old: MooringRun, new: MooringRun) -> str:
 
 
 def _flag_changes(old: MooringRun, new: MooringRun) -> str:
-    """Return how many samples have another flag, and the commonest changes."""
+    """Count the samples that have another flag, and name the commonest changes."""
     if FLAG not in old.series or FLAG not in new.series:
         return SAME if FLAG not in {*old.series, *new.series} else "none on one side"
     here, there = _common_samples(old, new)
@@ -227,11 +227,11 @@ def _changed_attributes(old: MooringRun, new: MooringRun) -> list[str]:
     return [f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))]
 
 
-def _equal(one: Any, other: Any) -> bool:
-    if one is None or other is None:
+def _equal(entry: Any, other: Any) -> bool:
+    if entry is None or other is None:
         return False
-    one, other = np.asarray(one), np.asarray(other)
-    return one.shape == other.shape and bool(np.array_equal(one, other, equal_nan=one.dtype.kind == "f"))
+    entry, other = np.asarray(entry), np.asarray(other)
+    return entry.shape == other.shape and bool(np.array_equal(entry, other, equal_nan=entry.dtype.kind == "f"))
 
 
 # Calibrations.
@@ -288,29 +288,29 @@ def _calibration_reasons(
     for name, _calibration_row in rows.items():
         if len(_calibration_row) == len(CALIBRATION_HEADER) - 1 and any(cell != SAME for cell in _calibration_row[:-1]):
             earlier = old.get(name) or next(iter(old.values()))  # one folder against its copy of another name
-            one, other = (results.read_content(side / "calibration.json") for side in (earlier, new[name]))
-            sides = str(one.get("software", "")), str(other.get("software", ""))
+            entry, other = (results.read_content(side / "calibration.json") for side in (earlier, new[name]))
+            sides = str(entry.get("software", "")), str(other.get("software", ""))
             changed.setdefault(sides, set()).add(f"calibration:{other['kind']}")
     return ["\n".join(lines) for sides, named in changed.items() if (lines := changelog_reasons(*sides, named))]
 
 
 def _read_calibration(folder: Path) -> CalibrationRun:
     file = folder / "diagnosis.json"
-    found = results.read_content(file) if file.is_file() else {}
+    outcome = results.read_content(file) if file.is_file() else {}
     return CalibrationRun(
-        results.read_content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), found
+        results.read_content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), outcome
     )
 
 
 def _compare_calibrations(old: CalibrationRun, new: CalibrationRun) -> tuple[str, ...]:
-    found = (from_to(_verdict(old), _verdict(new)), from_to(_effects(old), _effects(new)))
-    sure = from_to(*(words.degrees(one.content["uncertainty"]["expanded_deg"], 2) for one in (old, new)))
+    outcome = (from_to(_verdict(old), _verdict(new)), from_to(_effects(old), _effects(new)))
+    sure = from_to(*(words.degrees(entry.content["uncertainty"]["expanded_deg"], 2) for entry in (old, new)))
     fitted = coefficients(_calibration_fit(old.content), _calibration_fit(new.content))
     keys = dict.fromkeys([*old.content, *new.content])
     others = [key for key in keys if key not in EXPECTED_KEYS and old.content.get(key) != new.content.get(key)]
-    alike = all(cell == SAME for cell in found)
+    alike = all(cell == SAME for cell in outcome)
     others += ["diagnosis.json"] if alike and old.diagnosis != new.diagnosis else []
-    return (*_deviation_change(old.table, new.table), sure, *found, fitted, ", ".join(others) or SAME)
+    return (*_deviation_change(old.table, new.table), sure, *outcome, fitted, ", ".join(others) or SAME)
 
 
 def _deviation_change(old: DeviationTable, new: DeviationTable) -> tuple[str, str]:
@@ -369,11 +369,11 @@ def effects(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    return ", ".join(one["effect"] for one in diagnosis["findings"]) or "none"
+    return ", ".join(entry["effect"] for entry in diagnosis["findings"]) or "none"
 
 
 def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Return how the configured fit's coefficients changed, as configured; by its methods where these differ.
+    """Compare the configured fit's coefficients; by its methods where these differ.
 
     Args:
         old: method, coefficients and covariance of a fit.
@@ -414,8 +414,8 @@ def _compare_row(
         return (lacking,)
     assert old is not None and new is not None  # for the checker of types
     with results.check_version(old):
-        found = cells(old, new)
-    return found if any(cell != SAME for cell in found) else ()
+        outcome = cells(old, new)
+    return outcome if any(cell != SAME for cell in outcome) else ()
 
 
 def _signed(change: float) -> str:

@@ -89,7 +89,7 @@ def _available_files(into: Path, *names: str) -> list[Path]:
     """
     files = [into / name for name in names]
     if taken := next(
-        (one for one in files if one.exists() and (files[0].exists() or not _note_path(one).exists())), None
+        (item for item in files if item.exists() and (files[0].exists() or not _note_path(item).exists())), None
     ):
         advice = "name another folder with --into, or move that file away"
         raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
@@ -112,9 +112,9 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     flagged: list[str] = []
     with ExitStack() as whole:
         halves = [whole.enter_context(atomic_write(file)) for file in targets]
-        for file, half, beside in zip(product.files, halves, halves[len(files) :], strict=False):
+        for file, half, note_file in zip(product.files, halves, halves[len(files) :], strict=False):
             became = rewrite.rewrite(loaded.root / file, half, product.turn)
-            write_json(beside, product.note(file, became, half))
+            write_json(note_file, product.note(file, became, half))
             if became.flagged:
                 flagged.append(f"{file}: {became.flagged} ensembles have no corrected heading and were flagged")
         product.refuse_missing()
@@ -159,8 +159,8 @@ class _Product:
         with open_netcdf(source) as nc:
             history = str(nc.getncattr("history"))
         if other := next((file for file, known in self._hashes.items() if known not in history), None):
-            found, advice = "one that the results were not made from", "run the cruise again"
-            raise InputError(other, expected=f"the raw file behind {source}", found=found, advice=advice)
+            actual, advice = "one that the results were not made from", "run the cruise again"
+            raise InputError(other, expected=f"the raw file behind {source}", found=actual, advice=advice)
 
     def turn(self, leaders: Leaders) -> Floats:
         """Return corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees."""
@@ -186,11 +186,11 @@ class _Product:
         """
         if lost := int(np.sum(np.isfinite(self._corrected) & ~self._found)):
             expected = f"an ensemble for each corrected heading of {self.source}"
-            found, advice = f"none for {lost}", "clock or reader settings have changed since: run the cruise again"
-            raise InputError(", ".join(self.files), expected=expected, found=found, advice=advice)
+            actual, advice = f"none for {lost}", "clock or reader settings have changed since: run the cruise again"
+            raise InputError(", ".join(self.files), expected=expected, found=actual, advice=advice)
 
     def note(self, file: str, became: rewrite.Rewritten, written: Path) -> dict[str, Any]:
-        """Return what stands beside a file that was made of a raw one."""
+        """Describe a file that was made of a raw one."""
         left_out = [{"from": s.offset, "to": s.offset + s.length - 1, "why": s.reason} for s in became.skipped]
         doubtful = int(np.sum(np.isfinite(self._corrected) & (self._flag == PROBABLY_BAD)))
         return {
@@ -278,34 +278,36 @@ def write_mat(source: Path, target: Path) -> None:
     with open_netcdf(source) as nc:
         data = {name: _filled_values(nc, name) for name in nc.variables}
         data["DATENUM"] = np.asarray(data["TIME"]) + DATENUM_1950
-        told = {key: {n: str(getattr(v, key, "1")) for n, v in nc.variables.items()} for key in ("units", "long_name")}
-        told["units"]["DATENUM"], told["long_name"]["DATENUM"] = "days", "TIME as MATLAB's datenum, UTC"
+        labels = {
+            key: {n: str(getattr(v, key, "1")) for n, v in nc.variables.items()} for key in ("units", "long_name")
+        }
+        labels["units"]["DATENUM"], labels["long_name"]["DATENUM"] = "days", "TIME as MATLAB's datenum, UTC"
         attributes = {name: nc.getncattr(name) for name in nc.ncattrs()}
     stream = io.BytesIO()
-    everything = {"data": data, **told, "attributes": attributes}
+    everything = {"data": data, **labels, "attributes": attributes}
     savemat(stream, everything, long_field_names=True, do_compression=True, oned_as="column")
     with atomic_write(target) as temporary:
         temporary.write_bytes(PREAMBLE + stream.getvalue()[len(PREAMBLE) :])
 
 
-def _csv_columns(nc: netCDF4.Dataset, some: slice) -> Iterator[tuple[str, Any]]:
+def _csv_columns(nc: netCDF4.Dataset, samples: slice) -> Iterator[tuple[str, Any]]:
     """Give the columns of some samples, a value a sample and bin."""
     bins = len(nc.dimensions["BIN"])
-    time = np.round((nc["TIME"][some] - DAYS_1950_TO_1970) * 86400e3).astype("datetime64[ms]")
+    time = np.round((nc["TIME"][samples] - DAYS_1950_TO_1970) * 86400e3).astype("datetime64[ms]")
     yield "TIME", np.repeat(np.char.add(np.datetime_as_string(time, unit="ms"), "Z"), bins)
     yield "BIN", np.tile(nc["BIN"][:], len(time))
     for name, variable in nc.variables.items():
         if variable.dimensions == variables.SERIES and name != "TIME":
-            yield name, np.repeat(_filled_values(nc, name, some), bins)
+            yield name, np.repeat(_filled_values(nc, name, samples), bins)
         elif variable.dimensions == variables.BINS:
-            yield name, _filled_values(nc, name, some).ravel()
+            yield name, _filled_values(nc, name, samples).ravel()
         elif variable.dimensions == variables.BEAMS:
-            each = _filled_values(nc, name, (slice(None), some))
-            yield from ((f"{name}_{beam}", one.ravel()) for beam, one in zip(nc["BEAM"][:], each, strict=True))
+            each = _filled_values(nc, name, (slice(None), samples))
+            yield from ((f"{name}_{beam}", item.ravel()) for beam, item in zip(nc["BEAM"][:], each, strict=True))
 
 
 def _filled_values(nc: netCDF4.Dataset, name: str, which: Any = ...) -> Any:
-    """Return what a variable holds, NaN where a number is missing; flags as they are, text as text."""
+    """Read a variable, NaN where a number is missing; flags as they are, text as text."""
     values: NDArray[Any] = np.asarray(nc[name][which])
     if values.dtype.kind == "S":
         return values.tobytes().decode()
@@ -317,7 +319,7 @@ def _filled_values(nc: netCDF4.Dataset, name: str, which: Any = ...) -> Any:
 
 
 def _csv_metadata(nc: netCDF4.Dataset) -> dict[str, Any]:
-    """Return what stands in no column: units and meanings by column, what holds for all rows, global attributes."""
+    """Collect what stands in no column: units and meanings by column, constants, global attributes."""
     columns = {
         name: variable for name, variable in nc.variables.items() if name not in CONSTANT_VARIABLES or name == "BIN"
     }

@@ -161,9 +161,9 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
     ]
     companions = [*pressures, *(path for path in paths if COMPANION.search(path.name))]
     for (mooring, form, stem), files in groups.items():
-        beside = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
+        companion_files = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
         others = contents.folders.setdefault(mooring, {})
-        others[_free(stem, others)] = _drafted(form, files, root, tables.get(files[0]), beside, contents)
+        others[_free(stem, others)] = _drafted(form, files, root, tables.get(files[0]), companion_files, contents)
     _join_heads(contents)
     return contents
 
@@ -195,12 +195,12 @@ def _add_aside(
 
 def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
     """Add a swing where a log holds magnetic headings and courses round the circle."""
-    found = nmea.read_any(path)
-    if found is None:
+    parsed = nmea.read_any(path)
+    if parsed is None:
         why = "no magnetic heading (HDG or HDM) beside a course (RMC or VTG)"
         contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
         return
-    columns, log = found
+    columns, log = parsed
     gap = observations.widest_gap(log.heading_deg)
     if gap > observations.REFUSED_GAP_DEG:
         contents.left.append(f"{path}: an NMEA 0183 log whose headings leave {gap:.0f}° of the circle empty: no swing")
@@ -359,7 +359,7 @@ def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]
     """Separate instruments whose records have no time in common; one that could not be read goes with the others."""
     groups: list[dict[str, Drafted]] = []
     for name, each in instruments.items():
-        joined = [group for group in groups if any(_at_one_time(each, other) for other in group.values())]
+        joined = [group for group in groups if any(_overlap_in_time(each, other) for other in group.values())]
         groups = [group for group in groups if group not in joined]
         groups.append({key: other for group in joined for key, other in group.items()} | {name: each})
     unread = [group for group in groups if all(each.trouble for each in group.values())]
@@ -369,9 +369,9 @@ def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]
     )
 
 
-def _at_one_time(one: Drafted, other: Drafted) -> bool:
-    shorter = min(one.end_s - one.start_s, other.end_s - other.start_s)
-    overlap = draft.overlap_s(one, other)
+def _overlap_in_time(first: Drafted, other: Drafted) -> bool:
+    shorter = min(first.end_s - first.start_s, other.end_s - other.start_s)
+    overlap = draft.overlap_s(first, other)
     return overlap >= max(SAME_DEPLOYMENT * shorter, 0.0)
 
 
@@ -379,7 +379,7 @@ def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) ->
     """Identify the affected instrument: the only one with headings, or the one whose heading explains directions."""
     turning = [name for name, each in instruments.items() if each.sectors]
     unread = [name for name, each in instruments.items() if each.trouble]
-    affected, evidence = None, f"the instrument whose compass is near iron; {_seen(instruments)}"
+    affected, evidence = None, f"the instrument whose compass is near iron; {_describe_records(instruments)}"
     if len(turning) == 1 and not unread:
         affected, evidence = turning[0], "the only instrument with headings"
     elif len(turning) > 1 and not unread:
@@ -387,7 +387,7 @@ def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) ->
     others = [
         name
         for name, each in instruments.items()
-        if name != affected and (affected is None or _at_one_time(instruments[affected], each) or each.trouble)
+        if name != affected and (affected is None or _overlap_in_time(instruments[affected], each) or each.trouble)
     ]
     return Roles(affected, evidence, tuple(others) if len(instruments) > 1 else ())
 
@@ -397,16 +397,16 @@ def _by_directions(
 ) -> tuple[str, str] | None:
     """Compare every two compasses; the affected one's heading explains the difference of directions in all pairs."""
     shares: dict[tuple[str, str], ExplainedShare] = {}
-    for one, other in combinations(turning, 2):
-        both = [_settled(instruments[name], records[instruments[name].files[0]]) for name in (one, other)]
-        if found := compare_headings(*both):
-            shares[one, other], shares[other, one] = found
+    for first, other in combinations(turning, 2):
+        both = [_settled(instruments[name], records[instruments[name].files[0]]) for name in (first, other)]
+        if parsed := compare_headings(*both):
+            shares[first, other], shares[other, first] = parsed
     for name in turning:
         pairs = [(shares[key], shares[key[::-1]], key[1]) for key in shares if key[0] == name]
-        if pairs and all(is_affected(own, others) for own, others, _ in pairs):
-            share = min(own.share for own, _, _ in pairs)
-            rest = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
-            return name, f"its heading explains {share:.0%} of the difference of directions, {rest}"
+        if pairs and all(is_affected(share_of_name, others) for share_of_name, others, _ in pairs):
+            share = min(share_of_name.share for share_of_name, _, _ in pairs)
+            other_shares = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
+            return name, f"its heading explains {share:.0%} of the difference of directions, {other_shares}"
     return None
 
 
@@ -421,7 +421,7 @@ def _settled(drafted: Drafted, record: Record) -> Record:
     )
 
 
-def _seen(instruments: Mapping[str, Drafted]) -> str:
+def _describe_records(instruments: Mapping[str, Drafted]) -> str:
     """Say what each instrument recorded, as far as it may help to tell the affected one."""
     words_of = []
     for name, each in instruments.items():
@@ -438,7 +438,7 @@ def _folder(path: Path, root: Path) -> str:
 
 
 def _stem(path: Path, form: str) -> str:
-    """Return what the files of one instrument have in common."""
+    """Derive the common stem of the files of one instrument."""
     if form == "mmp_acm":
         return _name(SCANS.sub("", path.name).strip("_ ") if SCANS.search(path.name) else path.stem)
     return _name(path.name.removesuffix(path.suffix) if form != "pd0" or PIECE.search(path.name) else path.stem)
@@ -451,7 +451,7 @@ def _name(text: str) -> str:
 
 def _free(name: str, taken: Iterable[str]) -> str:
     used = set(taken)
-    return next(one for k in range(1, 10000) if (one := name if k == 1 else f"{name}_{k}") not in used)
+    return next(first for k in range(1, 10000) if (first := name if k == 1 else f"{name}_{k}") not in used)
 
 
 def _write(root: Path, links: Mapping[Path, Path], texts: Mapping[str, str], config: Mapping[str, str]) -> None:

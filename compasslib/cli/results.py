@@ -74,9 +74,9 @@ def find_results(place: str) -> ResultFolders:
     if any((root / file).is_file() for file in MOORING_FILES):
         return ResultFolders(alone, {})
     for folder in (root / "results", root):
-        found = ResultFolders(_moorings(folder), _calibrations(folder))
-        if found.moorings or found.calibrations:
-            return found
+        actual = ResultFolders(_moorings(folder), _calibrations(folder))
+        if actual.moorings or actual.calibrations:
+            return actual
     missing_files = "no results in it" if root.is_dir() else "no such folder"
     advice = "name a cruise that was run, its folder results, or a copy of that"
     raise InputError(place, expected="a folder with results", found=missing_files, advice=advice)
@@ -89,8 +89,8 @@ def _calibrations(root: Path) -> dict[str, Path]:
 def _moorings(root: Path) -> dict[str, Path]:
     folders = sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else []
     marks = ("work", "logs", *MOORING_FILES)
-    own = [path for path in folders if path.name not in RESERVED]
-    return {path.name: path for path in own if any((path / mark).exists() for mark in marks)}
+    candidates = [path for path in folders if path.name not in RESERVED]
+    return {path.name: path for path in candidates if any((path / mark).exists() for mark in marks)}
 
 
 def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[str]:
@@ -124,8 +124,8 @@ def refuse_incomplete(folder: Path) -> None:
         InputError: a file is missing.
     """
     if files := missing_files(folder):
-        found, advice = f"no {files[0]}", "run the cruise to its end"
-        raise InputError(str(folder), expected="all results of a mooring", found=found, advice=advice)
+        actual, advice = f"no {files[0]}", "run the cruise to its end"
+        raise InputError(str(folder), expected="all results of a mooring", found=actual, advice=advice)
 
 
 @contextmanager
@@ -138,12 +138,12 @@ def check_version(folder: Path) -> Iterator[None]:
     try:
         yield
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        found, advice = f"{type(error).__name__}: {error}", "run the cruise again"
-        raise InputError(str(folder), expected="results of this version", found=found, advice=advice) from error
+        actual, advice = f"{type(error).__name__}: {error}", "run the cruise again"
+        raise InputError(str(folder), expected="results of this version", found=actual, advice=advice) from error
 
 
 def read_content(file: Path) -> dict[str, Any]:
-    """Return what a JSON file of the results holds.
+    """Read a JSON file of the results and check its keys.
 
     Args:
         file: one of those of ``KEYS``.

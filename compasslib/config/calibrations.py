@@ -29,7 +29,7 @@ from compasslib.readers import TABLE_KEYS
 
 HEADS = 2  # on one frame
 BETWEEN = ("compare_with", "compass", "sphere")  # keys that join a calibration to others: nothing to its own kind
-OF_ONE_COMPASS = ("platform", "swing", "magnetometer")  # kinds that tell the iron of one compass
+SINGLE_COMPASS_KINDS = ("platform", "swing", "magnetometer")  # kinds that tell the iron of one compass
 
 
 def _csv(value: Any) -> Any:
@@ -45,14 +45,14 @@ def _row(what: str) -> Any:
     return key(f"{what}, degrees from 0 to 180", "0.26", None, ge=0, le=180)
 
 
-def _of_both(one: Callable[[Any], Any]) -> Callable[[Any], tuple[Any, ...]]:
-    """Return what reads one value for both heads, or a list of two."""
+def _of_both(first: Callable[[Any], Any]) -> Callable[[Any], tuple[Any, ...]]:
+    """Make a validator that takes one value for both heads, or a list of two."""
 
     def read(value: Any) -> tuple[Any, ...]:
         listed = value if isinstance(value, list | tuple) else [value] * HEADS
         if len(listed) != HEADS:
             raise problem()
-        return tuple(one(each) for each in listed)
+        return tuple(first(each) for each in listed)
 
     return read
 
@@ -106,8 +106,10 @@ class CalibrationFile(KindKey):
     @model_validator(mode="after")
     def _a_compass_is_somewhere(self) -> Self:
         for name in ("compass", "sphere"):
-            if getattr(self, name) is not None and self.kind not in OF_ONE_COMPASS:
-                expected = f"this key only with kind {', '.join(OF_ONE_COMPASS[:-1])} or {OF_ONE_COMPASS[-1]}"
+            if getattr(self, name) is not None and self.kind not in SINGLE_COMPASS_KINDS:
+                expected = (
+                    f"this key only with kind {', '.join(SINGLE_COMPASS_KINDS[:-1])} or {SINGLE_COMPASS_KINDS[-1]}"
+                )
                 raise problem(name, expected, f"it with kind {self.kind}", "delete it")
         if self.compass is not None and not self.placed:
             expected = f"latitude, longitude and date beside compass: {self.compass}, to carry its iron elsewhere"
@@ -116,9 +118,9 @@ class CalibrationFile(KindKey):
 
     @model_validator(mode="after")
     def _position_is_whole(self) -> Self:
-        for one, other in (("latitude", "longitude"), ("longitude", "latitude")):
-            if getattr(self, one) is None and getattr(self, other) is not None:
-                raise problem(one, f"{one} beside {other}", "nothing", f"add {one} or delete {other}")
+        for first, other in (("latitude", "longitude"), ("longitude", "latitude")):
+            if getattr(self, first) is None and getattr(self, other) is not None:
+                raise problem(first, f"{first} beside {other}", "nothing", f"add {first} or delete {other}")
         return self
 
 
@@ -252,7 +254,7 @@ class TwoHeads(CalibrationFile):
     clock_offset_seconds: Number | None = key("seconds, less than a century", "0", None, ge=-3.2e9, le=3.2e9)
 
     @model_validator(mode="after")
-    def _one_file_a_head(self) -> Self:
+    def _two_files(self) -> Self:
         if len(self.files) != HEADS:
             advice = "write file: [a.000, b.000]"
             raise problem("file", "two files, of head a and of head b", str(len(self.files)), advice)
@@ -269,7 +271,7 @@ MODELS: dict[str, type[CalibrationFile]] = {
 
 
 def settings(file: CalibrationFile) -> dict[str, Any]:
-    """Return what a kind is given: every key but those of the files, columns and keys of tables as far as given."""
+    """Collect the settings of a kind: every key but those of the files, columns and keys of tables as far as given."""
     unset = {key for key in TABLE_KEYS if key not in file.model_fields_set}
     plain = file.model_dump(mode="json", exclude={"kind", "files", *BETWEEN} | unset)
     columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
@@ -283,12 +285,12 @@ def check_comparisons(files: dict[str, CalibrationFile]) -> tuple[str, str] | No
         files: all calibrations by name.
     """
     for name, file in files.items():
-        seen, other = [name], file.compare_with
+        visited, other = [name], file.compare_with
         while other is not None:
             if other not in files:
                 return name, shown(other)
-            if other in seen:
-                return name, f"a circle of comparisons, {' - '.join([*seen, other])}"
-            seen.append(other)
+            if other in visited:
+                return name, f"a circle of comparisons, {' - '.join([*visited, other])}"
+            visited.append(other)
             other = files[other].compare_with
     return None

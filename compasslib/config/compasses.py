@@ -1,20 +1,24 @@
-"""What hangs together: the records of one compass, declared by ``compass: NAME`` and never inferred."""
+"""Which records are of one compass (``compass: NAME``, never inferred), and whether names and files contradict."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
 
 from compasslib.config.calibrations import CalibrationFile
-from compasslib.config.schema import Mooring
+from compasslib.config.schema import Instrument, Mooring
 from compasslib.config.values import iso, shown
 from compasslib.errors import InputError
 
-SERIAL = ("serial_number", "sensor_serial_number")
+SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 
 
 @dataclass(frozen=True)
-class Stay:
+class Deployment:
     """Where a compass was, and when; of a calibration the date is both."""
 
     compass: str
@@ -23,20 +27,20 @@ class Stay:
     end_s: float
 
 
-Stays = dict[str, list[Stay]]  # by the compass's name in small letters
+Deployments = dict[str, list[Deployment]]  # by the compass's name in small letters
 
 
-def calibrated(calibrations: Mapping[str, CalibrationFile]) -> Stays:
+def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployments:
     """Return when each compass was calibrated."""
-    found: Stays = {}
-    for name, one in calibrations.items():
-        if one.compass is not None and one.date_s is not None:
-            stay = Stay(one.compass, f"calibration {name}", one.date_s, one.date_s)
-            found.setdefault(one.compass.lower(), []).append(stay)
-    return found
+    actual: Deployments = {}
+    for name, entry in calibrations.items():
+        if entry.compass is not None and entry.date_s is not None:
+            stay = Deployment(entry.compass, f"calibration {name}", entry.date_s, entry.date_s)
+            actual.setdefault(entry.compass.lower(), []).append(stay)
+    return actual
 
 
-def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Stays) -> None:
+def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -> None:
     """Refuse a mooring whose compass was elsewhere at the time, or is confused with another by a name.
 
     Args:
@@ -49,14 +53,14 @@ def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Stays) -> None
     for role, compass in _compasses(mooring):
         known = stays.setdefault(compass.lower(), [])
         for other in known:
-            _refuse(f"{file}: instruments.{role}.compass", compass, mooring, other)
-        known.append(Stay(compass, f"{name} ({role})", mooring.start_s, mooring.end_s))
+            _refuse_conflict(f"{file}: instruments.{role}.compass", compass, mooring, other)
+        known.append(Deployment(compass, f"{name} ({role})", mooring.start_s, mooring.end_s))
 
 
-def _refuse(where: str, compass: str, mooring: Mooring, other: Stay) -> None:
+def _refuse_conflict(where: str, compass: str, mooring: Mooring, other: Deployment) -> None:
     if compass != other.compass:
-        found, advice = f"{shown(compass)}, and {other.where} has {other.compass}", "write both alike, or rename one"
-        raise InputError(where, expected="a name that no other has in other letters", found=found, advice=advice)
+        actual, advice = f"{shown(compass)}, and {other.where} has {other.compass}", "write both alike, or rename one"
+        raise InputError(where, expected="a name that no other has in other letters", found=actual, advice=advice)
     if other.where == f"calibration {mooring.name}":
         expected, advice = "another name of the mooring than of the compass's calibration", "rename one of the two"
         raise InputError(where, expected=expected, found=f"{mooring.name} for both", advice=advice)
@@ -68,30 +72,30 @@ def _refuse(where: str, compass: str, mooring: Mooring, other: Stay) -> None:
 
 
 def _compasses(mooring: Mooring) -> list[tuple[str, str]]:
-    return [(role, one.compass) for role, one in mooring.instruments.items() if one.compass is not None]
+    return [(role, entry.compass) for role, entry in mooring.instruments.items() if entry.compass is not None]
 
 
 def members(
     moorings: Mapping[str, Mooring], calibrations: Mapping[str, CalibrationFile]
 ) -> dict[str, tuple[list[str], list[str]]]:
     """Return the moorings whose affected compass it is, and the calibrations, of each compass, in their orders."""
-    found: dict[str, tuple[list[str], list[str]]] = {}
+    actual: dict[str, tuple[list[str], list[str]]] = {}
     for name, mooring in moorings.items():
         if (compass := mooring.instruments[mooring.compromised].compass) is not None:
-            found.setdefault(compass, ([], []))[0].append(name)
+            actual.setdefault(compass, ([], []))[0].append(name)
     for name, calibration in calibrations.items():
         if calibration.compass is not None:
-            found.setdefault(calibration.compass, ([], []))[1].append(name)
-    return dict(sorted(found.items()))
+            actual.setdefault(calibration.compass, ([], []))[1].append(name)
+    return dict(sorted(actual.items()))
 
 
-def suggestions(moorings: Mapping[str, Mooring]) -> list[str]:
+def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
     """Return a line for each serial number that several moorings' affected instruments carry without ``compass``."""
     numbers: dict[str, list[str]] = {}
     for name, mooring in moorings.items():
         instrument = mooring.instruments[mooring.compromised]
         given = {**mooring.attributes, **instrument.attributes}
-        number = next((str(given[key]) for key in SERIAL if key in given), None)
+        number = next((str(given[key]) for key in SERIAL_KEYS if key in given), None)
         if number is not None and instrument.compass is None:
             numbers.setdefault(number, []).append(name)
     return [
@@ -99,3 +103,68 @@ def suggestions(moorings: Mapping[str, Mooring]) -> list[str]:
         for number, names in numbers.items()
         if len(names) > 1
     ]
+
+
+# One record under two names, two compasses under one.
+
+HEAD_BYTES = 65536
+Identity = frozenset[tuple[object, ...]]
+
+
+def find_contradictions(
+    root: Path, moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]
+) -> list[str]:
+    """Find contradictions between the names in the YAML files and what the raw files are.
+
+    Args:
+        serials: the serial numbers that the files state, by mooring and instrument.
+    """
+    identities = {
+        (name, role): _identity(instrument, root)
+        for name, mooring in moorings.items()
+        for role, instrument in mooring.instruments.items()
+    }
+    return [*_repeated_records(moorings, identities), *_mixed_serials(moorings, serials)]
+
+
+def _identity(instrument: Instrument, root: Path) -> Identity:
+    """Identify the files of an instrument by their content, and the columns that are read of them."""
+    columns = tuple(sorted(instrument.columns.headers().items())) if instrument.columns else ()
+    actual = []
+    for file in instrument.files:
+        with (root / file).open("rb") as raw:
+            actual.append((columns, (root / file).stat().st_size, hashlib.sha256(raw.read(HEAD_BYTES)).digest()))
+    return frozenset(actual)
+
+
+def _repeated_records(moorings: Mapping[str, Mooring], identities: Mapping[tuple[str, str], Identity]) -> Iterator[str]:
+    for name, mooring in moorings.items():
+        for this, other in combinations(mooring.instruments, 2):
+            if identities[name, this] & identities[name, other]:
+                advice = "delete one of the two, or correct its files"
+                yield f"{name}: instruments {this} and {other} are one record, as their files are equal; {advice}"
+    for this, other in combinations(moorings, 2):
+        first, second = moorings[this], moorings[other]
+        together = min(first.end_s, second.end_s) > max(first.start_s, second.start_s)
+        if together and identities[this, first.compromised] & identities[other, second.compromised]:
+            actual = "one mooring under two names, as the files of the affected instrument are equal"
+            yield f"{this} and {other}: {actual}; delete one of the two, or correct its files"
+
+
+def _mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    numbers: dict[str, dict[str, str]] = {}
+    for name, mooring in moorings.items():
+        for role, instrument in mooring.instruments.items():
+            stated = next((str(instrument.attributes[key]) for key in SERIAL_KEYS if key in instrument.attributes), "")
+            number = serials.get(name, {}).get(role, "") or stated
+            if instrument.compass is not None and number:
+                numbers.setdefault(instrument.compass, {})[f"{name} ({role})"] = number
+    for compass, places in numbers.items():
+        for (this, first), (other, second) in combinations(places.items(), 2):
+            if not _digits(first) & _digits(second):
+                actual = f"serial number {first} at {this}, {second} at {other}"
+                yield f"compass {compass}: {actual}: two instruments under one name; correct compass or files"
+
+
+def _digits(number: str) -> set[int]:
+    return {int(digits) for digits in re.findall(r"\d+", number)}

@@ -17,9 +17,8 @@ from pydantic_core import PydanticCustomError
 
 from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
-from compasslib.config.paths import RawFolder
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring, allowed_keys
-from compasslib.config.values import DECIDE, NAME_WORDS, nearest, shown
+from compasslib.config.values import DECIDE, NAME_WORDS, RawFolder, nearest, shown
 from compasslib.config.values import name as checked_name
 from compasslib.errors import InputError
 
@@ -68,7 +67,7 @@ def load(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
         except InputError as mistake:
             refuse(mistake)
     calibrations = _calibrations(cruise, place, refuse)
-    stays = compasses.calibrated(calibrations)
+    stays = compasses.calibration_dates(calibrations)
     for name, mooring in list(moorings.items()):
         try:
             _refuse_nowhere(mooring.fit.name, calibrations, files[name])
@@ -98,8 +97,8 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
         mistakes = []
         if not open_keys:
             return checked
-    told = [each for each in mistakes if not _holds_any(each.where.removeprefix(f"{file}: "), open_keys)]
-    first, *others = [_refuse_undecided(file, open_keys)] * bool(open_keys) + told
+    relevant = [each for each in mistakes if not _holds_any(each.where.removeprefix(f"{file}: "), open_keys)]
+    first, *others = [_refuse_undecided(file, open_keys)] * bool(open_keys) + relevant
     first.others = tuple(others)
     raise first
 
@@ -141,9 +140,9 @@ def _holds_any(place: str, keys: Sequence[str]) -> bool:
 
 
 def _refuse_undecided(file: str, keys: Sequence[str]) -> InputError:
-    found = f"{len(keys)} {DECIDE} {'entries' if len(keys) > 1 else 'entry'}"
+    actual = f"{len(keys)} {DECIDE} {'entries' if len(keys) > 1 else 'entry'}"
     advice = f"replace each {DECIDE} by a value: {', '.join(keys)}"
-    return InputError(file, expected="a value of every key", found=found, advice=advice)
+    return InputError(file, expected="a value of every key", found=actual, advice=advice)
 
 
 def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
@@ -229,25 +228,27 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
     # Method and name of a fit belong together; the switches of the diagnosis are each their own.
     filled = raw if fit is not None else raw | {"fit": options.fit.model_dump()}
     if isinstance(diagnose, dict | None):
-        own = {key: value for key, value in (diagnose or {}).items() if value is not None}
-        filled = filled | {"diagnose": options.diagnose.model_dump() | own}
+        stated = {key: value for key, value in (diagnose or {}).items() if value is not None}
+        filled = filled | {"diagnose": options.diagnose.model_dump() | stated}
     return filled
 
 
 def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
     for other in files:
         if name.lower() == other.lower():  # some file systems take M1 and m1 for one folder
-            found = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
-            raise InputError(f"{file}: name", expected="a name of its own", found=found, advice="rename one of the two")
+            actual = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
+            raise InputError(
+                f"{file}: name", expected="a name of its own", found=actual, advice="rename one of the two"
+            )
 
 
 def _explained(model: type[BaseModel], error: ValidationError, file: str) -> list[InputError]:
     """Explain each mistake of a file, the spelling of keys first."""
-    every = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
-    misspelt = {e["loc"][:-1] for e in every if e["type"] == "extra_forbidden"}
+    all_errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    misspelt = {e["loc"][:-1] for e in all_errors if e["type"] == "extra_forbidden"}
     # A misspelt key is also a missing one: the spelling is what helps.
-    told = [e for e in every if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
-    return [_mistake(model, each, file) for each in told or every]
+    relevant = [e for e in all_errors if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
+    return [_mistake(model, each, file) for each in relevant or all_errors]
 
 
 def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
@@ -273,7 +274,7 @@ def _unknown_key(model: type[BaseModel], place: list[Any], file: str) -> InputEr
 
 
 def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> dict[str, str]:
-    """Return what to say of an error: the words of its field, and for some types of error their own."""
+    """Word an error: by the description of its field, and for some types of error by their own."""
     kind, value = error["type"], error["input"]
     example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
     advice = field.json_schema_extra["advice"] if field else None
@@ -345,9 +346,9 @@ _SYNTAX = (
 class _Refused(Exception):
     """Something that YAML allows and a cruise file does not need."""
 
-    def __init__(self, mark: Any, expected: str, found: str, advice: str):
+    def __init__(self, mark: Any, expected: str, actual: str, advice: str):
         super().__init__(expected)
-        self.mark, self.words = mark, {"expected": expected, "found": found, "advice": advice}
+        self.mark, self.words = mark, {"expected": expected, "found": actual, "advice": advice}
 
 
 class _Loader(yaml.SafeLoader):
@@ -393,16 +394,16 @@ def _refuse_control_characters(node: Any) -> None:
     # Double quotes can spell what the file itself may not hold.
     match = _CONTROL.search(node.value) if isinstance(node, yaml.ScalarNode) else None
     if match:
-        found = f"the control character {ord(match[0]):#04x}"
-        raise _Refused(node.start_mark, "printable text", found, "delete it")
+        actual = f"the control character {ord(match[0]):#04x}"
+        raise _Refused(node.start_mark, "printable text", actual, "delete it")
 
 
 def _refuse_key(key: Any, lines: dict[str, int]) -> None:
     if not isinstance(key, yaml.ScalarNode):
         raise _Refused(key.start_mark, "a word as key", "a list or mapping", "check braces and colons")
     if key.value in lines:
-        found = f"{key.value!r} again, first in line {lines[key.value]}"
-        raise _Refused(key.start_mark, "every key once", found, "delete one of the two")
+        actual = f"{key.value!r} again, first in line {lines[key.value]}"
+        raise _Refused(key.start_mark, "every key once", actual, "delete one of the two")
 
 
 def _number(loader: _Loader, node: Any) -> int | float | str:
@@ -436,8 +437,8 @@ def read(root: Path, name: str, example: str) -> dict[str, Any]:
     """
     content = _parsed(_text(root, name, example), name)
     if not isinstance(content, dict):
-        found = "an empty file" if content is None else "a list" if isinstance(content, list) else "a single value"
-        raise InputError(name, expected="keys with values", found=found, advice=f"write for example {example}")
+        actual = "an empty file" if content is None else "a list" if isinstance(content, list) else "a single value"
+        raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
     return content
 
 
@@ -468,8 +469,8 @@ def _parsed(text: str, name: str) -> Any:
         raise _syntax_error(text, name, error) from None
     except yaml.reader.ReaderError as error:
         where = f"{name}: line {text.count(chr(10), 0, error.position) + 1}"
-        found, advice = f"the control character {error.character:#04x}", "delete it"
-        raise InputError(where, expected="printable text", found=found, advice=advice) from None
+        actual, advice = f"the control character {error.character:#04x}", "delete it"
+        raise InputError(where, expected="printable text", found=actual, advice=advice) from None
 
 
 def _syntax_error(text: str, name: str, error: yaml.MarkedYAMLError) -> InputError:
@@ -478,8 +479,8 @@ def _syntax_error(text: str, name: str, error: yaml.MarkedYAMLError) -> InputErr
         advice = "replace the tab by spaces"
         return InputError(_place(name, mark), expected="spaces", found="a tab", advice=advice)
     what = str(error.problem)
-    found, advice = next((words for sign, *words in _SYNTAX if sign in what), (what, "check indentation and quotes"))
-    return InputError(_place(name, mark), expected="YAML", found=found, advice=advice)
+    actual, advice = next((words for sign, *words in _SYNTAX if sign in what), (what, "check indentation and quotes"))
+    return InputError(_place(name, mark), expected="YAML", found=actual, advice=advice)
 
 
 def _place(name: str, mark: Any) -> str:

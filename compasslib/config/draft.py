@@ -126,9 +126,9 @@ def decisions(text: str) -> int:
     return len(re.findall(rf"^[^#\n]*: {DECIDE}\b", text, re.MULTILINE))
 
 
-def overlap_s(one: Drafted, other: Drafted) -> float:
+def overlap_s(first: Drafted, other: Drafted) -> float:
     """Compute for how long two instruments recorded at the same time; NaN where one's times are not known."""
-    return min(one.end_s, other.end_s) - max(one.start_s, other.start_s)
+    return min(first.end_s, other.end_s) - max(first.start_s, other.start_s)
 
 
 def _place(drafted: Sequence[Drafted], said: Place) -> list[str]:
@@ -198,8 +198,8 @@ def _depth(drafted: Drafted) -> str:
     if math.isnan(drafted.depth_m):
         return _line("depth", DECIDE, "m, of the transducer; the files do not tell", indent=4)
     if drafted.depth_range_m < STILL_M:
-        seen = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {drafted.depth_range_m:.2g}"
-        return _line("depth", DECIDE, f"{seen}: entered, or its pressure is stuck", indent=4)
+        description = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {drafted.depth_range_m:.2g}"
+        return _line("depth", DECIDE, f"{description}: entered, or its pressure is stuck", indent=4)
     return _line("depth", round(drafted.depth_m, 1), "m, the median of what it recorded", indent=4)
 
 

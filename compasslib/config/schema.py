@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from compasslib import readers
-from compasslib.config import paths, values
+from compasslib.config import values
 from compasslib.config.values import iso, problem, shown
 from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
@@ -35,8 +35,8 @@ Text = Annotated[str, BeforeValidator(values.text)]
 Name = Annotated[str, BeforeValidator(values.name)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(values.names)]
 Time = Annotated[float, BeforeValidator(values.time_s)]
-Files = Annotated[tuple[str, ...], BeforeValidator(paths.raw_files)]
-MooringPaths = Annotated[str | tuple[str, ...], BeforeValidator(paths.mooring_paths)]
+Files = Annotated[tuple[str, ...], BeforeValidator(values.raw_files)]
+MooringPaths = Annotated[str | tuple[str, ...], BeforeValidator(values.mooring_paths)]
 Attributes = Annotated[dict[str, str | int | float], BeforeValidator(values.attributes)]
 Declination = Annotated[float | Literal["auto"], BeforeValidator(values.declination)]
 TimeFormat = Annotated[str, BeforeValidator(values.time_format)]
@@ -248,8 +248,8 @@ class Columns(Section):
         role_of: dict[str, str] = {}
         for role, header in self.headers().items():
             if header in role_of:
-                found = f"{shown(header)}, which {role_of[header]} has already"
-                raise problem(role, "a column of its own", found, "correct one of the two")
+                actual = f"{shown(header)}, which {role_of[header]} has already"
+                raise problem(role, "a column of its own", actual, "correct one of the two")
             role_of[header] = role
         return self
 
@@ -279,7 +279,7 @@ class FlagMeanings(Section):
     unchecked: Missing = key("a list of meanings or values of flags", "[raw, 0]", ())
 
     @model_validator(mode="after")
-    def _each_means_one_thing(self) -> Self:
+    def _meanings_are_unique(self) -> Self:
         named = [normalize(item) for _, items in self for item in items]
         if not named:
             raise problem(None, "good, bad or unchecked", "none of them", "write for example {bad: [side_lobe]}")
@@ -342,7 +342,7 @@ class Instrument(TableKeys):
         return self
 
     @model_validator(mode="after")
-    def _what_the_file_cannot_tell(self) -> Self:
+    def _required_keys_are_given(self) -> Self:
         for name in NEEDED.get(self.format, ()):
             if getattr(self, name) is None:
                 field = allowed_keys(type(self))[name]
@@ -382,8 +382,8 @@ class Covariate(TableKeys):
                 raise problem("columns", "the headers of time and value", "nothing", COVARIATE_ADVICE)
             values.check_clock(headers)
         elif given := sorted({*TABLE_KEYS, "columns", "unit"} & self.model_fields_set):
-            found = f"it with format {self.format}"
-            raise problem(given[0], "this key only with format table", found, "delete it or correct the format")
+            actual = f"it with format {self.format}"
+            raise problem(given[0], "this key only with format table", actual, "delete it or correct the format")
         return self
 
 
@@ -432,7 +432,7 @@ class Mooring(Section):
         return self
 
     @model_validator(mode="after")
-    def _series_have_names_of_their_own(self) -> Self:
+    def _series_names_are_free(self) -> Self:
         for name, series in self.covariates.items():
             if name in KNOWN_SERIES and series.format == "table":
                 expected = "for a table a name that the search does not use itself"

@@ -7,11 +7,16 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
+import posixpath
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, date, datetime
+from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
 
+from pydantic import ValidationInfo
 from pydantic_core import PydanticCustomError
 
 DECIDE = "DECIDE"  # in a draft, the value of a key that a person must decide
@@ -55,14 +60,14 @@ _SHOWN = 60  # characters of a value that a message repeats
 
 
 def problem(
-    key: str | None = None, expected: str | None = None, found: str | None = None, advice: str | None = None
+    key: str | None = None, expected: str | None = None, actual: str | None = None, advice: str | None = None
 ) -> PydanticCustomError:
     """Return the error of a value; what is left out is taken from the field that holds it.
 
     Args:
         key: key below the place where the error is raised.
     """
-    words = {"key": key, "expected": expected, "found": found, "advice": advice}
+    words = {"key": key, "expected": expected, "found": actual, "advice": advice}
     return PydanticCustomError("cruise", "not usable", words)
 
 
@@ -217,7 +222,7 @@ def _character(value: Any, named: dict[str, str]) -> str:
 
 
 def time_format(value: Any) -> str:
-    """Return how the times of a table are written."""
+    """Check the format of a table's times."""
     given = text(value)
     if given in TIME_SCALES:
         return given
@@ -243,9 +248,9 @@ def declination_applied(value: Any) -> float | dict[str, float]:
     parts = dict(value) if isinstance(value, dict) else {"": value}
     if isinstance(value, dict) and {*parts} != {"heading", "velocity"}:
         given = ", ".join(map(str, parts)) or "an empty mapping"
-        raise problem(found=given, advice="write both, for example {heading: 0, velocity: -17.4}")
+        raise problem(actual=given, advice="write both, for example {heading: 0, velocity: -17.4}")
     degrees = {name: number(part) for name, part in parts.items()}
-    if any(abs(one) > 180.0 for one in degrees.values()):
+    if any(abs(item) > 180.0 for item in degrees.values()):
         raise problem()
     return degrees if isinstance(value, dict) else degrees[""]
 
@@ -253,9 +258,9 @@ def declination_applied(value: Any) -> float | dict[str, float]:
 def missing(value: Any) -> tuple[str, ...]:
     """Return the words and numbers that stand for nothing in a table, of a single one too."""
     listed = value if isinstance(value, list | tuple) else [value]
-    if not all(isinstance(one, str | int | float) and not isinstance(one, bool) for one in listed):
+    if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in listed):
         raise problem()
-    return tuple(str(one).strip() for one in listed)
+    return tuple(str(item).strip() for item in listed)
 
 
 def iso(seconds: float) -> str:
@@ -305,8 +310,8 @@ def check_table(headers: dict[str, str], depth: float | None) -> None:
     complete = ["+".join(roles) for roles in VELOCITY_SETS if set(roles) <= set(headers)]
     if len(complete) != 1:
         advice = "keep one of them" if complete else "add for example east: u_cm_s and north: v_cm_s"
-        found = " and ".join(complete) or "none of them"
-        raise problem("columns", "exactly one of east+north, speed+direction and x+y+heading", found, advice)
+        actual = " and ".join(complete) or "none of them"
+        raise problem("columns", "exactly one of east+north, speed+direction and x+y+heading", actual, advice)
 
 
 def check_clock(headers: dict[str, str]) -> None:
@@ -332,5 +337,100 @@ def _check_whole(roles: tuple[str, ...], headers: dict[str, str]) -> None:
     # A heading may stand beside any velocity, so that alone it begins no set.
     present = [role for role in roles if role in headers and role != "heading"]
     if present and missing:
-        found, advice = f"{' and '.join(present)} without it", f"add for example {missing[0]}: name_in_the_header"
-        raise problem(f"columns.{missing[0]}", f"{'+'.join(roles)} together", found, advice)
+        actual, advice = f"{' and '.join(present)} without it", f"add for example {missing[0]}: name_in_the_header"
+        raise problem(f"columns.{missing[0]}", f"{'+'.join(roles)} together", actual, advice)
+
+
+# Paths: inside the cruise folder, there, and globs written out.
+
+RESULTS = "results"
+
+
+@dataclass(frozen=True)
+class RawFolder:
+    """Where raw files are looked for, given to the models as their validation context."""
+
+    root: Path
+    made_later: bool  # a demonstration: rules make the raw files, so that their absence is no error
+
+
+def paths(value: Any) -> tuple[str, ...]:
+    """Return one path or a list of them, inside the cruise folder and relative to it."""
+    listed = value if isinstance(value, list | tuple) else [value]
+    return tuple(_relative_path(text(path)) for path in listed)
+
+
+def _relative_path(path: str) -> str:
+    if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
+        inside = "copy or link the file into the cruise folder and write its path from there"
+        raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
+    _refuse_unusable(path)
+    return posixpath.normpath(path)
+
+
+def _refuse_unusable(path: str) -> None:
+    if not path.isprintable():  # nor are bytes that are no UTF-8, which Python holds as half characters
+        raise problem(None, "a path in UTF-8 without control characters", shown(path), "rename the file")
+    if "{" in path or "}" in path:  # Snakemake would put the mooring's name or the role there
+        raise problem(None, "a path without braces", shown(path), "rename the file")
+
+
+def mooring_paths(value: Any) -> str | tuple[str, ...]:
+    """Return a folder as a text or mooring files as a tuple."""
+    return paths(value) if isinstance(value, list | tuple) else paths(value)[0]
+
+
+def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
+    """Return existing raw files, globs expanded and sorted; only checked for form where no place is given.
+
+    Args:
+        info: its context is a ``RawFolder`` or None.
+    """
+    listed, place = paths(value), info.context
+    if not listed:
+        raise problem(None, "at least one file", "an empty list")
+    actual = [file for path in listed for file in ([path] if place is None else _expand_glob(path, place))]
+    for file in actual:
+        _refuse_results(file, place)
+    return tuple(dict.fromkeys(actual))
+
+
+def _refuse_results(file: str, place: RawFolder | None) -> None:
+    """Refuse a raw file that a run may write over, be it by way of a link."""
+    inside = file.startswith(f"{RESULTS}/")
+    if place is not None and not inside:
+        results = os.path.realpath(place.root / RESULTS)
+        inside = os.path.realpath(place.root / file).startswith(f"{results}{os.sep}")
+    if inside:
+        apart = "copy it to another folder, for example raw"
+        raise problem(None, f"a file outside {RESULTS}/, which each run may write over", shown(file), apart)
+
+
+def _expand_glob(path: str, place: RawFolder) -> list[str]:
+    is_glob = any(mark in path for mark in "*?[")
+    if os.path.isfile(place.root / path) or (place.made_later and not is_glob):
+        return [path]
+    if place.made_later:
+        raise problem(
+            None, "plain paths, as the files of a demonstration are made later", shown(path), "list the files"
+        )
+    if os.path.isdir(place.root / path):
+        raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
+    files = _match_glob(place.root, path) if is_glob else []
+    for file in files:
+        _refuse_unusable(file)
+    if not files:
+        other = os.path.lexists(place.root / path)
+        actual = f"no file that matches {path}" if is_glob else f"no file {path}"
+        actual = f"{path}, a pipe, a device or a link that leads nowhere" if other else actual
+        raise problem(
+            None, "an existing file", actual, "put it there or correct the path, relative to the cruise folder"
+        )
+    return files
+
+
+def _match_glob(root: Path, pattern: str) -> list[str]:
+    """Return the files of a glob, none of them hidden; ``**`` does not go through links, which may lead in circles."""
+    pattern = f"{pattern}/*" if pattern.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", pattern)
+    actual = [path.relative_to(root) for path in root.glob(pattern) if path.is_file()]
+    return sorted(str(path) for path in actual if not any(part.startswith(".") for part in path.parts))

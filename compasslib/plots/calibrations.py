@@ -24,7 +24,7 @@ from compasslib.calibrations.result import LETTERS, Calibration
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.series import series_design
 from compasslib.plots import instruments
-from compasslib.plots.curves import beside
+from compasslib.plots.curves import nearest_turn
 from compasslib.plots.page import (
     BLACK,
     BLUE,
@@ -140,7 +140,7 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[F
     # Along the correct heading, so that a compass that cannot turn full circle is drawn whole.
     recorded = compass.recorded_heading(numbers, turn)
     middle = float(angles.mean(shown.points["deviation_deg"])) if "deviation_deg" in shown.points else 0.0
-    off = beside(angles.difference(turn, recorded), angles.wrap180(middle))
+    off = nearest_turn(angles.difference(turn, recorded), angles.wrap180(middle))
     breaks = [np.abs(np.diff(x, append=x[-1])) > 180.0 for x in (recorded, off)]
     return recorded, np.where(breaks[0] | breaks[1], np.nan, off)
 
@@ -224,16 +224,16 @@ class Writing:
     @property
     def height_in(self) -> float:
         """Return the height that it takes, inches."""
-        return LINE_IN * (self.beside + len(self.table) + len(self.notes) + 4)
+        return LINE_IN * (self.column_lines + len(self.table) + len(self.notes) + 4)
 
     @property
-    def beside(self) -> int:
+    def column_lines(self) -> int:
         """Return the lines of the part that stands in two columns."""
         return max(len(self.about), len(self.budget))
 
 
 def writing(shown: Page) -> Writing:
-    """Return what a certificate says."""
+    """Compose the text of a certificate."""
     content = shown.content
     return Writing(
         [*_about(content), "", *_coefficients(content)], _budget(content), _table(shown), _notes_below(content)
@@ -245,8 +245,8 @@ def write(axes: Axes, text: Writing) -> None:
     axes.set_axis_off()
     _put(axes, (0.0, 0), text.about)
     _put(axes, (0.52, 0), text.budget)
-    _put(axes, (0.0, text.beside + 1), text.table)
-    _put(axes, (0.0, text.beside + len(text.table) + 2), text.notes, mono=False)
+    _put(axes, (0.0, text.column_lines + 1), text.table)
+    _put(axes, (0.0, text.column_lines + len(text.table) + 2), text.notes, mono=False)
 
 
 def _put(axes: Axes, place: tuple[float, int], lines: list[str], *, mono: bool = True) -> None:
@@ -396,9 +396,9 @@ def _swing_limits(axes: Axes, values: Floats) -> None:
 
 def _swing_handles(result: Calibration) -> list[Any]:
     drift = result.details.get("drift")
-    seen = "courses corrected for drift" if drift else "true headings"
+    readings_label = "courses corrected for drift" if drift else "true headings"
     return [
-        Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=seen),
+        Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=readings_label),
         Line2D([], [], color=BLUE, label="fitted series"),
         Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 % of the fit"),
         Line2D([], [], color=VERMILION, linewidth=0.8, linestyle="--", label="4° (ISO 25862)"),

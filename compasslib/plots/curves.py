@@ -60,7 +60,7 @@ def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
     return begin_deg + angles.wrap360(np.asarray(angle_deg, dtype=float) - begin_deg)
 
 
-def beside(angle_deg: ArrayLike, reference_deg: ArrayLike) -> Floats:
+def nearest_turn(angle_deg: ArrayLike, reference_deg: ArrayLike) -> Floats:
     """Return angles less than half a turn from a reference that may stand on any turn.
 
     Args:
@@ -122,8 +122,8 @@ def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -
     """
     beta, deviation = placed(observed_heading(pairs), begin_deg), observed_deviation(pairs)
     if shape is None:
-        return beta, beside(deviation, angles.wrap180(angles.mean(deviation)))
-    return beta, beside(deviation, np.interp(beta, shape.heading_deg, shape.deviation_deg))
+        return beta, nearest_turn(deviation, angles.wrap180(angles.mean(deviation)))
+    return beta, nearest_turn(deviation, np.interp(beta, shape.heading_deg, shape.deviation_deg))
 
 
 def directions(pairs: Pairs, product: CorrectedRecord) -> tuple[Floats, Floats, Floats]:

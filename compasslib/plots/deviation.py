@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
 from compasslib.plots import curves
-from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED, DeviationByHeading, beside, emptiest, placed
+from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED, DeviationByHeading, emptiest, nearest_turn, placed
 from compasslib.plots.page import (
     BLACK,
     BLUE,
@@ -154,7 +154,7 @@ def _draw_inverse(axes: Axes, fit: DeviationFit, curve: DeviationByHeading) -> N
     rings = int(np.clip((high - low) / 5.0, 4.0, 24.0))
     recorded = low + (high - low) * (np.arange(rings) + 0.5) / rings
     beta = placed(curves.inverse(fit, recorded), curve.heading_deg[0])
-    gamma = beside(recorded[:, None], np.interp(beta, curve.heading_deg, curve.recorded_deg))
+    gamma = nearest_turn(recorded[:, None], np.interp(beta, curve.heading_deg, curve.recorded_deg))
     axes.plot(gamma.ravel(), beta.ravel(), **RING)
 
 
@@ -195,13 +195,13 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
     begin = emptiest(lower)
     with page(path, 2.7) as figure:
         panels = figure.subplots(1, 2, sharey=True)
-        drawn = [
+        hexagon_panels = [
             _hexagons(panels[0], "recorded", (lower, upper), begin),
             _hexagons(panels[1], "corrected", (lower, corrected), begin),
         ]
         panels[0].set_ylabel(f"Affected, towards {TRUE}")
         figure.supxlabel(f"Reference, towards {TRUE}", fontsize=8.0)
-        _count_bar(figure, panels, [hexagons for hexagons in drawn if hexagons is not None])
+        _count_bar(figure, panels, [hexagons for hexagons in hexagon_panels if hexagons is not None])
 
 
 def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -> PolyCollection | None:
@@ -255,11 +255,11 @@ def draw_shared(figure: str, path: str | Path, content: Mapping[str, Any]) -> No
 
 def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
     """Draw what each record shows of the iron, with its 95 % interval, beside what the compass has."""
-    deployments = [one for one in content["deployments"] if one["coefficients"]]
+    deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
     effects = content["effects"]
-    panels = [*"BCDE", *((one, k) for one in effects for k in range(len(one["values"])))]
+    panels = [*"BCDE", *((entry, k) for entry in effects for k in range(len(entry["values"])))]
     rows = -(-len(panels) // SHARED_COLUMNS)
-    names = Rows([one["name"] for one in deployments], NAMES_IN)
+    names = Rows([entry["name"] for entry in deployments], NAMES_IN)
     with page(path, rows * (0.65 + max(names.height_in, LEAST_IN)) + 0.6) as figure:
         for axes, panel in zip(
             figure.subplots(rows, SHARED_COLUMNS, squeeze=False, sharey=True).flat, panels, strict=False
@@ -280,7 +280,7 @@ def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> No
 
 def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
     """Draw the deviation by correct heading of each record, and of the compass in the middle of their fields."""
-    deployments = [one for one in content["deployments"] if one["coefficients"]]
+    deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
     heading = np.arange(0.0, 360.5, 2.0)
     with page(path, 2.8) as figure:
         axes = figure.subplots()
@@ -290,11 +290,11 @@ def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
         if not deployments:
             empty(axes, "no record determines the compass")
             return
-        for one in deployments:
-            values = np.array([one["coefficients"][letter] for letter in LETTERS])
+        for entry in deployments:
+            values = np.array([entry["coefficients"][letter] for letter in LETTERS])
             values[0] = 0.0
             axes.plot(
-                heading, _exact_deviation(values, heading), color=BLUE if one["fits"] else VERMILION, linewidth=0.8
+                heading, _exact_deviation(values, heading), color=BLUE if entry["fits"] else VERMILION, linewidth=0.8
             )
         if content["coefficients"]:
             middle, spread = _shared_curve(content, deployments, heading)
@@ -318,25 +318,25 @@ def _shared_iron(
     """Draw B and C as iron in nT, D and E as they are."""
     hard = letter in "BC"
     axes.set_title(f"{letter} times H (µT)" if hard else letter)
-    for k, one in zip(names.places, deployments, strict=True):
-        unit = one["horizontal_nT"] / 1000.0 if hard else 1.0
-        value, sigma = one["coefficients"][letter] * unit, one["sigma"][letter] * unit
+    for k, entry in zip(names.places, deployments, strict=True):
+        unit = entry["horizontal_nT"] / 1000.0 if hard else 1.0
+        value, sigma = entry["coefficients"][letter] * unit, entry["sigma"][letter] * unit
         axes.errorbar(
-            value, k, xerr=WITHIN * sigma, color=BLUE if one["fits"] else VERMILION, marker="o", markersize=3, lw=1.0
+            value, k, xerr=WITHIN * sigma, color=BLUE if entry["fits"] else VERMILION, marker="o", markersize=3, lw=1.0
         )
         if content["coefficients"]:
-            middle, spread = (x / (1000.0 if hard else 1.0) for x in _shared_coefficient(letter, one, content))
+            middle, spread = (x / (1000.0 if hard else 1.0) for x in _shared_coefficient(letter, entry, content))
             axes.fill_betweenx([k - 0.35, k + 0.35], middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN,
                                alpha=0.25, lw=0)  # fmt: skip
 
 
-def _shared_coefficient(letter: str, one: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
-    """Return what the compass makes of a coefficient at a record's place, iron that varies between them included."""
+def _shared_coefficient(letter: str, entry: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
+    """Predict a coefficient and its sigma at a record's place from the shared iron, variation included."""
     names = list(content["coefficients"])
     weight = np.zeros(len(names))
     if letter in "BC":
         iron, induced = IRON["BC".index(letter)]
-        weight[names.index(iron)], weight[names.index(induced)] = 1.0, one["vertical_nT"]
+        weight[names.index(iron)], weight[names.index(induced)] = 1.0, entry["vertical_nT"]
     else:
         weight[names.index(letter)] = 1.0
     values, covariance = np.array(list(content["coefficients"].values())), np.array(content["covariance"])
@@ -351,9 +351,15 @@ def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -
     value, sigma = effect["values"][k], effect["sigma"][k]
     axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, color=GREEN, alpha=0.25, lw=0)
     place = dict(zip(names.names, names.places, strict=True))
-    for name, one in effect["each"].items():
+    for name, entry in effect["each"].items():
         axes.errorbar(
-            one["values"][k], place[name], xerr=WITHIN * one["sigma"][k], color=BLUE, marker="o", markersize=3, lw=1.0
+            entry["values"][k],
+            place[name],
+            xerr=WITHIN * entry["sigma"][k],
+            color=BLUE,
+            marker="o",
+            markersize=3,
+            lw=1.0,
         )
 
 
@@ -361,8 +367,8 @@ def _shared_curve(
     content: Mapping[str, Any], deployments: list[dict[str, Any]], heading: Floats
 ) -> tuple[Floats, Floats]:
     """Return the deviation of the compass in the mean field and its standard error, (n,) each."""
-    fitting = [one for one in deployments if one["fits"]] or deployments
-    level, down = (float(np.mean([one[name] for one in fitting])) for name in ("horizontal_nT", "vertical_nT"))
+    fitting = [entry for entry in deployments if entry["fits"]] or deployments
+    level, down = (float(np.mean([entry[name] for entry in fitting])) for name in ("horizontal_nT", "vertical_nT"))
     design = np.zeros((5, 6))
     design[1, [0, 2]] = design[2, [1, 3]] = 1.0 / level, down / level
     design[3, 4] = design[4, 5] = 1.0

@@ -41,29 +41,29 @@ EFFECT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
 BAND: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
 
 
-def draw_mooring(path: str | Path, found: Mapping[str, Any]) -> None:
+def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a mooring's diagnosis.
 
     Args:
         found: content of diagnosis.json.
     """
-    curves = displayed_residuals(found)[:MOST_PANELS]
-    _draw(path, found, curves, (NAMES, UNITS), _simultaneous(sum(len(curve["centre"]) for curve in curves)))
+    curves = displayed_residuals(diagnosis)[:MOST_PANELS]
+    _draw(path, diagnosis, curves, (NAMES, UNITS), _simultaneous(sum(len(curve["centre"]) for curve in curves)))
 
 
-def draw_calibration(path: str | Path, found: Mapping[str, Any]) -> None:
+def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a calibration's diagnosis, and its hypotheses.
 
     Args:
         found: content of diagnosis.json.
     """
-    curves = [_since_the_begin(curve) for curve in displayed_residuals(found)[:MOST_PANELS]]
-    _draw(path, found, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), None)
+    curves = [_since_the_begin(curve) for curve in displayed_residuals(diagnosis)[:MOST_PANELS]]
+    _draw(path, diagnosis, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), None)
 
 
 def _draw(
     path: str | Path,
-    found: Mapping[str, Any],
+    diagnosis: Mapping[str, Any],
     curves: Sequence[Mapping[str, Any]],
     said: tuple[Mapping[str, str], Mapping[str, str]],
     reach: float | None,
@@ -74,9 +74,13 @@ def _draw(
         said: names and units of the covariates.
         reach: of the band, standard errors; each curve's own where absent.
     """
-    proven = [one for one in found["findings"] if one.get("heldout")]
-    ranked = [one for one in found.get("hypotheses", []) if one["score"] > 0.0][:MOST_BARS] if reach is None else []
-    short, full = Rows([_short(one) for one in proven]), Rows([display_name(one["effect"]) for one in ranked])
+    proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
+    ranked = (
+        [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:MOST_BARS]
+        if reach is None
+        else []
+    )
+    short, full = Rows([_short(entry) for entry in proven]), Rows([display_name(entry["effect"]) for entry in ranked])
     heights = [PANEL_IN] * len(curves) + [AXIS_IN + rows.height_in for rows in (short, full) if rows.names]
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
@@ -87,8 +91,8 @@ def _draw(
         if proven:
             _held_out(panels.pop(0), proven, short)
         if ranked:
-            _ranking(panels.pop(0), ranked, full, [one["effect"] for one in found["findings"]])
-        legend(figure, _handles(found["findings"], curves) if curves or proven else [])
+            _ranking(panels.pop(0), ranked, full, [entry["effect"] for entry in diagnosis["findings"]])
+        legend(figure, _handles(diagnosis["findings"], curves) if curves or proven else [])
 
 
 def _since_the_begin(curve: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -143,7 +147,7 @@ def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
 
 
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
-    """Return what an axis is called: the covariate's name, and the unit that the sentences have, abbreviated."""
+    """Label an axis: the covariate's name, and the unit that the sentences have, abbreviated."""
     if covariate.startswith(TURN_PREFIX):
         return f"Turn by {display_name(covariate.removeprefix(TURN_PREFIX))} (°)"
     name = names.get(covariate, covariate.replace("_", " ").capitalize())
@@ -152,13 +156,13 @@ def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -
 
 
 def _simultaneous(bins: int) -> float:
-    """Return how many standard errors a band reaches that all bins of noise stay within, 95 times in 100 (Šidák)."""
+    """Compute the half-width, in standard errors, of a simultaneous 95 % band over all bins (Šidák)."""
     return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / max(bins, 1)))
 
 
 def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
     """Draw the residual on days that were not fitted, without and with each finding."""
-    before, after = ([one["heldout"][f"rms_{key}_deg"] for one in findings] for key in ("before", "after"))
+    before, after = ([entry["heldout"][f"rms_{key}_deg"] for entry in findings] for key in ("before", "after"))
     axes.hlines(rows.places, before, after, color=BLACK, linewidth=1.0)
     axes.plot(before, rows.places, **BEFORE)
     axes.plot(after, rows.places, **AFTER)
@@ -177,9 +181,9 @@ def _short(finding: Mapping[str, Any]) -> str:
 
 def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str]) -> None:
     """Draw how well each effect does alone; those that were named in the end stand out."""
-    colours = [VERMILION if one["effect"] in named else GREY for one in ranked]
-    most = max(one["score"] for one in ranked)
-    axes.barh(rows.places, [one["score"] for one in ranked], color=colours, height=0.7)
+    colours = [VERMILION if entry["effect"] in named else GREY for entry in ranked]
+    most = max(entry["score"] for entry in ranked)
+    axes.barh(rows.places, [entry["score"] for entry in ranked], color=colours, height=0.7)
     if most > LOG_FROM:
         axes.set_xscale("symlog", linthresh=LOG_FROM)
         powers = np.arange(1, int(np.log10(most)) + 1)

@@ -198,68 +198,70 @@ MEAN: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "colo
 SAMPLES, BLOCK_MEANS = "single samples", "block means"
 
 
-def draw_difference(path: str | Path, found: Calibration, name: str) -> None:
+def draw_difference(path: str | Path, result: Calibration, name: str) -> None:
     """Draw what b must add to agree with a, by b's recorded heading, and what the series leaves of it."""
     with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
-        if not found.points or found.table is None:
+        if not result.points or result.table is None:
             _empty(panels)
             return
-        heading, thin = found.points["recorded_b_deg"], _thin(found)
-        panels[0].plot(heading[thin], found.points["deviation_deg"][thin], **POINT)
-        panels[1].plot(heading[thin], found.points["residual_deg"][thin], **POINT)
-        _draw_offset_curve(panels[0], found)
-        _draw_sector_means(panels[1], found)
-        _set_limits(panels[0], found.points["deviation_deg"], panels[0].lines[-1].get_ydata())
-        _set_limits(panels[1], found.points["residual_deg"])
+        heading, thin = result.points["recorded_b_deg"], _thin(result)
+        panels[0].plot(heading[thin], result.points["deviation_deg"][thin], **POINT)
+        panels[1].plot(heading[thin], result.points["residual_deg"][thin], **POINT)
+        _draw_offset_curve(panels[0], result)
+        _draw_sector_means(panels[1], result)
+        _set_limits(panels[0], result.points["deviation_deg"], panels[0].lines[-1].get_ydata())
+        _set_limits(panels[1], result.points["residual_deg"])
         panels[0].set_ylabel("Deviation of b\nagainst a (°)")
         panels[1].set_ylabel("Residual (°)")
         panels[1].set_xlabel("Recorded heading of b (° magnetic)")
         degrees(panels[1].xaxis, (0.0, 360.0))
         figure.align_ylabels(panels)
-        terms = f"fit of {found.model.split(': ')[-1]}" if found.coefficients.size else "offset only"
+        terms = f"fit of {result.model.split(': ')[-1]}" if result.coefficients.size else "offset only"
         curve = Line2D([], [], color=GREEN, label=terms)
         legend(figure, [Line2D([], [], label=SAMPLES, **SHOWN), curve, Patch(label="95 % of the curve", **BAND)])
 
 
-def draw_tilt_check(path: str | Path, found: Calibration, name: str) -> None:
+def draw_tilt_check(path: str | Path, result: Calibration, name: str) -> None:
     """Draw b's tilts against a's, turned into b's body by one rotation, and the angle that is left along time."""
     with page(path, 4.2) as figure:
         panels = figure.subplot_mosaic([["pitch", "roll"], ["left", "left"]], height_ratios=(2.0, 1.0))
-        if "frame" not in found.details:
+        if "frame" not in result.details:
             _empty(list(panels.values()))
             return
-        turned = _turned_tilts(found)
+        turned = _turned_tilts(result)
         for key, here in (("pitch", turned[0]), ("roll", turned[1])):
-            _draw_tilts(panels[key], key, here, found)
-        _draw_along_time(panels["left"], found, found.points["tilt_residual_deg"])
+            _draw_tilts(panels[key], key, here, result)
+        _draw_along_time(panels["left"], result, result.points["tilt_residual_deg"])
         panels["left"].set_ylim(bottom=0.0)
         panels["left"].set_ylabel("Angle between\nverticals (°)")
-        one = Line2D([], [], color=BLACK, linewidth=0.8, label="equal")
+        entry = Line2D([], [], color=BLACK, linewidth=0.8, label="equal")
         mean = Line2D([], [], label=BLOCK_MEANS, **MEAN)
-        legend(figure, [Line2D([], [], label=SAMPLES, **SHOWN), one, mean])
+        legend(figure, [Line2D([], [], label=SAMPLES, **SHOWN), entry, mean])
 
 
-def draw_along_time(path: str | Path, found: Calibration, name: str) -> None:
+def draw_along_time(path: str | Path, result: Calibration, name: str) -> None:
     """Draw the offset between the heads along time, and how the frame turned."""
     with page(path, 4.8) as figure:
         panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
-        if not found.points or "frame" not in found.details:
+        if not result.points or "frame" not in result.details:
             _empty(panels)
             return
-        offset = found.details["offset_deg"]
+        offset = result.details["offset_deg"]
         # Without the heading-dependent part: what is left should be level.
-        _draw_along_time(panels[0], found, offset - found.points["residual_deg"])
+        _draw_along_time(panels[0], result, offset - result.points["residual_deg"])
         handles = [Line2D([], [], label=SAMPLES, **SHOWN), Line2D([], [], label=BLOCK_MEANS, **MEAN)]
-        handles.append(_draw_offset(panels[0], offset, found.details["offset_sigma_deg"], "headings", BLUE))
-        if found.details["offset_from_tilts_deg"] is not None:
-            near = offset + float(angles.difference(found.details["offset_from_tilts_deg"], offset))
-            handles.append(_draw_offset(panels[0], near, found.details["offset_from_tilts_sigma_deg"], "tilts", ORANGE))
+        handles.append(_draw_offset(panels[0], offset, result.details["offset_sigma_deg"], "headings", BLUE))
+        if result.details["offset_from_tilts_deg"] is not None:
+            near = offset + float(angles.difference(result.details["offset_from_tilts_deg"], offset))
+            handles.append(
+                _draw_offset(panels[0], near, result.details["offset_from_tilts_sigma_deg"], "tilts", ORANGE)
+            )
         panels[0].set_xlabel("")
         panels[0].set_ylabel("Offset of b\nfrom a (°)")
-        thin, days = _thin(found), found.points["time_s"] / DAY_S
+        thin, days = _thin(result), result.points["time_s"] / DAY_S
         for key, colour in (("a", BLUE), ("b", VERMILION)):
-            panels[1].plot(days[thin], found.points[f"recorded_{key}_deg"][thin], **{**POINT, "color": colour})
+            panels[1].plot(days[thin], result.points[f"recorded_{key}_deg"][thin], **{**POINT, "color": colour})
             handles.append(Line2D([], [], **{**SHOWN, "color": colour}, label=f"head {key}"))
         degrees(panels[1].yaxis, (0.0, 360.0))
         panels[1].set_ylabel(f"Recorded heading\n{MAGNETIC}")
@@ -273,29 +275,29 @@ def _empty(panels: Any) -> None:
         empty(axes)
 
 
-def _thin(found: Calibration) -> slice:
-    return slice(None, None, max(1, len(found.points["time_s"]) // MAX_POINTS))
+def _thin(result: Calibration) -> slice:
+    return slice(None, None, max(1, len(result.points["time_s"]) // MAX_POINTS))
 
 
-def _draw_offset_curve(axes: Axes, found: Calibration) -> None:
+def _draw_offset_curve(axes: Axes, result: Calibration) -> None:
     """Draw the series between the table's headings by its own coefficients, the band by the table's."""
-    assert found.table is not None
+    assert result.table is not None
     fine = np.arange(0.0, 360.5, 1.0)
-    heading = np.append(found.table.heading_deg, 360.0)
-    sigma = np.interp(fine, heading, np.append(found.table.sigma_deg, found.table.sigma_deg[0]))
-    terms = np.isfinite(found.coefficients)
-    value = series_design(fine)[:, : terms.size][:, terms] @ found.coefficients[terms]
+    heading = np.append(result.table.heading_deg, 360.0)
+    sigma = np.interp(fine, heading, np.append(result.table.sigma_deg, result.table.sigma_deg[0]))
+    terms = np.isfinite(result.coefficients)
+    value = series_design(fine)[:, : terms.size][:, terms] @ result.coefficients[terms]
     value = np.where(np.isfinite(sigma), value, np.nan)
     axes.fill_between(fine, value - WITHIN * sigma, value + WITHIN * sigma, **BAND)
     axes.plot(fine, value, color=GREEN)
 
 
-def _draw_sector_means(axes: Axes, found: Calibration) -> None:
-    kept = found.points["kept"] > 0
-    residual = found.points["residual_deg"][kept]
-    sector = (found.points["recorded_b_deg"][kept] / 10.0).astype(int)
+def _draw_sector_means(axes: Axes, result: Calibration) -> None:
+    used = result.points["kept"] > 0
+    residual = result.points["residual_deg"][used]
+    sector = (result.points["recorded_b_deg"][used] / 10.0).astype(int)
     # A stretch of time counts once in a sector: samples that follow each other are not independent.
-    visit = np.unique(36 * blocks_by_count(found.points["time_s"], BLOCKS)[kept] + sector, return_inverse=True)
+    visit = np.unique(36 * blocks_by_count(result.points["time_s"], BLOCKS)[used] + sector, return_inverse=True)
     means = np.bincount(visit[1], residual) / np.bincount(visit[1])
     place = visit[0] - 36 * (visit[0] // 36)
     count = np.bincount(place, minlength=36)
@@ -317,16 +319,16 @@ def _set_limits(axes: Axes, points: Floats, line: Any = ()) -> None:
     axes.set_ylim(low - room, high + room)
 
 
-def _turned_tilts(found: Calibration) -> tuple[Floats, Floats]:
-    there = down(lean(found.points["pitch_a_deg"], found.points["roll_a_deg"]))
-    turned = there @ np.array(found.details["frame"]["rotation"]).T
+def _turned_tilts(result: Calibration) -> tuple[Floats, Floats]:
+    there = down(lean(result.points["pitch_a_deg"], result.points["roll_a_deg"]))
+    turned = there @ np.array(result.details["frame"]["rotation"]).T
     return tilt_angles(turned[:, 0] + 1j * turned[:, 1])
 
 
-def _draw_tilts(axes: Axes, key: str, turned: Floats, found: Calibration) -> None:
-    own, thin = found.points[f"{key}_b_deg"], _thin(found)
-    axes.plot(turned[thin], own[thin], **POINT)
-    low, high = np.percentile(np.concatenate([turned, own]), (0.2, 99.8))
+def _draw_tilts(axes: Axes, key: str, turned: Floats, result: Calibration) -> None:
+    recorded_tilt, thin = result.points[f"{key}_b_deg"], _thin(result)
+    axes.plot(turned[thin], recorded_tilt[thin], **POINT)
+    low, high = np.percentile(np.concatenate([turned, recorded_tilt]), (0.2, 99.8))
     room = max(0.06 * (high - low), 0.1)
     ends = (low - room, high + room)
     axes.plot(ends, ends, color=BLACK, linewidth=0.8)
@@ -335,13 +337,13 @@ def _draw_tilts(axes: Axes, key: str, turned: Floats, found: Calibration) -> Non
     axes.set_ylabel(f"{key.capitalize()} of b (°)")
 
 
-def _draw_along_time(axes: Axes, found: Calibration, values: Floats) -> None:
-    time, thin = found.points["time_s"], _thin(found)
+def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> None:
+    time, thin = result.points["time_s"], _thin(result)
     axes.plot(time[thin] / DAY_S, values[thin], **POINT)
-    kept = found.points["kept"] > 0
+    used = result.points["kept"] > 0
     stretch = blocks_by_count(time, BLOCKS)
-    for k in np.unique(stretch[kept]):
-        mine = kept & (stretch == k)
+    for k in np.unique(stretch[used]):
+        mine = used & (stretch == k)
         axes.plot(time[mine].mean() / DAY_S, values[mine].mean(), **MEAN)
     _set_limits(axes, values)
     _by_clock(axes)
@@ -368,59 +370,59 @@ LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
 STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
 
 
-def draw_series(path: str | Path, found: Calibration, name: str) -> None:
+def draw_series(path: str | Path, result: Calibration, name: str) -> None:
     """Draw the declination with the model, the model plus the constant, and the quiet day on top of it."""
-    quiet = found.details["quiet_day"] if found.points else None
+    quiet = result.details["quiet_day"] if result.points else None
     with page(path, 4.8 if quiet else 3.2) as figure:
         top, *below = figure.subplots(2 if quiet else 1, 1, squeeze=False, height_ratios=(1.5, 1.0) if quiet else None)[
             :, 0
         ]
-        if not found.points:
+        if not result.points:
             empty(top)
             return
-        points, constant = found.points, found.details["constant_deg"]
+        points, constant = result.points, result.details["constant_deg"]
         _draw_line(top, points, points["declination_deg"], **LINE)
         _draw_line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-        shown = bool(quiet) and found.details["days"] <= MAX_DAYS
+        shown = bool(quiet) and result.details["days"] <= MAX_DAYS
         if shown:
             _draw_line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
         _draw_line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
-        _finish(top, found, "Declination (° east)")
+        _finish(top, result, "Declination (° east)")
         for axes in below:
-            _draw_quiet_day(axes, found.details["quiet_day"])
-        model = found.model.removesuffix(" plus a constant")
-        sigma = WITHIN * found.details["constant_sigma_deg"]
+            _draw_quiet_day(axes, result.details["quiet_day"])
+        model = result.model.removesuffix(" plus a constant")
+        sigma = WITHIN * result.details["constant_sigma_deg"]
         handles: list[Artist] = [
             Line2D([], [], label="observed", **LINE),
             Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
             Line2D([], [], color=GREEN, label=f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"),
         ]
         handles += [Line2D([], [], color=SKY, label="with the quiet-day variation")] if shown else []
-        legend(figure, handles + _storm_handle(found), columns=1)
+        legend(figure, handles + _storm_handle(result), columns=1)
 
 
-def draw_disturbance(path: str | Path, found: Calibration, name: str) -> None:
+def draw_disturbance(path: str | Path, result: Calibration, name: str) -> None:
     """Draw what constant, slow level and quiet day leave, with the band of 95 % of its calm hours."""
     with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1)
-        if not found.points:
+        if not result.points:
             for axes in panels:
                 empty(axes)
             return
-        points = found.points
+        points = result.points
         _draw_line(panels[0], points, points["residual_deg"], **LINE)
-        _draw_line(panels[0], points, points["level_deg"] - found.details["constant_deg"], color=ORANGE, linewidth=1.2)
+        _draw_line(panels[0], points, points["level_deg"] - result.details["constant_deg"], color=ORANGE, linewidth=1.2)
         _draw_line(panels[1], points, points["disturbance_deg"], **LINE)
         calm = points["disturbance_deg"][points["storm"] == 0.0]
         half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
         panels[1].axhspan(-half, half, **BAND)
-        _finish(panels[0], found, "Observed minus model\nand constant (°)")
-        _finish(panels[1], found, "Without slow level\nand quiet day (°)", _around_the_largest(found))
+        _finish(panels[0], result, "Observed minus model\nand constant (°)")
+        _finish(panels[1], result, "Without slow level\nand quiet day (°)", _around_the_largest(result))
         figure.align_ylabels(panels)
         handles: list[Artist] = [Line2D([], [], label="observed, 10-minute means or samples", **LINE)]
         handles.append(Line2D([], [], color=ORANGE, label="slow level"))
         handles.append(Patch(label=f"95 % range of calm hours: ±{half:.2f}°", **BAND))
-        legend(figure, handles + _storm_handle(found), columns=1)
+        legend(figure, handles + _storm_handle(result), columns=1)
 
 
 def _draw_quiet_day(axes: Axes, quiet: Mapping[str, Any]) -> None:
@@ -437,8 +439,8 @@ def _draw_line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look:
     axes.plot(np.insert(time, ends, time[ends]) / DAY_S, np.insert(values, ends, np.nan), **look)
 
 
-def _finish(axes: Axes, found: Calibration, label: str, window: Limits | None = None) -> None:
-    for storm in found.details["storms"]:
+def _finish(axes: Axes, result: Calibration, label: str, window: Limits | None = None) -> None:
+    for storm in result.details["storms"]:
         axes.axvspan(*(_day(storm[end]) for end in ("from", "to")), **STORM)
     axes.set_ylabel(label)
     axes.margins(x=0.01)
@@ -451,17 +453,17 @@ def _day(stamp: str) -> float:
     return float(np.datetime64(stamp.removesuffix("Z"), "s").astype(float)) / DAY_S
 
 
-def _storm_handle(found: Calibration) -> list[Artist]:
-    storms = found.details["storms"]
+def _storm_handle(result: Calibration) -> list[Artist]:
+    storms = result.details["storms"]
     if not storms:
         return []
-    largest = max(storms, key=lambda one: one["range_deg"])
+    largest = max(storms, key=lambda entry: entry["range_deg"])
     return [Patch(label=f"storm: {len(storms)}, largest range {largest['range_deg']:.1f}°", **STORM)]
 
 
-def _around_the_largest(found: Calibration) -> Limits | None:
-    storms = found.details["storms"]
-    if not storms or np.ptp(found.points["time_s"]) < 3.0 * ZOOM_DAYS * DAY_S:
+def _around_the_largest(result: Calibration) -> Limits | None:
+    storms = result.details["storms"]
+    if not storms or np.ptp(result.points["time_s"]) < 3.0 * ZOOM_DAYS * DAY_S:
         return None
-    largest = max(storms, key=lambda one: one["range_deg"])
+    largest = max(storms, key=lambda entry: entry["range_deg"])
     return _day(largest["from"]) - ZOOM_DAYS / 2.0, _day(largest["to"]) + ZOOM_DAYS / 2.0

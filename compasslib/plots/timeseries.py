@@ -41,7 +41,7 @@ from compasslib.plots.page import (
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.types import Complexes, Floats
 
-DRAWN = 12_000  # samples; of a longer record every second, third, ... is drawn
+MAX_SAMPLES = 12_000  # samples; of a longer record every second, third, ... is drawn
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
 SLICES = 60  # of the strip, where the record is too short for days
 GUESS = 0.75  # a branch less probable is drawn as a guess
@@ -78,7 +78,7 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
 
 
 def classify_samples(product: CorrectedRecord) -> NDArray[np.int_]:
-    """Return what became of each sample's heading, (n,): SURE, DOUBTFUL, GUESSED or LOST; -1 without one."""
+    """Classify each sample's heading, (n,): SURE, DOUBTFUL, GUESSED or UNCORRECTED; -1 without one."""
     with np.errstate(invalid="ignore"):
         guessed = product.branch_probability < GUESS
     flagged = product.heading_corrected_quality >= PROBABLY_BAD
@@ -91,18 +91,18 @@ def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDA
     """Draw the recorded and the corrected heading on the same turn."""
     record, corrected = product.record, product.heading_corrected_deg
     begin = emptiest(np.concatenate([record.heading_deg, corrected]))
-    some = np.arange(len(kind)) % (1 + len(kind) // DRAWN) == 0
+    subset = np.arange(len(kind)) % (1 + len(kind) // MAX_SAMPLES) == 0
     day = record.time_s / DAY_S
     for here, colour in ((kind != UNCORRECTED, RECORDED), (kind == UNCORRECTED, BLACK)):
-        above.plot(day[here & some], placed(record.heading_deg[here & some], begin), color=colour, **POINT)
-    _draw_band(below, day[some], placed(corrected[some], begin), product.heading_uncertainty_deg[some], begin)
+        above.plot(day[here & subset], placed(record.heading_deg[here & subset], begin), color=colour, **POINT)
+    _draw_band(below, day[subset], placed(corrected[subset], begin), product.heading_uncertainty_deg[subset], begin)
     for k in (SURE, DOUBTFUL, GUESSED):
-        here = (kind == k) & some
+        here = (kind == k) & subset
         below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
-    for axes, name, drawn in ((above, "Recorded", record.heading_deg), (below, "Corrected", corrected)):
+    for axes, name, plotted in ((above, "Recorded", record.heading_deg), (below, "Corrected", corrected)):
         degrees(axes.yaxis, (begin, begin + 360.0))
         axes.set_ylabel(f"{name} heading\n{MAGNETIC}")
-        if not np.isfinite(drawn).any():
+        if not np.isfinite(plotted).any():
             axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
@@ -110,8 +110,8 @@ def _draw_band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: f
     """Draw one standard deviation to either side, what leaves the turn on the other side too."""
     for turn in (-360.0, 0.0, 360.0):
         low, high = heading - sigma + turn, heading + sigma + turn
-        seen = (high > begin) & (low < begin + 360.0)  # of the other turns few reach into this one
-        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[seen]
+        visible = (high > begin) & (low < begin + 360.0)  # of the other turns few reach into this one
+        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
         # Axes.vlines masks every line by itself and takes ten times as long.
         axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
 
@@ -211,34 +211,34 @@ def average_currents(shown: BinCurrents, reference: CurrentSeries) -> AveragedCu
     return AveragedCurrents(begin_s, hours, {name: mean for name, mean in means.items() if np.isfinite(mean).any()})
 
 
-def draw_sticks(path: str | Path, drawn: AveragedCurrents) -> None:
+def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
     """Draw each mean current as a stick from its time towards where the water goes, north up."""
-    with page(path, 0.55 + 0.95 * max(len(drawn.means), 1)) as figure:
-        panels = figure.subplots(max(len(drawn.means), 1), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        if not drawn.means:
+    with page(path, 0.55 + 0.95 * max(len(plotted.means), 1)) as figure:
+        panels = figure.subplots(max(len(plotted.means), 1), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+        if not plotted.means:
             empty(panels[0])
             return
-        north = CM * np.concatenate([[0.0], *(mean.imag for mean in drawn.means.values())])
+        north = CM * np.concatenate([[0.0], *(mean.imag for mean in plotted.means.values())])
         low, high = float(np.nanmin(north)), float(np.nanmax(north))
         room = max(0.05 * (high - low), 0.5)
-        for axes, (name, mean) in zip(panels, drawn.means.items(), strict=True):
+        for axes, (name, mean) in zip(panels, plotted.means.items(), strict=True):
             there = np.isfinite(mean)
             u, v = CM * mean[there].real, CM * mean[there].imag
-            axes.quiver(drawn.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=COLOURS[name], **STICK)
+            axes.quiver(plotted.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=COLOURS[name], **STICK)
             axes.axhline(0.0, color=COLOURS[name], linewidth=0.5)
             axes.set_ylabel(f"{name.capitalize()}\n(cm/s)")
             axes.set_ylim(low - room, high + room)
             axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        half_s = drawn.hours * HOUR_S / 2.0
-        dates(panels[-1], (drawn.middle_s[0] - half_s, drawn.middle_s[-1] + half_s))
+        half_s = plotted.hours * HOUR_S / 2.0
+        dates(panels[-1], (plotted.middle_s[0] - half_s, plotted.middle_s[-1] + half_s))
         figure.align_ylabels(panels)
 
 
-def draw_progressive(path: str | Path, drawn: AveragedCurrents) -> None:
+def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:
     """Draw where water would go that moved as the means say, over the spans that all of them have."""
-    paths = displacements(drawn)
-    every = KM * np.concatenate([*paths.values(), [0.0]])
-    wide, high = float(np.ptp(every.real)), float(np.ptp(every.imag))
+    paths = displacements(plotted)
+    points = KM * np.concatenate([*paths.values(), [0.0]])
+    wide, high = float(np.ptp(points.real)), float(np.ptp(points.imag))
     with page(path, 0.9 + 2.7 * float(np.clip(high / max(wide, 1e-9), 0.4, 1.1))) as figure:
         axes = figure.subplots()
         if not paths:
@@ -257,10 +257,10 @@ def draw_progressive(path: str | Path, drawn: AveragedCurrents) -> None:
         legend(figure, [*handles, begin], columns=4)
 
 
-def displacements(drawn: AveragedCurrents) -> dict[str, Complexes]:
+def displacements(plotted: AveragedCurrents) -> dict[str, Complexes]:
     """Return the way from the begin, (k,) metres east + i north, over the spans that all have."""
-    both = np.all([np.isfinite(mean) for mean in drawn.means.values()], axis=0)
-    steps = {name: mean[both] * drawn.hours * HOUR_S for name, mean in drawn.means.items()}
+    both = np.all([np.isfinite(mean) for mean in plotted.means.values()], axis=0)
+    steps = {name: mean[both] * plotted.hours * HOUR_S for name, mean in plotted.means.items()}
     return {name: np.concatenate([[0.0], np.cumsum(step)]) for name, step in steps.items()}
 
 
@@ -275,12 +275,12 @@ def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, h
     handles: dict[str, Any] = {name: Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()}
     handles["reference"] = Patch(color=REFERENCE, alpha=0.5, linewidth=0, label="reference")
     with page(path, 2.45) as figure:
-        seen: set[str] = set()
+        visible: set[str] = set()
         for k, (title, series) in enumerate((("Current towards", towards), ("Heading (magnetic)", headings))):
             known = {name: angle for name, angle in series.items() if np.isfinite(angle).any()}
             _draw_rose(figure, k, title, known)
-            seen |= set(known)
-        legend(figure, [handle for name, handle in handles.items() if name in seen], columns=3)
+            visible |= set(known)
+        legend(figure, [handle for name, handle in handles.items() if name in visible], columns=3)
 
 
 def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floats]) -> None:

@@ -64,8 +64,10 @@ class Report:
         numbers = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
         verdicts = [section.verdict for section in self.moorings.sections]
         known = (*VERDICTS, STOPPED)
-        found = [f"{verdicts.count(verdict)} {verdict}" for verdict in known if verdict in verdicts]
-        return f"{words.listed(numbers)}." + (f" Of the moorings: {', '.join(found)}." if found else "")
+        verdict_counts = [f"{verdicts.count(verdict)} {verdict}" for verdict in known if verdict in verdicts]
+        return f"{words.listed(numbers)}." + (
+            f" Of the moorings: {', '.join(verdict_counts)}." if verdict_counts else ""
+        )
 
 
 def gather(
@@ -95,9 +97,9 @@ def gather(
         if name in stopped["moorings"]:
             stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
             continue
-        one = read_mooring(name, root, rows[name], site["roles"])
-        sections.append(mooring.mooring_section(one, root, site, small=small))
-        stations.append(_station(one, site))
+        results = read_mooring(name, root, rows[name], site["roles"])
+        sections.append(mooring.mooring_section(results, root, site, small=small))
+        stations.append(_station(results, site))
     others = [calibration.calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
     sections = [*_stopped("mooring", stopped["moorings"], mooring.HEADER), *sections]
     others = [*_stopped("calibration", stopped["calibrations"], calibration.HEADER), *others]
@@ -135,7 +137,7 @@ def write(path: str | Path, report: Report) -> None:
 
 
 def log_line(path: str | Path, report: Report) -> str:
-    """Return what the job says of the page."""
+    """Format the job's line on the page."""
     size = Path(path).stat().st_size / 1e6
     return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
 
@@ -144,5 +146,7 @@ def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> li
     return [stopped_section(part, name, why, header) for name, why in reasons.items()]
 
 
-def _station(one: MooringResults, site: Mapping[str, Any]) -> chart.Station:
-    return chart.Station(one.name, site["latitude"], site["longitude"], one.headings.corrected > 0, *one.currents.mean)
+def _station(results: MooringResults, site: Mapping[str, Any]) -> chart.Station:
+    return chart.Station(
+        results.name, site["latitude"], site["longitude"], results.headings.corrected > 0, *results.currents.mean
+    )

@@ -41,9 +41,9 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
         small: whether the page has too many sections for whole pictures.
     """
     content, diagnosis = results.content, results.diagnosis
-    drawn = sections.collect_figures(results.folder, root, calibration_captions(content, diagnosis), small=small)
+    figures = sections.collect_figures(results.folder, root, calibration_captions(content, diagnosis), small=small)
     findings = explanation.report_findings(diagnosis, product=False) if diagnosis else ()
-    beside = ("diagnosis",) if findings else ()
+    diagnosis_figures = ("diagnosis",) if findings else ()
     links = tuple((f, sections.relative_link(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
     return ReportSection(
         name=results.name,
@@ -51,11 +51,11 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
         verdict=diagnosis["verdict"] if diagnosis else "",
         summary=_summary(content, diagnosis),
         facts=_facts(content),
-        found=tuple(drawn.pop(name) for name in beside if name in drawn),
+        finding_figures=tuple(figures.pop(name) for name in diagnosis_figures if name in figures),
         findings=findings,
-        cannot_tell=(*_cannot_tell(content), *(explanation.describe_limits(diagnosis) if diagnosis else ())),
+        limits=(*_limits(content), *(explanation.describe_limits(diagnosis) if diagnosis else ())),
         warnings=tuple(content["warnings"]),
-        first=tuple(drawn.values()),
+        first=tuple(figures.values()),
         tables=(
             *_tables(content),
             *(explanation.hypotheses_table(diagnosis) if diagnosis else ()),
@@ -117,7 +117,7 @@ def _model(content: Mapping[str, Any]) -> str:
     return MODELS.get(content["model"], words.plain(content["model"]))
 
 
-def _cannot_tell(content: Mapping[str, Any]) -> tuple[str, ...]:
+def _limits(content: Mapping[str, Any]) -> tuple[str, ...]:
     open_ = [
         f"Not determined: {name}. {words.sentence(why)}" for name, why in content.get("undetermined_why", {}).items()
     ]
@@ -188,8 +188,8 @@ def _cardinal(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
 def _storms(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     """Return the storms of an observatory's series; none where a kind has none."""
     rows = tuple(
-        (words.days(one), words.degrees(one["range_deg"], 2), f"{words.degrees(one['rms_deg'], 2)} rms")
-        for one in content.get("storms") or []
+        (words.days(entry), words.degrees(entry["range_deg"], 2), f"{words.degrees(entry['rms_deg'], 2)} rms")
+        for entry in content.get("storms") or []
     )
     return (ReportTable("Storms", ("When", "Range", "Size"), rows),) if rows else ()
 
@@ -322,7 +322,7 @@ def _constant_caption(content: Mapping[str, Any]) -> str:
 
 def _disturbance_caption(content: Mapping[str, Any]) -> str:
     storms = content.get("storms") or []
-    largest = max((one["range_deg"] for one in storms), default=None)
+    largest = max((entry["range_deg"] for entry in storms), default=None)
     range_ = f", the largest of {words.degrees(largest, 2)} from end to end" if storms else ""
     return f"What level and quiet day leave along time: {words.plural(len(storms), 'storm')}{range_}."
 
@@ -350,7 +350,7 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
     """
     folder = root / "compasses" / name
     content, diagnosis = read_json(folder / "compass.json"), read_json(folder / "diagnosis.json")
-    drawn = sections.collect_figures(folder, root, COMPASS_CAPTIONS, small=small)
+    figures = sections.collect_figures(folder, root, COMPASS_CAPTIONS, small=small)
     return ReportSection(
         name=name,
         anchor=f"compass-{name}",
@@ -358,10 +358,10 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
         summary=(_compass_summary(content, diagnosis), words.sentence(diagnosis["why"])),
         facts=(("iron that varies between deployments", _iron_between(content)),),
         findings=explanation.report_findings(diagnosis, product=False),
-        cannot_tell=explanation.describe_limits(diagnosis),
-        warnings=tuple(f"{one['name']}: {words.sentence(one['why'])}" for one in content["rejected"]),
+        limits=explanation.describe_limits(diagnosis),
+        warnings=tuple(f"{entry['name']}: {words.sentence(entry['why'])}" for entry in content["rejected"]),
         tables=tuple(_compass_tables(content)),
-        first=tuple(drawn.values()),
+        first=tuple(figures.values()),
         links=tuple(
             (file, sections.relative_link(folder / file, root)) for file in COMPASS_FILES if (folder / file).exists()
         ),
@@ -371,9 +371,11 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
 
 def _compass_summary(content: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> str:
     """Return the answer in a sentence: whose records they are, who does not belong, what they share."""
-    kept = [one["name"] for one in content["deployments"] if one["fits"]]
-    records = f"{words.plural(len(content['deployments']), 'record')}, of one compass: {words.listed(kept) or 'none'}"
-    odd = [one["name"] for one in content["rejected"]]
+    fitting = [entry["name"] for entry in content["deployments"] if entry["fits"]]
+    records = (
+        f"{words.plural(len(content['deployments']), 'record')}, of one compass: {words.listed(fitting) or 'none'}"
+    )
+    odd = [entry["name"] for entry in content["rejected"]]
     return f"{records}{f'; not the same: {words.listed(odd)}' * bool(odd)}; {explanation.describe_findings(diagnosis)}."
 
 
@@ -385,8 +387,8 @@ def _iron_between(content: Mapping[str, Any]) -> str:
 def _compass_tables(content: Mapping[str, Any]) -> list[ReportTable]:
     header = ("Record", "B", "C", "D", "E", "Probability that it is this compass")
     rows = [
-        (one["name"], *_record_coefficients(one), _probability(one["probability_same"]))
-        for one in content["deployments"]
+        (entry["name"], *_record_coefficients(entry), _probability(entry["probability_same"]))
+        for entry in content["deployments"]
     ]
     tables = [ReportTable("What each record tells alone", header, tuple(rows))]
     if content["coefficients"]:
@@ -399,10 +401,10 @@ def _compass_tables(content: Mapping[str, Any]) -> list[ReportTable]:
     return tables
 
 
-def _record_coefficients(one: Mapping[str, Any]) -> list[str]:
-    if not one["coefficients"]:
+def _record_coefficients(entry: Mapping[str, Any]) -> list[str]:
+    if not entry["coefficients"]:
         return [words.UNKNOWN] * 4
-    return [words.with_sigma(one["coefficients"][k], one["sigma"][k], "") for k in "BCDE"]
+    return [words.with_sigma(entry["coefficients"][k], entry["sigma"][k], "") for k in "BCDE"]
 
 
 def _probability(value: float | None) -> str:
@@ -410,6 +412,6 @@ def _probability(value: float | None) -> str:
 
 
 def _compass_cells(name: str, content: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
-    effects = ", ".join(words.plain(one["effect"]) for one in diagnosis["findings"])
-    odd = ", ".join(one["name"] for one in content["rejected"])
+    effects = ", ".join(words.plain(entry["effect"]) for entry in diagnosis["findings"])
+    odd = ", ".join(entry["name"] for entry in content["rejected"])
     return (name, diagnosis["verdict"], str(len(content["deployments"])), odd, _iron_between(content), effects)

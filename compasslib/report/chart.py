@@ -18,7 +18,7 @@ STEPS = (1.0, 2.0, 5.0, 10.0)
 ARROW = 44.0  # length of the largest mean current
 LETTER, LINE = 6.6, 12.0  # size of a letter of a label
 DOT, ALONG = 4.0, (0.4, 0.7, 1.0)  # half the room of a point; where along a line there is one
-BESIDE = ((7.0, 4.0, "start"), (-7.0, 4.0, "end"), (0.0, -8.0, "middle"), (0.0, 17.0, "middle"))
+LABEL_OFFSETS = ((7.0, 4.0, "start"), (-7.0, 4.0, "end"), (0.0, -8.0, "middle"), (0.0, 17.0, "middle"))
 ANCHORS = {"start": 0.0, "end": 1.0, "middle": 0.5}
 Box = tuple[float, float, float, float]
 
@@ -74,9 +74,9 @@ def chart(stations: Sequence[Station]) -> Chart | None:
     if not stations:
         return None
     left, right, top, bottom = MARGIN
-    middle = float(angles.mean([one.longitude for one in stations]))
-    east = [float(angles.difference(one.longitude, middle)) for one in stations]
-    north = [one.latitude for one in stations]
+    middle = float(angles.mean([item.longitude for item in stations]))
+    east = [float(angles.difference(item.longitude, middle)) for item in stations]
+    north = [item.latitude for item in stations]
     shrink = max(float(angles.sin_cos((min(north) + max(north)) / 2.0)[1]), 0.05)
     wide, high = (max(max(x) - min(x), LEAST_DEG) * 1.5 for x in (east, north))
     scale = min((WIDTH - left - right) / (wide * shrink), (HEIGHT - top - bottom) / high)
@@ -91,7 +91,7 @@ def chart(stations: Sequence[Station]) -> Chart | None:
 
     fastest = max((abs(x) for s in stations for x in _means(s)), default=0.0)
     unit = _below(100.0 * fastest) if fastest else 0.0  # cm/s
-    marks = [_mark(one, (x_of(x), y_of(one.latitude)), fastest) for one, x in zip(stations, east, strict=True)]
+    marks = [_mark(item, (x_of(x), y_of(item.latitude)), fastest) for item, x in zip(stations, east, strict=True)]
     half = (box[2] / (2.0 * shrink * scale), box[3] / (2.0 * scale))
     across = _ticks(centre[0] + middle, half[0], lambda d: x_of(d - middle), ("E", "W"))
     up = _ticks(centre[1], half[1], y_of, ("N", "S"))
@@ -141,20 +141,20 @@ def _ticks(
 def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
     """Give each mooring its name where it lies over no other name, no point, no line and no edge; else none."""
     marks = list(marks)
-    points = [(one.x, one.y) for one in marks]
+    points = [(item.x, item.y) for item in marks]
     points += [
-        (one.x + share * (x - one.x), one.y + share * (y - one.y))
-        for one in marks
-        for _, x, y in one.tips
+        (item.x + share * (x - item.x), item.y + share * (y - item.y))
+        for item in marks
+        for _, x, y in item.tips
         for share in ALONG
     ]
     taken = [(x - DOT, y - DOT, x + DOT, y + DOT) for x, y in points]
     result = []
-    for one in marks:
-        places = [Label(one.x + dx, one.y + dy, one.station.name, anchor) for dx, dy, anchor in BESIDE]
+    for item in marks:
+        places = [Label(item.x + dx, item.y + dy, item.station.name, anchor) for dx, dy, anchor in LABEL_OFFSETS]
         free = [each for each in places if _inside(_around(each), box) and not _hits(_around(each), taken)]
         taken += [_around(free[0])] if free else []
-        result.append(Mark(one.x, one.y, one.station, one.tips, free[0] if free else None))
+        result.append(Mark(item.x, item.y, item.station, item.tips, free[0] if free else None))
     return result
 
 

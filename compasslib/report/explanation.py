@@ -28,19 +28,19 @@ CLAUSES = {
 
 
 def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[ReportedFinding, ...]:
-    """Return what was found, strongest first, and what stays unexplained after it.
+    """Word the findings, strongest first, and after them what stays unexplained.
 
     Args:
         diagnosis: content of diagnosis.json.
         product: whether there is a corrected record that a finding may have entered.
     """
-    texts = [_report_finding(one, product) for one in diagnosis["findings"]]
+    texts = [_report_finding(entry, product) for entry in diagnosis["findings"]]
     left = diagnosis["unexplained"]
     return (*texts, _report_unexplained(left)) if left else tuple(texts)
 
 
 def candidate_names(finding: Mapping[str, Any]) -> list[str]:
-    """Return what may fill a finding's place, the best first: physics, and in brackets its name and probability."""
+    """Name the candidates of a finding, the best first: physics, and in brackets its name and probability."""
     chances = {finding["effect"]: finding.get("probability"), **(finding.get("alternatives_probability") or {})}
     if composed := finding.get("composition"):
         chances = {f"{COMPOSED}{'/'.join(composed.values())}": chances.pop(finding["effect"]), **chances}
@@ -63,12 +63,14 @@ def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     """
     decide = [part for part in (diagnosis["separated_by"] or "").split("; ") if part]
     texts = [f"What would decide: {words.sentence(words.plain(part))}" for part in decide]
-    chances = [f"{one['what']}: {words.percent(one['probability'])}" for one in diagnosis.get("experiments") or []]
+    chances = [
+        f"{entry['what']}: {words.percent(entry['probability'])}" for entry in diagnosis.get("experiments") or []
+    ]
     texts += [f"Probability that a further observation leaves one effect: {words.listed(chances)}."] if chances else []
     texts += [words.sentence(diagnosis.get("why", ""))] * (diagnosis["verdict"] != "insufficient")
     texts += _slow_water(diagnosis.get("noise") or {})
     texts += _not_testable(diagnosis)
-    small = [_negligible_effect(one) for one in diagnosis.get("negligible", [])]
+    small = [_negligible_effect(entry) for entry in diagnosis.get("negligible", [])]
     texts += [f"Negligible: {words.listed(small)}."] if small else []
     return tuple(filter(None, texts))
 
@@ -89,12 +91,12 @@ def _slow_water(noise: Mapping[str, Mapping[str, float]]) -> list[str]:
 def _not_testable(diagnosis: Mapping[str, Any]) -> list[str]:
     """Return a sentence for each reason; an effect of several forms may have been tried in one and not in another."""
     reasons: dict[str, dict[str, None]] = {}
-    for one in diagnosis["not_testable"]:
-        reasons.setdefault(one["effect"], {})[words.sentence(one["why"])] = None
-    tried = {one["effect"] for one in diagnosis.get("hypotheses") or []}
+    for entry in diagnosis["not_testable"]:
+        reasons.setdefault(entry["effect"], {})[words.sentence(entry["why"])] = None
+    tested = {entry["effect"] for entry in diagnosis.get("hypotheses") or []}
     closed: dict[tuple[bool, str], list[str]] = {}
     for effect, whys in reasons.items():
-        closed.setdefault((effect in tried, " ".join(whys)), []).append(words.plain(effect))
+        closed.setdefault((effect in tested, " ".join(whys)), []).append(words.plain(effect))
     return [
         f"{'Testable only in part' if partly else 'Not testable'}: {words.listed(effects)}. {why}"
         for (partly, why), effects in closed.items()
@@ -107,48 +109,48 @@ def hypotheses_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    tried = diagnosis.get("hypotheses") or []
+    tested = diagnosis.get("hypotheses") or []
     rows = tuple(
         (
-            words.plain(one["effect"]),
-            words.number(one["score"]),
-            f"{words.degrees(one['rms_effect_deg'], 2)} rms",
-            words.number(one["probability"], 2),
+            words.plain(entry["effect"]),
+            words.number(entry["score"]),
+            f"{words.degrees(entry['rms_effect_deg'], 2)} rms",
+            words.number(entry["probability"], 2),
         )
-        for one in tried
+        for entry in tested
     )
     caption = "Each effect tried alone: log likelihood ratio with size and date integrated out, posterior probability"
     return (ReportTable(caption, ("", "Log evidence", "Size", "Probability"), rows),) if rows else ()
 
 
-def _negligible_effect(one: Mapping[str, Any]) -> str:
-    return f"{words.plain(one['effect'])} ({words.degrees(one['rms_effect_deg'])} rms)"
+def _negligible_effect(entry: Mapping[str, Any]) -> str:
+    return f"{words.plain(entry['effect'])} ({words.degrees(entry['rms_effect_deg'])} rms)"
 
 
-def _report_finding(one: Mapping[str, Any], product: bool) -> ReportedFinding:
+def _report_finding(entry: Mapping[str, Any], product: bool) -> ReportedFinding:
     facts = [
-        ("Side", SIDES.get(one["side"], one["side"])),
-        *([("Probability", words.chance(one["probability"]))] if "probability" in one else []),
-        ("Could also be", "; ".join(candidate_names(one)[1:]) or "nothing else of the catalogue"),
-        *_where_and_when(one),
-        *([("Formula", effect_formula(**one["composition"]))] if one.get("composition") else []),
-        *([("Residual on held-out days", _held_out(one["heldout"]))] if one["heldout"] else []),
-        *([("In the product", "yes" if one["applied"] else "no")] if product else []),
+        ("Side", SIDES.get(entry["side"], entry["side"])),
+        *([("Probability", words.chance(entry["probability"]))] if "probability" in entry else []),
+        ("Could also be", "; ".join(candidate_names(entry)[1:]) or "nothing else of the catalogue"),
+        *_where_and_when(entry),
+        *([("Formula", effect_formula(**entry["composition"]))] if entry.get("composition") else []),
+        *([("Residual on held-out days", _held_out(entry["heldout"]))] if entry["heldout"] else []),
+        *([("In the product", "yes" if entry["applied"] else "no")] if product else []),
     ]
-    name = f"{COMPOSED}{'/'.join(one['composition'].values())}" if one.get("composition") else one["effect"]
+    name = f"{COMPOSED}{'/'.join(entry['composition'].values())}" if entry.get("composition") else entry["effect"]
     title = words.plain(name)
-    return ReportedFinding(title[0].upper() + title[1:], one["text"], tuple(facts), _parameters(one))
+    return ReportedFinding(title[0].upper() + title[1:], entry["text"], tuple(facts), _parameters(entry))
 
 
 def _report_unexplained(left: Mapping[str, Any]) -> ReportedFinding:
     return ReportedFinding("Unexplained", left["text"], tuple(_where_and_when(left)))
 
 
-def _where_and_when(one: Mapping[str, Any]) -> list[tuple[str, str]]:
-    where, when = one.get("where") or {}, one.get("when")
+def _where_and_when(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
+    where, when = entry.get("where") or {}, entry.get("when")
     texts = [("Where", words.sentence(where["text"]))] if where.get("text") else []
     texts += [("When", words.days(when))] if when else []
-    return [*texts, ("Size", f"{words.degrees(one['rms_effect_deg'])} rms")] if "rms_effect_deg" in one else texts
+    return [*texts, ("Size", f"{words.degrees(entry['rms_effect_deg'])} rms")] if "rms_effect_deg" in entry else texts
 
 
 def _held_out(proof: Mapping[str, Any]) -> str:
@@ -160,16 +162,16 @@ def _held_out(proof: Mapping[str, Any]) -> str:
 
 
 def _parameters(finding: Mapping[str, Any]) -> ReportTable | None:
-    fitted = {name: one for name, one in finding["parameters"].items() if one["sigma"]}
+    fitted = {name: entry for name, entry in finding["parameters"].items() if entry["sigma"]}
     known = meanings(finding["effect"])
     if not fitted:
         return None
     rows = tuple(
         (
-            known.get(name) or words.parameter(name, one["unit"]),
-            words.with_sigma(one["value"], one["sigma"], one["unit"]),
+            known.get(name) or words.parameter(name, entry["unit"]),
+            words.with_sigma(entry["value"], entry["sigma"], entry["unit"]),
         )
-        for name, one in fitted.items()
+        for name, entry in fitted.items()
     )
     return ReportTable("Parameters", ("", "Value ± 1σ"), rows)
 
@@ -181,7 +183,7 @@ MAX_NAMES = 3  # of one effect in the answer; the finding has all of them
 
 
 def summarize(results: MooringResults) -> str:
-    """Return what is probably wrong, if anything is; then share corrected, uncertainty, deviation and findings."""
+    """Summarize a mooring: what is probably wrong, if anything; share corrected, uncertainty, deviation, findings."""
     head = results.headings
     if not head.corrected:
         why = results.fit["why"] or results.diagnosis.get("why", "") or "no usable deviation model covers them"
@@ -203,7 +205,7 @@ def describe_findings(diagnosis: Mapping[str, Any]) -> str:
     Args:
         diagnosis: content of diagnosis.json.
     """
-    texts = [_join_candidates(candidate_names(one)) for one in diagnosis["findings"]]
+    texts = [_join_candidates(candidate_names(entry)) for entry in diagnosis["findings"]]
     if left := diagnosis["unexplained"]:
         texts.append(f"a mismatch of {words.degrees(left['rms_effect_deg'])} rms that is unexplained")
     if texts:
@@ -216,8 +218,8 @@ def describe_findings(diagnosis: Mapping[str, Any]) -> str:
 
 
 def _join_candidates(names: list[str]) -> str:
-    rest = len(names) - MAX_NAMES
-    return " or ".join([*names[:MAX_NAMES], *([f"one of {rest} others"] if rest > 1 else names[MAX_NAMES:])])
+    remaining = len(names) - MAX_NAMES
+    return " or ".join([*names[:MAX_NAMES], *([f"one of {remaining} others"] if remaining > 1 else names[MAX_NAMES:])])
 
 
 def describe_agreement(assessment: Mapping[str, Any]) -> str:
@@ -229,7 +231,7 @@ def describe_agreement(assessment: Mapping[str, Any]) -> str:
     before, after = assessment["before"], assessment["after"]
     if not before["n"]:
         return ""
-    rms = [words.with_sigma(one["rms_deg"], one["rms_deg_sigma"], "°") for one in (before, after) if one["n"]]
+    rms = [words.with_sigma(entry["rms_deg"], entry["rms_deg_sigma"], "°") for entry in (before, after) if entry["n"]]
     then = f", {rms[1]} rms after" if after["n"] else "; none of them could be corrected"
     return (
         f"Direction of the current minus the reference's, on {words.plural(before['n'], 'pair')} held out from the "
@@ -239,8 +241,8 @@ def describe_agreement(assessment: Mapping[str, Any]) -> str:
 
 
 def list_actions(results: MooringResults) -> tuple[str, ...]:
-    """Return what is left to the reader, in sentences."""
-    head, warnings = results.headings, [one for one in results.row["warnings"].split(" | ") if one]
+    """List what is left to the reader, in sentences."""
+    head, warnings = results.headings, [entry for entry in results.row["warnings"].split(" | ") if entry]
     texts = [*_heading_actions(head)]
     decide = words.listed([words.plain(part) for part in (results.diagnosis["separated_by"] or "").split("; ") if part])
     texts += [f"To settle which effect it is: {decide.rstrip('.')}."] if decide else []
@@ -261,7 +263,7 @@ def _heading_actions(head: HeadingSummary) -> list[str]:
 
 
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
-    """Return what the figure of a diagnosis shows.
+    """Caption the figure of a diagnosis.
 
     Args:
         diagnosis: content of diagnosis.json.
@@ -271,13 +273,13 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
         return "There is no residual to show."
     texts = ["Residual of the fit, in bins; grey: 95 % range of noise."]
     alone = " by the fit alone, and with the identified effects" * any(
-        one["before_deg"] != one["after_deg"] for one in shown
+        entry["before_deg"] != entry["after_deg"] for entry in shown
     )
-    largest = [f"{words.plain(one['covariate'])} {_largest_residual(one)}" for one in shown]
+    largest = [f"{words.plain(entry['covariate'])} {_largest_residual(entry)}" for entry in shown]
     texts += [f"Largest in a bin{alone}: along {', '.join(largest)}."]
     texts += ["Below: the residual on held-out data."] * bool(diagnosis["findings"])
-    composed = [one["composition"] for one in diagnosis["findings"] if one.get("composition")]
-    texts += [f"Composed, on {words.plain(one['acts_on'])}: {effect_formula(**one)}." for one in composed]
+    composed = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
+    texts += [f"Composed, on {words.plain(entry['acts_on'])}: {effect_formula(**entry)}." for entry in composed]
     return " ".join(texts)
 
 

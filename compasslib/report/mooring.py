@@ -30,11 +30,11 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
         site: latitude, longitude, water_depth_m, instruments (role and what it is).
         small: whether the page has too many sections for whole pictures.
     """
-    drawn = sections.collect_figures(results.folder, root, mooring_captions(results), small=small)
+    pictures = sections.collect_figures(results.folder, root, mooring_captions(results), small=small)
     if not (results.fit["n_pairs"] or results.product["coefficients"]):
-        drawn = {name: one for name, one in drawn.items() if name not in OF_PAIRS}
+        pictures = {name: entry for name, entry in pictures.items() if name not in OF_PAIRS}
     findings = explanation.report_findings(results.diagnosis, product=True)
-    beside = ("diagnosis",) if findings else ()  # else it stands with the other figures
+    extra = ("diagnosis",) if findings else ()  # else it stands with the other figures
     return ReportSection(
         name=results.name,
         anchor=f"mooring-{results.name}",
@@ -42,12 +42,12 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
         summary=summary_sentences(results),
         to_do=explanation.list_actions(results),
         facts=_facts(results, site),
-        first=tuple(drawn.pop(name) for name in CURRENTS if name in drawn),
-        found=tuple(drawn.pop(name) for name in beside if name in drawn),
+        first=tuple(pictures.pop(name) for name in CURRENTS if name in pictures),
+        finding_figures=tuple(pictures.pop(name) for name in extra if name in pictures),
         findings=findings,
-        cannot_tell=explanation.describe_limits(results.diagnosis),
+        limits=explanation.describe_limits(results.diagnosis),
         warnings=tuple(warning for warning in results.row["warnings"].split(" | ") if warning),
-        figures=tuple(drawn.values()),
+        figures=tuple(pictures.values()),
         tables=(
             *_agreement_table(results.assessment),
             *_coefficients_table(results.fit),
@@ -60,7 +60,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
 
 
 def summary_sentences(results: MooringResults) -> tuple[str, ...]:
-    """Return what comes first of one mooring: the answer, how far it is from the reference, and why not more."""
+    """Summarize a mooring: the answer, agreement with the reference, and reasons why not more."""
     first, fit = explanation.summarize(results), results.fit["why"]
     searched = results.diagnosis.get("why", "") if results.diagnosis["verdict"] == "insufficient" else ""
     reasons = [fit, "" if fit and fit in searched else searched]
@@ -73,7 +73,7 @@ def summary_sentences(results: MooringResults) -> tuple[str, ...]:
 
 
 def _water_facts(errors: Mapping[str, float] | None) -> list[tuple[str, str]]:
-    """Return how far the water at the reference's depth is expected to be from what stands for it, if that is known."""
+    """State the expected error of the water at the reference's depth, if that is known."""
     if not errors:
         return []
     mean, predicted = (f"{words.significant(100.0 * errors[name], 2)} cm/s" for name in ("mean_of_bins", "predicted"))
@@ -109,7 +109,7 @@ def _facts(results: MooringResults, site: Mapping[str, Any]) -> tuple[tuple[str,
 
 
 def count_facts(head: HeadingSummary) -> list[tuple[str, str]]:
-    """Return how many samples are corrected, doubtful and not corrected."""
+    """Count the samples that are corrected, doubtful and not corrected."""
 
     def share(n: int) -> str:
         return f"{words.percent(n / head.n if head.n else None)} ({words.plural(n, 'sample')})"
@@ -122,7 +122,7 @@ def count_facts(head: HeadingSummary) -> list[tuple[str, str]]:
 
 
 def uncertainty_facts(head: HeadingSummary) -> list[tuple[str, str]]:
-    """Return how uncertain the corrected headings are, and how far they were turned."""
+    """State the uncertainty of the corrected headings and their largest deviation."""
     return [
         ("Uncertainty of the heading (1σ)", _pair("median {}, 95th percentile {}", head.sigma_deg)),
         ("Largest deviation", words.degrees(head.largest_deviation_deg)),
@@ -145,8 +145,8 @@ def describe_method(fit: Mapping[str, Any]) -> str:
         return text
     product = words.METHODS.get(applied["method"], applied["method"])
     text += f"; the product is made by the {product}"
-    beside = words.listed([words.plain(effect) for effect in applied["accounted_for"]])
-    text += f", fitted beside {beside} (by half what is named of water or reference)" if beside else ""
+    extra = words.listed([words.plain(effect) for effect in applied["accounted_for"]])
+    text += f", fitted beside {extra} (by half what is named of water or reference)" if extra else ""
     effects = words.listed([words.plain(effect) for effect in applied["effects"]])
     return f"{text} with what was found on its side ({effects})" if effects else text
 
@@ -178,16 +178,16 @@ def _agreement_table(assessment: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     days = words.significant(assessment["held_out"]["block_days"], 2)
     caption = f"Direction of the current minus the reference's, each pair held out from the fit (blocks of {days} days)"
     header = ("", "Pairs", "Mean", "Rms", "Median absolute", "Vector correlation")
-    return (ReportTable(caption, header, tuple((name, *_agreement_cells(one)) for name, one in rows)),)
+    return (ReportTable(caption, header, tuple((name, *_agreement_cells(entry)) for name, entry in rows)),)
 
 
-def _agreement_cells(one: Mapping[str, Any]) -> tuple[str, ...]:
-    if not one["n"]:
+def _agreement_cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
+    if not entry["n"]:
         return (words.count(0), *(words.UNKNOWN,) * 4)
-    rms = words.with_sigma(one["rms_deg"], one["rms_deg_sigma"], "°")
-    correlated = words.number(one["vector_correlation"]["magnitude"], 3)
-    mean, median = (words.degrees(one[key]) for key in ("mean_deg", "median_absolute_deg"))
-    return (words.count(one["n"]), mean, rms, median, correlated)
+    rms = words.with_sigma(entry["rms_deg"], entry["rms_deg_sigma"], "°")
+    correlated = words.number(entry["vector_correlation"]["magnitude"], 3)
+    mean, median = (words.degrees(entry[key]) for key in ("mean_deg", "median_absolute_deg"))
+    return (words.count(entry["n"]), mean, rms, median, correlated)
 
 
 def _coefficients_table(fit: Mapping[str, Any]) -> tuple[ReportTable, ...]:
@@ -215,14 +215,14 @@ def _coefficient_cells(coefficients: Mapping[str, float], covariance: Any, unit:
 def _inputs_table(inputs: Mapping[str, Mapping[str, int]]) -> tuple[ReportTable, ...]:
     """Return one table of what was read, skipped and flagged, a column an instrument; zeros stand in its caption."""
     names = dict.fromkeys(name for counts in inputs.values() for name in counts)
-    seen = [name for name in names if any(counts.get(name) for counts in inputs.values())]
+    nonzero = [name for name in names if any(counts.get(name) for counts in inputs.values())]
     if not names:
         return ()
     rows = tuple(
         (words.plain(name), *(words.count(counts[name]) if name in counts else "" for counts in inputs.values()))
-        for name in seen
+        for name in nonzero
     )
-    none = ", ".join(words.plain(name) for name in names if name not in seen)
+    none = ", ".join(words.plain(name) for name in names if name not in nonzero)
     caption = "Inputs: what was read, skipped and flagged" + (f"; none of: {none}" if none else "")
     return (ReportTable(caption, ("", *inputs), rows),)
 
@@ -289,8 +289,12 @@ def _sticks_caption(results: MooringResults) -> str:
     text = (
         f"The current at {_depth(results)}: each stick is a mean of {_averaging_period(results)}, from its date towards"
     )
-    told = f"{text} where the water goes, north up. On average {before} by the recorded heading"
-    return f"{told}, {after} by the corrected one." if after != words.UNKNOWN else f"{told}; none is corrected."
+    description = f"{text} where the water goes, north up. On average {before} by the recorded heading"
+    return (
+        f"{description}, {after} by the corrected one."
+        if after != words.UNKNOWN
+        else f"{description}; none is corrected."
+    )
 
 
 def _roses_caption(results: MooringResults) -> str:

@@ -63,9 +63,9 @@ class ReportSection:
     facts: tuple[tuple[str, str], ...]
     to_do: tuple[str, ...] = ()  # sentences: what is left to the reader
     first: tuple[Figure, ...] = ()  # what is looked for first: currents before and after
-    found: tuple[Figure, ...] = ()  # beside the findings
+    finding_figures: tuple[Figure, ...] = ()  # beside the findings
     findings: tuple[ReportedFinding, ...] = ()
-    cannot_tell: tuple[str, ...] = ()
+    limits: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = ()  # all others
     tables: tuple[ReportTable, ...] = ()
@@ -99,7 +99,7 @@ class Overview:
     @property
     def table(self) -> ReportTable:
         """Return one row each."""
-        return ReportTable(self.caption, self.header, tuple(one.cells for one in self.sections))
+        return ReportTable(self.caption, self.header, tuple(section.cells for section in self.sections))
 
 
 # Results of one mooring or calibration, as far as its section needs them.
@@ -159,7 +159,7 @@ def read_summary(table: str | Path) -> dict[str, dict[str, str]]:
 
 
 def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | None = None) -> MooringResults:
-    """Return what the files of one mooring hold.
+    """Read the files of one mooring.
 
     Args:
         roles: its instruments, see ``summary.records``.
@@ -186,7 +186,7 @@ class CalibrationResults:
 
 
 def read_calibration(name: str, root: Path) -> CalibrationResults:
-    """Return what the files of one calibration hold."""
+    """Read the files of one calibration."""
     folder = root / "calibrations" / name
     with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
         read_summary = tuple(tuple(row) for row in csv.reader(stream))[1:]

@@ -110,13 +110,13 @@ def count(value: int | None) -> str:
     return UNKNOWN if value is None else f"{value:,}".replace(",", SPACE)
 
 
-def plural(n: int, one: str, many: str | None = None) -> str:
+def plural(n: int, noun: str, many: str | None = None) -> str:
     """Return a number with its noun.
 
     Args:
         many: its plural where an s does not make it.
     """
-    return f"{count(n)}{SPACE}{one if n == 1 else many or one + 's'}"
+    return f"{count(n)}{SPACE}{noun if n == 1 else many or noun + 's'}"
 
 
 def day(stamp: str) -> str:

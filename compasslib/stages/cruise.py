@@ -113,4 +113,4 @@ def conventions(
     Raises:
         InputError: something stands against one of them.
     """
-    write_json(conventions, rules.tell([*products, *records], say))
+    write_json(conventions, rules.report_remarks([*products, *records], say))
