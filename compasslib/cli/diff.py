@@ -158,8 +158,8 @@ def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
     )
 
 
-def _file(diff: MooringRun, name: str) -> Any:
-    return getattr(diff, name)
+def _file(run: MooringRun, name: str) -> Any:
+    return getattr(run, name)
 
 
 def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
@@ -207,8 +207,8 @@ def _flag_changes(old: MooringRun, new: MooringRun) -> str:
     return f"{count.sum()} of {len(here)} ({', '.join(listed)})" if count.size else SAME
 
 
-def _corrected_share(diff: MooringRun) -> float:
-    corrected = np.isfinite(diff.series["HEADING_CORRECTED"])
+def _corrected_share(run: MooringRun) -> float:
+    corrected = np.isfinite(run.series["HEADING_CORRECTED"])
     return float(corrected.mean()) if corrected.size else 0.0
 
 
