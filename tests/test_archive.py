@@ -463,7 +463,7 @@ def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
             assert nc[name].declination_date == "2007-09-05T13:46:40Z/2007-09-08T08:06:40Z"
         assert {name for name in variables.CORRECTED if f"{name}_QC" in nc.variables} == set(variables.FLAGGED)
     with netCDF4.Dataset(write(tmp_path / "without.nc")) as nc:
-        assert {*variables.PERHAPS, "BEAM"} & {*nc.variables} == {"TEMPERATURE"} and "HEADING_TRUE" in nc.variables
+        assert {*variables.OPTIONAL, "BEAM"} & {*nc.variables} == {"TEMPERATURE"} and "HEADING_TRUE" in nc.variables
 
 
 def test_the_table_of_the_product_s_page_is_not_stale():

@@ -48,6 +48,12 @@ class Variable:
     ancillary: tuple[str, ...] = ()  # the variables that say more about each value
     fill: float | None = FILL  # None where no value can be missing
     also: Mapping[str, object] = field(default_factory=dict)
+    # Of a variable of corrected.nc:
+    content: str = "physicalMeasurement"  # ACDD's word for what it is
+    flagged: bool = True  # whether it has flags of its own
+    sensed: bool = False  # measured by the affected instrument, so that it carries its make and number
+    by_declination: bool = False  # changes with the declination, so that it carries its model and date
+    optional: bool = False  # only where it was measured
 
     def attributes(self) -> dict[str, object]:
         """Return the attributes in the order in which they are written, without empty ones."""
@@ -194,6 +200,10 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
         reference=TRUE,
         comment=comment,
         ancillary=ancillary,
+        content="qualityInformation" if uncertain else "physicalMeasurement",
+        flagged=not uncertain,
+        sensed=not uncertain,
+        by_declination=not uncertain,
     )
 
 
@@ -201,7 +211,14 @@ def _counts(name: str, what: str, standard_name: str, comment: str, *, units: st
     # The classic model of netCDF knows no unsigned byte: the high byte is nothing but zeros, and compresses away.
     unchecked = {"QC_indicator": "unknown"}
     return Variable(
-        *(name, what, units, standard_name, BEAMS, "i2"), valid=(0, 255), comment=comment, fill=ABSENT, also=unchecked
+        *(name, what, units, standard_name, BEAMS, "i2"),
+        valid=(0, 255),
+        comment=comment,
+        fill=ABSENT,
+        also=unchecked,
+        flagged=False,
+        sensed=True,
+        optional=True,
     )
 
 
@@ -214,6 +231,7 @@ _TABLE = (
         valid=(-10.0, 12000.0),
         comment=_RANGE_ONLY,
         also=_BELOW_SEA_LEVEL,
+        content="coordinate",
     ),
     Variable(
         "DEPTH",
@@ -225,6 +243,7 @@ _TABLE = (
         valid=(-1000.0, 12000.0),
         comment="Negative where a bin lies above the sea surface. " + _RANGE_ONLY,
         also=_BELOW_SEA_LEVEL,
+        content="coordinate",
     ),
     Variable(
         "HEADING",
@@ -233,6 +252,7 @@ _TABLE = (
         valid=(0.0, 360.0),
         reference=MAGNETIC,
         comment="Clockwise; without declination and without any correction.",
+        sensed=True,
     ),
     Variable(
         "HEADING_CORRECTED",
@@ -249,6 +269,7 @@ _TABLE = (
         "degree",
         valid=(0.0, 180.0),
         comment=_STANDARD_DEVIATION,
+        content="qualityInformation",
     ),
     Variable(
         "DEVIATION",
@@ -256,6 +277,7 @@ _TABLE = (
         "degree",
         valid=(-180.0, 180.0),
         comment="Positive where the compass reads too little.",
+        content="modelResult",
     ),
     Variable(
         "BRANCH_PROBABILITY",
@@ -263,6 +285,8 @@ _TABLE = (
         "1",
         valid=(0.0, 1.0),
         comment="1 where one heading alone gives the recorded one.",
+        content="qualityInformation",
+        flagged=False,
     ),
     Variable(
         "DECLINATION",
@@ -271,6 +295,8 @@ _TABLE = (
         valid=(-180.0, 180.0),
         reference=TRUE,
         comment="East positive; from a model of the earth's field or from metadata, not measured.",
+        content="modelResult",
+        by_declination=True,
     ),
     _current("UCUR", "by the corrected heading", _CORRECTED, ("UCUR_UNCERTAINTY", *_BY_CORRECTED)),
     _current("VCUR", "by the corrected heading", _CORRECTED, ("VCUR_UNCERTAINTY", *_BY_CORRECTED)),
@@ -287,9 +313,14 @@ _TABLE = (
         reference=TRUE,
         comment="Clockwise; HEADING_CORRECTED + DECLINATION. " + _NOT_CORRECTED,
         ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DECLINATION"),
+        by_declination=True,
     ),
-    Variable("PITCH", "pitch", "degree", PITCH, valid=(-180.0, 180.0), comment="Forward up. " + _RANGE_ONLY),
-    Variable("ROLL", "roll", "degree", ROLL, valid=(-180.0, 180.0), comment="Starboard down. " + _RANGE_ONLY),
+    Variable(
+        "PITCH", "pitch", "degree", PITCH, valid=(-180.0, 180.0), comment="Forward up. " + _RANGE_ONLY, sensed=True
+    ),
+    Variable(
+        "ROLL", "roll", "degree", ROLL, valid=(-180.0, 180.0), comment="Starboard down. " + _RANGE_ONLY, sensed=True
+    ),
     Variable(
         "TEMPERATURE",
         "temperature at the transducer",
@@ -298,6 +329,8 @@ _TABLE = (
         valid=(-5.0, 45.0),
         comment=_RANGE_ONLY,
         also={"units_metadata": "temperature: on_scale"},
+        sensed=True,
+        optional=True,
     ),
     Variable(
         "PRES",
@@ -307,6 +340,8 @@ _TABLE = (
         valid=(-10.0, 12000.0),
         comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is subtracted. "
         + _RANGE_ONLY,
+        sensed=True,
+        optional=True,
     ),
     Variable(
         "WCUR",
@@ -317,6 +352,8 @@ _TABLE = (
         "f4",
         valid=(-10.0, 10.0),
         comment="As measured; no heading changes it.",
+        sensed=True,
+        optional=True,
     ),
     Variable(
         "ERROR_VELOCITY",
@@ -327,6 +364,8 @@ _TABLE = (
         "f4",
         valid=(-10.0, 10.0),
         comment="As measured; velocities from three beams have none.",
+        sensed=True,
+        optional=True,
     ),
     _counts(
         "ECHO_INTENSITY",
@@ -349,21 +388,10 @@ _TABLE = (
         units="percent",
     ),
 )
-# ACDD's word for what a variable is; all others are physicalMeasurement.
-_CONTENT = {
-    "INSTRUMENT_DEPTH": "coordinate",
-    "DEPTH": "coordinate",
-    "HEADING_CORRECTED_UNCERTAINTY": "qualityInformation",
-    "BRANCH_PROBABILITY": "qualityInformation",
-    "UCUR_UNCERTAINTY": "qualityInformation",
-    "VCUR_UNCERTAINTY": "qualityInformation",
-    "DEVIATION": "modelResult",
-    "DECLINATION": "modelResult",
-}
 CORRECTED = {
     variable.name: replace(
         variable,
-        also={**variable.also, "coverage_content_type": _CONTENT.get(variable.name, "physicalMeasurement")},
+        also={**variable.also, "coverage_content_type": variable.content},
     )
     for variable in _TABLE
 }
@@ -373,14 +401,10 @@ COORDINATES = {SERIES: "TIME LATITUDE LONGITUDE INSTRUMENT_DEPTH", BINS: _OF_BIN
 PROFILES = dict(
     zip(PROFILE_KEYS, ("WCUR", "ERROR_VELOCITY", "ECHO_INTENSITY", "CORRELATION", "PERCENT_GOOD"), strict=True)
 )
-PERHAPS = ("TEMPERATURE", "PRES", *PROFILES.values())  # only where they were measured
-_UNFLAGGED = ("BRANCH_PROBABILITY", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY")
-FLAGGED = tuple(
-    name for name, entry in CORRECTED.items() if name not in _UNFLAGGED and "QC_indicator" not in entry.also
-)
-BY_DECLINATION = ("DECLINATION", "HEADING_TRUE", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED")
-# What the affected instrument measures, and what therefore carries its make and number.
-SENSED = ("HEADING", "PITCH", "ROLL", "UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED", *PERHAPS)
+OPTIONAL = tuple(name for name, entry in CORRECTED.items() if entry.optional)
+FLAGGED = tuple(name for name, entry in CORRECTED.items() if entry.flagged)
+BY_DECLINATION = tuple(name for name, entry in CORRECTED.items() if entry.by_declination)
+SENSED = tuple(name for name, entry in CORRECTED.items() if entry.sensed)
 
 
 def profile_variable(name: str, kind: str, beams: bool) -> Variable:
@@ -406,7 +430,7 @@ COORDINATE_VARIABLES = (TIME, BIN, BEAM, LATITUDE, LONGITUDE, STATION)
 
 def format_table() -> str:
     """Return the variables as Markdown, a row each."""
-    rows = [*map(_row, COORDINATE_VARIABLES), *(_row(entry, entry.name in FLAGGED) for entry in CORRECTED.values())]
+    rows = [*map(_row, COORDINATE_VARIABLES), *(_row(entry, entry.flagged) for entry in CORRECTED.values())]
     return "\n".join([*TABLE_HEAD, *rows, ""])
 
 
@@ -414,7 +438,7 @@ def _row(variable: Variable, flagged: bool = False) -> str:
     said = [f"{variable.long_name}.", variable.comment]
     said += [f"From {variable.reference}." if variable.reference in (TRUE, MAGNETIC) else ""]
     said += [f"`{variable.standard_name}`." if variable.standard_name else ""]
-    said += ["*Flagged.*" if flagged else "", "*If measured.*" if variable.name in PERHAPS else ""]
+    said += ["*Flagged.*" if flagged else "", "*If measured.*" if variable.optional else ""]
     what, dimensions = " ".join(filter(None, said)), ", ".join(variable.dimensions) or "-"
     return f"| `{variable.name}` | {dimensions} | {variable.units or '-'} | {what} |"
 
