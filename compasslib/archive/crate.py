@@ -69,16 +69,12 @@ def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, R
         file = waiting.pop()
         name = made_by.get(file)
         if name is None and (file[0] in wanted or file[0].startswith(f"{FOLDER}/")):
-            _refuse_foreign(file[0])
-        elif name is not None and name not in traced:
+            expected, advice = "the file that its job wrote", "move it away, and the next run makes it anew"
+            raise InputError(file[0], expected=expected, found="another, or no record of it", advice=advice)
+        if name is not None and name not in traced:
             traced.add(name)
             waiting += known[name]["read"].items()
     return {name: known[name] for name in sorted(traced)}
-
-
-def _refuse_foreign(path: str) -> None:
-    expected, advice = "the file that its job wrote", "move it away, and the next run makes it anew"
-    raise InputError(path, expected=expected, found="another, or no record of it", advice=advice)
 
 
 def crate(
@@ -102,7 +98,8 @@ def crate(
     actions += failed
     parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
     tools = list(_surroundings())
-    software = [_software(maker, tools) for maker in sorted(_makers(jobs, failed))]
+    makers = {record["software"] for record in jobs.values()} | ({provenance.software()} if failed else set())
+    software = [_software(maker, tools) for maker in sorted(makers)]
     about = [*_descriptors(), _root(attributes) | parts, *_people(attributes)]
     return {"@context": CONTEXT, "@graph": [*about, *software, *tools, *actions, *data]}
 
@@ -274,10 +271,6 @@ def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]]) 
         "error": why,
         "object": _refs(configuration[subject]),
     }
-
-
-def _makers(jobs: Mapping[str, Record], failed: Sequence[Entity]) -> set[str]:
-    return {record["software"] for record in jobs.values()} | ({provenance.software()} if failed else set())
 
 
 def _file(path: str, known: str) -> Entity:

@@ -44,6 +44,8 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
     fit, verdict, diagnosis = (read_json(folder / file) for file in files)
     heading, deviation = read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
     corrected = np.isfinite(heading)
+    paths = record_paths(folder, roles)
+    of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
     return {
         "name": name,
         "method": fit["method"],
@@ -55,9 +57,7 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
         "folded": fit["folded"],
         "verdict": diagnosis["verdict"],
         "effects": " ".join(finding["effect"] for finding in diagnosis["findings"]),
-        "warnings": " | ".join(
-            [*_warnings(folder, roles, fit, diagnosis, verdict), *_record_warnings(record_paths(folder, roles))]
-        ),
+        "warnings": " | ".join([*_warnings(folder, roles, fit, diagnosis, verdict), *of_records]),
     }
 
 
@@ -108,10 +108,6 @@ def _warnings(
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
     first = [*refuted, *reasons, *diagnosis.get("warnings", ()), *_unexplained(diagnosis), *pairs]
     return [*first, *fit["warnings"], *field["warnings"]]
-
-
-def _record_warnings(paths: Iterable[Path]) -> list[str]:
-    return [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
 
 
 def _unexplained(diagnosis: Mapping[str, Any]) -> list[str]:

@@ -183,7 +183,9 @@ def _difference(root: Path, path: str, listed: str) -> str:
     place = root / path
     if not place.is_file():
         return f"missing: {path}"
-    if path.startswith(f"{crate.FOLDER}/") and any((root / part).is_symlink() for part in (path, *_folders(path))):
+    if path.startswith(f"{crate.FOLDER}/") and any(
+        (root / part).is_symlink() for part in (path, *map(str, PurePosixPath(path).parents[:-1]))
+    ):
         return f"changed: {path} (a link, or in a folder that is one)"
     entries = provenance.sha256(place)
     return "" if entries == listed else f"changed: {path} (sha256 {entries[:12]}, listed {listed[:12]})"
@@ -205,7 +207,3 @@ def _owner(file: str) -> str:
     """Return the folder of the mooring, calibration or compass, or of the cruise, that a file belongs to."""
     parts = PurePosixPath(file).parts[:-1]
     return "/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses") else 2])
-
-
-def _folders(path: str) -> list[str]:
-    return [str(folder) for folder in PurePosixPath(path).parents[:-1]]

@@ -66,7 +66,7 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
     beta, delta = curves.observed(pairs, curve, begin)
     handles = _deviation_handles(pairs, fit, curve)
     with page(path, 4.0 + 0.16 * len(handles)) as figure:
-        panels = _three(figure)
+        panels = list(figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values())  # a wide one above two narrow ones
         _deviation_axes(panels, (beta, delta), curve, begin)
         if not (len(pairs) or curve):
             for axes in panels:
@@ -80,11 +80,6 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
         legend(figure, handles, columns=1)
 
 
-def _three(figure: Figure) -> list[Axes]:
-    """Return a wide panel above two narrow ones."""
-    return list(figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values())
-
-
 def _deviation_axes(
     panels: Sequence[Axes], points: tuple[Floats, Floats], curve: DeviationByHeading | None, begin: float
 ) -> None:
@@ -96,10 +91,6 @@ def _deviation_axes(
         degrees(axes.xaxis, x)
     for axes, y in zip(panels, (span_of(delta, line[0]), recorded, heading), strict=True):
         degrees(axes.yaxis, y, as_is=axes is panels[0])
-    _name_panels(panels)
-
-
-def _name_panels(panels: Sequence[Axes]) -> None:
     panels[0].set(xlabel="Correct heading β (°)", ylabel=DEVIATES)
     panels[1].set(xlabel=CORRECT, ylabel=RECORDS)
     panels[2].set(xlabel=RECORDS, ylabel=CORRECT)

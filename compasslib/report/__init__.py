@@ -28,7 +28,6 @@ from compasslib.inference.wording import VERDICTS
 from compasslib.report import calibration, chart, mooring, words
 from compasslib.report.sections import (
     MAX_SECTIONS,
-    MooringResults,
     Overview,
     ReportSection,
     read_calibration,
@@ -99,7 +98,9 @@ def gather(
             continue
         results = read_mooring(name, root, rows[name], site["roles"])
         sections.append(mooring.mooring_section(results, root, site, small=small))
-        stations.append(_station(results, site))
+        place = site["latitude"], site["longitude"]
+        corrected = results.headings.corrected > 0
+        stations.append(chart.Station(name, *place, corrected, *results.currents.mean))
     others = [calibration.calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
     sections = [*_stopped("mooring", stopped["moorings"], mooring.HEADER), *sections]
     others = [*_stopped("calibration", stopped["calibrations"], calibration.HEADER), *others]
@@ -144,9 +145,3 @@ def log_line(path: str | Path, report: Report) -> str:
 
 def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> list[ReportSection]:
     return [stopped_section(part, name, why, header) for name, why in reasons.items()]
-
-
-def _station(results: MooringResults, site: Mapping[str, Any]) -> chart.Station:
-    return chart.Station(
-        results.name, site["latitude"], site["longitude"], results.headings.corrected > 0, *results.currents.mean
-    )

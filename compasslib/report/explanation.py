@@ -36,7 +36,9 @@ def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[Rep
     """
     texts = [_report_finding(entry, product) for entry in diagnosis["findings"]]
     left = diagnosis["unexplained"]
-    return (*texts, _report_unexplained(left)) if left else tuple(texts)
+    return (
+        (*texts, ReportedFinding("Unexplained", left["text"], tuple(_where_and_when(left)))) if left else tuple(texts)
+    )
 
 
 def candidate_names(finding: Mapping[str, Any]) -> list[str]:
@@ -70,7 +72,10 @@ def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     texts += [words.sentence(diagnosis.get("why", ""))] * (diagnosis["verdict"] != "insufficient")
     texts += _slow_water(diagnosis.get("noise") or {})
     texts += _not_testable(diagnosis)
-    small = [_negligible_effect(entry) for entry in diagnosis.get("negligible", [])]
+    small = [
+        f"{words.plain(entry['effect'])} ({words.degrees(entry['rms_effect_deg'])} rms)"
+        for entry in diagnosis.get("negligible", [])
+    ]
     texts += [f"Negligible: {words.listed(small)}."] if small else []
     return tuple(filter(None, texts))
 
@@ -123,10 +128,6 @@ def hypotheses_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     return (ReportTable(caption, ("", "Log evidence", "Size", "Probability"), rows),) if rows else ()
 
 
-def _negligible_effect(entry: Mapping[str, Any]) -> str:
-    return f"{words.plain(entry['effect'])} ({words.degrees(entry['rms_effect_deg'])} rms)"
-
-
 def _report_finding(entry: Mapping[str, Any], product: bool) -> ReportedFinding:
     facts = [
         ("Side", SIDES.get(entry["side"], entry["side"])),
@@ -140,10 +141,6 @@ def _report_finding(entry: Mapping[str, Any], product: bool) -> ReportedFinding:
     name = f"{COMPOSED}{'/'.join(entry['composition'].values())}" if entry.get("composition") else entry["effect"]
     title = words.plain(name)
     return ReportedFinding(title[0].upper() + title[1:], entry["text"], tuple(facts), _parameters(entry))
-
-
-def _report_unexplained(left: Mapping[str, Any]) -> ReportedFinding:
-    return ReportedFinding("Unexplained", left["text"], tuple(_where_and_when(left)))
 
 
 def _where_and_when(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
