@@ -346,7 +346,7 @@ def test_a_large_fleet_has_small_pictures_of_its_currents(done, tmp_path, monkey
     one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
     (section,) = one.moorings.sections
     assert one.small and [figure.width for figure in section.first] == [files.SMALL_PIXELS] * 3
-    assert all(not figure.data and figure.href for figure in (*section.found, *section.figures))
+    assert all(not figure.data and figure.href for figure in (*section.finding_figures, *section.figures))
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
     assert any("the currents are small pictures" in " ".join(one.text.split()) for one in few.all("p"))
     assert len(many.all("h3")) == 21
