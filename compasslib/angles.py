@@ -76,7 +76,7 @@ def turn(east: ArrayLike, north: ArrayLike, by_deg: ArrayLike) -> tuple[Floats, 
 
 
 def turned_share(angle_deg: ArrayLike) -> Floats:
-    """Return how much of a vector's length a standard deviation of its direction can move, at most all of it."""
+    """Compute the share of a vector's length by which a standard deviation of its direction moves it, at most 1."""
     return np.minimum(np.deg2rad(np.asarray(angle_deg, dtype=float)), 1.0)
 
 

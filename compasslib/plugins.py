@@ -25,28 +25,30 @@ Points = dict[str, EntryPoint]
 @cache
 def declared_plugins(group: str) -> tuple[EntryPoint, ...]:
     """Return the entry points of a group, whatever their names, in the order of names."""
-    return tuple(sorted(entry_points(group=group), key=lambda one: (one.name, package_version(one))))
+    return tuple(sorted(entry_points(group=group), key=lambda point: (point.name, package_version(point))))
 
 
-def plugin_table(group: str, own: Collection[str]) -> Points:
-    """Return what other packages add to a table, by name in the order of names.
+def plugin_table(group: str, builtin: Collection[str]) -> Points:
+    """Collect the entries that other packages add to a table, by name in the order of names.
 
     Args:
-        own: names in the house's table.
+        builtin: names in the library's own table.
 
     Raises:
         InputError: a name that is taken, by the house or by another package.
     """
-    found: Points = {}
+    table: Points = {}
     for point in declared_plugins(group):
-        taken = "compasslib" if point.name in own else package_version(found[point.name]) if point.name in found else ""
+        taken = (
+            "compasslib" if point.name in builtin else package_version(table[point.name]) if point.name in table else ""
+        )
         if taken:
             expected, shown = f"a name that {taken} does not use", f"{point.name!r}"
             raise InputError(
                 f"{package_version(point)}: {group}", expected=expected, found=shown, advice="rename or remove it"
             )
-        found[point.name] = point
-    return found
+        table[point.name] = point
+    return table
 
 
 def load_plugin(point: EntryPoint) -> Any:

@@ -185,8 +185,8 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
     """
     columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
     for several in _BY_NAME:
-        if found := getattr(series, several, None):
-            columns[several] = {name: column[which] for name, column in found.items()}
+        if shown := getattr(series, several, None):
+            columns[several] = {name: column[which] for name, column in shown.items()}
     return replace(series, **columns)
 
 
@@ -198,21 +198,25 @@ def join_records(records: Sequence[Record]) -> Record:
     """
     if len(records) == 1:
         return records[0]
-    ordered = sorted(records, key=lambda one: float(np.nanmin(one.time_s, initial=np.inf)))
-    kinds = {(one.east.shape[1], one.looks_up, one.direction_reference, one.serial_number) for one in records}
+    ordered = sorted(records, key=lambda record: float(np.nanmin(record.time_s, initial=np.inf)))
+    kinds = {
+        (record.east.shape[1], record.looks_up, record.direction_reference, record.serial_number) for record in records
+    }
     if len(kinds) != 1:
-        found = " and ".join(f"{bins} bins looking {'up' if up else 'down'}" for bins, up, *_ in sorted(kinds))
+        shown = " and ".join(f"{bins} bins looking {'up' if up else 'down'}" for bins, up, *_ in sorted(kinds))
         advice = "give each recording as an instrument of its own"
-        raise InputError("files", expected="parts of one recording", found=found or "none", advice=advice)
+        raise InputError("files", expected="parts of one recording", found=shown or "none", advice=advice)
     columns = {name: column for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)}
-    together: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in ordered]) for name in columns}
+    together: dict[str, Any] = {name: np.concatenate([getattr(record, name) for record in ordered]) for name in columns}
     for several in _BY_NAME:
-        each = [getattr(one, several) for one in ordered]
-        shapes = {name: {one[name].shape[1:] if name in one else None for one in each} for name in sorted(each[0])}
-        alike = [name for name, found in shapes.items() if len(found) == 1]
-        together[several] = {name: np.concatenate([one[name] for one in each]) for name in alike}
-    counts = {key: sum(one.counts.get(key, 0) for one in ordered) for key in ordered[0].counts}
-    warnings = tuple(dict.fromkeys(line for one in ordered for line in one.warnings))
+        each = [getattr(record, several) for record in ordered]
+        shapes = {
+            name: {record[name].shape[1:] if name in record else None for record in each} for name in sorted(each[0])
+        }
+        alike = [name for name, shown in shapes.items() if len(shown) == 1]
+        together[several] = {name: np.concatenate([record[name] for record in each]) for name in alike}
+    counts = {key: sum(record.counts.get(key, 0) for record in ordered) for key in ordered[0].counts}
+    warnings = tuple(dict.fromkeys(line for record in ordered for line in record.warnings))
     return replace(ordered[0], **together, counts=counts, warnings=warnings)
 
 

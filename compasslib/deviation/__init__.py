@@ -65,8 +65,8 @@ def fit_deviation(
         near: a fit of the same method to much the same pairs, to start from.
         dip_ratio: Z/H of the earth's field where tilt is to be in the model (``exact`` only); 0 for a level one.
     """
-    found = METHODS[method](pairs, near)
-    return fit_tilt(pairs, found, dip_ratio) if dip_ratio and found.fitted else found
+    result = METHODS[method](pairs, near)
+    return fit_tilt(pairs, result, dip_ratio) if dip_ratio and result.fitted else result
 
 
 def correctable_fraction(fit: DeviationFit, record: Record) -> float:
@@ -143,7 +143,7 @@ def deviation_json(fit: DeviationFit, record: Record) -> dict[str, Any]:
 
 
 def describe_fit(name: str, fit: DeviationFit) -> str:
-    """Return what the job says of its result."""
+    """Describe the fit in a log line, with its warnings."""
     if not fit.fitted:
         return f"{name}: no deviation fitted: {fit.why}"
     unit = " degrees" if fit.method == "von_appen" else ""

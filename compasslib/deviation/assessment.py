@@ -66,16 +66,16 @@ def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
     heading = np.full(len(pairs), np.nan)
     block = _blocks(pairs.time_s) % FOLDS
     for fold in range(FOLDS):
-        left_out, kept = block == fold, take(pairs, block != fold)
-        again = fit_deviation(fit.method, kept, near=fit, dip_ratio=fit.dip_ratio)
-        decision = correct_headings(readings_at_pairs(pairs), again, kept)
+        left_out, training = block == fold, take(pairs, block != fold)
+        again = fit_deviation(fit.method, training, near=fit, dip_ratio=fit.dip_ratio)
+        decision = correct_headings(readings_at_pairs(pairs), again, training)
         heading[left_out] = decision.heading_deg[left_out]
     return heading
 
 
 @single_threaded()
 def compare_forms(pairs: Pairs, fit: DeviationFit) -> dict[str, Any] | None:
-    """Return how well each form of the curve predicts pairs that it has not seen, against the exact compass.
+    """Cross-validate each form of the curve against the exact compass on held-out pairs.
 
     None where another method was fitted or the pairs are too few.
 
@@ -175,13 +175,16 @@ def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
     """Say where another reading of the reference's components agrees far better, nothing where none does."""
     if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
         return ""
-    some = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
-    velocity = some.lower_east + 1j * some.lower_north
-    best, own = min(_left_by(_with_reference(some, read(velocity))) for read in READINGS), after["median_absolute_deg"]
-    if best > FAR_BETTER * own:
+    subset = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    velocity = subset.lower_east + 1j * subset.lower_north
+    best, current = (
+        min(_left_by(_with_reference(subset, read(velocity))) for read in READINGS),
+        after["median_absolute_deg"],
+    )
+    if best > FAR_BETTER * current:
         return ""
     return (
-        f"after the correction half the directions differ by {own:.0f}° or more, and by {best:.0f}° where the "
+        f"after the correction half the directions differ by {current:.0f}° or more, and by {best:.0f}° where the "
         "components of the reference are exchanged, turned by a right angle or signed otherwise, so that all "
         "headings are flagged doubtful; check its columns and signs"
     )
@@ -201,7 +204,7 @@ def _left_by(pairs: Pairs) -> float:
 
 
 def describe_assessment(name: str, verdict: dict[str, Any]) -> str:
-    """Return what the job says of its result."""
+    """Describe the assessment in a log line, with its warning."""
     before, after = verdict["before"], verdict["after"]
     if not after["n"]:
         return f"{name}: nothing to assess ({before['n']} pairs, none corrected)"
@@ -213,7 +216,7 @@ def describe_assessment(name: str, verdict: dict[str, Any]) -> str:
 
 
 def describe_forms(name: str, compared: dict[str, Any] | None) -> str:
-    """Return what the job says of its result.
+    """Describe the comparison of forms in a log line.
 
     Args:
         compared: the forms, or None.
@@ -225,7 +228,7 @@ def describe_forms(name: str, compared: dict[str, Any] | None) -> str:
 
 
 def _judged(score: dict[str, Any]) -> str:
-    """Return how a series predicts held-out pairs, beside the exact compass."""
+    """Describe how a series predicts held-out pairs relative to the exact compass."""
     difference, sigma = score["minus_exact"], score["minus_exact_sigma"]
     how = "as well as" if abs(difference) < SURE_SIGMAS * sigma else "worse than" if difference < 0.0 else "better than"
     return f"{how} the exact compass ({difference:+.3f} ± {sigma:.3f})"
@@ -361,9 +364,9 @@ def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
         if known.sum() < MIN_PAIRS:
             return None
         n = effective_sample_size(residual[known], pairs.time_s[known])
-        own = float(np.sqrt(fit.covariance[0, 0])) / angles.DEGREE
+        current = float(np.sqrt(fit.covariance[0, 0])) / angles.DEGREE
         mean = float(angles.wrap180(angles.mean(residual[known])))
-        return mean, float(np.hypot(own, angles.rms(residual[known]) / np.sqrt(n)))
+        return mean, float(np.hypot(current, angles.rms(residual[known]) / np.sqrt(n)))
     a, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
     if fit.method == "von_appen":
         return float(angles.wrap180(a)), sigma

@@ -50,7 +50,7 @@ class HeadingDecision:
 
 
 def choose_branches(
-    readings: Readings, along: CompassSeries, fit: DeviationFit, seen: NDArray[np.intp], scatter: Floats
+    readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
 ) -> HeadingDecision:
     """Return the heading at each sample of a compass that can fold.
 
@@ -58,7 +58,7 @@ def choose_branches(
         readings: what the compass recorded, n samples.
         along: the compass at each of them.
         fit: the fitted exact compass, for its noise and the headings' distribution.
-        seen: samples at which the reference overlaps, (k,).
+        overlap: samples at which the reference overlaps, (k,).
         scatter: density of its observed heading on the cells, (k, CELLS).
     """
     roots = along.roots()
@@ -68,7 +68,7 @@ def choose_branches(
     impossible = (
         evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY
     )  # its heading is that of the hours around, and no more
-    evidence[seen] *= scatter**SHARED_NOISE
+    evidence[overlap] *= scatter**SHARED_NOISE
     moves = _water_turns(readings.time_s, readings.water)
     posterior = forward_backward(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
     decision = _chosen(posterior, roots, readings.heading_deg)
@@ -97,9 +97,9 @@ def shows_branch(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
         roots_deg: correct headings of each recorded one, (n, 2), NaN where there is none.
         width_deg: scatter of the observed heading, (n,).
     """
-    one = np.isfinite(roots_deg).sum(axis=1) == 1
+    single = np.isfinite(roots_deg).sum(axis=1) == 1
     with np.errstate(invalid="ignore"):
-        return one | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= BRANCHES_APART * width_deg)
+        return single | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= BRANCHES_APART * width_deg)
 
 
 @dataclass(frozen=True)
@@ -213,13 +213,13 @@ def _water_turns(time_s: Floats, water: Complexes) -> WaterTurns:
 def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
     """Return the habit under which the record itself is likeliest, one trait after the other."""
     begin = max(0, (len(evidence) - LEARNING_SAMPLES) // 2)
-    some = evidence[begin : begin + LEARNING_SAMPLES]
-    between = slice(begin, begin + len(some) - 1)
+    middle = evidence[begin : begin + LEARNING_SAMPLES]
+    between = slice(begin, begin + len(middle) - 1)
     part = WaterTurns(moves.steps[between], moves.turn_deg[between], moves.strength[between])
 
     @cache  # often the width that came first stays, and the water's changes are asked twice
     def likelier(*habits: MotionModel) -> MotionModel:
-        masses = np.array([mass for _, mass in _forward(some, _kernels(part, habits, density))])
+        masses = np.array([mass for _, mass in _forward(middle, _kernels(part, habits, density))])
         return habits[int(np.argmax(np.log(masses).sum(axis=0)))]
 
     habit = MotionModel(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])
@@ -230,7 +230,7 @@ def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
 
 
 def _evidence(along: CompassSeries, compass_deg: float) -> Floats:
-    """Return how likely each cell makes the recorded heading, (n, CELLS); flat where nothing was recorded."""
+    """Compute the likelihood of the recorded heading for each cell, (n, CELLS); flat where nothing was recorded."""
     known = np.isfinite(along.reading_deg)
     recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
     if along.coefficients.ndim == 1:
@@ -261,9 +261,9 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDe
     mass = np.sum(posterior * first, axis=1)
     takes_first = mass >= 0.5
     close = np.abs(angles.difference(roots[:, 0], roots[:, 1])) < MERGED_DEG
-    own = posterior * ((first == takes_first[:, None]) | close[:, None])
-    centre = own @ angles.phasor(CELL_CENTRES)
-    share = own.sum(axis=1)
+    chosen = posterior * ((first == takes_first[:, None]) | close[:, None])
+    centre = chosen @ angles.phasor(CELL_CENTRES)
+    share = chosen.sum(axis=1)
     heading = angles.argument(centre)
     spread = angles.difference(CELL_CENTRES, heading[:, None])
     variance = np.sum(posterior * spread**2, axis=1)  # about the chosen heading, the other branch included

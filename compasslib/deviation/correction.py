@@ -57,8 +57,8 @@ class CorrectedPieces:
 
     def __iter__(self) -> Iterator[CorrectedRecord]:
         for begin in range(0, max(len(self.record.time_s), 1), PIECE):
-            some = slice(begin, begin + PIECE)
-            yield _turned(take(self.record, some), take(self.decision, some), self.field)
+            stretch = slice(begin, begin + PIECE)
+            yield _turned(take(self.record, stretch), take(self.decision, stretch), self.field)
 
 
 @single_threaded()
@@ -95,7 +95,7 @@ def correct_in_pieces(
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedPieces:
-    """Return what ``correct`` does of the same arguments, in pieces along time: a decade's velocities fit in memory."""
+    """Correct like ``correct``, in pieces along time: a decade's velocities fit in memory."""
     return CorrectedPieces(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
@@ -134,7 +134,7 @@ def _without_outliers(record: Record, decision: HeadingDecision, fit: DeviationF
 
 
 def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
-    """Return how many times as fast as its instrument the compass turns, (n,); 1 without a fit."""
+    """Compute |d recorded / d correct heading|, (n,); 1 without a fit."""
     if not fit.fitted:
         return np.ones(heading_deg.shape)
     slope = series_slope if fit.method == "von_appen" else compass.slope
@@ -166,7 +166,7 @@ def _turned(record: Record, decision: HeadingDecision, field: EarthField) -> Cor
 
 
 def describe_correction(name: str, product: CorrectedPieces) -> str:
-    """Return what the job says of its result."""
+    """Describe the corrected record in a log line."""
     record, decision = product.record, product.decision
     recorded, corrected = np.isfinite(record.heading_deg), np.isfinite(decision.heading_deg)
     if not corrected.any():
@@ -197,9 +197,9 @@ def correct_headings(
         decision = _published(readings.heading_deg, fit)
     else:
         at = compass_series(fit, readings) if at is None else at
-        seen, width, scatter = _overlaps(readings.time_s, fit, pairs)
-        decision = choose_branches(readings, at, fit, seen, scatter)
-        shown = int(shows_branch(at.roots()[seen], width).sum())
+        overlap, width, scatter = _overlaps(readings.time_s, fit, pairs)
+        decision = choose_branches(readings, at, fit, overlap, scatter)
+        shown = int(shows_branch(at.roots()[overlap], width).sum())
         decision = open_branches(decision, shown, len(pairs))
     if at is None:
         parameters = series_sigma(fit, decision.heading_deg)
@@ -228,7 +228,7 @@ def _left_out_by_tilt(readings: Readings) -> Floats:
 
 
 def readings_at_pairs(pairs: Pairs) -> Readings:
-    """Return what the affected compass recorded at the overlaps."""
+    """Extract the affected compass's readings at the pairs."""
     water = to_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
     return Readings(pairs.time_s, pairs.heading_deg, pairs.pitch_deg, pairs.roll_deg, water)
 
@@ -245,7 +245,7 @@ def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexe
 
 
 def record_readings(record: Record) -> Readings:
-    """Return what the affected compass recorded, headings that are flagged bad left out.
+    """Extract the affected compass's readings, headings that are flagged bad left out.
 
     Args:
         record: the affected instrument.
@@ -266,15 +266,15 @@ def _water(record: Record) -> Complexes:
 def _published(recorded_deg: Floats, fit: DeviationFit) -> HeadingDecision:
     heading = invert_series(fit.coefficients, recorded_deg)
     slope = np.maximum(np.abs(series_slope(fit.coefficients, heading)), 0.05)
-    one = np.where(np.isfinite(heading), 1.0, np.nan)
-    return HeadingDecision(heading, one * PRECISION_DEG / slope, one, np.full(heading.shape, np.nan))
+    certain = np.where(np.isfinite(heading), 1.0, np.nan)
+    return HeadingDecision(heading, certain * PRECISION_DEG / slope, certain, np.full(heading.shape, np.nan))
 
 
 def _overlaps(time_s: Floats, fit: DeviationFit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats, Floats]:
-    seen = np.searchsorted(time_s, pairs.time_s)
+    overlap = np.searchsorted(time_s, pairs.time_s)
     width = scatter_widths(fit.noise, *pair_speeds(pairs))
     chords = squared_chords(observed_heading(pairs))
-    return seen, width, scatter_density(chords, width, fit.noise.outliers)
+    return overlap, width, scatter_density(chords, width, fit.noise.outliers)
 
 
 def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floats]:

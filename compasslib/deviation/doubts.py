@@ -111,9 +111,9 @@ class Residuals:
         """(n,) where the compass cannot have recorded what it did."""
         return np.isnan(self.residual_deg)
 
-    def rms_deg(self, some: NDArray[np.intp] | Bools) -> float:
+    def rms_deg(self, selected: NDArray[np.intp] | Bools) -> float:
         """Compute the rms of some residuals; the lost ones count as directions that may be anything."""
-        return angles.rms(np.where(self.lost[some], UNIFORM_SIGMA_DEG, self.residual_deg[some]))
+        return angles.rms(np.where(self.lost[selected], UNIFORM_SIGMA_DEG, self.residual_deg[selected]))
 
 
 def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
@@ -127,26 +127,28 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
         return ()
     residual = heading_residual(fit, pairs)
     heading = observed_heading(pairs) - np.nan_to_num(residual)
-    seen = Residuals(residual, fit.noise.width_deg(*pair_speeds(pairs)), heading)
-    windows = _described(pairs.time_s, seen)
+    residuals = Residuals(residual, fit.noise.width_deg(*pair_speeds(pairs)), heading)
+    windows = _described(pairs.time_s, residuals)
     far = _far_windows(windows)
     usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
-    return (*_by_index(pairs.time_s, seen), *_doubts(pairs, windows, far, usual))
+    return (*_by_index(pairs.time_s, residuals), *_doubts(pairs, windows, far, usual))
 
 
-def _by_index(time_s: Floats, seen: Residuals) -> tuple[Doubt, ...]:
+def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
     """Doubt a record of which every k-th sample, or one hour of the day, differs most from the others."""
     step_s = float(np.median(np.diff(time_s)))
     index = np.rint(time_s / step_s).astype(int)
     worst, why = 0.0, ""
     for period, k in INDICES:
-        some = index % period == k
-        if min(some.sum(), (~some).sum()) < MIN_WINDOW_PAIRS:
+        selected = index % period == k
+        if min(selected.sum(), (~selected).sum()) < MIN_WINDOW_PAIRS:
             continue
-        (turn, error, scatter), (others, _, usual) = (_turn_and_scatter(part, seen) for part in (some, ~some))
+        (turn, error, scatter), (others, _, usual) = (
+            _turn_and_scatter(part, residuals) for part in (selected, ~selected)
+        )
         turn = abs(float(angles.difference(turn, others)))
-        rms, rest = (seen.rms_deg(part) for part in (some, ~some))
-        excess = float(np.sqrt(max(rms**2 - rest**2, 0.0)))
+        rms, usual_rms = (residuals.rms_deg(part) for part in (selected, ~selected))
+        excess = float(np.sqrt(max(rms**2 - usual_rms**2, 0.0)))
         turned = turn > max(INDEX_TURN_DEG, INDEX_TURN_SIGMAS * error)
         scattered = scatter - usual > INDEX_LOG_SCATTER and excess > INDEX_RMS_DEG
         if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period holds the shorter one
@@ -154,29 +156,29 @@ def _by_index(time_s: Floats, seen: Residuals) -> tuple[Doubt, ...]:
             day = f"those of {k * step_s / 3600.0:02.0f}:00 UTC" if abs(period * step_s - 86400.0) < 1.0 else ""
             why = (
                 f"of the hours paired with the reference, {day or f'one in {period}'} differ by {rms:.0f}° rms and the "
-                f"others by {rest:.0f}°: two recordings may have been put together in one instrument's file, or some "
-                "samples have the time of others"
+                f"others by {usual_rms:.0f}°: two recordings may have been put together in one instrument's file, or "
+                "some samples have the time of others"
             )
     return (doubt_whole_record(min(worst, UNIFORM_SIGMA_DEG), why),) if why else ()
 
 
-def _turn_and_scatter(some: Bools, seen: Residuals) -> tuple[float, float, float]:
+def _turn_and_scatter(selected: Bools, residuals: Residuals) -> tuple[float, float, float]:
     """Compute the mean residual of some pairs, its standard error (degrees) and the log of its scatter in widths."""
-    known = some & ~seen.lost
+    known = selected & ~residuals.lost
     if known.sum() < MIN_WINDOW_PAIRS:
         return np.nan, np.nan, np.nan
-    residual, width = seen.residual_deg[known], seen.width_deg[known]
+    residual, width = residuals.residual_deg[known], residuals.width_deg[known]
     turn = float(angles.argument(np.sum(angles.phasor(residual) / width**2)))
     scatter = np.clip(angles.difference(residual, turn) / width, -CLIP, CLIP)
     size = float(np.sqrt(np.mean(scatter**2) + 1e-6))
     return turn, size / float(np.sqrt(np.sum(1.0 / width**2))), float(np.log(size))
 
 
-def _described(time_s: Floats, seen: Residuals) -> Windows:
+def _described(time_s: Floats, residuals: Residuals) -> Windows:
     parts = _cut(time_s)
-    features = [_features(some, seen) for some in parts]
-    first, last = (np.array([some[k] for some in parts]) for k in (0, -1))
-    return Windows(first, last, np.array(features), np.array([seen.rms_deg(some) for some in parts]))
+    features = [_features(selected, residuals) for selected in parts]
+    first, last = (np.array([selected[k] for selected in parts]) for k in (0, -1))
+    return Windows(first, last, np.array(features), np.array([residuals.rms_deg(selected) for selected in parts]))
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
@@ -185,14 +187,14 @@ def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
     length = max(WINDOW_S, span * MIN_WINDOW_PAIRS / len(time_s))
     number = np.floor((time_s - time_s[0]) / length).astype(int)
     cut = [np.flatnonzero(number == k) for k in range(number[-1] + 1)]
-    return [some for some in cut if len(some) >= MIN_WINDOW_PAIRS // 2]
+    return [selected for selected in cut if len(selected) >= MIN_WINDOW_PAIRS // 2]
 
 
-def _features(some: NDArray[np.intp], seen: Residuals) -> list[float]:
-    residual, lost, width, heading = seen.residual_deg, seen.lost, seen.width_deg, seen.heading_deg
-    known = some[~lost[some]]
+def _features(selected: NDArray[np.intp], residuals: Residuals) -> list[float]:
+    residual, lost, width, heading = residuals.residual_deg, residuals.lost, residuals.width_deg, residuals.heading_deg
+    known = selected[~lost[selected]]
     if len(known) < MIN_WINDOW_PAIRS // 4:
-        return [0.0, 0.0, 0.0, 0.0, float(lost[some].mean())]
+        return [0.0, 0.0, 0.0, 0.0, float(lost[selected].mean())]
     weight = 1.0 / width[known] ** 2
     turn = float(angles.argument(np.sum(weight * angles.phasor(residual[known]))))
     left = angles.difference(residual[known], turn)
@@ -204,7 +206,7 @@ def _features(some: NDArray[np.intp], seen: Residuals) -> list[float]:
     fitted = np.linalg.solve(normal, (design.T * weight) @ bounded)
     scatter = np.clip((left - design @ fitted) / width[known], -CLIP, CLIP)
     turn = float(angles.wrap180(turn + fitted[0]))
-    return [turn, fitted[1], fitted[2], 0.5 * float(np.log(np.mean(scatter**2) + 1e-6)), float(lost[some].mean())]
+    return [turn, fitted[1], fitted[2], 0.5 * float(np.log(np.mean(scatter**2) + 1e-6)), float(lost[selected].mean())]
 
 
 def _far_windows(windows: Windows) -> Bools:

@@ -53,7 +53,7 @@ from compasslib.types import Floats
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
-START_PAIRS, START_COUNT, START_KEPT, START_ROUNDS = 900, 5, 2, 2
+START_PAIRS, START_COUNT, START_REFINED, START_ROUNDS = 900, 5, 2, 2
 START_NOISE, START_COMPASS_DEG = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
 MAX_SOFT_IRON = 0.3  # D and E together; spheres and frames induce a few per cent
 TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # of all readings, that these begin with
@@ -86,20 +86,20 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     if prior is None or near is None:
         return _described(state, pairs, overlap)
     counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
-    believed = replace(prior, precision=counted * prior.precision)
+    external = replace(prior, precision=counted * prior.precision)
     for _ in range(ROUNDS):
-        state = _improve(state, overlap, FINE, EXACT, believed=believed)
-    return replace(_described(state, pairs, overlap, believed), prior=prior)
+        state = _improve(state, overlap, FINE, EXACT, external=external)
+    return replace(_described(state, pairs, overlap, external), prior=prior)
 
 
 def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
     """Return where a fit starts of which other records tell the compass: its A is that of the pairs' middle."""
-    bare = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
-    off = heading_residual(bare, pairs)
+    unscored = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
+    off = heading_residual(unscored, pairs)
     turned = np.where(np.isfinite(off), angles.phasor(off), 0.0).sum()
     mean = prior.mean.copy()
     mean[0] += 0.0 if prior.precision[0, 0] else np.clip(np.angle(turned), -0.5, 0.5)
-    return replace(bare, coefficients=mean, prior=prior)
+    return replace(unscored, coefficients=mean, prior=prior)
 
 
 def held_out_scores(
@@ -114,10 +114,10 @@ def held_out_scores(
     overlap, scores = _overlap(pairs), np.empty(len(pairs))
     whole = _start(overlap, form) if near is None else _at(near)
     for k in np.unique(fold):
-        left_out, seen = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
+        left_out, training = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         state = whole
         for _ in range(ROUNDS):
-            state = _improve(state, overlap.take(seen), FINE, form)
+            state = _improve(state, overlap.take(training), FINE, form)
         data = overlap.take(left_out).sample(state.noise, FINE, form)
         scores[left_out] = pair_log_likelihoods(state.parameters, data, state.prior, FINE)
     return scores
@@ -213,7 +213,7 @@ def _start(overlap: Overlap, form: CurveForm) -> OptimizerState:
     values = [-log_likelihood(start, data, prior, COARSE) for start in starts]
     states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:START_COUNT]]
     states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
-    states = sorted(states, key=lambda state: state.loss)[:START_KEPT]
+    states = sorted(states, key=lambda state: state.loss)[:START_REFINED]
     for _ in range(START_ROUNDS):
         states = [_improve(state, few, COARSE, form) for state in states]
     return min(states, key=lambda state: state.loss)
@@ -230,30 +230,30 @@ def _improve(
     form: CurveForm,
     prior_width: Floats = PRIOR_WIDTH,
     *,
-    believed: CoefficientPrior | None = None,
+    external: CoefficientPrior | None = None,
 ) -> OptimizerState:
     """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
     data = overlap.sample(state.noise, grid, form)
-    parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, believed=believed)
+    parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, external=external)
     prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
     return OptimizerState(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
 
 
 def _described(
-    state: OptimizerState, pairs: Pairs, overlap: Overlap, believed: CoefficientPrior | None = None
+    state: OptimizerState, pairs: Pairs, overlap: Overlap, external: CoefficientPrior | None = None
 ) -> DeviationFit:
     data = overlap.sample(state.noise, FINE, EXACT)
-    parameters, _ = _maximise(state.parameters, data, state.prior, FINE, believed=believed)
+    parameters, _ = _maximise(state.parameters, data, state.prior, FINE, external=external)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
     scores = pair_scores(parameters, data, state.prior, FINE)[:, :5]
-    bare = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
-    left = heading_residual(bare, pairs)
+    unscored = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
+    left = heading_residual(unscored, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
     known = np.isfinite(standard)
     effective = effective_sample_size(standard[known], pairs.time_s[known])
     return replace(
-        bare,
-        covariance=robust_covariance(scores, PRIOR_WIDTH[:5] ** -2.0, bare, pairs, effective, believed),
+        unscored,
+        covariance=robust_covariance(scores, PRIOR_WIDTH[:5] ** -2.0, unscored, pairs, effective, external),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -274,15 +274,18 @@ def _penalised(
     prior: Floats,
     grid: HeadingGrid,
     prior_width: Floats,
-    believed: CoefficientPrior | None,
+    external: CoefficientPrior | None,
 ) -> tuple[float, Floats]:
     """Return minus the log-likelihood and the priors' part, with gradient."""
     value, slopes = log_likelihood_and_gradient(parameters, data, prior, grid)
     pull = (parameters - PRIOR_CENTRE) / prior_width
     loss, slopes = -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
-    if believed is not None:
-        off = parameters[:5] - believed.mean
-        loss, slopes[:5] = loss + 0.5 * float(off @ believed.precision @ off), slopes[:5] + believed.precision @ off
+    if external is not None:
+        off = parameters[:5] - external.mean
+        loss, slopes[:5] = (
+            loss + 0.5 * float(off @ external.precision @ off),
+            slopes[:5] + external.precision @ off,
+        )
     return loss, slopes
 
 
@@ -293,15 +296,15 @@ def _maximise(
     grid: HeadingGrid,
     prior_width: Floats = PRIOR_WIDTH,
     *,
-    believed: CoefficientPrior | None = None,
+    external: CoefficientPrior | None = None,
 ) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        return _penalised(at, data, prior, grid, prior_width, believed)
+        return _penalised(at, data, prior, grid, prior_width, external)
 
     scores = pair_scores(parameters, data, prior, grid)
     curvature = scores.T @ scores + np.diag(prior_width**-2.0)
-    if believed is not None:
-        curvature[:5, :5] += believed.precision
+    if external is not None:
+        curvature[:5, :5] += external.precision
     return minimize_bfgs(loss, parameters, PARAMETER_BOUNDS, STEPS, curvature)
 
 
@@ -337,7 +340,7 @@ class ScatterData:
     lower_speed: Floats  # (n,) m/s
 
 
-def fit_scatter(seen: ScatterData, near: ScatterNoise) -> ScatterNoise:
+def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
     """Return the scatter under which the observed headings are likeliest; the compass's own noise is not in it.
 
     Args:
@@ -345,7 +348,7 @@ def fit_scatter(seen: ScatterData, near: ScatterNoise) -> ScatterNoise:
     """
 
     def loss(x: Floats) -> tuple[float, Floats]:
-        value, slope = scatter_log_likelihood(x, seen)
+        value, slope = scatter_log_likelihood(x, data)
         off = x - NOISE_PRIOR
         return 0.5 * float(off @ off) - value, off - slope
 
@@ -353,7 +356,7 @@ def fit_scatter(seen: ScatterData, near: ScatterNoise) -> ScatterNoise:
     return _scatter_noise(minimize_bfgs(loss, np.array(start), NOISE_BOUNDS, NOISE_STEPS)[0])
 
 
-def scatter_log_likelihood(x: Floats, seen: ScatterData) -> tuple[float, Floats]:
+def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]:
     """Return the log-likelihood and its gradient.
 
     With r = 1 / (1 + chord^2 / (FREEDOM width^2)) the density is r^POWER over its sum, and a relative change of the
@@ -363,15 +366,15 @@ def scatter_log_likelihood(x: Floats, seen: ScatterData) -> tuple[float, Floats]
         x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
     """
     noise = _scatter_noise(x)
-    width = scatter_widths(noise, seen.upper_speed, seen.lower_speed)
-    ratio = seen.squared_chord / (STUDENT_DOF * width[:, None] ** 2)
+    width = scatter_widths(noise, data.upper_speed, data.lower_speed)
+    ratio = data.squared_chord / (STUDENT_DOF * width[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
     density = ratio * ratio  # a power is ten times as slow
     density *= ratio
-    whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", seen.given, density)
+    whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", data.given, density)
     density *= ratio
-    by_width = 2.0 * POWER * (agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", seen.given, density))
+    by_width = 2.0 * POWER * (agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", data.given, density))
     scale = (1.0 - noise.outliers) / (CELL_DEG * whole)
     joint = scale * agreeing + noise.outliers / 360.0
     by_width *= scale / joint * (width < 360.0) / width**2  # capped at a full turn
@@ -405,7 +408,7 @@ def robust_covariance(
     fit: DeviationFit,
     pairs: Pairs,
     effective: float,
-    believed: CoefficientPrior | None = None,
+    external: CoefficientPrior | None = None,
 ) -> Floats:
     """Return the covariance that holds for autocorrelated pairs and for water that veers by direction.
 
@@ -418,12 +421,12 @@ def robust_covariance(
         scores: each pair's gradient of the log-likelihood, (n, p).
         precision: of the weak priors, (p,).
         fit: coefficients and noise of the exact compass.
-        believed: what other records tell, counted as often as the pairs repeat each other (``repeated``).
+        external: of other records, times ``pairs_per_independent``.
     """
     scores = np.clip(scores, -MAX_SCORE, MAX_SCORE)
     information = scores.T @ scores + np.diag(precision)
-    if believed is not None:
-        information[:5, :5] += believed.precision
+    if external is not None:
+        information[:5, :5] += external.precision
     along_time = _jackknife(scores, information, pairs, effective)
     inverse = np.linalg.inv(information)
     octant = _flow_octant(fit, pairs)
@@ -433,20 +436,19 @@ def robust_covariance(
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
     locked = inverse @ (scores.T @ (by_degree * _locked_veer(fit, pairs)))
     few = len(np.unique(blocks_by_span(pairs.time_s, BLOCK_S))) < MIN_BLOCKS
-    if believed is not None and not few:  # with few, the inverse holds it already
-        along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ believed.precision @ inverse[:5]
+    if external is not None and not few:  # with few, the inverse holds it already
+        along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
     shown = along_time + positive_part(across - along_time)
     return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
 
 
 def _by_degree(fit: DeviationFit, pairs: Pairs) -> Floats:
-    """Return what a degree of veer does to each pair's log-likelihood, (n,)."""
+    """Differentiate each pair's log-likelihood by a degree of veer, (n,)."""
     left = np.nan_to_num(heading_residual(fit, pairs))
     return (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * _direction_sigma(fit, pairs) ** 2 + left**2)
 
 
 def _direction_sigma(fit: DeviationFit, pairs: Pairs) -> Floats:
-    """Return the noise of each pair's direction, degrees, (n,)."""
     return fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
 
 
@@ -472,7 +474,7 @@ def _jackknife(scores: Floats, information: Floats, pairs: Pairs, effective: flo
 
 
 def independent_pairs(pairs: Pairs, effective: float) -> float:
-    """Return how many pairs count, what they are fitted with taken off."""
+    """Count the independent pairs, less the five fitted coefficients."""
     apart = MAX_PER_DAY * float(np.ptp(pairs.time_s)) / 86400.0 + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
     return max(min(effective, apart) - 5.0, 3.0)
 
@@ -490,10 +492,6 @@ def _flow_octant(fit: DeviationFit, pairs: Pairs) -> NDArray[np.intp]:
 
 
 def positive_part(matrix: Floats) -> Floats:
-    """Return the nearest matrix that can be a covariance.
-
-    Args:
-        matrix: symmetric but for rounding, (p, p).
-    """
+    """Project a symmetric matrix, (p, p), on the positive semidefinite ones."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

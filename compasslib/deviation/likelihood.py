@@ -47,7 +47,7 @@ class CurveForm(Protocol):
         """Its name in the results."""
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Return what agrees where a recorded heading came from a correct one, (k,) and (f,) degrees."""
+        """Evaluate both sides of the curve's equation, which agree at the true heading, (k,) and (f,) degrees."""
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
         """Return the derivative by the coefficients of the second side less the first, (5, 1 or k, 1 or f) degrees."""
@@ -257,7 +257,7 @@ def pair_scores(parameters: Floats, data: BinnedSample, prior: Floats, grid: Hea
 
 
 def heading_occupancy(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
-    """Return how many pairs have their correct heading in each cell, by the posterior, (CELLS,).
+    """Sum the posterior of the pairs' correct headings in each cell, (CELLS,).
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).

@@ -226,7 +226,7 @@ def transfer_coefficients(
 
 
 def _iron_ratios(home: FieldAtPlace, away: FieldAtPlace) -> tuple[float, float]:
-    """Return how hard and induced parts of B and C grow from one place to the other."""
+    """Compute the factors by which hard and induced parts of B and C change between the places."""
     by_strength = home.horizontal_nT / away.horizontal_nT
     return by_strength, by_strength * away.vertical_nT / home.vertical_nT
 

@@ -126,8 +126,8 @@ def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
     recorded = np.asarray(recorded_deg, dtype=float)
     with np.errstate(invalid="ignore"):
         unwrapped = gamma[0] + angles.wrap360(recorded - gamma[0])
-    found = np.interp(unwrapped, gamma, beta, left=np.nan, right=np.nan)
-    return np.where(np.isfinite(recorded), angles.wrap360(found), np.nan)
+    heading = np.interp(unwrapped, gamma, beta, left=np.nan, right=np.nan)
+    return np.where(np.isfinite(recorded), angles.wrap360(heading), np.nan)
 
 
 def series_sigma(fit: DeviationFit, heading_deg: ArrayLike) -> Floats:

@@ -88,39 +88,39 @@ def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFi
     at = np.append(level.coefficients, 0.0)
     value, scores = _scores(at, pairs, level, dip_ratio)
     precision = np.append(PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
-    believed, told, expected = _believed(pairs, level)
+    external, prior_precision, expected = _scaled_prior(pairs, level)
     for _ in range(MAX_STEPS):
-        pull = scores.sum(axis=0) - precision * at - told @ (at - expected)
-        step = np.linalg.solve(scores.T @ scores + np.diag(precision) + told, pull)
-        tried, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)
+        pull = scores.sum(axis=0) - precision * at - prior_precision @ (at - expected)
+        step = np.linalg.solve(scores.T @ scores + np.diag(precision) + prior_precision, pull)
+        trial, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)
         while better < value and np.abs(step).max() > 1e-4:
             step = step / 2.0
-            tried, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)
+            trial, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)
         if better < value:
             break
-        at, value, scores = tried, better, new
-    found = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
+        at, value, scores = trial, better, new
+    fitted = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
     levelled = _levelled(at, pairs, dip_ratio)
-    covariance = robust_covariance(scores, precision, found, levelled, level.n_effective, believed)
-    return replace(found, covariance=covariance)
+    covariance = robust_covariance(scores, precision, fitted, levelled, level.n_effective, external)
+    return replace(fitted, covariance=covariance)
 
 
-def _believed(pairs: Pairs, level: DeviationFit) -> tuple[CoefficientPrior | None, Floats, Floats]:
-    """Return what other records tell as often as the pairs repeat each other; its precision and mean with K, (6,)."""
-    told, expected = np.zeros((6, 6)), np.zeros(6)
+def _scaled_prior(pairs: Pairs, level: DeviationFit) -> tuple[CoefficientPrior | None, Floats, Floats]:
+    """Scale the prior to the pairs' repetition; also its precision and mean with K, (6, 6) and (6,)."""
+    prior_precision, expected = np.zeros((6, 6)), np.zeros(6)
     if level.prior is None:
-        return None, told, expected
+        return None, prior_precision, expected
     counted = pairs_per_independent(pairs, level.n_effective)
-    believed = replace(level.prior, precision=counted * level.prior.precision)
-    told[:5, :5], expected[:5] = believed.precision, believed.mean
-    return believed, told, expected
+    external = replace(level.prior, precision=counted * level.prior.precision)
+    prior_precision[:5, :5], expected[:5] = external.precision, external.mean
+    return external, prior_precision, expected
 
 
 def _scores(at: Floats, pairs: Pairs, level: DeviationFit, dip_ratio: float) -> tuple[float, Floats]:
     """Return the log-likelihood and each pair's gradient by A..E and K, (n, 6)."""
     value, scores = scores_at(at[:5], _levelled(at, pairs, dip_ratio), level)
-    tried = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
-    return value, np.einsum("nj,jkn->nk", scores, tilt_jacobian(tried, pairs.pitch_deg, pairs.roll_deg))
+    trial = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
+    return value, np.einsum("nj,jkn->nk", scores, tilt_jacobian(trial, pairs.pitch_deg, pairs.roll_deg))
 
 
 def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
@@ -182,10 +182,10 @@ def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
     """
     first = at.sigma(heading_deg)
     shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]
-    own = nearest_root(at.roots(), heading_deg)
+    likeliest = nearest_root(at.roots(), heading_deg)
     for other in at.others:
         root = nearest_root(other.roots(), heading_deg)
-        shift = angles.difference(root, own)
+        shift = angles.difference(root, likeliest)
         variances.append(np.nan_to_num(other.sigma(np.where(np.isfinite(root), root, heading_deg))) ** 2)
         weights.append(np.where(np.isfinite(shift), other.weight, 0.0))
         shifts.append(np.nan_to_num(shift))

@@ -185,6 +185,6 @@ def side_of(effect: str) -> str:
 
 
 def meanings(effect: str) -> dict[str, str]:
-    """Return what an effect's parameters are, by their names, without the details behind a comma."""
+    """Describe an effect's parameters by name, without the details behind a comma."""
     forms = [term for term in all_effects() if term.name == effect]
-    return {one.name: re.split("[,;]", one.metadata["meaning"])[0] for form in forms for one in fields(form)}
+    return {part.name: re.split("[,;]", part.metadata["meaning"])[0] for form in forms for part in fields(form)}

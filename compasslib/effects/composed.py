@@ -98,7 +98,7 @@ def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
 
 
 def _play(x: Floats, width: float) -> Floats:
-    """Return what follows a driver with a play of some width: it stays until it is pushed (backlash), (n,)."""
+    """Follow a driver with a play of some width (backlash): the output stays until it is pushed, (n,)."""
     half, result, at = width / 2.0, np.empty(len(x)), float(x[0]) if len(x) else 0.0
     for i, now in enumerate(x.tolist()):
         at = min(max(at, now - half), now + half)
@@ -178,7 +178,7 @@ FORMS: Mapping[str, Form] = {
 
 
 def effect_formula(acts_on: str, driver: str, form: str) -> str:
-    """Return what a composition adds as a formula: p its parameters, x its driver's departure from the mean."""
+    """Write a composition as a formula: p its parameters, x its driver's departure from the mean."""
     drives, text = driver.replace("_", " ").replace("*", " · "), FORMS[form].formula
     order = LOBES.get(acts_on.replace("_", ""), 0.0)
     lobe = f", times sine and cosine of {order:.0f} × reading" if order else ""
@@ -186,7 +186,7 @@ def effect_formula(acts_on: str, driver: str, form: str) -> str:
 
 
 def bump(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
-    """Return how much of what acts around one heading acts at others, (n,) 0 to 1.
+    """Evaluate a raised-cosine bump around a heading, (n,) 0 to 1.
 
     Args:
         heading_deg: (n,).
@@ -233,7 +233,7 @@ class ComposedEffect(Effect):
         return bool(FORMS[self.composition[2]].places) and self.composition[2] != "periodic"
 
     def said(self) -> tuple[str, str, str]:
-        """Return what it acts on, its driver and its form, as a diagnosis names them: of a field its larger part."""
+        """Name target, driver and form as a diagnosis does: of a field its larger part."""
         acted, driver, form = self.composition
         if acted == "field_horizontal":
             forward, starboard = np.abs(self.values).reshape(2, -1).max(axis=1)
@@ -251,17 +251,17 @@ class ComposedEffect(Effect):
         return begin, float(getattr(self, "end_s", last_s)) if self.composition[2] == "box" else last_s
 
     def amplitudes(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
-        """Return what acts along each of the parameters of what it acts on, (n, p)."""
+        """Compute the amplitude along each of the target's parameters, (n, p)."""
         series = self.series(scene, reading_deg)
         return np.einsum("nc,pc->np", series, self.values.reshape(-1, series.shape[1]))
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return what the effect makes of what it acts on."""
+        """Apply the effect to its target."""
         acted = self.composition[0]
         if acted in LOBES:
             sine, cosine = self.amplitudes(scene).T
-            own = angles.sin_cos(LOBES[acted] * x)
-            return np.asarray(x + sine * own[0] + cosine * own[1])
+            column = angles.sin_cos(LOBES[acted] * x)
+            return np.asarray(x + sine * column[0] + cosine * column[1])
         size = self.amplitudes(scene, x if self.acts_on == "reading" else None)
         if acted == "field_horizontal":
             return x + np.column_stack([size, np.zeros(len(size))])
@@ -275,7 +275,7 @@ class ComposedEffect(Effect):
         return np.asarray(x + size[:, 0])
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
-        """Return what a reading was before the effect, NaN where it tells more than one."""
+        """Remove the effect from a reading by Newton's method, NaN where the inverse is not unique."""
         acted, driver, _ = self.composition
         if acted not in LOBES and driver != "heading":
             return super().invert(reading_deg, scene)
@@ -324,7 +324,7 @@ def driver_series(scene: Scene, driver: str) -> Floats:
 
 def driver_needs(driver: str) -> tuple[str, ...]:
     """Return the departures that a driver is made of."""
-    names = [DRIVERS[one][0] if one in DRIVERS else one for one in driver.split("*")]
+    names = [DRIVERS[part][0] if part in DRIVERS else part for part in driver.split("*")]
     return tuple(name for name in names if name)
 
 
@@ -332,8 +332,8 @@ def _per(base: str, unit: str, power: float) -> str:
     """Return a unit over a driver's unit to some power."""
     if not power or unit == "1":
         return base
-    bare = f"({unit})" if " " in unit or "/" in unit else unit
-    return f"{base}/{bare}" if power == 1.0 else f"{base}/{bare}^{power:g}"
+    bracketed = f"({unit})" if " " in unit or "/" in unit else unit
+    return f"{base}/{bracketed}" if power == 1.0 else f"{base}/{bracketed}^{power:g}"
 
 
 @cache
@@ -358,10 +358,10 @@ def compose_effect(
     acted, shape = TARGETS[acts_on], FORMS[form]
     unit = " ".join(DRIVERS[one][1] if one in DRIVERS else one for one in driver.split("*"))
     members: list[tuple[str, type, Any]] = []
-    for own, base, step in acted.parameters:
+    for column, base, step in acted.parameters:
         for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
             per = _per(base, unit, power)
-            members.append((f"{own}{suffix}", float, parameter(per, f"{own} part", step, least=least, most=most)))
+            members.append((f"{column}{suffix}", float, parameter(per, f"{column} part", step, least=least, most=most)))
     members += [(n, float, place_parameter(unit if u == "of the driver" else u)) for n, u in shape.places]
     space = {
         "name": name or f"{COMPOSED}{acts_on}/{driver}/{form}",

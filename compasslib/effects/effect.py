@@ -108,7 +108,7 @@ class Effect(ABC):
 
     @abstractmethod
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return what the effect makes of what it acts on.
+        """Apply the effect to what it acts on.
 
         Args:
             x: field in the body frame, (n, 3) nT; else direction of north, reading or direction of the water's veer,
@@ -116,7 +116,7 @@ class Effect(ABC):
         """
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
-        """Return what a reading was before the effect: here, where it adds the same to any reading, less that.
+        """Remove the effect from a reading; here for effects that add the same to any reading.
 
         Args:
             reading_deg: with the effect, (n,), degrees.
@@ -174,9 +174,9 @@ class Proportional(Effect):
     """An effect that adds each parameter times the departure of a covariate, in the order of what it needs."""
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return what it acts on with the effect added."""
+        """Add each parameter times its departure."""
         each = zip(self.fitted(), self.needs, strict=True)
-        return x + sum(getattr(self, own) * scene.departures[name] for own, name in each)
+        return x + sum(getattr(self, factor) * scene.departures[name] for factor, name in each)
 
 
 def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:

@@ -46,12 +46,12 @@ class ForwardModel:
             parameters: in the order of ``parameters``, (p,).
         """
         each = zip(self.terms, parameter_slices(self.terms, 5), strict=True)
-        terms = tuple(term.at(parameters[own]) for term, own in each)
+        terms = tuple(term.at(parameters[place]) for term, place in each)
         return replace(self, coefficients=parameters[:5], terms=terms)
 
 
 def recorded_heading(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:
-    """Return what the compass records, (n,) degrees.
+    """Compute the recorded heading, (n,) degrees.
 
     Args:
         heading_deg: correct magnetic headings, (n,), degrees.
@@ -147,7 +147,7 @@ def invert_readout(simulation: ForwardModel, scene: Scene, recorded_deg: Floats)
 
 
 def north_shift(simulation: ForwardModel, scene: Scene) -> Floats | float:
-    """Return how far magnetic north has moved east, (n,) degrees or 0."""
+    """Compute the shift of magnetic north to the east, (n,) degrees or 0."""
     return _total(simulation, scene, "north")
 
 
@@ -159,7 +159,7 @@ def water_veer(simulation: ForwardModel, scene: Scene) -> Floats | float:
 def heading_jacobian(
     simulation: ForwardModel, scene: Scene, heading_deg: Floats, *, first: int = 0, last: int | None = None
 ) -> Floats:
-    """Return how the predicted heading moves by each parameter while the recorded one is held, (n, p) degrees a unit.
+    """Differentiate the correct heading by each parameter at constant recorded heading, (n, p) degrees per unit.
 
     For the compass it is -(d gamma / d parameter) / (d gamma / d beta): the recorded heading is conditioned on. The
     water's veer counts as it is, because it moves what the reference shows.
@@ -171,9 +171,9 @@ def heading_jacobian(
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
     still = None if _acting(simulation, "north") else earth_field_in_body(scene, heading_deg)
 
-    def read(tried: ForwardModel) -> Floats:
-        earth = earth_field_in_body(scene, heading_deg - north_shift(tried, scene)) if still is None else still
-        return apply_readout(tried, scene, sensed_angle(tried, scene, earth))
+    def read(trial: ForwardModel) -> Floats:
+        earth = earth_field_in_body(scene, heading_deg - north_shift(trial, scene)) if still is None else still
+        return apply_readout(trial, scene, sensed_angle(trial, scene, earth))
 
     reading, veered = read(simulation), water_veer(simulation, scene)
     ahead = recorded_heading(simulation, scene, heading_deg + PROBE_DEG)
@@ -198,14 +198,18 @@ def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Flo
     if term.acts_on != "reading":
         both = replace(simulation, terms=(term, *simulation.terms))
         return heading_jacobian(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))
-    bare = replace(simulation, terms=tuple(one for one in simulation.terms if one.acts_on != "reading"))
+    reduced = replace(
+        simulation, terms=tuple(reading_ for reading_ in simulation.terms if reading_.acts_on != "reading")
+    )
     earth = earth_field_in_body(scene, heading_deg - north_shift(simulation, scene))
-    reading = apply_readout(bare, scene, sensed_angle(bare, scene, earth))
+    reading = apply_readout(reduced, scene, sensed_angle(reduced, scene, earth))
     slope, steps = heading_slope(simulation, scene, heading_deg), 0.05 * term.steps()
     slope = np.where(np.abs(slope) < MIN_HEADING_SLOPE, np.copysign(MIN_HEADING_SLOPE, slope), slope)
     moved = [term.at(term.values + h * (np.arange(len(steps)) == j)).apply(reading, scene) for j, h in enumerate(steps)]
     at = term.apply(reading, scene)
-    return np.stack([-angles.difference(one, at) / slope / h for one, h in zip(moved, steps, strict=True)], axis=1)
+    return np.stack(
+        [-angles.difference(reading_, at) / slope / h for reading_, h in zip(moved, steps, strict=True)], axis=1
+    )
 
 
 def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:

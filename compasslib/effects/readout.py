@@ -71,7 +71,7 @@ class Harmonic(Effect):
         return x + self.sine_deg * sine + self.cosine_deg * cosine
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
-        """Return what the reading was made of; NaN everywhere where some readings have three such angles."""
+        """Invert the harmonic; NaN everywhere where some readings have three solutions."""
         if self._flattest <= 0.0:
             return np.full_like(reading_deg, np.nan)
         period = 360.0 / self.order

@@ -83,7 +83,7 @@ class LateReading(Effect):
     lag_s: float = parameter("s", "time by which the reading is late", 1.0, least=0.0, most=MAX_LAG_S)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return how much later the reading stands."""
+        """Add to the delay of the reading, seconds."""
         return x + self.lag_s
 
 
@@ -104,7 +104,7 @@ class LateCourse(Effect):
     lag_s: float = parameter("s", "time by which the course is late", 1.0, least=0.0, most=MAX_LAG_S)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return how much later the reading stands."""
+        """Add to the delay of the reading, seconds."""
         return x - self.lag_s
 
 
@@ -144,5 +144,5 @@ class ClocksApart(Effect):
     offset_s: float = parameter("s", "the compass's clock minus the receiver's", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return how much later the reading stands."""
+        """Add to the delay of the reading, seconds."""
         return x + self.offset_s

@@ -449,7 +449,7 @@ def plan(cruise: Cruise, scripts: Path = SCRIPTS) -> Plan:
             simulate, or an effect or reader of another package that cannot be taken.
     """
     if plugins.declared_plugins(plugins.EFFECTS):
-        import_module("compasslib.effects").all_terms()  # looks at them before any work
+        import_module("compasslib.effects").all_effects()  # looks at them before any work
     moorings = cruise.moorings.values()
     for form in {instrument.format for mooring in moorings for instrument in mooring.instruments.values()}:
         readers.get_format(form)  # imports another package's

@@ -40,26 +40,26 @@ class ExplainedShare:
         return self.share > max(LEAST_SHARE, LEAST_SIGMAS * self.sigma)
 
 
-def compare_headings(one: Record, other: Record) -> tuple[ExplainedShare, ExplainedShare] | None:
+def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, ExplainedShare] | None:
     """Compute how much of the difference of directions each of two headings explains, None where too few pairs exist.
 
     Args:
-        one: inside the deployment, depth known; as ``other``.
+        record: inside the deployment, depth known; as ``other``.
     """
     empty = np.zeros(2)
     field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination changes nothing
-    for upper, lower in ((one, other), (other, one)):
+    for upper, lower in ((record, other), (other, record)):
         pairs = find_pairs(upper, [lower], field, PairRules())
         if not len(pairs) or pairs.lower_heading_deg is None:
             continue
-        found = explained_share(pairs, pairs.heading_deg), explained_share(pairs, pairs.lower_heading_deg)
-        return found if upper is one else found[::-1]
+        shares = explained_share(pairs, pairs.heading_deg), explained_share(pairs, pairs.lower_heading_deg)
+        return shares if upper is record else shares[::-1]
     return None
 
 
-def is_affected(own: ExplainedShare, others: ExplainedShare) -> bool:
+def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> bool:
     """Tell whether a compass is the affected one of two."""
-    return own.significant and own.share > DISTINCT * max(others.share, 0.0)
+    return explained.significant and explained.share > DISTINCT * max(other_explained.share, 0.0)
 
 
 def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:

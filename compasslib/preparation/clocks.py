@@ -109,42 +109,46 @@ class LagWindows:
 
 
 def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
-    """Return what the speeds say of the clocks.
+    """Estimate the clock offset of two instruments from their current speeds.
 
     Args:
         upper: of the affected instrument.
     """
-    if not (len(upper.time_s) and len(lower.time_s)) or (found := _windows(upper, lower)) is None:
+    if not (len(upper.time_s) and len(lower.time_s)) or (windows := _windows(upper, lower)) is None:
         return ClockOffset()
-    stated = best = found.best(np.abs(found.lags) <= AS_STATED_H)
-    constant = found.best(found.lags == found.lags)
-    stairs, unsure = _stepwise(found), constant
-    for path in (constant, _linear_drift(found)):
-        best = path if _score(found, path, best) > SIGMAS else best
-    if _score(found, stairs, best) > SIGMAS:
-        best, unsure = (stairs, unsure) if _unambiguous(found, stairs) else (best, stairs)
+    stated = best = windows.best(np.abs(windows.lags) <= AS_STATED_H)
+    constant = windows.best(windows.lags == windows.lags)
+    stairs, unsure = _stepwise(windows), constant
+    for path in (constant, _linear_drift(windows)):
+        best = path if _score(windows, path, best) > SIGMAS else best
+    if _score(windows, stairs, best) > SIGMAS:
+        best, unsure = (stairs, unsure) if _unambiguous(windows, stairs) else (best, stairs)
     dense = max(float(np.median(np.diff(series.time_s))) for series in (upper, lower)) <= DENSE_S
     if dense and not best.set_at and np.abs(best.hours).max() <= SEARCHED_H:
-        return _unrelated(found, best)
+        return _unrelated(windows, best)
     if best is stated:
-        return _with_warning(found, unsure, stated) if _possible(found, unsure, stated) else _unrelated(found, stated)
-    inside = np.abs(best.hours).max() < found.lags[-1]
-    proven = inside and _score(found, best, stated) > SIGMAS and _unambiguous(found, best)
-    return _to_correct(found, best) if proven else _with_warning(found, best, stated)
+        return (
+            _with_warning(windows, unsure, stated)
+            if _possible(windows, unsure, stated)
+            else _unrelated(windows, stated)
+        )
+    inside = np.abs(best.hours).max() < windows.lags[-1]
+    proven = inside and _score(windows, best, stated) > SIGMAS and _unambiguous(windows, best)
+    return _to_correct(windows, best) if proven else _with_warning(windows, best, stated)
 
 
 def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     """Return the products of both series, None where there is too little."""
     first_s = float(min(upper.time_s[0], lower.time_s[0]))
     hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
-    (x, seen), (y, there) = (_high_passed(series, first_s, hours) for series in (upper, lower))
-    if hours < SHORTEST_H or np.sum(seen * there) < MIN_COMMON_HOURS:
+    (x, measured), (y, there) = (_high_passed(series, first_s, hours) for series in (upper, lower))
+    if hours < SHORTEST_H or np.sum(measured * there) < MIN_COMMON_HOURS:
         return None
     reach = min(FARTHEST_H, hours // 3)
     edges = np.linspace(0, hours, hours // WINDOW_H + 1).astype(int)
     spans = list(itertools.pairwise(edges))
     products = np.array([_lagged(x, y, span, reach) for span in spans])
-    counts = np.sum([_lagged(seen, there, span, reach) for span in spans], axis=0)
+    counts = np.sum([_lagged(measured, there, span, reach) for span in spans], axis=0)
     scale = np.maximum(counts, FEWEST_SHARE * counts.max())
     return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1))
 
@@ -168,7 +172,7 @@ def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
         np.concatenate([np.zeros(reach + 1), np.cumsum(y * there), np.full(reach, np.sum(y * there))])
         for y in (x, there * 1)
     ]
-    total, count = (one[2 * reach + 1 :] - one[: len(x)] for one in sums)
+    total, count = (total_[2 * reach + 1 :] - total_[: len(x)] for total_ in sums)
     return np.asarray(total / np.maximum(count, 1.0))
 
 
@@ -181,25 +185,25 @@ def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
     return np.fft.irfft(product, size)[: 2 * reach + 1]
 
 
-def _linear_drift(found: LagWindows) -> LagPath:
+def _linear_drift(windows: LagWindows) -> LagPath:
     """Return the best way of a clock that drifts evenly."""
-    share = np.linspace(0.0, 1.0, len(found.products))
-    begin = np.flatnonzero(np.abs(found.lags) <= BEGAN_H)
+    share = np.linspace(0.0, 1.0, len(windows.products))
+    begin = np.flatnonzero(np.abs(windows.lags) <= BEGAN_H)
     best, most = begin[:1], -np.inf
     for drift in range(-DRIFT_H, DRIFT_H + 1):
         way = np.rint(drift * share).astype(int)
-        at = np.clip(begin[:, None] + way, 0, len(found.lags) - 1)
-        sums = found.products[np.arange(len(way)), at].sum(axis=1)
+        at = np.clip(begin[:, None] + way, 0, len(windows.lags) - 1)
+        sums = windows.products[np.arange(len(way)), at].sum(axis=1)
         if sums.max() > most:
             most, best = sums.max(), at[int(np.argmax(sums))]
-    return LagPath(found.lags[best])
+    return LagPath(windows.lags[best])
 
 
-def _stepwise(found: LagWindows) -> LagPath:
+def _stepwise(windows: LagWindows) -> LagPath:
     """Return the best way through spans of ten days where each change costs (Viterbi, IEEE Trans. IT 13, 260)."""
-    span = np.arange(len(found.products)) // SPAN
-    sums = np.array([found.products[span == k].sum(axis=0) for k in range(span[-1] + 1)])
-    cost, came = CHANGE * float(np.std(sums[:, np.abs(found.lags) > found.lags[-1] // 2])), []
+    span = np.arange(len(windows.products)) // SPAN
+    sums = np.array([windows.products[span == k].sum(axis=0) for k in range(span[-1] + 1)])
+    cost, came = CHANGE * float(np.std(sums[:, np.abs(windows.lags) > windows.lags[-1] // 2])), []
     total = sums[0]
     for row in sums[1:]:
         best = int(np.argmax(total))
@@ -208,14 +212,14 @@ def _stepwise(found: LagWindows) -> LagPath:
     way = [int(np.argmax(total))]
     for origin in reversed(came):
         way.append(int(origin[way[-1]]))
-    return LagPath(found.lags[np.array(way[::-1])][span], set_at=True)
+    return LagPath(windows.lags[np.array(way[::-1])][span], set_at=True)
 
 
-def _score(found: LagWindows, path: LagPath, other: LagPath | None = None, part: Hours | None = None) -> float:
+def _score(windows: LagWindows, path: LagPath, other: LagPath | None = None, part: Hours | None = None) -> float:
     """Return the normal score by which (some) windows prefer one path to another, or to none (Wallace 1959)."""
-    gain = found.along(path)
+    gain = windows.along(path)
     if other is not None:
-        gain = np.where(path.hours != other.hours, gain - found.along(other), np.nan)
+        gain = np.where(path.hours != other.hours, gain - windows.along(other), np.nan)
     gain = gain[part] if part is not None else gain
     gain = gain[np.isfinite(gain)]
     if (freedom := len(gain) - 1) < 2:
@@ -225,39 +229,39 @@ def _score(found: LagWindows, path: LagPath, other: LagPath | None = None, part:
     return float(np.sign(t) * size)
 
 
-def _unambiguous(found: LagWindows, path: LagPath) -> bool:
+def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
     """Tell whether no other lag beyond a peak's shoulders, tidal aliases among them, does nearly as well anywhere."""
     changes = np.flatnonzero(np.diff(path.hours) * path.set_at) + 1
-    beside = [replace(path, hours=path.hours + lag) for lag in found.lags if abs(lag) > NEAR_H]
-    sums = np.array([found.along(other) for other in beside])
+    shifted = [replace(path, hours=path.hours + lag) for lag in windows.lags if abs(lag) > NEAR_H]
+    sums = np.array([windows.along(other) for other in shifted])
     for part in np.split(np.arange(len(path.hours)), changes):
-        rival = beside[int(np.argmax(sums[:, part].sum(axis=1)))]
-        if _score(found, path, rival, part) <= SIGMAS:
+        rival = shifted[int(np.argmax(sums[:, part].sum(axis=1)))]
+        if _score(windows, path, rival, part) <= SIGMAS:
             return False
     return True
 
 
-def _possible(found: LagWindows, path: LagPath, stated: LagPath) -> bool:
+def _possible(windows: LagWindows, path: LagPath, stated: LagPath) -> bool:
     """Tell whether another path does better than the clocks as stated, near them or by far, though not surely."""
     near = path.set_at or abs(path.hours[0]) <= 2 * NEAR_H
-    far = float(found.along(stated).sum()) < 0.5 * float(found.along(path).sum())
-    return (near or far) and _score(found, path, stated) > SIGMAS_WARNED
+    far = float(windows.along(stated).sum()) < 0.5 * float(windows.along(path).sum())
+    return (near or far) and _score(windows, path, stated) > SIGMAS_WARNED
 
 
-def _unrelated(found: LagWindows, stated: LagPath) -> ClockOffset:
+def _unrelated(windows: LagWindows, stated: LagPath) -> ClockOffset:
     """Say where months of speeds have nothing in common."""
-    alike = float(found.along(stated).sum())
-    if len(found.upper) < LONG_H or (alike > RELATED and _score(found, stated) > RELATED_SIGMAS):
+    alike = float(windows.along(stated).sum())
+    if len(windows.upper) < LONG_H or (alike > RELATED and _score(windows, stated) > RELATED_SIGMAS):
         return ClockOffset()
     warning = (
         f"the speeds of the two instruments are uncorrelated ({alike:.2f}) at any clock offset within "
-        f"{found.lags[-1] // DAY_H} days: check that both files are of this mooring and this year"
+        f"{windows.lags[-1] // DAY_H} days: check that both files are of this mooring and this year"
     )
     return ClockOffset(warnings=(warning,))
 
 
-def _with_warning(found: LagWindows, best: LagPath, stated: LagPath) -> ClockOffset:
-    first, second = (float(found.along(path).sum()) for path in (best, stated))
+def _with_warning(windows: LagWindows, best: LagPath, stated: LagPath) -> ClockOffset:
+    first, second = (float(windows.along(path).sum()) for path in (best, stated))
     warning = (
         f"by the speeds of the water the clock of the reference may be {_in_words(best)} the affected one "
         f"(correlation {first:.2f}, with the clocks as set {second:.2f}): not surely, and nothing was corrected; "
@@ -266,12 +270,12 @@ def _with_warning(found: LagWindows, best: LagPath, stated: LagPath) -> ClockOff
     return ClockOffset(warnings=(warning,))
 
 
-def _to_correct(found: LagWindows, best: LagPath) -> ClockOffset:
+def _to_correct(windows: LagWindows, best: LagPath) -> ClockOffset:
     """Return a clock that the windows prove, to be put right."""
-    nodes = _nodes(found, best)
+    nodes = _nodes(windows, best)
     warning = (
         f"by the speeds of the water the clock of the reference is {_in_words(best)} the affected one "
-        f"(correlation {found.along(best).sum():.2f}); pairs were made after correcting it: check "
+        f"(correlation {windows.along(best).sum():.2f}); pairs were made after correcting it: check "
         "clock_offset_seconds, time zone and date of both, as speeds do not show which of the two is wrong"
     )
     return ClockOffset(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (warning,))
@@ -286,24 +290,24 @@ def _in_words(path: LagPath) -> str:
     return f"{lags[0]:+d} h at the start and {lags[-1]:+d} h at the end ahead of"
 
 
-def _nodes(found: LagWindows, path: LagPath) -> list[tuple[float, float]]:
+def _nodes(windows: LagWindows, path: LagPath) -> list[tuple[float, float]]:
     """Return instants and hours between which the error is linear."""
-    ends = (found.first_s, found.first_s + HOUR_S * len(found.upper))
+    ends = (windows.first_s, windows.first_s + HOUR_S * len(windows.upper))
     if not path.set_at:
         return [(ends[0], float(path.hours[0])), (ends[1], float(path.hours[-1]))]
     nodes = [(ends[0], float(path.hours[0]))]
     for window in np.flatnonzero(np.diff(path.hours)) + 1:
         before, after = int(path.hours[window - 1]), int(path.hours[window])
-        at = found.first_s + HOUR_S * _set_at(found, int(found.edges[window]), before, after)
+        at = windows.first_s + HOUR_S * _set_at(windows, int(windows.edges[window]), before, after)
         nodes += [(at - 1.0, float(before)), (at, float(after))]
     return nodes
 
 
-def _set_at(found: LagWindows, edge: int, before: int, after: int) -> int:
+def _set_at(windows: LagWindows, edge: int, before: int, after: int) -> int:
     """Return the hour within a week of an edge at which a change of the lag fits best."""
-    hours = np.arange(max(edge - WEEK_H, 0), min(edge + WEEK_H, len(found.upper)))
-    padded = np.pad(found.lower, FARTHEST_H)
-    first, second = (found.upper[hours] * padded[hours + FARTHEST_H + lag] for lag in (before, after))
+    hours = np.arange(max(edge - WEEK_H, 0), min(edge + WEEK_H, len(windows.upper)))
+    padded = np.pad(windows.lower, FARTHEST_H)
+    first, second = (windows.upper[hours] * padded[hours + FARTHEST_H + lag] for lag in (before, after))
     return int(hours[int(np.argmax(np.cumsum(first - second)))]) + 1
 
 
@@ -392,12 +396,12 @@ def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record
     return float(same.mean()) < SAME_SHARE
 
 
-def _equal(record: Record, one: NDArray[np.intp], other: NDArray[np.intp]) -> Bools:
+def _equal(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) -> Bools:
     columns = [
         np.column_stack([x[:, None] if x.ndim == 1 else x]) for x in (record.heading_deg, record.east, record.north)
     ]
     values = np.hstack(columns)
-    a, b = values[one], values[other]
+    a, b = values[first], values[second]
     return np.asarray(((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1))
 
 

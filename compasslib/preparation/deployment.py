@@ -28,7 +28,7 @@ BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known
 CLEARLY = 1.2  # of the distance; water heard from beyond that would have followed the boundary's own echo
 MOST, FEW = 0.5, 0.05  # of the samples that show a boundary, or that would
 ENOUGH = 24  # samples before the echo decides anything
-SOME = 100  # rows of bins that tell the length of a cell
+RANGE_ROWS = 100  # rows of bins that tell the length of a cell
 
 
 def apply_deployment(
@@ -111,8 +111,8 @@ def describe_record(name: str, role: str, record: Record) -> str:
 
 def cell_length(record: Record) -> float:
     """Return the distance between neighbouring bins, metres; 0 for a point meter."""
-    one_setting = not record.bin_range_m.strides[0]  # one row that all samples share
-    steps = np.diff(record.bin_range_m[:1] if one_setting else record.bin_range_m, axis=1)
+    shared_ranges = not record.bin_range_m.strides[0]  # one row that all samples share
+    steps = np.diff(record.bin_range_m[:1] if shared_ranges else record.bin_range_m, axis=1)
     return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
 
 
@@ -164,8 +164,8 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
 
 def _with_measured(record: Record) -> Record:
     """Return the record without profiles that hold nothing."""
-    every = ((name, profile[:]) for name, profile in record.profiles.items())
-    held = {name: values for name, values in every if _holds(values)}
+    read = ((name, profile[:]) for name, profile in record.profiles.items())
+    held = {name: values for name, values in read if _holds(values)}
     return replace(record, profiles=held)
 
 
@@ -282,7 +282,7 @@ def _flag_boundaries(record: Record, water_depth: float) -> Record:
 
 def _echo_at(boundary: Floats, room: Floats, record: Record) -> Bools:
     """Tell samples whose boundary stands where this one should."""
-    steps = np.diff(record.bin_range_m[:: 1 + len(room) // SOME])
+    steps = np.diff(record.bin_range_m[:: 1 + len(room) // RANGE_ROWS])
     cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
     with np.errstate(invalid="ignore"):
         above = boundary >= room * angles.sin_cos(record.beam_angle_deg)[1] / BEYOND - cell
@@ -294,8 +294,8 @@ def _orientation_warnings(record: Record, counts: dict[str, int], room: Floats, 
     decided = right + wrong + absent
     if decided < max(ENOUGH, MOST * len(record.time_s)) or right > FEW * decided:
         return []
-    own, opposite = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
-    where = f"the {own}, {np.nanmedian(room):.0f} m away"
+    facing, opposite = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
+    where = f"the {facing}, {np.nanmedian(room):.0f} m away"
     advice = "check orientation, depth and water_depth"
     if wrong > MOST * decided:
         shown = f"{wrong} samples show the echo of the {opposite}, {np.nanmedian(other):.0f} m away"
@@ -319,8 +319,8 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
     Raises:
         InputError: a table cannot be read, or holds nothing at the record's times.
     """
-    read = {name: _covariate_at(record, name, one) for name, one in series.items()}
-    units = {name: str(one["unit"] or "1") for name, one in series.items()}
+    read = {name: _covariate_at(record, name, settings) for name, settings in series.items()}
+    units = {name: str(settings["unit"] or "1") for name, settings in series.items()}
     return replace(
         record,
         channels={**record.channels, **{name: values for name, (values, _) in read.items()}},
@@ -359,13 +359,13 @@ def add_field_strength(record: Record) -> Record:
     )
 
 
-def _covariate_at(record: Record, name: str, one: Mapping[str, Any]) -> tuple[Floats, tuple[str, ...]]:
-    time_s, value, notes = table.read_series(one)
+def _covariate_at(record: Record, name: str, settings: Mapping[str, Any]) -> tuple[Floats, tuple[str, ...]]:
+    time_s, value, notes = table.read_series(settings)
     at = interpolate_covariate(record.time_s, time_s, value)
     if len(at) and not np.isfinite(at).any():
         span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
         raise InputError(
-            ", ".join(one["files"]),
+            ", ".join(settings["files"]),
             expected=f"values of {name} while the mooring was deployed",
             found=span,
             advice="check times and columns, or delete the covariate",

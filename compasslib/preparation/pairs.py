@@ -79,7 +79,7 @@ def widen_rules(rules: PairRules) -> PairRules:
 
 
 def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairRules) -> ClockOffset:
-    """Return how far the two instruments' clocks are apart, and whether both records are one, by speeds of the water.
+    """Estimate the clock offset from current speeds, and check whether both records are the same recording.
 
     Args:
         upper: the affected instrument inside the deployment.
@@ -90,8 +90,10 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
     upper = _gridded(upper, rules)
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
-    found = compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), SpeedSeries(cell.time_s, np.abs(cell.velocity)))
-    return replace(found, one_recording=find_same_recording(upper, found.align(trusted[0]), rules.bins))
+    offset = compare_speeds(
+        SpeedSeries(upper.time_s, np.abs(velocity)), SpeedSeries(cell.time_s, np.abs(cell.velocity))
+    )
+    return replace(offset, one_recording=find_same_recording(upper, offset.align(trusted[0]), rules.bins))
 
 
 @single_threaded()
@@ -119,19 +121,19 @@ def find_pairs(
         close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
-    found = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
-    found = replace(found, warnings=clocks.warnings, lower_heading_deg=_heading(lower, found.time_s, tolerance_s))
-    if reason := clocks.one_recording or find_identical_velocities(found):
+    pairs = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
+    pairs = replace(pairs, warnings=clocks.warnings, lower_heading_deg=_heading(lower, pairs.time_s, tolerance_s))
+    if reason := clocks.one_recording or find_identical_velocities(pairs):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
-    found = check_pairs(found, recorded, list(trusted))
-    if not len(found):
-        return found
+    pairs = check_pairs(pairs, recorded, list(trusted))
+    if not len(pairs):
+        return pairs
     paired, at_m = take(upper, keep), other_depth[keep]
-    if rules.predict and (predicted := _predicted(found, paired, at_m, rules.bins)) is not None:
+    if rules.predict and (predicted := _predicted(pairs, paired, at_m, rules.bins)) is not None:
         return predicted
-    return replace(found, veer_deg=mean_shear_sigma(paired, at_m, rules.bins))
+    return replace(pairs, veer_deg=mean_shear_sigma(paired, at_m, rules.bins))
 
 
 def describe_pairs(name: str, pairs: Pairs) -> str:
@@ -184,8 +186,8 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
         InputError: both carry one serial number, or the velocities of one are in another frame than stated.
     """
     if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
-        expected, found = "two instruments", f"serial number {upper.serial_number} in the files of both"
-        raise InputError("compromised and reference", expected=expected, found=found, advice="correct files of one")
+        expected, shown = "two instruments", f"serial number {upper.serial_number} in the files of both"
+        raise InputError("compromised and reference", expected=expected, found=shown, advice="correct files of one")
     if not len(pairs):
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
     _refuse_other_frame(pairs)
@@ -212,23 +214,25 @@ def find_identical_velocities(pairs: Pairs) -> str:
 
 def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
     """Return pairs with the water at the reference's depth as the profile predicts it, None where it cannot."""
-    found = predict_water(upper, depth_m, bins)
-    if found is None:
+    prediction = predict_water(upper, depth_m, bins)
+    if prediction is None:
         return None
-    predicted = _to_true(found.velocity, upper, pairs.declination_deg)
+    predicted = _to_true(prediction.velocity, upper, pairs.declination_deg)
     mean, trusted = (east + 1j * north for east, north in _velocities(pairs))
     known = np.isfinite(predicted) & (np.abs(predicted) > 0.0)
     if fails_speed_check(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
         return None
     velocity = np.where(known, predicted, mean)
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
-    notes = () if off < SURPRISE * max(found.expected_m_s, NOISE_M_S) else (_surprise(off, upper, depth_m, trusted),)
+    notes = (
+        () if off < SURPRISE * max(prediction.expected_m_s, NOISE_M_S) else (_surprise(off, upper, depth_m, trusted),)
+    )
     return replace(
         pairs,
         upper_east=velocity.real,
         upper_north=velocity.imag,
-        expected_m_s=(found.published_m_s, found.expected_m_s),
-        veer_deg=found.veer_deg,
+        expected_m_s=(prediction.published_m_s, prediction.expected_m_s),
+        veer_deg=prediction.veer_deg,
         warnings=pairs.warnings + notes,
     )
 
@@ -258,8 +262,8 @@ def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, 
     if not known.any():
         return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     wanted = np.interp(lower.time_s, time_s[known], depth[known])
-    beside = wanted if rules.predict else sphere
-    towards = (lower.depth_m - beside) * (1.0 if lower.looks_up else -1.0)
+    centre = wanted if rules.predict else sphere
+    towards = (lower.depth_m - centre) * (1.0 if lower.looks_up else -1.0)
     velocity, at = mean_of_nearest_bins(lower, np.nan_to_num(towards), rules.bins)
     with np.errstate(invalid="ignore"):
         near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
@@ -379,9 +383,9 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
     best = min(others, key=lambda which: others[which])
     if len(heading) >= ENOUGH and others[best] * CLEARER < plain:
-        found = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
+        shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
-        raise InputError("affected instrument", expected="velocities as the file has them", found=found, advice=advice)
+        raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
 
 
 def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:

@@ -35,7 +35,7 @@ LONGEST_OFF = 5  # samples in a row that stand off together and come back
 PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is taken to be wrong
 NEAR_BINS = 5  # whose mean tells fast water from slow
 FILLS, FILLS_MORE, FILLERS = 6, 3, 8  # a value that often, and that many times as often as those beside it
-BESIDE = 5  # distinct values on either side
+NEIGHBOURS = 5  # distinct values on either side
 FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the typical step, within these
 
 
@@ -188,23 +188,23 @@ def _fill_values(heading_deg: Floats) -> Floats:
     # A compass that stands still is none: what counts is how often the record jumps there.
     count = np.bincount(place[np.append(True, place[1:] != place[:-1])], minlength=len(distinct))
     typical = float(np.median(_off_both(heading_deg)))
-    found = []
+    fills = []
     for k in np.argsort(-count)[:FILLERS]:
-        beside = np.sort(count[np.arange(k - BESIDE, k + BESIDE + 1) % len(count)])
+        neighbours = np.sort(count[np.arange(k - NEIGHBOURS, k + NEIGHBOURS + 1) % len(count)])
         # The largest is its own; the next may be that of another fill value.
-        ordinary = beside[-3] if len(beside) > 2 else len(heading_deg)
+        ordinary = neighbours[-3] if len(neighbours) > 2 else len(heading_deg)
         others = np.flatnonzero(place != k)
         if count[k] < FILLS + FILLS_MORE * ordinary or len(others) < ENOUGH:
             continue
         after = np.searchsorted(others, np.flatnonzero(place == k))
         ends = [heading_deg[others[np.clip(at, 0, len(others) - 1)]] for at in (after - 1, after)]
         off = np.min([np.abs(angles.difference(end, distinct[k])) for end in ends], axis=0)
-        found += [distinct[k]] if np.median(off) > np.clip(2.0 * typical, *FILL_OFF_DEG) else []
-    return np.array(found)
+        fills += [distinct[k]] if np.median(off) > np.clip(2.0 * typical, *FILL_OFF_DEG) else []
+    return np.array(fills)
 
 
 def _off_both(heading_deg: Floats) -> Floats:
-    """Return how far each heading stands off the nearer of its neighbours, (n,) degrees; 0 at both ends."""
+    """Compute each heading's distance from the nearer of its neighbours, (n,) degrees; 0 at both ends."""
     steps = np.abs(angles.difference(heading_deg[1:], heading_deg[:-1]))
     off = np.zeros(len(heading_deg))
     off[1:-1] = np.minimum(steps[1:], steps[:-1])
@@ -247,7 +247,7 @@ def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
 
 
 def _limit(off_both_deg: Floats, wrong: float) -> float:
-    """Return how far a right heading hardly stands off both neighbours, degrees, where a share of all are wrong."""
+    """Compute the distance from both neighbours that a correct heading rarely exceeds, degrees."""
     if not off_both_deg.size:
         return 360.0
     middle = 0.5 * (1.0 - min(2.0 * wrong, 0.8))  # a wrong heading counts itself, and may count a right one
@@ -268,8 +268,8 @@ def _fast_water(record: Record) -> Bools:
 def _stuck_velocity(record: Record) -> Bools:
     """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
     # One component after the other: a decade's copies of both would not fit beside each other.
-    (same_east, some_east), (same_north, some_north) = (_repeats(of) for of in (record.east, record.north))
-    same = same_east & same_north & (some_east | some_north)
+    (same_east, moving_east), (same_north, moving_north) = (_repeats(of) for of in (record.east, record.north))
+    same = same_east & same_north & (moving_east | moving_north)
     if same.all() and len(record.time_s) > ENOUGH:
         return np.ones(len(record.time_s), dtype=bool)
     return _stuck(same, record.time_s)

@@ -34,7 +34,7 @@ BLOCK_S = 10 * 86400.0
 MIN_BLOCKS, MIN_COMMON_PAIRS = 5, 100  # that both must have at the same times before they are held against each other
 LEAST_DEG, SURE = 5.0, 4.0  # a difference of directions that is told, and its standard errors
 LEAST_NOISE_M_S = 0.002
-OWN_HEADING = "lower_heading_deg"  # of one instrument: not of several together
+REFERENCE_HEADING = "lower_heading_deg"  # of one instrument: not of several together
 AVERAGED = (
     *("upper_east", "upper_north", "lower_east", "lower_north"),
     *("upper_depth_m", "lower_depth_m", "separation_minutes"),
@@ -53,9 +53,9 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
     """
     if len(each) == 1:
         return each[0]
-    kept, said = _agreeing(each, names)
-    there = [k for k in kept if len(each[k])] or kept[:1]
-    notes = [f"{names[k]}: {warning}" for k, one in enumerate(each) for warning in one.warnings]
+    used, said = _agreeing(each, names)
+    there = [k for k in used if len(each[k])] or used[:1]
+    notes = [f"{names[k]}: {warning}" for k, pairs in enumerate(each) for warning in pairs.warnings]
     rows = {name: np.concatenate([getattr(each[k], name) for k in there]) for name in _columns(each[0])}
     index = np.concatenate([np.full(len(each[k]), k, dtype=np.int8) for k in there])
     order = np.lexsort((index, rows["time_s"]))
@@ -91,7 +91,7 @@ def combine_references(pairs: Pairs) -> Pairs:
 
 def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
     """Return the errors of the published mean and of the prediction, rms over all pairs that have them."""
-    known = [(len(one), one.expected_m_s) for one in each if one.expected_m_s is not None]
+    known = [(len(pairs), pairs.expected_m_s) for pairs in each if pairs.expected_m_s is not None]
     if not known:
         return None
     counts, errors = zip(*known, strict=True)
@@ -100,7 +100,9 @@ def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
 
 
 def _columns(pairs: Pairs) -> list[str]:
-    return [name for name, column in vars(pairs).items() if isinstance(column, np.ndarray) and name != OWN_HEADING]
+    return [
+        name for name, column in vars(pairs).items() if isinstance(column, np.ndarray) and name != REFERENCE_HEADING
+    ]
 
 
 def _weights(missed: Floats) -> Floats:
@@ -115,9 +117,9 @@ def _weights(missed: Floats) -> Floats:
     covariance = off.T @ off / both + LEAST_NOISE_M_S**2 * np.eye(missed.shape[1])
     result = np.zeros(missed.shape)
     for pattern in np.unique(there, axis=0):
-        own = np.linalg.solve(covariance[np.ix_(pattern, pattern)], np.ones(int(pattern.sum())))
+        solution = np.linalg.solve(covariance[np.ix_(pattern, pattern)], np.ones(int(pattern.sum())))
         # Where one only adds noise that another has too, its best weight is negative: it is left out.
-        result[np.ix_(np.all(there == pattern, axis=1), pattern)] = np.maximum(own, 0.0)
+        result[np.ix_(np.all(there == pattern, axis=1), pattern)] = np.maximum(solution, 0.0)
     return result
 
 
@@ -125,34 +127,34 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     """Return which references are used, and what is said of those that disagree."""
     count = len(each)
     off = {(a, b): _apart(each[a], each[b]) for a in range(count) for b in range(a + 1, count)}
-    wrong = {pair: found for pair, found in off.items() if found is not None}
+    wrong = {pair: difference for pair, difference in off.items() if difference is not None}
     if not wrong:
         return list(range(count)), []
     against = [sum(k in pair for pair in wrong) for k in range(count)]
     worst = int(np.argmax(against))
-    rest = [k for k in range(count) if k != worst]
+    others = [k for k in range(count) if k != worst]
     texts = [f"the references {names[a]} and {names[b]} {how}" for (a, b), how in wrong.items()]
     if count > 2 and against[worst] == len(wrong) and against[worst] > 1:
-        return rest, [f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"]
+        return others, [f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"]
     return [0], [
         f"{'; '.join(texts)}: which is wrong cannot be determined; {names[0]}, first in reference, is used alone"
     ]
 
 
-def _apart(one: Pairs, other: Pairs) -> str | None:
-    """Return how the directions of two references differ beyond what the profile shows of the water.
+def _apart(first: Pairs, second: Pairs) -> str | None:
+    """Describe the difference of two references' directions beyond the water's shear that the profile shows.
 
     None where they do not, or where too little is there. The predictions at their two depths share the affected
     compass: their difference is the water's alone.
     """
-    _, a, b = np.intersect1d(one.time_s, other.time_s, return_indices=True)
+    _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
     if len(a) < MIN_COMMON_PAIRS:
         return None
-    (up_a, low_a), (up_b, low_b) = _flows(take(one, a)), _flows(take(other, b))
+    (up_a, low_a), (up_b, low_b) = _flows(take(first, a)), _flows(take(second, b))
     turn = low_a * np.conj(low_b) * np.conj(up_a * np.conj(up_b))
     slowest = np.min(np.abs([up_a, low_a, up_b, low_b]), axis=0)
     turn = np.where(np.abs(turn) > 0.0, turn / np.maximum(np.abs(turn), 1e-12), 0.0) * slowest**2
-    time_s = one.time_s[a]
+    time_s = first.time_s[a]
     block = np.unique(np.floor((time_s - time_s[0]) / BLOCK_S), return_inverse=True)[1]
     sums = np.asarray(np.bincount(block, turn.real) + 1j * np.bincount(block, turn.imag), dtype=complex)
     if len(sums) < MIN_BLOCKS:
@@ -235,10 +237,10 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         return ""
     for trusted in _near(upper, lower, bins):
         met = _matched(trusted, upper.time_s, lower.time_s)
-        for own in _bin_averages(upper):
-            shared, off_m = own.bins.start < bins, abs(own.depth_m - trusted.depth_m)
-            if (shared or off_m > OFF_M) and (_same(own, met) or (own.bins.start == 0 and _averaged(own, met))):
-                return _reason(own, shared, off_m)
+        for cells in _bin_averages(upper):
+            shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
+            if (shared or off_m > OFF_M) and (_same(cells, met) or (cells.bins.start == 0 and _averaged(cells, met))):
+                return _reason(cells, shared, off_m)
     return ""
 
 
@@ -252,11 +254,11 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
 
 
 def _matched(trusted: CellSeries, upper_s: Floats, lower_s: Floats) -> MatchedVelocities:
-    some = np.flatnonzero(np.isfinite(trusted.velocity))
-    some = some[:: 1 + len(some) // MAX_COMPARED]
-    wanted = lower_s[some, None] - HOUR_S * LAGS_H
+    sample = np.flatnonzero(np.isfinite(trusted.velocity))
+    sample = sample[:: 1 + len(sample) // MAX_COMPARED]
+    wanted = lower_s[sample, None] - HOUR_S * LAGS_H
     place = nearest_index(upper_s, wanted.ravel()).reshape(wanted.shape)
-    velocity = trusted.velocity[some]
+    velocity = trusted.velocity[sample]
     return MatchedVelocities(
         velocity, place, np.abs(upper_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity)
     )
@@ -279,11 +281,11 @@ def _bin_averages(upper: Record) -> Iterator[CellSeries]:
             yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), run)
 
 
-def _same(own: CellSeries, met: MatchedVelocities) -> bool:
+def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
     """Tell whether two series have the same speeds, but for a factor, at one lag for all."""
-    found, wanted = np.abs(own.velocity), np.abs(met.velocity)
+    speed, wanted = np.abs(cells.velocity), np.abs(met.velocity)
     near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
-    columns = np.where(met.there[:, near], found[met.place[:, near]], np.nan)
+    columns = np.where(met.there[:, near], speed[met.place[:, near]], np.nan)
     return any(_equal(column, wanted, met.least_m_s) for column in columns.T)
 
 
@@ -301,9 +303,9 @@ def _equal(first: NDArray, second: NDArray, least: float) -> bool:
     return off < max(ALIKE_M_S, least / factor) and off < SMALL * float(np.std(first))
 
 
-def _averaged(own: CellSeries, met: MatchedVelocities) -> bool:
+def _averaged(cells: CellSeries, met: MatchedVelocities) -> bool:
     """Tell whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
-    columns = own.velocity[met.place]
+    columns = cells.velocity[met.place]
     whole = met.there.all(axis=1) & np.isfinite(columns).all(axis=1)
     if whole.sum() < MIN_COMPARED:
         return False
@@ -311,8 +313,8 @@ def _averaged(own: CellSeries, met: MatchedVelocities) -> bool:
     return _equal(columns[whole] @ weight, met.velocity[whole], met.least_m_s)
 
 
-def _reason(own: CellSeries, shared: bool, off_m: float) -> str:
-    first, last = own.bins.start + 1, own.bins.stop
+def _reason(cells: CellSeries, shared: bool, off_m: float) -> str:
+    first, last = cells.bins.start + 1, cells.bins.stop
     which = f"bin {first}" if first == last else f"bins {first} to {last}"
     why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
     return (

@@ -93,7 +93,7 @@ def usable_velocities(record: Record) -> Bools:
 
 
 def fit_structure(record: Record) -> StructureFunction | None:
-    """Return how velocities of two bins differ with their distance, None where there are too few to tell."""
+    """Fit the structure function of velocity by the distance of two bins, None where there are too few."""
     usable = usable_velocities(record)
     range_m = np.median(record.bin_range_m, axis=0)
     sound = np.flatnonzero(usable.mean(axis=0) >= LEAST_GOOD * usable.mean(axis=0).max(initial=0.0))
@@ -106,10 +106,10 @@ def fit_structure(record: Record) -> StructureFunction | None:
     cells = np.abs(range_m[near][first] - range_m[near][second]) / max(cell_m, 1e-3)
     squared = [_squared(velocity[:, a] - velocity[:, b]) for a, b in zip(first, second, strict=True)]
     half = np.array(squared) / 2.0
-    kept = np.isfinite(half) & (half > 0.0) & (cells <= REACH)
-    if kept.sum() < 3 or cell_m <= 0.0:
+    valid = np.isfinite(half) & (half > 0.0) & (cells <= REACH)
+    if valid.sum() < 3 or cell_m <= 0.0:
         return None
-    return _fitted(cell_m, cells[kept], half[kept])
+    return _fitted(cell_m, cells[valid], half[valid])
 
 
 def predict_water(
@@ -139,7 +139,7 @@ def predict_water(
     first = np.argsort(np.abs(range_m))[:bins]
     weights, errors = np.zeros((len(alike), index.shape[1])), np.zeros((len(alike), 2))
     for k, (*which, steps) in enumerate(alike.tolist()):
-        used = [one for one in which if one >= 0]
+        used = [series for series in which if series >= 0]
         offset = range_m[used] - range_m[used[0]] + steps * STEP * learnt.cell_m
         weights[k, : len(used)] = learnt.weights(offset)
         plain = range_m[first] - range_m[used[0]] + offset[0]
@@ -156,7 +156,7 @@ def predict_water(
 
 
 def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
-    """Return how much deeper than stated the water has the reference's speeds, m; 0 where none does clearly better.
+    """Estimate the depth shift at which the profile matches the reference's speeds clearly best, m, else 0.
 
     Only depths that the profile covers are tried, one cell after the other: beyond it a prediction is vague everywhere.
 
@@ -165,12 +165,12 @@ def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> 
     """
     bins = record.bin_depth_m()
     away = np.median(bins, axis=0) - float(np.median(depth_m))
-    tried = [0.0, *away[np.isfinite(away)].tolist()]
+    shifts = [0.0, *away[np.isfinite(away)].tolist()]
     learnt = fit_structure(record)
-    flows = [predict_water(record, depth_m + shift, 1, learnt) for shift in tried]
-    off = [float(np.nanmean((np.abs(one.velocity) - speed_m_s) ** 2)) if one else np.inf for one in flows]
+    flows = [predict_water(record, depth_m + shift, 1, learnt) for shift in shifts]
+    off = [float(np.nanmean((np.abs(series.velocity) - speed_m_s) ** 2)) if series else np.inf for series in flows]
     best = int(np.argmin(off))
-    return tried[best] if off[best] < CLEARLY * off[0] else 0.0
+    return shifts[best] if off[best] < CLEARLY * off[0] else 0.0
 
 
 def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
@@ -182,14 +182,14 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
         mean: (n,) m/s, as recorded; so the prediction.
         trusted: (n,) m/s.
     """
-    off = [(np.abs(one) - np.abs(trusted)) ** 2 for one in (mean, predicted)]
+    off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
     block = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1]
     worse = np.bincount(block, off[1] - off[0])
     return bool(worse.sum() > SURE * np.sqrt(np.sum(worse**2)))
 
 
 def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
-    """Return how far the mean of the nearest bins may be turned from the reference's water for good, 1 sigma, degrees.
+    """Estimate the mean directional shear between the nearest bins and the reference, 1 sigma, degrees.
 
     As ``Prediction.veer_deg`` says it of a prediction.
 
@@ -229,7 +229,7 @@ def _predict_veer(
     else:
         return nothing, 0.0
     block = np.unique(np.floor(record.time_s / VEER_S), return_inverse=True)[1]
-    sums = np.array([np.bincount(block, one.real) + 1j * np.bincount(block, one.imag) for one in off])
+    sums = np.array([np.bincount(block, series.real) + 1j * np.bincount(block, series.imag) for series in off])
     slow, weight = angles.wrap180(angles.argument(sums)), np.abs(sums)
     lasting = np.average(slow, axis=1, weights=np.maximum(weight, LEAST_M_S))
     if nearer or count < bins or len(off) == 1:
@@ -261,7 +261,7 @@ def _windows(
     pattern = away_m[order[:count]]
     pattern += np.sign(pattern) * OUTWARD * cell_m
     velocity = np.where(usable, record.east + 1j * record.north, 0.0)
-    found = []
+    predictions = []
     for target in order[:MOST_WINDOWS].tolist():
         wanted = away_m[target] + pattern
         others = sound[sound != target]
@@ -272,8 +272,8 @@ def _windows(
             continue
         predicted = velocity[:, which] @ weights(away_m[which] - away_m[target])
         direction = velocity[:, target] / np.maximum(np.abs(velocity[:, target]), LEAST_M_S)
-        found.append(np.where(usable[:, [target, *which]].all(axis=1), predicted * np.conj(direction), 0.0))
-    return np.array(found)
+        predictions.append(np.where(usable[:, [target, *which]].all(axis=1), predicted * np.conj(direction), 0.0))
+    return np.array(predictions)
 
 
 def _squared(difference: Complexes) -> float:

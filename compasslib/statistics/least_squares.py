@@ -62,14 +62,14 @@ def minimize_bfgs(
         except np.linalg.LinAlgError:  # singular by rounding: begun anew down the gradient
             unscaled, hessian = True, _even(gradient)
             direction[free] = -gradient[free] / hessian[0, 0]
-        tried, lower, new = _line_search(loss, at, value, gradient, direction, bounds)
-        decrease, step, change = value - lower, tried - at, new - gradient
+        trial, lower, new = _line_search(loss, at, value, gradient, direction, bounds)
+        decrease, step, change = value - lower, trial - at, new - gradient
         if decrease <= 0.0:
             break
         if unscaled and step @ change > 0.0:
             unscaled, hessian = False, np.eye(len(at)) * (change @ change) / (step @ change)
         hessian = _updated(hessian, step, change)
-        at, value, gradient = tried, lower, new
+        at, value, gradient = trial, lower, new
         if decrease <= LOSS_TOLERANCE * max(abs(value), 1.0):
             break
     return at, value
@@ -86,11 +86,11 @@ def _line_search(
     """Return the first point along a direction that satisfies Armijo's rule, or the start where none does."""
     length = 1.0
     for _ in range(MAX_HALVINGS):
-        tried = np.clip(at + length * direction, *bounds.T)
-        predicted = float(gradient @ (tried - at))
-        lower, new = loss(tried)
+        trial = np.clip(at + length * direction, *bounds.T)
+        predicted = float(gradient @ (trial - at))
+        lower, new = loss(trial)
         if lower <= value + ARMIJO * predicted:
-            return tried, lower, new
+            return trial, lower, new
         length *= float(np.clip(-0.5 * predicted / max(lower - value - predicted, 1e-300), 0.1, 0.5))
     return at, value, gradient
 

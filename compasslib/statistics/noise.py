@@ -83,7 +83,7 @@ def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
     dof = len(residual) - columns.shape[1]
     if dof < MIN_DOF:
         return np.zeros((0, 4))
-    rows, tried = np.column_stack([columns, residual]), []
+    rows, models = np.column_stack([columns, residual]), []
     lags = lag_matrix(len(residual))
     for phi in PHI:
         for theta in THETA[np.greater_equal(THETA, -phi)]:
@@ -91,8 +91,8 @@ def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
             upper = np.asarray(np.linalg.qr(np.linalg.solve(lower, rows), mode="r"))
             size = np.log(np.abs(np.diag(upper)) + 1e-12)
             loss = dof * size[-1] + float(np.sum(size[:-1])) + float(np.sum(np.log(np.diag(lower))))
-            tried.append((loss, float(phi), float(theta), float(upper[-1, -1] ** 2) / dof))
-    return np.array(tried)
+            models.append((loss, float(phi), float(theta), float(upper[-1, -1] ** 2) / dof))
+    return np.array(models)
 
 
 def arma_correlation(phi: float, theta: float, lags: Ints) -> Floats:
@@ -140,7 +140,7 @@ def arma_low_frequency_power(phi: float, theta: float) -> float:
 
 
 def lag_matrix(n: int) -> Ints:
-    """Return how many steps n samples are apart, (n, n)."""
+    """Compute the lags between n samples, (n, n)."""
     return np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
 
 
@@ -187,15 +187,15 @@ def arma_covariance(residual: Floats, columns: Floats) -> Floats:
     solved = unit @ np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
     weight, each = _weighted_models(residual, columns)
     spread = np.stack([solved.T @ of_noise @ solved for of_noise in each])
-    own = np.log(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 1e-300))
+    logs = np.log(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 1e-300))
     middle = np.tensordot(weight, spread, 1)
     # The mean of variances over models is that of the slowest; their middle is that of their logarithms.
-    share = np.exp(weight @ own / 2.0) / np.sqrt(np.maximum(np.diagonal(middle), 1e-300)) / scale
+    share = np.exp(weight @ logs / 2.0) / np.sqrt(np.maximum(np.diagonal(middle), 1e-300)) / scale
     return np.asarray(middle * np.outer(share, share))
 
 
 def arma_whitening_matrix(residual: Floats, columns: Floats) -> Floats:
-    """Return what makes stretches independent by the mean covariance of the models, (n, n).
+    """Compute the whitening matrix of the mean covariance of the models, (n, n).
 
     Args:
         residual: of the fit, (n,).
@@ -216,7 +216,7 @@ def arma_standard_errors(residual: Floats, columns: Floats, weights: Floats) -> 
 
 
 def arma_effective_size(residual: Floats, columns: Floats) -> float:
-    """Return how many independent stretches would say as much of a mean.
+    """Compute the effective sample size of a mean.
 
     Args:
         residual: of the fit, (n,).
@@ -288,12 +288,12 @@ def estimate_swing_noise(
     shape, clipped = _scatter_shape(residual, speed_kn)
     scale = np.sqrt(np.sum((clipped / shape) ** 2) / (n - rank))
     noise = SwingNoise(np.maximum(shape * scale, MIN_SCATTER_DEG))
-    kept = float(np.mean(residual == clipped))  # Huber's estimate varies as if the clipped ones were not there
+    unclipped = float(np.mean(residual == clipped))  # Huber's estimate varies as if the clipped ones were not there
     if blocks is None:
-        return replace(noise, sigma=noise.sigma / kept, n_effective=float(n), dof=float(n - rank))
+        return replace(noise, sigma=noise.sigma / unclipped, n_effective=float(n), dof=float(n - rank))
     columns = span_basis(basis / noise.sigma[:, None])
     noise = _correlated(noise, _block_means(clipped / noise.sigma, blocks), _block_means(columns, blocks))
-    noise = replace(noise, level=noise.level / kept**2)
+    noise = replace(noise, level=noise.level / unclipped**2)
     fitted = columns if rank else np.full((n, 1), n**-0.5)
     weight = min(fitted.shape[1] / float(np.trace(score_covariance(fitted, noise, blocks))), 1.0)
     return replace(noise, n_effective=weight * n, dof=max(weight * n - rank, MIN_DOF), weight=weight)
@@ -327,15 +327,15 @@ def clip_residuals(residual: Floats, noise: SwingNoise) -> Floats:
 def _scatter_shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
     """Return the scatter of each residual and the residuals clipped by it, the likeliest share of slowness taken."""
     slowness = np.zeros(residual.shape) if speed_kn is None else 1.0 / np.maximum(speed_kn, 0.1)
-    best, found = np.inf, (residual, residual)
+    best, best_fit = np.inf, (residual, residual)
     for equal_kn in SLOW_KN if speed_kn is not None else SLOW_KN[:1]:
         shape = np.hypot(1.0, equal_kn * slowness)
         scale = robust_width(residual / shape) + 1e-9
         clipped = np.clip(residual, -HUBER_CLIP * scale * shape, HUBER_CLIP * scale * shape)
         loss = float(np.sum(np.log(shape)) + 0.5 * len(shape) * np.log(np.mean((clipped / shape) ** 2) + 1e-18))
         if loss < best:
-            best, found = loss, (scale * shape, clipped)
-    return found
+            best, best_fit = loss, (scale * shape, clipped)
+    return best_fit
 
 
 def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise:
@@ -344,10 +344,10 @@ def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise
     Of the models as likely as the likeliest but for half a standard error the one of the slowest noise is taken: too
     short a correlation understates the uncertainty, too long a one hardly overstates it.
     """
-    tried = arma_likelihoods(means, columns)
-    if not len(tried):
+    models = arma_likelihoods(means, columns)
+    if not len(models):
         return noise
-    likely = tried[tried[:, 0] <= tried[:, 0].min() + LIKELIHOOD_TOLERANCE]
+    likely = models[models[:, 0] <= models[:, 0].min() + LIKELIHOOD_TOLERANCE]
     _, phi, theta, level = max(likely.tolist(), key=lambda each: each[3] * arma_low_frequency_power(each[1], each[2]))
     return replace(noise, phi=phi, theta=theta, level=level)
 

@@ -59,7 +59,7 @@ def resample_blocks(series: Floats, length: int, repeats: int, seed: int) -> Flo
 def cluster_variance_inflation(
     basis: Floats, residual: Floats, block: NDArray[np.intp], variance: float
 ) -> tuple[float, float]:
-    """Return what blocks make of a group's score over what even noise would, and in how many of them the group lives.
+    """Compute the variance inflation of a group's block scores over even noise, and its effective number of blocks.
 
     Args:
         basis: the group's columns, orthonormal, (n, k).
@@ -68,8 +68,10 @@ def cluster_variance_inflation(
     """
     k = basis.shape[1]
     held = block_sums(np.sum(basis**2, axis=1), block) / k
-    lives = float(np.sum(held**2))
-    return float(np.sum(block_scores(basis, residual, block) ** 2)) / k / variance / max(1.0 - lives, 0.1), 1.0 / lives
+    concentration = float(np.sum(held**2))
+    return float(np.sum(block_scores(basis, residual, block) ** 2)) / k / variance / max(
+        1.0 - concentration, 0.1
+    ), 1.0 / concentration
 
 
 def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information: Floats) -> Floats:
@@ -83,11 +85,11 @@ def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], inform
         pulls: what each sample adds to the gradient, (n, p).
         information: of all samples, (p, p).
     """
-    own = [block == b for b in np.unique(block)]
-    lesser = [information - rows[one].T @ rows[one] for one in own]
-    steps = [np.linalg.lstsq(x, pulls[one].sum(axis=0))[0] for x, one in zip(lesser, own, strict=True)]
+    members = [block == b for b in np.unique(block)]
+    lesser = [information - rows[member].T @ rows[member] for member in members]
+    steps = [np.linalg.lstsq(x, pulls[member].sum(axis=0))[0] for x, member in zip(lesser, members, strict=True)]
     moved = np.array(steps)
-    return np.asarray(moved.T @ moved * (len(own) - 1) / len(own))
+    return np.asarray(moved.T @ moved * (len(members) - 1) / len(members))
 
 
 def student_factor(freedom: float) -> float:
@@ -109,10 +111,10 @@ def angle_resolution(angle_deg: Floats) -> Floats:
     """
     step = np.zeros(angle_deg.shape)
     known = np.flatnonzero(np.isfinite(angle_deg))
-    for some in np.array_split(known, max(1, len(known) // RESOLUTION_RUN)):
-        values = np.unique(angle_deg[some].round(2))
-        if len(some) > RESOLUTION_RUN // 2 and 2 < len(values) < MAX_DISTINCT * len(some):
-            step[some[0] : some[-1] + 1] = np.median(np.diff(values))
+    for run in np.array_split(known, max(1, len(known) // RESOLUTION_RUN)):
+        values = np.unique(angle_deg[run].round(2))
+        if len(run) > RESOLUTION_RUN // 2 and 2 < len(values) < MAX_DISTINCT * len(run):
+            step[run[0] : run[-1] + 1] = np.median(np.diff(values))
     return step
 
 

@@ -221,8 +221,8 @@ def whitened_basis(white: Floats) -> Floats:
     if unit.shape[1] < 2:
         return unit
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
-    kept = values > max(MIN_DIRECTION * values[-1], 1e-5)
-    return (unit @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)).astype(np.float32)
+    strong = values > max(MIN_DIRECTION * values[-1], 1e-5)
+    return (unit @ (vectors[:, strong] / np.sqrt(values[strong])).astype(np.float32)).astype(np.float32)
 
 
 def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
@@ -247,8 +247,8 @@ def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
     the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best. The
     slowest water goes where it rarely goes: a width too narrow there makes a veer of noise.
     """
-    some = slice(0, max(len(centre) // 2, 2))
-    x, y = centre[some] ** 2, middle[some] ** 2
+    faster = slice(0, max(len(centre) // 2, 2))
+    x, y = centre[faster] ** 2, middle[faster] ** 2
     slower = np.maximum(slowness / max(centre[-1], 1e-12), 1.0)
     if np.ptp(x) == 0.0:
         return slower
