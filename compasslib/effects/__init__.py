@@ -85,7 +85,7 @@ from compasslib.effects.water import (
 )
 from compasslib.errors import InputError
 
-__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Effect", "Scene", "all_terms", "meanings", "side_of"]
+__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Effect", "Scene", "all_effects", "meanings", "side_of"]
 
 # Roughly in the order in which they act, the forms of an effect together; other packages' come after them.
 CATALOGUE: tuple[type[Effect], ...] = (
