@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
-from compasslib.calibrations import budget, resolve_settings
+from compasslib.calibrations import budget
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
+from compasslib.calibrations.settings import resolve_settings
 from compasslib.deviation.model import MIN_HORIZONTAL_NT
 from compasslib.types import Floats
 

@@ -1,0 +1,35 @@
+"""The settings of a calibration with the earth's field at its place and date."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Add ``field`` and ``declination_deg`` to settings, as every kind takes them.
+
+    The field is a mapping of horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are
+    given, else None. The declination is the number given, else that of the field, else None.
+
+    Args:
+        settings: the keys of the YAML file with defaults filled in.
+
+    Raises:
+        InputError: the date lies outside the model of the earth's field.
+    """
+    given = settings.get("declination", "auto")
+    field = _field_at_place(settings, beyond=given not in (None, "auto"))
+    by_model = None if field is None else field["declination_deg"]
+    return {**settings, "field": field, "declination_deg": by_model if given in (None, "auto") else given}
+
+
+def _field_at_place(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | None:
+    latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
+    if latitude is None or longitude is None or date_s is None:
+        return None
+    from compasslib import earthfield  # only where a place is given
+
+    at = earthfield.covered_by_igrf(date_s) if beyond else date_s
+    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
+    return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
