@@ -71,7 +71,7 @@ def test_each_room_shows_a_worked_example(room, tmp_path, monkeypatch):
 
 
 def test_one_record_takes_ten_lines():
-    ten = next(block for block in blocks(LIBRARY, "python") if "correction.correct(" in block)
+    ten = next(block for block in blocks(LIBRARY, "python") if "= correct(" in block)
     statements = [line for line in ten.splitlines() if line and not line.startswith((" ", ")", "from", "import"))]
     assert len(statements) <= 10
 
