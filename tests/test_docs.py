@@ -216,6 +216,7 @@ def test_commands_that_a_page_names_exist(page):
     assert set(re.findall(r"(?:`|^    )make ([a-z]+)", text, re.MULTILINE)) <= targets
     assert set(re.findall(r"`compass ([a-z]+)`", text)) <= {
         "init",
+        "run",
         "check",
         "correct",
         "explain",

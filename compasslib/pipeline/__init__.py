@@ -17,6 +17,6 @@ What a rule is given comes from ``plan``, which knows each key of the cruise and
 ...     planned = plan.plan(cruise.load(Path(folder)), Path())
 >>> planned.moorings.raw_files(SimpleNamespace(mooring="M1", role="top"))
 ['a.000']
->>> planned.products(None)[0]
+>>> planned.products()[0]
 'results/M1/corrected.nc'
 """
