@@ -225,7 +225,7 @@ def test_commands_that_a_page_names_exist(page):
         "verify",
     }
     for words in re.findall(r"^    (?:\.venv/bin/)?compass ([^\n#]*)", text, re.MULTILINE):
-        _parser().parse_args(shlex.split(words))
+        _parser().parse_args(shlex.split(words.partition(" -- ")[0]))  # after it, options of Snakemake
     for script in re.findall(r"\b(?:benchmarks|tests|examples|compasslib|workflow)/[\w/]*\w\.py\b", text):
         assert "NAME" in script or (PROJECT / script).exists(), script
 

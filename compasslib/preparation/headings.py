@@ -29,10 +29,15 @@ AT_LIMIT, CROWDED, BESIDE = 10, 10.0, 9
 
 
 def flag_altered(record: Record) -> Record:
-    """Flag headings doubtful that cannot be those by which the instrument turned its velocities."""
+    """Flag headings doubtful that cannot be those by which the instrument turned its velocities.
+
+    A record of less than a month, as of a package lowered from a ship, is held against its own repetitions and limits
+    only.
+    """
+    record = _flag_limits(_flag_repeated(record))
     flow, known = _flow(record), np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
     speed = np.where(known, np.abs(flow), 0.0)
-    if np.count_nonzero(speed) < FEWEST_WINDOWS * FEWEST:
+    if np.count_nonzero(speed) < FEWEST_WINDOWS * FEWEST or np.ptp(record.time_s) < FEWEST_WINDOWS * WINDOW_S:
         return record
     weight = np.minimum(speed, np.median(speed[speed > 0.0]))  # slow flow has no direction
     direction, mirrored = (_in_own_frame(flow, sign * record.heading_deg) for sign in (1.0, -1.0))
@@ -51,7 +56,7 @@ def flag_altered(record: Record) -> Record:
             "column of headings"
         )
         record = _flag(record, altered, note)
-    return _flag_limits(_flag_repeated(record))
+    return record
 
 
 def _flow(record: Record) -> Complexes:
