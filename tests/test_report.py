@@ -217,7 +217,7 @@ def test_the_same_results_give_the_same_bytes(done, monkeypatch):
     path = done / "results/report.html"
     first = path.read_bytes()
     path.unlink()
-    assert snakemake(done, "--allowed-rules", "report").returncode == 0
+    assert snakemake(done, "results/report.html").returncode == 0
     assert path.read_bytes() == first
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1200000000")
     again = report.gather(done / "results", attributes={}, moorings={}, calibrations=["few"])
