@@ -171,11 +171,11 @@ def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float
         return []
     return [
         f"{name} {degrees:+.2f} degrees in the metadata is {worst:+.2f} degrees off IGRF ({model.mean():+.2f})"
-        f"{_mistake(degrees, float(model.mean()))}; check its sign, or write auto"
+        f"{recognize_mistake(degrees, float(model.mean()))}; check its sign, or write auto"
     ]
 
 
-def _mistake(degrees: float, model: float) -> str:
+def recognize_mistake(degrees: float, model: float) -> str:
     """Return which mistake makes the one number of the other, or nothing."""
     mistakes = {
         ", which has the other sign": -model,

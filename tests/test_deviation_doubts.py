@@ -76,12 +76,14 @@ def test_a_small_declination_is_told_from_an_ordinary_constant_by_the_odds(some)
     assert find_constant_offset(fitted(6.0, 1.4), some, 8.7).effect == ""
 
 
-def test_a_declination_that_no_crust_explains_is_questioned_and_the_local_anomaly_is_not():
-    wrong, local = (EarthField(*(np.full(2, x) for x in (0.0, d, 1e4, 5e4, -20.0))) for d in (15.0, -17.0))
-    assert find_declination_error(local) is None
-    offset = find_declination_error(wrong)
-    assert offset.effect == "declination_error" and offset.angle_deg == 35.0
-    assert offset.text.startswith("the declination of the metadata is +35.0")
+def test_a_declination_of_the_other_sign_is_questioned_and_one_that_is_only_far_off_is_not():
+    fields = [EarthField(*(np.full(2, x) for x in (0.0, d, 1e4, 5e4, -20.0))) for d in (20.0, 8.0, -17.0)]
+    wrong, unknown, local = map(find_declination_error, fields)
+    assert unknown is None and local is None
+    assert wrong.effect == "declination_error" and wrong.angle_deg == 40.0
+    assert wrong.text.startswith(
+        "the declination of the metadata is +40.0° off IGRF (-20.0°), which has the other sign"
+    )
 
 
 def test_a_heading_bias_that_was_subtracted_is_named_with_its_instrument(some):

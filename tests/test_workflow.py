@@ -97,7 +97,7 @@ def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
 
 def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(done, tmp_path):
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
-    with (project / "compasslib/preparation/overlap.py").open("a") as stream:
+    with (project / "compasslib/preparation/pairs.py").open("a") as stream:
         stream.write("# a comment\n")
     assert {rule for rule, _ in planned(done, project=project)} == {*EACH, *OF_ALL}
 

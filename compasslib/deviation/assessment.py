@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import angles, earthfield
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.exact import held_out_scores
@@ -307,17 +307,17 @@ class ConstantOffset:
 
 
 def find_declination_error(field: EarthField) -> ConstantOffset | None:
-    """Compare the declination of the metadata with IGRF; None where it lies within what the crust may add.
+    """Compare the declination of the metadata with IGRF; None where no known mistake turns the one into the other.
 
     Directions of both instruments are turned by it, so that they agree whatever it is.
     """
-    off = angles.difference(field.declination_deg, field.model_declination_deg)
-    size = float(off[np.argmax(np.abs(off))])
-    if abs(size) <= CRUST_DEG:
+    stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
+    size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
+    if abs(size) <= CRUST_DEG or not mistake:
         return None
     cause = (
-        f"the declination of the metadata is {size:+.1f}° off IGRF, more than the earth's crust makes at sea: it is "
-        "probably wrong, and so are all corrected directions"
+        f"the declination of the metadata is {size:+.1f}° off IGRF ({model:+.1f}°){mistake}: it is probably wrong, and "
+        "so are all corrected directions"
     )
     return ConstantOffset(size, 1.0, "declination_error", cause, 0.99, between_instruments=False)
 
