@@ -178,6 +178,7 @@ def test_a_dry_run_writes_and_deletes_nothing_beside_snakemakes_own(copied):
 def test_a_second_run_at_once_is_refused_in_one_line(copied):
     import fcntl
 
+    (copied / "results/summary.csv").unlink()  # a run that has nothing to do needs no lock
     with (copied / ".snakemake/compasslib.lock").open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         ran = snakemake(copied)
