@@ -313,7 +313,7 @@ def find_declination_error(field: EarthField) -> ConstantOffset | None:
     """
     stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
     size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
-    if abs(size) <= CRUST_DEG or not mistake:
+    if min(abs(size), abs(stated)) <= CRUST_DEG or not mistake:  # a small one may be meant: magnetic north throughout
         return None
     cause = (
         f"the declination of the metadata is {size:+.1f}° off IGRF ({model:+.1f}°){mistake}: it is probably wrong, and "
