@@ -182,7 +182,7 @@ def _described(time_s: Floats, residuals: Residuals) -> Windows:
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
-    """Return the pairs of each window: as many windows of LENGTH_S as hold enough pairs on the average."""
+    """Cut the pairs into windows: as many windows of WINDOW_S as hold enough pairs on the average."""
     span = float(np.ptp(time_s))
     length = max(WINDOW_S, span * MIN_WINDOW_PAIRS / len(time_s))
     number = np.floor((time_s - time_s[0]) / length).astype(int)

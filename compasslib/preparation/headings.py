@@ -90,7 +90,7 @@ def _far_windows(number: NDArray[np.intp], direction: Complexes, weight: Floats)
     if enough.sum() < FEWEST_WINDOWS:
         return np.zeros(size, dtype=bool)
     usual = complex(np.median(mean[enough].real), np.median(mean[enough].imag))
-    away, turned = np.abs(mean - usual), np.abs(np.angle(mean * np.conj(usual), deg=True))
+    away, turned = np.abs(mean - usual), np.abs(angles.wrap180(angles.argument(mean * np.conj(usual))))
     far = away > max(OFF, OFF_TIMES * float(np.median(away[enough])))
     far |= (np.minimum(np.abs(mean), abs(usual)) > FIRM) & (turned > TURNED_DEG)
     far &= enough
