@@ -61,6 +61,7 @@ MODELS = {  # words for the curves along the heading
 
 
 def figure_names(kind: str) -> list[str]:
+    """List the figures that are drawn of a kind of calibration."""
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
 

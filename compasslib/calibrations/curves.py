@@ -221,6 +221,7 @@ POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _p
 
 
 def curve_to_json(curve: FittedCurve) -> dict[str, Any]:
+    """Describe a fitted curve for calibration.json."""
     coefficients = published_polynomial(curve) if curve.form is POLYNOMIAL else curve.coefficients.tolist()
     return {
         "coefficients": dict(zip(curve.form.letters, coefficients, strict=True)),

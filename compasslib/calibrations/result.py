@@ -120,6 +120,7 @@ def _numbers(letters: Mapping[str, float | None] | None) -> Floats:
 
 
 def log_line(content: Mapping[str, Any]) -> str:
+    """Describe a calibration in one line of the log, its warnings below."""
     name, warnings = content["name"], [f"{content['name']}: warning: {text}" for text in content["warnings"]]
     if content["why"]:
         return "\n".join([f"{name}: no calibration: {content['why']}", *warnings])

@@ -480,6 +480,7 @@ def independent_pairs(pairs: Pairs, effective: float) -> float:
 
 
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:
+    """Compute how many pairs count as one independent pair."""
     return len(pairs) / independent_pairs(pairs, effective)
 
 

@@ -271,6 +271,7 @@ def _strength(model: Model) -> Rows:
 
 
 def known_heading(state: FittedModel) -> Floats:
+    """Take the fitted headings, the recorded ones where there is none, (n,) degrees."""
     return np.where(np.isfinite(state.heading_deg), state.heading_deg, state.case.recorded_deg)
 
 

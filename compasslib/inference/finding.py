@@ -214,6 +214,7 @@ def span_json(span_s: tuple[float, float] | None) -> dict[str, str] | None:
 
 
 def curve_json(curve: BinnedResidual) -> dict[str, Any]:
+    """Describe the residual along a covariate for diagnosis.json."""
     columns = ("centre", "before_deg", "after_deg", "sigma_deg")
     written = {"covariate": curve.covariate} | ({"compared": curve.compared} if curve.compared else {})
     return written | {name: getattr(curve, name).tolist() for name in columns}

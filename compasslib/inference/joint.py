@@ -108,6 +108,7 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
 
 
 def log_line(content: Mapping[str, Any], diagnosis: Diagnosis) -> str:
+    """Describe a joint fit in lines of the log."""
     name, siblings = content["compass"], [entry["name"] for entry in content["deployments"] if entry["fits"]]
     names, count = ", ".join(siblings) or "none", len(content["deployments"])
     lines = [f"{name}: {count} records, {len(siblings)} of one compass ({names})"]

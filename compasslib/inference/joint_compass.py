@@ -137,6 +137,7 @@ class EffectInformation:
 
 
 def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
+    """Read what one record tells of the effects of its compass."""
     products = tuple(
         Products(np.array(entry["information"]), np.array(entry["score"]), entry["log_likelihood"])
         for entry in content["beside"]
@@ -170,6 +171,7 @@ class RecordInformation:
 
 
 def effect_class(form: str) -> type[Effect]:
+    """Look up the class of an effect by its name."""
     return next(kind for kind in all_effects() if kind.__name__ == form)
 
 

@@ -48,6 +48,7 @@ class ShortEvidence:
 
 
 def laws(channel: ShortComparison) -> tuple[Law, ...]:
+    """List the noise laws that are tried for a short record."""
     return WHITE if channel.independent else LAWS
 
 

@@ -65,6 +65,7 @@ def separating_text(findings: Sequence[Finding]) -> str | None:
 
 
 def reason_text(compared: FieldComparison, source: str, findings: Sequence[Finding]) -> str:
+    """Describe what an observatory's series was compared with."""
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
         f"{len(compared.time_s)} means over {compared.days} days against {model} plus "
@@ -110,6 +111,7 @@ def constant_text(compared: FieldComparison, most_deg: float, source: str, alter
 
 
 def restless_text(size_deg: float) -> str:
+    """Describe a series that is disturbed at all times."""
     return (
         f"The declination is restless at all times, by {size_deg:.2f}° rms over three hours in the middle of "
         "the record: the ordinary weather of a station in the auroral zone, or noise of the recording. No storm stands "

@@ -125,6 +125,7 @@ def compare_series(compared: FieldComparison, model: EarthField) -> LongComparis
 
 
 def why_too_short(compared: FieldComparison) -> str:
+    """Explain why a series is too short for slow changes; empty where it is not."""
     days = float(np.ptp(compared.time_s)) / observatory.DAY_S
     hours = len(np.unique(np.floor(compared.time_s / observatory.HOUR_S)))
     if days >= comparison.SHORTEST_DAYS and hours >= comparison.FEWEST_PAIRS:
@@ -136,6 +137,7 @@ def why_too_short(compared: FieldComparison) -> str:
 
 
 def covered_share(compared: FieldComparison) -> float:
+    """Compute the share of the days of a series that have data."""
     return compared.days / (float(np.ptp(compared.time_s)) / observatory.DAY_S + 1.0)
 
 

@@ -362,6 +362,7 @@ NO_SENSOR = "the log carries no temperature, voltage or tilt"
 
 
 def too_short(count: int, fewest: int) -> str:
+    """Explain that a log of a swing is too short to be searched."""
     return (
         f"the log holds {count} stretches of 20 s that count, at least {fewest} are needed: residuals are alike for "
         "minutes, and so few do not tell an effect from them; swing for a quarter of an hour or longer"
