@@ -2,9 +2,9 @@
 
 Heading minus direction of flow is the direction from which the water came at the instrument, in its own frame: no
 compass is in it, however bent. A moored instrument turns with the water, so that this direction keeps to one side; by
-windows of five days its speed-weighted mean vector stays within 0.61 of the record's in two real records of 21
-months together. Where the column of headings was changed later (turned, mirrored, sorted, taken from elsewhere) it does not.
-Nor does a compass that turns repeat a sequence of readings to the last digit.
+windows of five days its speed-weighted mean vector stays within 0.61 of the record's in two real records of 21 months
+together. Where the column of headings was changed later (turned, mirrored, taken from elsewhere) it does not. Nor does
+a compass that turns repeat a sequence of readings to the last digit.
 """
 
 from __future__ import annotations
