@@ -19,7 +19,9 @@ from compasslib.records import PROBABLY_BAD, Record, iso_time
 from compasslib.types import Bools, Complexes, Floats
 
 WINDOW_S, FEWEST, FEWEST_WINDOWS = 5 * 86400.0, 40, 6
-FIRM, TURNED_DEG = 0.4, 60.0  # mean vector that has a direction, and how far a window's may be from the record's
+FIRM, TURNED_DEG = 0.4, 60.0  # mean vector that has a direction, and how far that of two windows in a row may be off
+# A single window may be further off: of 553 of the demonstration cruise one is by 79 degrees and 0.81.
+ALONE, ALONE_DEG = 1.4, 110.0
 OFF, OFF_TIMES = 0.75, 5.0  # distance of a window's mean vector from the record's, and over the median distance
 SEQUENCE, DISTINCT = 12, 8  # readings in a row that are compared, and the different ones that they must hold
 MIRRORED = 0.15  # by which the mirrored headings keep more to one side
@@ -91,10 +93,19 @@ def _far_windows(number: NDArray[np.intp], direction: Complexes, weight: Floats)
         return np.zeros(size, dtype=bool)
     usual = complex(np.median(mean[enough].real), np.median(mean[enough].imag))
     away, turned = np.abs(mean - usual), np.abs(angles.wrap180(angles.argument(mean * np.conj(usual))))
-    far = away > max(OFF, OFF_TIMES * float(np.median(away[enough])))
-    far |= (np.minimum(np.abs(mean), abs(usual)) > FIRM) & (turned > TURNED_DEG)
-    far &= enough
-    return np.asarray(far | np.append(far[1:], False) | np.append(False, far[:-1]))
+    firm = np.minimum(np.abs(mean), abs(usual)) > FIRM
+    least = max(OFF, OFF_TIMES * float(np.median(away[enough])))
+    sure, far = (
+        enough & ((away > times * least) | (firm & (turned > degrees)))
+        for times, degrees in ((ALONE, ALONE_DEG), (1.0, TURNED_DEG))
+    )
+    far = sure | (far & _beside(far))
+    return np.asarray(far | _beside(far))
+
+
+def _beside(windows: Bools) -> Bools:
+    """Tell which windows have a selected one before or after them, (w,)."""
+    return np.append(windows[1:], False) | np.append(False, windows[:-1])
 
 
 def _flag_repeated(record: Record) -> Record:
