@@ -33,6 +33,6 @@ def test_a_cluster_gives_what_this_machine_gives(tmp_path):
         finally:
             queued.kill()
         logs = sorted(log.name for log in (there / ".snakemake/slurm_logs").iterdir())
-    assert [name.split("_")[1] for name in logs] == ["mooring", "provenance", "report", "summary"]
+    assert [name.split("_")[1] for name in logs] == ["mooring"]  # what belongs to the cruise ran here
     for file in [*(f"M1/{name}" for name in COMPARED), "summary.csv", "report.html", "ro-crate-metadata.json"]:
         assert (there / "results" / file).read_bytes() == (here / "results" / file).read_bytes(), file

@@ -1,6 +1,14 @@
 """The whole cruise: summary, report, what was made from what, and whether it still is so."""
 
 
+# On a cluster these run where Snakemake was started: seconds each, and they wait for all others.
+localrules:
+    summary,
+    report,
+    provenance,
+    complete,
+
+
 rule summary:
     """One row a mooring."""
     input:
@@ -69,9 +77,9 @@ rule complete:
 
 
 rule verify:
+    """The manifest against the files; no input, so that nothing is made anew before it is looked at."""
     log:
         "results/logs/verify.log",
-    """The manifest against the files; no input, so that nothing is made anew before it is looked at."""
     params:
         configured=PLAN.configured,
     script:
