@@ -13,7 +13,7 @@ from snakemake.utils import min_version
 min_version("9.1")
 sys.path.insert(0, str(workflow.current_basedir))  # before a folder of the same name where this is started
 
-from compasslib.config.cruise import load
+from compasslib.config.cruise import load_cruise
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan
 
@@ -21,7 +21,7 @@ try:
     guard.refuse_config(config)
     guard.refuse_prefix(workflow.modifier.path_modifier)
     guard.enter(Path.cwd(), Path(workflow.current_basedir))
-    CRUISE = load(Path.cwd())
+    CRUISE = load_cruise(Path.cwd())
     PLAN = plan.plan(CRUISE, Path(workflow.current_basedir) / "workflow/scripts")
     SIMULATED = guard.simulated_names(CRUISE)
     if workflow.exec_mode.name == "DEFAULT":  # a job on a cluster was looked at where it came from

@@ -23,7 +23,7 @@ sys.path.insert(0, str(PROJECT / "tests"))
 import browser  # noqa: E402
 
 from compasslib import report  # noqa: E402
-from compasslib.config.cruise import load  # noqa: E402
+from compasslib.config.cruise import load_cruise  # noqa: E402
 from compasslib.pipeline.settings import Moorings  # noqa: E402
 from compasslib.report import chart, sections  # noqa: E402
 
@@ -62,7 +62,7 @@ def measured(chromium: browser.Page, path: Path, count: int) -> str:
     """Return the line of one count."""
     sections.MAX_SECTIONS, most = (0 if count > sections.MAX_SECTIONS else sections.MAX_SECTIONS), sections.MAX_SECTIONS
     begin = time.perf_counter()
-    described = Moorings(load(PROJECT)).described()
+    described = Moorings(load_cruise(PROJECT)).described()
     made = report.gather(PROJECT / "results", attributes={}, moorings=described, calibrations=[])
     sections.MAX_SECTIONS = most
     report.write(path, repeated(made, count))

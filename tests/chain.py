@@ -26,7 +26,7 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
     results.mkdir(parents=True, exist_ok=True)
     try:
         with chdir(folder):
-            run_stages(cruise.load(Path()), name, results)
+            run_stages(cruise.load_cruise(Path()), name, results)
         return _told(results) | {"error": None}
     except InputError as error:
         return {"error": f"error: {error}"}

@@ -287,7 +287,7 @@ def _yaml(folder: Path) -> Kind:
 
     def read(path: Path) -> Any:
         file.write_bytes(path.read_bytes())
-        return yaml.safe_dump(config.load(made).moorings["M1"].model_dump(mode="json"))
+        return yaml.safe_dump(config.load_cruise(made).moorings["M1"].model_dump(mode="json"))
 
     return Kind(whole, _renamed(read))
 

@@ -169,7 +169,7 @@ def test_a_path_comes_back_from_its_identifier(path):
 def test_the_settings_behind_each_job_are_files_that_are_there(tmp_path):
     folder = cruise(tmp_path, ("M1",), n=10)
     write_calibration(folder, "M1", readings())  # of the mooring's name, which is allowed
-    behind = plan.plan(config.load(folder), PROJECT / "workflow/scripts").moorings.configuration()
+    behind = plan.plan(config.load_cruise(folder), PROJECT / "workflow/scripts").moorings.configuration()
     assert behind == {
         "": ["config/config.yaml"],
         "mooring M1": ["config/config.yaml", "config/moorings/M1.yaml"],
@@ -304,7 +304,9 @@ ELSEWHERE = [
 
 
 def differing(archive: Path) -> list[str]:
-    return verification.differences(archive, plan.plan(config.load(archive), PROJECT / "workflow/scripts").configured())
+    return verification.differences(
+        archive, plan.plan(config.load_cruise(archive), PROJECT / "workflow/scripts").configured()
+    )
 
 
 def test_an_identifier_that_leads_elsewhere_fails(archive):

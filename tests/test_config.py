@@ -105,7 +105,7 @@ def edited(text: str, old: str, new: str) -> str:
 
 def message(root: Path) -> str:
     with pytest.raises(InputError) as caught:
-        config.load(root)
+        config.load_cruise(root)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -127,7 +127,7 @@ def with_line(line: str) -> str:
 
 
 def test_the_example_of_the_contract_is_read(cruise: Path) -> None:
-    loaded = config.load(cruise)
+    loaded = config.load_cruise(cruise)
     mooring = loaded.moorings["EG4"]
     top, deep = mooring.instruments["top"], mooring.instruments["deep"]
     assert loaded.root == cruise
@@ -146,7 +146,7 @@ def test_the_example_of_the_contract_is_read(cruise: Path) -> None:
 def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
     write(cruise, "config/config.yaml", "{}")
     write(cruise, MOORING_FILE, SHORTEST)
-    loaded = config.load(cruise)
+    loaded = config.load_cruise(cruise)
     assert loaded.options.model_dump() == {
         "moorings": "config/moorings",
         "demonstration": False,
@@ -182,7 +182,7 @@ def test_the_keys_of_a_table_are_those_of_its_covariates_too(cruise: Path) -> No
     depth = "    depth: 120\n"
     text = edited(with_line(f"covariates: {{supply: {flow}}}"), depth, depth + "".join(f"    {key}\n" for key in keys))
     write(cruise, MOORING_FILE, text)
-    mooring = config.load(cruise).moorings["EG4"]
+    mooring = config.load_cruise(cruise).moorings["EG4"]
     wanted = {"delimiter": ";", "decimal": ",", "timezone": "+02:00", "missing": ["-99.9", "x"], "skip_rows": 2}
     for section in (mooring.instruments["deep"], mooring.covariates["supply"]):
         assert wanted.items() <= section.model_dump(mode="json").items()
@@ -192,7 +192,7 @@ def test_the_keys_of_a_table_are_those_of_its_covariates_too(cruise: Path) -> No
 
 
 def test_models_become_plain_json(cruise: Path) -> None:
-    loaded = config.load(cruise)
+    loaded = config.load_cruise(cruise)
     dumped = loaded.moorings["EG4"].model_dump(mode="json")
     assert json.loads(json.dumps(dumped, allow_nan=False)) == dumped
     assert json.loads(json.dumps(loaded.options.model_dump(mode="json"))) == loaded.options.model_dump(mode="json")
@@ -200,7 +200,7 @@ def test_models_become_plain_json(cruise: Path) -> None:
 
 def test_an_empty_value_counts_as_absent(cruise: Path) -> None:
     write(cruise, MOORING_FILE, SHORTEST + "reference:\ncovariates:\ndiagnose: {apply: }\nattributes: {ship: }\n")
-    mooring = config.load(cruise).moorings["M1"]
+    mooring = config.load_cruise(cruise).moorings["M1"]
     assert (mooring.reference, mooring.covariates, mooring.diagnose.apply, mooring.attributes) == ((), {}, True, {})
 
 
@@ -208,7 +208,7 @@ def test_a_mooring_overrides_the_options(cruise: Path) -> None:
     write(cruise, "config/config.yaml", "fit: {method: von_appen}\ndiagnose: {apply: false, min_effect_deg: 2}\n")
     write(cruise, MOORING_FILE, edited(MOORING, "diagnose: {apply: true} ", "diagnose: {enabled: off} "))
     write(cruise, "config/moorings/M1.yaml", SHORTEST)
-    own, general = config.load(cruise).moorings.values()
+    own, general = config.load_cruise(cruise).moorings.values()
     assert (own.fit.method, general.fit.method) == ("exact", "von_appen")
     assert own.diagnose.model_dump() == {"enabled": False, "apply": False, "min_effect_deg": 2.0}
     assert general.diagnose.model_dump() == {"enabled": True, "apply": False, "min_effect_deg": 2.0}
@@ -229,7 +229,7 @@ instruments:
   speeds: {format: table, files: raw/EG4/a.000, depth: 5, columns: {time: t, speed: s, direction: d, heading: h}}
 """
     write(cruise, MOORING_FILE, SHORTEST.rpartition("instruments")[0] + instruments)
-    found = config.load(cruise).moorings["M1"].instruments
+    found = config.load_cruise(cruise).moorings["M1"].instruments
     assert found["top"].files == ("raw/EG4/b.000", "raw/EG4/a.000", "raw/EG4/top.000")
     assert found["top"].pressure_files == ("raw/EG4/deep.csv",)
     assert found["top"].start_offset_seconds == 1000.0
@@ -255,7 +255,7 @@ instruments:
 )
 def test_dates_in_every_form(cruise: Path, written: str, hours: float) -> None:
     write(cruise, MOORING_FILE, with_line(f"start: {written}"))
-    assert config.load(cruise).moorings["EG4"].start_s == 1188864000.0 + 3600 * hours
+    assert config.load_cruise(cruise).moorings["EG4"].start_s == 1188864000.0 + 3600 * hours
 
 
 def test_dates_as_python_objects() -> None:
@@ -268,14 +268,14 @@ def test_dates_as_python_objects() -> None:
 def test_texts_that_look_like_something_else_stay_texts(cruise: Path) -> None:
     texts = "{a: 2007-09-04, b: 0123, c: 12:30, d: no, e: 1e5, f: 123456789012345678901, g: 0x1F, h: .inf, i: 1_0}"
     write(cruise, MOORING_FILE, SHORTEST + f"attributes: {texts}\n")
-    given = config.load(cruise).moorings["M1"].attributes
+    given = config.load_cruise(cruise).moorings["M1"].attributes
     assert list(given.values()) == re.findall(r": ([^,}]+)", texts)
 
 
 def test_numbers_in_every_form(cruise: Path) -> None:
     for written, value in (("1e-2", 0.01), (".01", 0.01), ("+1.", 1.0), ("2.5E-1", 0.25), ("3", 3.0)):
         write(cruise, MOORING_FILE, edited(MOORING, "scale: 0.01", f"scale: {written}"))
-        columns = config.load(cruise).moorings["EG4"].instruments["deep"].columns
+        columns = config.load_cruise(cruise).moorings["EG4"].instruments["deep"].columns
         assert columns is not None
         assert columns.scale == value
 
@@ -283,28 +283,28 @@ def test_numbers_in_every_form(cruise: Path) -> None:
 def test_moorings_as_a_list_and_none_at_all(cruise: Path) -> None:
     write(cruise, "other/Z.yaml", edited(MOORING, "name: EG4", "name: Z"))
     write(cruise, "config/config.yaml", f"moorings: [other/Z.yaml, {MOORING_FILE}]\n")
-    assert list(config.load(cruise).moorings) == ["EG4", "Z"]
+    assert list(config.load_cruise(cruise).moorings) == ["EG4", "Z"]
     write(cruise, "config/config.yaml", "moorings: []\n")
-    assert config.load(cruise).moorings == {}
+    assert config.load_cruise(cruise).moorings == {}
 
 
 def test_the_order_is_that_of_the_file_names(cruise: Path) -> None:
     write(cruise, "config/moorings/A.yml", edited(MOORING, "name: EG4", "name: Z"))
     write(cruise, "config/moorings/.hidden.yaml", "not read")
     write(cruise, "config/moorings/notes.txt", "not read")
-    assert list(config.load(cruise).moorings) == ["Z", "EG4"]
+    assert list(config.load_cruise(cruise).moorings) == ["Z", "EG4"]
 
 
 def test_a_file_whose_name_looks_like_a_glob(cruise: Path) -> None:
     write(cruise, "raw/EG4/top[1].000", "")
     write(cruise, MOORING_FILE, with_line('    files: "raw/EG4/top[1].000"'))
-    assert config.load(cruise).moorings["EG4"].instruments["top"].files == ("raw/EG4/top[1].000",)
+    assert config.load_cruise(cruise).moorings["EG4"].instruments["top"].files == ("raw/EG4/top[1].000",)
 
 
 def test_a_demonstration_may_name_files_that_are_made_later(cruise: Path) -> None:
     write(cruise, "config/config.yaml", "demonstration: true\nseed: 7\n")
     write(cruise, MOORING_FILE, SHORTEST.replace("top.000", "later.000"))
-    loaded = config.load(cruise)
+    loaded = config.load_cruise(cruise)
     assert loaded.options.seed == 7
     assert loaded.moorings["M1"].instruments["top"].files == ("raw/EG4/later.000",)
     write(cruise, MOORING_FILE, SHORTEST.replace("top.000", "*.000"))
@@ -327,14 +327,14 @@ def test_a_calibration_is_named_by_its_file(cruise: Path) -> None:
     )
     placed = "kind: platform\nfile: raw/EG4/deep.csv\nlatitude: 48.4\nlongitude: -4.5\ndate: 2022-09-29\n"
     write(cruise, "config/calibrations/aqd.yaml", placed)
-    assert config.load(cruise).moorings["EG4"].fit.name == "aqd"
+    assert config.load_cruise(cruise).moorings["EG4"].fit.name == "aqd"
 
 
 def test_the_cruise_with_real_records_is_read() -> None:
     folder = ROOT.parent / "shared/data/cruise_eh2"
     if not folder.is_dir():
         pytest.skip(f"no {folder}: the real records are not part of this repository")
-    loaded = config.load(folder)
+    loaded = config.load_cruise(folder)
     assert list(loaded.moorings) == ["E0", "E1", "E2"]
     assert loaded.moorings["E2"].fit.method == "von_appen"
     assert loaded.moorings["E0"].instruments["deep"].direction_reference == "true"
@@ -556,7 +556,7 @@ def test_headings_and_velocities_of_each_format_may_hold_different_declinations(
     both = "declination_applied: {heading: 0, velocity: -17.4}"
     for form, taken in (("pd0", True), ("rdi_text", False)):
         write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {both},"))
-        rules, job = plan.plan(config.load(cruise), Path()).moorings, Wildcards("M1", "top")
+        rules, job = plan.plan(config.load_cruise(cruise), Path()).moorings, Wildcards("M1", "top")
         assert rules.place_and_declination(job)["applied"] == {"top (velocity)": -17.4}
         inside = {"heading": 0.0, "velocity": -17.4}
         assert rules.deployment(job)["declination_applied"] == (0.0 if taken else inside)
@@ -620,7 +620,7 @@ def test_damaged_files_end_in_one_line_or_are_read(cruise: Path) -> None:
             )
         write(cruise, MOORING_FILE, bytes(damaged))
         try:
-            read += len(config.load(cruise).moorings)
+            read += len(config.load_cruise(cruise).moorings)
         except InputError as error:
             refused.append(str(error))
     assert [line for line in refused if "\n" in line or len(line) > 500] == []
@@ -690,7 +690,7 @@ def test_a_compass_is_in_one_place_at_a_time(cruise: Path, second: str, expected
         "config/moorings/M2.yaml",
         SECOND.replace("2007-", "2008-1").replace("10-04", "12-04").replace("2008-109-04", "2008-10-04"),
     )
-    assert config.load(cruise).moorings["M2"].instruments["top"].compass == "wh1"
+    assert config.load_cruise(cruise).moorings["M2"].instruments["top"].compass == "wh1"
 
 
 @pytest.mark.parametrize("name", [b"a\xff.000", b"a\n.000", "a\u202e.000".encode()])

@@ -44,13 +44,13 @@ def write(root: Path, name: str, text: str) -> None:
 
 def message(root: Path) -> str:
     with pytest.raises(InputError) as caught:
-        plan.plan(config.load(root), Path("workflow/scripts"))
+        plan.plan(config.load_cruise(root), Path("workflow/scripts"))
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
 def test_the_example_of_the_contract_is_read_and_its_defaults_are_filled_in(cruise: Path) -> None:
-    loaded = config.load(cruise).calibrations
+    loaded = config.load_cruise(cruise).calibrations
     assert list(loaded) == ["aqd"] and loaded["aqd"].files == ("raw/cal/aqd.csv",) and loaded["aqd"].placed
     assert calibrations.settings(loaded["aqd"]) == {
         "declination": "auto", "latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0, "withhold": [],
@@ -62,21 +62,21 @@ def test_the_example_of_the_contract_is_read_and_its_defaults_are_filled_in(crui
 
 def test_no_folder_of_calibrations_is_none(tmp_path: Path) -> None:
     write(tmp_path, "config/config.yaml", "moorings: []\n")
-    assert config.load(tmp_path).calibrations == {}
+    assert config.load_cruise(tmp_path).calibrations == {}
 
 
 def test_every_kind_has_its_class_and_its_columns(cruise: Path) -> None:
     assert set(KINDS) <= set(calibrations.MODELS)
     for kind, model in calibrations.MODELS.items():
         write(cruise, FILE, f"kind: {kind}\nfile: [raw/cal/b.csv, raw/cal/a.csv]\n")  # the order of the heads
-        read = config.load(cruise).calibrations["aqd"]
+        read = config.load_cruise(cruise).calibrations["aqd"]
         assert type(read) is model and read.files == ("raw/cal/b.csv", "raw/cal/a.csv") and not read.placed
 
 
 def test_columns_and_rows_reach_the_settings(cruise: Path) -> None:
     extra = "format: table\ncolumns: {reference_deg: bench}\nuncertainty: {slope_deg: 0.2}\nbudget: le_menn\n"
     write(cruise, FILE, "kind: platform\nfile: raw/cal/*.csv\ntable_step_deg: 15\ndeclination: -0.7\n" + extra)
-    read = config.load(cruise).calibrations["aqd"]
+    read = config.load_cruise(cruise).calibrations["aqd"]
     settings = calibrations.settings(read)
     assert read.files == ("raw/cal/a.csv", "raw/cal/aqd.csv", "raw/cal/b.csv")
     assert settings["columns"] == {"reference_deg": "bench"} and settings["uncertainty"]["slope_deg"] == 0.2
@@ -86,12 +86,12 @@ def test_columns_and_rows_reach_the_settings(cruise: Path) -> None:
 def test_keys_of_a_swing_and_of_two_heads_reach_the_settings(cruise: Path) -> None:
     marks = "visual: [{compass_deg: 40, true_deg: 42}]\nsun: [{compass_deg: 10, time_utc: 2022-09-29T09:00Z}]\n"
     write(cruise, FILE, f"kind: swing\nfile: raw/cal/a.csv\nmin_speed_kn: 3\n{marks}")
-    swing = calibrations.settings(config.load(cruise).calibrations["aqd"])
+    swing = calibrations.settings(config.load_cruise(cruise).calibrations["aqd"])
     assert swing["visual"] == [{"compass_deg": 40.0, "true_deg": 42.0}] and swing["min_speed_kn"] == 3.0
     assert swing["sun"] == [{"compass_deg": 10.0, "time_utc": 1664442000.0}] and swing["max_lag_s"] is None
     heads = "start: 2022-09-29\norientation: [up, down]\nheading_alignment: 45\n"
     write(cruise, FILE, f"kind: two_heads\nfile: [raw/cal/b.csv, raw/cal/a.csv]\n{heads}")
-    two = calibrations.settings(config.load(cruise).calibrations["aqd"])
+    two = calibrations.settings(config.load_cruise(cruise).calibrations["aqd"])
     assert (two["start_s"], two["orientation"], two["heading_alignment"]) == (
         1664409600.0,
         ["up", "down"],

@@ -25,7 +25,7 @@ from test_architecture import APART, ROOMS
 import compasslib
 from compasslib import angles
 from compasslib.cli import _parser
-from compasslib.config.cruise import load
+from compasslib.config.cruise import load_cruise
 
 PROJECT = Path(__file__).resolve().parents[1]
 NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "paper.md", "config/README.md", "tests/README.md")
@@ -45,7 +45,7 @@ def test_the_library_page_runs_and_the_ten_lines_correct_a_record(tmp_path):
     check = (
         "np.savez('seen.npz', time=product.record.time_s, heading=product.heading_corrected_deg,"
         " sigma=product.heading_uncertainty_deg, t=truth.time_s, true=truth.heading_deg, read=truth.recorded_deg,"
-        " again=corrected.heading_corrected_deg, weak=compass.inverse(weak, recorded))"
+        " again=corrected.heading_corrected_deg, weak=cl.compass.inverse(weak, recorded))"
     )
     code = "\n".join([*blocks(LIBRARY, "python"), check])
     ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -70,8 +70,17 @@ def test_each_room_shows_a_worked_example(room, tmp_path, monkeypatch):
     assert ran.attempted > 1 and not ran.failed
 
 
+def test_each_public_name_is_shown_and_costs_nothing_before_it_is_used():
+    page = LIBRARY.read_text()
+    for name in compasslib.__all__:
+        assert getattr(compasslib, name).__doc__, name
+        assert f"`{name}`" in page, f"{name} is public and not on {LIBRARY.name}"
+    late = "import sys, compasslib; dir(compasslib); sys.exit('numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", late], check=True)
+
+
 def test_one_record_takes_ten_lines():
-    ten = next(block for block in blocks(LIBRARY, "python") if "= correct(" in block)
+    ten = next(block for block in blocks(LIBRARY, "python") if "= cl.correct(" in block)
     statements = [line for line in ten.splitlines() if line and not line.startswith((" ", ")", "from", "import"))]
     assert len(statements) <= 10
 
@@ -153,7 +162,7 @@ def test_the_yaml_of_a_page_is_a_cruise(page, tmp_path):
     for name, text in (options | wrote | {path.replace("*", "any"): "" for path in raw}).items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
-    cruise = load(tmp_path)
+    cruise = load_cruise(tmp_path)
     assert len(cruise.moorings) + len(cruise.calibrations) == len(wrote)
 
 

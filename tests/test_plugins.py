@@ -61,7 +61,7 @@ def test_the_package_of_the_page_is_built_installed_and_runs_a_mooring(tmp_path)
     folder = cruise(tmp_path / "cruise", n=200)
     as_tiltmeter(folder)
     with pytest.raises(InputError, match=r"expected pd0, table, .* or nortek, found 'tiltmeter'"):
-        config.load(folder)
+        config.load_cruise(folder)
     there, results = install(tmp_path), folder / "results"
     ran = snakemake(folder, beside=(there,))
     assert ran.returncode == 0, ran.stdout + ran.stderr

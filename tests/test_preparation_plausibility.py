@@ -212,7 +212,7 @@ def test_all_of_it_reaches_summary_and_report(tmp_path):
         netcdf.write_record(results / f"M1/work/{fault}.nc", record)
     row = summary.summary_row("M1", results / "M1")
     summary.write_summary(results / "summary.csv", [row])
-    described = plan.plan(config.load(folder), Path()).moorings.described()
+    described = plan.plan(config.load_cruise(folder), Path()).moorings.described()
     described["M1"]["roles"] = [*described["M1"]["roles"], *FAULTS]
     made = report.gather(results, attributes={}, moorings=described, calibrations=[])
     report.write(results / "report.html", made)

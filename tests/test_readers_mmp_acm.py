@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sea import real
 
 from compasslib import angles, readers
-from compasslib.config.cruise import load
+from compasslib.config.cruise import load_cruise
 from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
@@ -792,7 +792,7 @@ def test_the_workflow_gives_companion_files_apart_from_the_raw_ones(tmp_path):
         "compromised: top, reference: deep, instruments: {top: {format: pd0, files: top.000, depth: 100}, "
         "deep: {format: mmp_acm, files: A*.TXT, depth: 102, pressure_files: E*.TXT, start_offset_seconds: 7}}}\n"
     )
-    plan = plans.plan(load(tmp_path), Path(readers.__file__).parents[2] / "workflow" / "scripts").moorings
+    plan = plans.plan(load_cruise(tmp_path), Path(readers.__file__).parents[2] / "workflow" / "scripts").moorings
     deep, top = (SimpleNamespace(mooring="M", role=role) for role in ("deep", "top"))
     assert plan.raw_files(deep) == ["A1.TXT", "A2.TXT"]
     assert plan.companion_files(deep) == ["E1.TXT"]

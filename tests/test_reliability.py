@@ -27,7 +27,7 @@ from snakemake.iocontainers import Namedlist
 
 from compasslib import angles
 from compasslib.archive.files import HALF_WRITTEN
-from compasslib.config.cruise import load
+from compasslib.config.cruise import load_cruise
 from compasslib.pipeline.job import job
 
 HOURS = 400
@@ -323,7 +323,7 @@ def test_a_link_out_of_the_cruise_is_the_users_own_and_a_loop_of_links_ends(soun
     for name in ("a", "b"):
         (folder / "raw" / name).symlink_to(folder / "raw")
     begun = time.process_time()
-    assert load(folder).moorings["M1"].instruments["top"].files == (str(TOP),)
+    assert load_cruise(folder).moorings["M1"].instruments["top"].files == (str(TOP),)
     assert time.process_time() - begun < 5.0
 
 

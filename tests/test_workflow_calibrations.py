@@ -126,7 +126,7 @@ def _module(path):
 
 
 def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
-    scripts, rules = PROJECT / "workflow/scripts", plan.plan(config.load(done)).calibrations
+    scripts, rules = PROJECT / "workflow/scripts", plan.plan(config.load_cruise(done)).calibrations
     bench = Wildcards(calibration="bench")
     modules = {_module(path) for path in provenance.sources(scripts / "calibrate.py", *rules.module(bench))}
     assert {f"calibrations.{name}" for name in ("platform", "curves", "budget")} <= modules

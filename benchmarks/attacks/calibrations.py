@@ -55,7 +55,7 @@ def run(made: Recording, folder: Path) -> Outcome:
     """Calibrate, and hold the table, or the constant, against the truth."""
     made.write(folder)
     try:
-        given = cruise.load(folder).calibrations["K"]
+        given = cruise.load_cruise(folder).calibrations["K"]
         settings = calibrations.resolve_settings(configured.settings(given))
         files = [folder / file for file in given.files]
         got = calibrations.calibrate(str(given.kind), files, settings)

@@ -105,7 +105,7 @@ def _note_path(file: Path) -> Path:
 
 def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     """Write each raw file with corrected headings, and beside it what it was and what became of it."""
-    loaded = config.load(Path(asked.cruise))
+    loaded = config.load_cruise(Path(asked.cruise))
     product = _Product(asked.mooring, source, plan.plan(loaded).moorings)
     files = _available_files(into, *_corrected_names(asked.mooring, product.files))
     targets = [*files, *map(_note_path, files)]

@@ -296,4 +296,4 @@ def _clear(confirmed: bool) -> int:
 
 
 def _configured_files() -> list[str]:
-    return plan.plan(cruise.load(Path())).configured()
+    return plan.plan(cruise.load_cruise(Path())).configured()

@@ -49,7 +49,7 @@ def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
     looks_only = any(re.fullmatch(r"--dry-?run|-[a-zA-Z]*n[a-zA-Z]*", option) for option in options)
     with chdir(folder):
         try:
-            planned = plan.plan(cruise.load(Path()))
+            planned = plan.plan(cruise.load_cruise(Path()))
         except InputError:  # the Snakefile refuses it, in Snakemake's log too
             return [], options
         guard.refuse_links(planned.folders())

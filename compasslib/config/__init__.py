@@ -10,7 +10,7 @@ A mistake is one line that says where, what was expected, what was found and, at
 ...     Path(folder, "config").mkdir()
 ...     _ = Path(folder, "config/config.yaml").write_text("moorings: []\\ndemonstraton: true\\n")
 ...     try:
-...         cruise.load(Path(folder))
+...         cruise.load_cruise(Path(folder))
 ...     except InputError as error:
 ...         print(str(error).split('; ')[1])
 write demonstration

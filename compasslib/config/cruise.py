@@ -45,8 +45,8 @@ def _raise(mistake: InputError) -> None:
     raise mistake
 
 
-def load(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
-    """Return the configuration of a cruise, every raw file found and every glob written out.
+def load_cruise(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
+    """Load the configuration of a cruise, with every raw file located and every glob expanded.
 
     Args:
         refuse: takes each mistake of a mooring's or a calibration's file, which is then left out.

@@ -14,7 +14,7 @@ What a rule is given comes from ``plan``, which knows each key of the cruise and
 ...     _ = Path(folder, "config/M1.yaml").write_text(
 ...         "{name: M1, latitude: 66.5, longitude: 0.4, water_depth: 517, start: 2014-07-16, end: 2014-10-09,"
 ...         " compromised: top, instruments: {top: {format: pd0, files: a.000}}}")
-...     planned = plan.plan(cruise.load(Path(folder)), Path())
+...     planned = plan.plan(cruise.load_cruise(Path(folder)), Path())
 >>> planned.moorings.raw_files(SimpleNamespace(mooring="M1", role="top"))
 ['a.000']
 >>> planned.products()[0]

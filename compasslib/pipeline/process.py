@@ -41,7 +41,7 @@ def process_mooring(
     Raises:
         InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
     """
-    loaded, there = config.load(Path(cruise)), Path(folder).absolute()
+    loaded, there = config.load_cruise(Path(cruise)), Path(folder).absolute()
     if mooring not in loaded.moorings:
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
