@@ -20,6 +20,7 @@ import pictures
 import pytest
 import yaml
 from launch import copied_project
+from sea import cruise
 from test_architecture import APART, ROOMS
 
 import compasslib
@@ -245,13 +246,26 @@ def installed(tmp_path_factory) -> Path:
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("no setuptools: the wheel cannot be built")
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("installed")
-    copied_project(source, "compasslib", "pyproject.toml", "README.md", "LICENSE")
+    files = "pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md"
+    copied_project(source, "compasslib", "workflow", "requirements", *files)
     build = "from setuptools.build_meta import build_wheel; print(build_wheel('.'))"
     made = subprocess.run([sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=False)
     assert made.returncode == 0, made.stderr
     with zipfile.ZipFile(source / made.stdout.split()[-1]) as wheel:
         wheel.extractall(target)
     return target
+
+
+def test_the_wheel_runs_the_workflow_on_a_cruise(installed, tmp_path):
+    """Far enough that a job of its own script has run; all other rules are planned."""
+    folder = cruise(tmp_path / "cruise", n=200)
+    start = "import sys; from compasslib.cli import main; sys.exit(main(['run', 'cruise', '--cores', '1', '--', {}]))"
+    ran = run_installed(installed, tmp_path, start.format("'results/M1/work/top.nc'"))
+    assert ran.returncode == 0 and "M1 read top: 200 samples" in ran.stderr, ran.stderr
+    record = json.loads((folder / "results/M1/logs/read_top.json").read_text())
+    assert "modules sha256" in json.dumps(record)
+    planned = run_installed(installed, tmp_path, start.format("'--dry-run'"))
+    assert planned.returncode == 0 and "rule provenance" in planned.stdout, planned.stderr
 
 
 def run_installed(installed: Path, folder: Path, code: str) -> subprocess.CompletedProcess:
@@ -263,7 +277,8 @@ def run_installed(installed: Path, folder: Path, code: str) -> subprocess.Comple
 def test_the_wheel_holds_every_module_and_file_of_the_package(installed):
     kept = {path.relative_to(PROJECT) for path in (PROJECT / "compasslib").rglob("*") if path.is_file()}
     kept = {path for path in kept if "__pycache__" not in path.parts}
-    assert kept == {path.relative_to(installed) for path in (installed / "compasslib").rglob("*") if path.is_file()}
+    packed = {path.relative_to(installed) for path in (installed / "compasslib").rglob("*") if path.is_file()}
+    assert kept == {path for path in packed if path.parts[1] != "workflow"}
 
 
 def test_the_wheel_names_the_command_and_the_licence(installed):

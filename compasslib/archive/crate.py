@@ -219,7 +219,7 @@ def _surroundings() -> Iterator[Entity]:
     for package in plugins.plugin_packages():
         name, version = package.rsplit(" ", 1)
         yield _tool(f"pkg:generic/{quote(name)}@{version}", name, version)
-    lock = provenance.PROJECT / LOCK
+    lock = provenance.BESIDE / LOCK
     if lock.is_file():
         known = provenance.sha256(lock)
         yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}

@@ -21,7 +21,11 @@ if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
     from compasslib.inference.product import Product
     from compasslib.records import EarthField
 
-PROJECT = Path(__file__).resolve().parents[2]
+PACKAGE = Path(__file__).resolve().parents[1]
+PROJECT = PACKAGE.parent
+CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
+WORKFLOW = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # a wheel holds it, changelog and lock beside it
+BESIDE = PROJECT if CHECKOUT else WORKFLOW
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
 _OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
@@ -154,7 +158,7 @@ def inputs(job: Any) -> list[str]:
     Args:
         job: the object ``snakemake`` of its script.
     """
-    house = str(PROJECT / "compasslib")  # the report's templates are inputs, and belong to the software
+    house = str(PACKAGE)  # the report's templates are inputs, and belong to the software
     return [str(path) for path in job.input if not path.startswith(house)]
 
 
@@ -226,7 +230,7 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
 
 
 def _modules() -> list[Path]:
-    return sorted((PROJECT / "compasslib").rglob("*.py"))
+    return sorted(path for path in PACKAGE.rglob("*.py") if not path.is_relative_to(PACKAGE / "workflow"))
 
 
 @cache

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from compasslib.archive.provenance import PROJECT
+from compasslib.archive.provenance import BESIDE
 from compasslib.report import words
 
-CHANGELOG = PROJECT / "CHANGELOG.md"
+CHANGELOG = BESIDE / "CHANGELOG.md"
 KINDS_OF_CHANGE = (
     "headings",
     "flags",

@@ -10,7 +10,7 @@ from contextlib import chdir
 from importlib.util import find_spec
 from pathlib import Path
 
-from compasslib.archive.provenance import PROJECT
+from compasslib.archive.provenance import WORKFLOW
 from compasslib.config import cruise
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
@@ -27,15 +27,14 @@ def run(asked: Namespace) -> int:
     Raises:
         InputError: Snakemake or the workflow is not there, or something of the cruise is dated in the future.
     """
-    snakefile = PROJECT / "Snakefile"
-    if find_spec("snakemake") is None or not snakefile.is_file():
-        found, advice = "none beside this installation", "run from a checkout with its environment (make install)"
-        raise InputError("compass run", expected="Snakemake and the workflow", found=found, advice=advice)
+    if find_spec("snakemake") is None:
+        advice = "pip install 'compasslib[workflow]', or make install in a checkout"
+        raise InputError("compass run", expected="Snakemake", found="none in this environment", advice=advice)
     if not Path(asked.cruise).is_dir():
         advice = "name the folder of a cruise"
         raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
     stale, options = _stale(Path(asked.cruise), asked.options)
-    profile = PROJECT / "workflow/profiles" / asked.profile
+    profile, snakefile = WORKFLOW / "profiles" / asked.profile, WORKFLOW / "Snakefile"
     cores = asked.cores or ("all" if asked.profile == "default" else None)
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile), "--directory", asked.cruise]
     command += ["--workflow-profile", str(profile), *(["--cores", cores] if cores else [])]

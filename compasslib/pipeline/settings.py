@@ -22,8 +22,8 @@ from compasslib.earthfield import parse_applied_declination
 from compasslib.inference import kinds
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
-SCRIPTS = provenance.PROJECT / "workflow/scripts"
-EFFECTS = str(provenance.PROJECT / "compasslib/effects/__init__.py")
+SCRIPTS = provenance.WORKFLOW / "scripts"
+EFFECTS = str(provenance.PACKAGE / "effects/__init__.py")
 
 
 class Wildcards(NamedTuple):
@@ -42,7 +42,7 @@ class Moorings:
     cruise: Cruise
 
     def templates(self) -> list[str]:
-        return sorted(str(path) for path in (provenance.PROJECT / "compasslib/report/templates").iterdir())
+        return sorted(str(path) for path in (provenance.PACKAGE / "report/templates").iterdir())
 
     def reader_code(self, wildcards: Any, scripts: Path = SCRIPTS) -> str:
         """Hash the modules behind the reading of one instrument, its own format's reader only."""

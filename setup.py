@@ -1,0 +1,24 @@
+"""Puts the workflow into the wheel, with the changelog and the lock that it reads; the rest is in pyproject.toml."""
+
+import shutil
+from pathlib import Path
+
+from setuptools import setup
+from setuptools.command.build_py import build_py
+
+BESIDE = ("CHANGELOG.md", "requirements/run.txt")
+
+
+class BuildWithWorkflow(build_py):
+    def run(self) -> None:
+        super().run()
+        if not self.editable_mode:
+            into = Path(self.build_lib) / "compasslib/workflow"
+            shutil.rmtree(into, ignore_errors=True)
+            shutil.copytree("workflow", into, ignore=shutil.ignore_patterns("__pycache__", ".snakemake*"))
+            for name in BESIDE:
+                (into / name).parent.mkdir(exist_ok=True)
+                shutil.copy(name, into / name)
+
+
+setup(cmdclass={"build_py": BuildWithWorkflow})
