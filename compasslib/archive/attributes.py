@@ -76,7 +76,7 @@ class Site:
     water_depth_m: float | None = None
 
     def signed_longitude(self) -> float:
-        """Return the longitude in [-180, 180], digits kept where it is there already."""
+        """Wrap the longitude to [-180, 180], digits kept where it is there already."""
         return self.longitude if -180.0 <= self.longitude <= 180.0 else float(angles.wrap180(self.longitude))
 
 
@@ -89,7 +89,7 @@ def global_attributes(
     attributes: Mapping[str, object],
     processing: Mapping[str, object],
 ) -> Attributes:
-    """Return the global attributes of corrected.nc in the order in which they are written.
+    """Compose the global attributes of corrected.nc in the order in which they are written.
 
     Args:
         time_s: (n,) time of the samples, UTC seconds since 1970.
@@ -103,7 +103,8 @@ def global_attributes(
     # A file is never changed after it was made: ACDD's four dates are one.
     dated = dict.fromkeys(DATES, made["date_created"]) if "date_created" in made else {}
     computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", NOT_GIVEN)))
-    computed |= _who(user) | _where(site, depth_m) | _when(time_s)
+    computed |= dict.fromkeys(ASKED_FOR, NOT_GIVEN) | {acdd: user[same] for acdd, same in SAME.items() if same in user}
+    computed |= _where(site, depth_m) | _when(time_s)
     computed |= {named.get(key, key): value for key, value in made.items()} | dated
     computed |= {"product_version": made["software_version"]} if "software_version" in made else {}
     if "acknowledgment" in user:
@@ -112,7 +113,7 @@ def global_attributes(
 
 
 def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
-    """Return the OceanSITES attributes of a variable that tell which instrument measured it.
+    """Select the OceanSITES attributes that name the instrument behind a variable.
 
     Args:
         attributes: global ones; ``manufacturer``, ``model``, ``serial_number`` and what starts with ``sensor_`` count.
@@ -126,7 +127,7 @@ def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
 
 
 def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tuple[float, float]) -> dict[str, object]:
-    """Return which declination a variable holds, and of which date.
+    """Describe the declination in a variable: its model, dates and values.
 
     Args:
         attributes: global ones; ``declination_source`` counts.
@@ -146,7 +147,7 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
 
 
 def plain(attributes: Mapping[str, object]) -> Attributes:
-    """Return attributes that netCDF can hold: legal names; text and numbers; nothing for None.
+    """Convert attributes to what netCDF can hold: legal names; text and numbers; nothing for None.
 
     Args:
         attributes: as YAML gives them; lists are joined by commas, dates become ISO 8601, mappings JSON.
@@ -155,7 +156,7 @@ def plain(attributes: Mapping[str, object]) -> Attributes:
 
 
 def iso_time(time_s: float) -> str:
-    """Return the time as ISO 8601 in UTC, to the second.
+    """Format a time as ISO 8601 in UTC, to the second.
 
     Args:
         time_s: UTC seconds since 1970.
@@ -164,7 +165,7 @@ def iso_time(time_s: float) -> str:
 
 
 def iso_duration(seconds: float) -> str:
-    """Return the duration as ISO 8601 in days, hours, minutes and seconds.
+    """Format a duration as ISO 8601 in days, hours, minutes and seconds.
 
     Args:
         seconds: the duration, not negative.
@@ -226,11 +227,6 @@ def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) ->
         "processing_level": levels[corrected > 0],
         "QC_indicator": "probably good" if corrected == recorded > 0 else "mixed",
     }
-
-
-def _who(user: Attributes) -> Attributes:
-    asked: Attributes = dict.fromkeys(ASKED_FOR, NOT_GIVEN)
-    return asked | {acdd: user[same] for acdd, same in SAME.items() if same in user}
 
 
 def _where(site: Site, depth_m: Floats) -> Attributes:

@@ -30,7 +30,7 @@ class Page:
 
     @property
     def calibration(self) -> Calibration:
-        """Return the calibration itself."""
+        """The calibration itself."""
         return replace(
             result.from_json(self.content),
             table=self.table if self.table.heading_deg.size else None,
@@ -68,7 +68,7 @@ def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> P
 
 
 def read_table(path: str | Path) -> DeviationTable:
-    """Return a calibration's deviations.
+    """Read the table of deviations of a calibration.
 
     Raises:
         InputError: the file is absent or damaged.
@@ -78,7 +78,7 @@ def read_table(path: str | Path) -> DeviationTable:
 
 
 def named(paths: Sequence[str | Path]) -> dict[str, Any]:
-    """Return the content of calibration.json files by the calibrations' names, which are those of their folders.
+    """Read calibration.json files by the calibrations' names, which are those of their folders.
 
     Raises:
         InputError: a file is absent or damaged.

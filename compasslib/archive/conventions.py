@@ -26,7 +26,7 @@ UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_na
 
 
 def installed() -> bool:
-    """Return whether the checker of CF and ACDD is there; it comes with the test environment alone."""
+    """Tell whether the checker of CF and ACDD is installed; it comes with the test environment alone."""
     return importlib.util.find_spec(CHECKER) is not None
 
 
@@ -58,13 +58,13 @@ def remarks(path: str | Path) -> list[str]:
 
 
 def not_given(path: str | Path) -> list[str]:
-    """Return the global attributes of corrected.nc that the conventions ask for and the YAML files do not give."""
+    """List the global attributes that the conventions ask for and the YAML files do not give."""
     with open_netcdf(path) as nc:
         return [name for name in nc.ncattrs() if str(nc.getncattr(name)) == NOT_GIVEN]
 
 
 def checked(path: str | Path, checker: str) -> list[str]:
-    """Return the errors and warnings of the compliance checker, its suggestions apart.
+    """Run the compliance checker and list its errors and warnings, its suggestions apart.
 
     Args:
         checker: name and version of one of its checks, as ``cf:1.8``.
@@ -325,5 +325,4 @@ def _usable(variable: netCDF4.Variable) -> Any:
 
 
 def _attribute(holder: Any, name: str) -> str:
-    """Return an attribute as text, empty where it is missing."""
     return str(getattr(holder, name, ""))

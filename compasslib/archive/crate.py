@@ -48,13 +48,13 @@ Entity = dict[str, Any]
 
 
 def records() -> dict[str, Record]:
-    """Return the records of all jobs that ever ended well in this cruise, by the name of their action."""
+    """Read the records of all jobs of this cruise that ended well, by the name of their action."""
     entries = sorted(path for pattern in RECORDS for path in Path(FOLDER).glob(pattern))
     return {_action(path): read_json(path) for path in entries}
 
 
 def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:
-    """Return the records of the jobs that led to the products as they are now, in the order of their names.
+    """Trace the records of the jobs that led to the products as they are now, in the order of their names.
 
     Args:
         known: records by name; those of files that have since been replaced lead nowhere.
@@ -84,7 +84,7 @@ def crate(
     attributes: Mapping[str, Any],
     stopped: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return the crate as JSON-LD.
+    """Compose the crate as JSON-LD.
 
     Args:
         configuration: the YAML files behind a job by what it is of, "mooring EG4" or "calibration C1"; "" for others.
@@ -100,12 +100,22 @@ def crate(
     tools = list(_surroundings())
     makers = {record["software"] for record in jobs.values()} | ({provenance.software()} if failed else set())
     software = [_software(maker, tools) for maker in sorted(makers)]
-    about = [*_descriptors(), _root(attributes) | parts, *_people(attributes)]
+    about = [
+        {
+            "@id": "ro-crate-metadata.json",
+            "@type": "CreativeWork",
+            "conformsTo": _ref("https://w3id.org/ro/crate/1.1"),
+            "about": _ref("./"),
+        },
+        {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": PROFILE.rsplit("/", 1)[1]},
+        _root(attributes) | parts,
+        *_people(attributes),
+    ]
     return {"@context": CONTEXT, "@graph": [*about, *software, *tools, *actions, *data]}
 
 
 def listed(page: Mapping[str, Any]) -> dict[str, str]:
-    """Return the files that a crate lists with their SHA-256, by their paths from the cruise folder."""
+    """Map the files that a crate lists, by their paths from the cruise folder, to their SHA-256."""
     files = [entity for entity in page["@graph"] if entity["@type"] == "File"]
     return {entity["name"]: entity["sha256"] for entity in files}
 
@@ -122,12 +132,12 @@ def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
 
 
 def has_failures(page: Mapping[str, Any]) -> bool:
-    """Return whether moorings or calibrations were stopped in the run of a crate."""
+    """Tell whether moorings or calibrations were stopped in the run of a crate."""
     return any(action["actionStatus"].endswith("FailedActionStatus") for action in _actions(page))
 
 
 def written(page: Mapping[str, Any]) -> set[str]:
-    """Return the files that jobs wrote, by their paths from the cruise folder."""
+    """List the files that jobs wrote, by their paths from the cruise folder."""
     return {_path(identifier) for action in _actions(page) for identifier in _identifiers(action, "result")}
 
 
@@ -147,7 +157,7 @@ def _identifiers(action: Mapping[str, Any], part: str) -> list[str]:
 
 
 def _is_of(identifier: str, path: str) -> bool:
-    """Return whether an identifier is that of a path, and the path a plain one that stays in the cruise folder."""
+    """Tell whether an identifier is that of a path, and the path a plain one that stays in the cruise folder."""
     plain = path.isprintable() and posixpath.normpath(path) == path and not path.startswith(("/", ".."))
     return plain and identifier == _id(path)
 
@@ -161,18 +171,6 @@ def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]
 def _action(path: Path) -> str:
     parts = path.relative_to(FOLDER).with_suffix("").parts
     return "/".join(part for part in parts if part != "logs")
-
-
-def _descriptors() -> list[Entity]:
-    return [
-        {
-            "@id": "ro-crate-metadata.json",
-            "@type": "CreativeWork",
-            "conformsTo": _ref("https://w3id.org/ro/crate/1.1"),
-            "about": _ref("./"),
-        },
-        {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": PROFILE.rsplit("/", 1)[1]},
-    ]
 
 
 def _root(attributes: Mapping[str, Any]) -> Entity:
@@ -229,7 +227,7 @@ def _surroundings() -> Iterator[Entity]:
 
 
 def _packages(lock: Path) -> list[str]:
-    """Return the names of the lock; without one, what this package itself asks for."""
+    """List the packages of the lock; without one, those that this package itself requires."""
     if lock.is_file():
         return re.findall(r"^([\w.-]+)==", lock.read_text(), re.MULTILINE)
     try:
@@ -279,7 +277,7 @@ def _file(path: str, known: str) -> Entity:
 
 
 def _id(path: str) -> str:
-    """Return a file's identifier in the crate, which stands in results/."""
+    """Derive the identifier of a file in the crate, which stands in results/."""
     inside = path.removeprefix(f"{FOLDER}/")
     return quote(inside if inside != path else f"../{path}")
 
@@ -290,7 +288,7 @@ def _path(identifier: str) -> str:
 
 
 def _refs(paths: Iterable[str]) -> list[Entity] | Entity:
-    """Return references to files; RO-Crate writes a single one without a list."""
+    """Refer to files; RO-Crate writes a single reference without a list."""
     entries = [_ref(_id(path)) for path in sorted(paths)]
     return entries[0] if len(entries) == 1 else entries
 

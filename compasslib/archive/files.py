@@ -206,7 +206,7 @@ class StoredVariable:
     name: str
 
     def __getitem__(self, which: slice | NDArray[Any], /) -> NDArray[Any]:
-        """Return some rows, beams along the last axis, NaN where a number with a fraction is missing.
+        """Read some rows, beams along the last axis, NaN where a number with a fraction is missing.
 
         Raises:
             InputError: the file is absent or damaged.
@@ -220,7 +220,7 @@ class StoredVariable:
 
 
 def read_variable(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
-    """Return the values of a variable: numbers as float64 with NaN where they are missing, flags as they are.
+    """Read a variable: numbers as float64 with NaN where they are missing, flags as they are.
 
     Args:
         bins: how many are wanted where it has bins; all where absent.
@@ -234,7 +234,7 @@ def read_variable(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> ND
 
 
 def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
-    """Return single variables of a file, NaN where a value is missing.
+    """Read variables of a file, NaN where a value is missing.
 
     Raises:
         InputError: the file is absent, damaged or something else.
@@ -244,7 +244,7 @@ def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
 
 
 def read_attribute(path: str | Path, name: str) -> str:
-    """Return one global attribute of a file.
+    """Read one global attribute of a file.
 
     Raises:
         InputError: the file is absent, damaged or something else.
@@ -263,7 +263,7 @@ Picture = tuple[str, tuple[int, int]]  # data URI; width and height, pixels
 
 
 def embed_png(path: str | Path, *, small: bool = False) -> Picture:
-    """Return a PNG with a palette as a data URI, and its size; the same file gives the same text.
+    """Encode a PNG with a palette as a data URI, with its size; the same file gives the same text.
 
     Raises:
         InputError: it is not a whole one.
@@ -297,7 +297,7 @@ def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
 
 
 def read_pictures(folder: Path, *, small: bool = False) -> dict[str, Picture]:
-    """Return the pictures that stand beside the figures of a mooring; none where none were made."""
+    """Read the pictures made with the figures of a mooring; none where none were made."""
     path = folder / PICTURES
     made = read_json(path)["small" if small else "whole"] if path.exists() else {}
     return {name: (uri, (width, height)) for name, (uri, (width, height)) in made.items()}

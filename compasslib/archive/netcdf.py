@@ -74,7 +74,7 @@ def _beams(record: Record) -> int:
 
 
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
-    """Return a record that ``write_record`` wrote, without its profiles: they are many and few need them.
+    """Read a record that ``write_record`` wrote, without its profiles: they are many and few need them.
 
     Args:
         velocities: whether its bins are wanted; else it comes without any.
@@ -100,7 +100,7 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
 
 
 def read_profiles(path: str | Path) -> dict[str, Rows]:
-    """Return the profiles of a record that ``write_record`` wrote; their rows are read when they are asked for.
+    """Open the profiles of a record that ``write_record`` wrote; their rows are read when they are asked for.
 
     Raises:
         InputError: the file is absent, damaged or something else.
@@ -129,13 +129,13 @@ def read_counts(path: str | Path) -> dict[str, int]:
 
 
 def read_warnings(path: str | Path) -> list[str]:
-    """Return the warnings of a record that ``write_record`` wrote; see ``read_counts``."""
+    """Read the warnings of a record; see ``read_counts``."""
     warnings: list[str] = json.loads(read_attribute(path, "warnings"))
     return warnings
 
 
 def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
-    """Return by record the degrees that were taken out of its headings and velocities, apart where they differ.
+    """Read the degrees taken out of headings and velocities of each record, apart where they differ.
 
     Records of an older version know one number, or none, which is 0.
     """
@@ -177,7 +177,7 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
 
 
 def read_pairs(path: str | Path) -> Pairs:
-    """Return pairs that ``write_pairs`` wrote.
+    """Read pairs that ``write_pairs`` wrote.
 
     Raises:
         InputError: the file is absent, damaged or something else.
@@ -291,13 +291,12 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
 
 
 def _ends(values: Floats) -> list[float]:
-    """Return the least and the greatest value, nothing where none is known."""
     known = values[np.isfinite(values)]
     return [float(known.min()), float(known.max())] if known.size else []
 
 
 def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRecord:
-    """Return the product that ``write_corrected`` wrote, for looking at it.
+    """Read the product that ``write_corrected`` wrote, for figures.
 
     The record inside has no supply voltage, no profiles, no counts and no warnings, and its velocities are the recorded
     ones from true north.
@@ -392,13 +391,13 @@ def _count(values: Floats) -> int:
 
 
 def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:
-    """Return the flags, with one that says so where a value is absent and its flag does not."""
+    """Flag absent values whose flag does not say so."""
     given = np.isfinite(values) | np.isin(flags, (BAD, MISSING))
     return np.where(given, flags, absent).astype(np.int8)
 
 
 def _judged(name: str, values: Floats, nominal: bool = False) -> Flags:
-    """Return flags by the valid range alone, for what no earlier stage has flagged."""
+    """Flag by the valid range alone what no earlier stage has flagged."""
     low, high = variables.CORRECTED[name].valid or (-np.inf, np.inf)
     flags = np.where((values >= low) & (values <= high), variables.NOMINAL if nominal else PROBABLY_GOOD, BAD)
     return np.where(np.isfinite(values), flags, MISSING).astype(np.int8)
@@ -418,7 +417,7 @@ def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
 
 
 def _of_beams(variable: Variable, values: NDArray[Any]) -> Variable:
-    """Return a variable of counts without the dimension of beams where a value is one for all of them."""
+    """Drop the dimension of beams from a variable of counts with one value for all of them."""
     return (
         replace(variable, dimensions=variables.BINS)
         if variable.dimensions == variables.BEAMS and values.ndim == 2

@@ -37,7 +37,7 @@ _ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
 
 @cache  # asked for each job of a fleet
 def sources(script: str | Path, *others: str) -> tuple[str, ...]:
-    """Return the files of compasslib that a script uses, followed through all imports.
+    """List the files of compasslib that a script uses, followed through all imports.
 
     Snakemake re-runs a job whose script changed, not one whose library changed; one hash of these files is therefore a
     parameter of each rule, so that an edit re-runs what it touches and nothing else. As inputs, some 45 a job, they
@@ -57,7 +57,7 @@ def sources(script: str | Path, *others: str) -> tuple[str, ...]:
 
 @cache
 def _imported(path: Path) -> frozenset[Path]:
-    """Return the house's files that one file imports when it runs, packages' own files included.
+    """List the files of compasslib that one file imports when it runs, packages' own files included.
 
     Read by lines: a syntax tree of all modules takes a second each time that Snakemake starts. A line of a text that
     looks like an import costs a needless re-run; none that is one is missed.
@@ -71,7 +71,7 @@ def _imported(path: Path) -> frozenset[Path]:
 
 @cache
 def _files(name: str) -> tuple[Path, ...]:
-    """Return the file of a module and those of the packages above it."""
+    """Find the file of a module and those of the packages above it."""
     parts = name.split(".")
     stems = [PROJECT.joinpath(*parts[:k]) for k in range(1, len(parts) + 1)]
     candidates = [stem / "__init__.py" for stem in stems] + [stems[-1].with_suffix(".py")]
@@ -79,7 +79,7 @@ def _files(name: str) -> tuple[Path, ...]:
 
 
 def software() -> str:
-    """Return name and version of this software with its commit, or with the hash of its modules outside a checkout.
+    """Name this software, its version and its commit, or the hash of its modules outside a checkout.
 
     Packages that add readers or effects follow, with their versions.
     """
@@ -94,7 +94,7 @@ def software() -> str:
 
 
 def date_created() -> str:
-    """Return the date that products carry: SOURCE_DATE_EPOCH, else the commit's, else the first day of 1970.
+    """Choose the date of products: SOURCE_DATE_EPOCH, else the commit's, else the first day of 1970.
 
     The wall clock is never asked, so that the same input gives the same bytes.
 
@@ -110,7 +110,7 @@ def date_created() -> str:
 
 
 def date_source() -> str:
-    """Return where ``date_created`` has its date from."""
+    """Say where ``date_created`` has its date from."""
     if os.environ.get("SOURCE_DATE_EPOCH"):
         return "SOURCE_DATE_EPOCH"
     date, why = _git(*_DATE)
@@ -118,7 +118,7 @@ def date_source() -> str:
 
 
 def installed(package: str) -> str:
-    """Return the version of a package, nothing where it is not installed."""
+    """Look up the version of a package, nothing where it is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -126,25 +126,23 @@ def installed(package: str) -> str:
 
 
 def sha256(path: str | Path) -> str:
-    """Return the SHA-256 of a file's bytes."""
     with Path(path).open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def hashes(paths: Iterable[str]) -> dict[str, str]:
-    """Return the SHA-256 of each file."""
     return {str(path): sha256(path) for path in paths}
 
 
 def digest(modules: Iterable[str | Path]) -> str:
-    """Return one SHA-256 for several files of the project, by their paths in it and their bytes."""
+    """Hash several files of the project together, by their paths in it and their bytes (SHA-256)."""
     lines = sorted(f"{sha256(path)}  {Path(path).relative_to(PROJECT).as_posix()}\n" for path in modules)
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 @cache
 def code(modules: tuple[str, ...]) -> str:
-    """Return one SHA-256 for the modules behind a script; of files that are edited meanwhile, that of the first look.
+    """Hash the modules behind a script once; later edits of the files do not count.
 
     Args:
         modules: as ``sources`` gives them.
@@ -153,7 +151,7 @@ def code(modules: tuple[str, ...]) -> str:
 
 
 def inputs(job: Any) -> list[str]:
-    """Return the files that one job of the workflow reads, without those of the software itself.
+    """List the files that one job of the workflow reads, without those of the software itself.
 
     Args:
         job: the object ``snakemake`` of its script.
@@ -182,7 +180,7 @@ def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
 
 
 def origin(what: str, files: Sequence[str], within: Path | None = None) -> dict[str, str]:
-    """Return the attributes of a netCDF file that lead back to what it was made from.
+    """Compose the attributes of a netCDF file that lead back to what it was made from.
 
     Args:
         what: was done, for the history.

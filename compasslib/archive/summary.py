@@ -34,7 +34,7 @@ STOPPED = "stopped"  # the verdict of a mooring without results, as its files ca
 
 
 def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
-    """Return a mooring's row; shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
+    """Summarize a mooring; shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
 
     Args:
         roles: its instruments; None where no configuration says so, then every record that is there.
@@ -62,12 +62,12 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
 
 
 def stopped_row(name: str, why: str) -> dict[str, Any]:
-    """Return the row of a mooring that was stopped: no numbers, the verdict ``stopped`` and the reason as a warning."""
+    """Make the row of a stopped mooring: no numbers, the verdict ``stopped`` and the reason as a warning."""
     return dict.fromkeys(COLUMNS, None) | {"name": name, "verdict": STOPPED, "warnings": why}
 
 
 def record_paths(folder: Path, roles: Iterable[str] | None) -> list[Path]:
-    """Return the records of a mooring's instruments, in the order of their names.
+    """List the records of a mooring's instruments, in the order of their names.
 
     Args:
         roles: its instruments; None where no configuration says so, then every record that is there.
@@ -86,7 +86,7 @@ def write_summary(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the rows as a person reads them on a terminal."""
+    """Format the rows for a terminal."""
     shown = COLUMNS[:8]
     lines = [shown, *(["" if r[c] is None else str(r[c]) for c in shown] for r in rows)]
     widths = [max(len(line[k]) for line in lines) for k in range(len(shown))]
@@ -151,14 +151,14 @@ class BinCurrents:
 
     @property
     def mean(self) -> tuple[complex, complex]:
-        """Return the means, recorded and corrected, m/s, over the samples that have both; over all where none has."""
+        """Mean currents, recorded and corrected, m/s, over the samples that have both; over all where none has."""
         before, after = self.recorded.velocity, self.corrected.velocity
         both = np.isfinite(before) & np.isfinite(after)
         return _mean(before[both] if both.any() else before), _mean(after[both])
 
 
 def read_bin_currents(path: str | Path) -> BinCurrents:
-    """Return the current of the bin nearest to the instrument of those with nearly as many samples as the fullest.
+    """Read the current of the bin nearest to the instrument of those with nearly as many samples as the fullest.
 
     Raises:
         InputError: the file is absent, damaged or something else.
@@ -189,7 +189,7 @@ def reference_current(pairs: Pairs) -> CurrentSeries:
 
 
 def averaging_hours(time_s: Floats) -> float:
-    """Return over how many hours means go, so that a record has a few hundred of them.
+    """Choose the hours of a mean, so that a record has a few hundred means.
 
     Args:
         time_s: increasing times, perhaps none.
@@ -199,7 +199,7 @@ def averaging_hours(time_s: Floats) -> float:
 
 
 def average(flow: CurrentSeries, begin_s: float, hours: float, count: int) -> Complexes:
-    """Return the means of a current over equal spans, (count,); NaN where a span has none."""
+    """Average a current over equal spans, (count,); NaN where a span has no sample."""
     there = np.isfinite(flow.velocity)
     place = np.floor((flow.time_s[there] - begin_s) / (hours * HOUR_S)).astype(int)
     inside = (place >= 0) & (place < count)

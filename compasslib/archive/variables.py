@@ -56,7 +56,7 @@ class Variable:
     optional: bool = False  # only where it was measured
 
     def attributes(self) -> dict[str, object]:
-        """Return the attributes in the order in which they are written, without empty ones."""
+        """List the attributes in the order in which they are written, without empty ones."""
         attributes: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
         attributes |= {"units": self.units, "reference": self.reference, "comment": self.comment}
         attributes |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
@@ -67,7 +67,7 @@ class Variable:
 
 
 def quality_variable(variable: Variable) -> Variable:
-    """Return the flag variable that belongs to a variable.
+    """Make the flag variable that belongs to a variable.
 
     Args:
         variable: the variable whose values are flagged.
@@ -94,7 +94,7 @@ CHANNEL = "CHANNEL_"  # what their names begin with
 
 
 def channel_variable(name: str, unit: str) -> Variable:
-    """Return the variable of what else was logged."""
+    """Make the variable of another logged series."""
     return Variable(f"{CHANNEL}{name}", f"{name.replace('_', ' ')}, as logged or given", unit)
 
 
@@ -408,7 +408,7 @@ SENSED = tuple(name for name, entry in CORRECTED.items() if entry.sensed)
 
 
 def profile_variable(name: str, kind: str, beams: bool) -> Variable:
-    """Return the variable of one of a record's ``profiles``, between two stages.
+    """Make the variable of one of a record's ``profiles``, between two stages.
 
     Args:
         name: its key.
@@ -429,7 +429,7 @@ COORDINATE_VARIABLES = (TIME, BIN, BEAM, LATITUDE, LONGITUDE, STATION)
 
 
 def format_table() -> str:
-    """Return the variables as Markdown, a row each."""
+    """Format the variables as Markdown, a row each."""
     rows = [*map(_row, COORDINATE_VARIABLES), *(_row(entry, entry.flagged) for entry in CORRECTED.values())]
     return "\n".join([*TABLE_HEAD, *rows, ""])
 

@@ -83,7 +83,7 @@ class Results:
         return bool(known) and not path.is_symlink() and path.is_file() and provenance.sha256(path) in known
 
     def foreign(self, apart: Collection[str]) -> list[str]:
-        """Return the files that no job wrote as they are.
+        """List the files that no job wrote as they are.
 
         Args:
             apart: files that need no look.
@@ -161,7 +161,7 @@ def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable
 
 
 def escaped(path: str) -> str:
-    """Return a path as it can be printed: bytes that are no UTF-8, and control characters, as escapes."""
+    """Escape control characters and bytes that are no UTF-8 in a path, so that it can be printed."""
     text = path.encode("utf-8", "backslashreplace").decode()
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
@@ -192,7 +192,7 @@ def _difference(root: Path, path: str, listed: str) -> str:
 
 
 def _unlisted_raw_files(root: Path, page: Mapping[str, Any], listed: Collection[str]) -> list[str]:
-    """Return files that the manifest does not list, in folders outside results/ that a simulation wrote into."""
+    """List files, not in the manifest, in folders outside results/ that a simulation wrote into."""
     wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
     folders = {(root / path).parent for path in wrote}
     neighbours = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
@@ -204,6 +204,6 @@ def _record(job: re.Match[str]) -> str:
 
 
 def _owner(file: str) -> str:
-    """Return the folder of the mooring, calibration or compass, or of the cruise, that a file belongs to."""
+    """Find the folder of the mooring, calibration or compass, or of the cruise, that a file belongs to."""
     parts = PurePosixPath(file).parts[:-1]
     return "/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses") else 2])

@@ -204,11 +204,6 @@ def _series(name: str, letters: str, source: str, design: Callable[[Floats], Flo
     )
 
 
-def _powers(recorded_deg: Floats) -> Floats:
-    """Compute powers of the recorded heading over 180 degrees, about south; eq. (7) itself is ill-conditioned."""
-    return np.vander(angles.wrap360(recorded_deg) / 180.0 - 1.0, POLYNOMIAL_DEGREE + 1, increasing=True)
-
-
 def published_polynomial(curve: FittedCurve) -> list[float]:
     """Convert a curve of the form ``POLYNOMIAL`` to A to G of eq. (7), degrees over powers of degrees."""
     powers = np.polynomial.Polynomial(curve.coefficients, [0.0, 360.0], [-1.0, 1.0]).convert().coef
@@ -217,7 +212,13 @@ def published_polynomial(curve: FittedCurve) -> list[float]:
 
 ONE_CYCLE = _series("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: series_design(x)[:, :3])
 SMITH = _series("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", series_design)
-POLYNOMIAL = _series("polynomial", "ABCDEFG", "Le Menn et al. 2023, eq. (7)", _powers)
+# Powers of the recorded heading over 180 degrees, about south: eq. (7) itself is ill-conditioned.
+POLYNOMIAL = _series(
+    "polynomial",
+    "ABCDEFG",
+    "Le Menn et al. 2023, eq. (7)",
+    lambda x: np.vander(angles.wrap360(x) / 180.0 - 1.0, POLYNOMIAL_DEGREE + 1, increasing=True),
+)
 
 
 def curve_to_json(curve: FittedCurve) -> dict[str, Any]:

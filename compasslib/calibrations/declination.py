@@ -226,7 +226,10 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
     for number in np.unique(stretch, axis=1).T:
         part = np.all(stretch == number[:, None], axis=0)
         declination = series.declination_deg[part]
-        declination = declination[np.isfinite(declination)]
+        declination, median = declination[np.isfinite(declination)], float("nan")
+        if len(declination):
+            first = declination[0]
+            median = float(angles.wrap180(first + np.median(angles.difference(declination, first))))
         horizontal, vertical = (
             float(np.nanmedian(column)) if np.isfinite(column).any() else float("nan")
             for column in (series.horizontal_nT[part], series.vertical_nT[part])
@@ -234,20 +237,12 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
         yield FieldMedian(
             where=series.files[number[0]] if series.files else series.station,
             time_s=float(np.median(series.time_s[part])),
-            declination_deg=_median_angle(declination),
+            declination_deg=median,
             horizontal_nT=horizontal,
             vertical_nT=vertical,
             latitude=place[0],
             longitude=place[1],
         )
-
-
-def _median_angle(declination_deg: Floats) -> float:
-    """Compute the median of known angles, NaN of none."""
-    if not len(declination_deg):
-        return float("nan")
-    first = declination_deg[0]
-    return float(angles.wrap180(first + np.median(angles.difference(declination_deg, first))))
 
 
 def _field_warnings(median: FieldMedian) -> dict[tuple[str, ...], str]:

@@ -110,7 +110,12 @@ def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
     step = float(np.median(np.diff(known_s))) if len(known_s) > 1 else HOUR_S
     enough = (last - first) >= max(MIN_SHARE * HOUR_S / step, 1.0)
     mean = np.where(enough, (total[last] - total[first]) / np.maximum(last - first, 1), np.nan)
-    return np.asarray(mean - _slow_course(known_s, off, time_s))
+    days, begins = np.unique(np.floor(known_s / DAY_S), return_index=True)
+    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])  # of each day; then their running median
+    reach = MONTH_DAYS // 2
+    ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
+    course = np.array([np.median(levels[a:b]) for a, b in ends])
+    return np.asarray(mean - np.interp(time_s, (days + 0.5) * DAY_S, course))
 
 
 def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
@@ -191,7 +196,11 @@ def storms(
     limit = max(limit_deg, STORM_FACTOR * ordinary)
     core = (size >= limit) & (without_largest >= MIN_WITHOUT_LARGEST * limit)
     spikes = int(np.sum((size >= limit) & ~core & (np.abs(off) >= limit)))
-    stormy = _dilate(time_s, core, WINDOW_S / 2.0)
+    stormy, within = core, time_s[core]
+    if len(within):
+        near = np.clip(np.searchsorted(within, time_s), 1, len(within))
+        before, after = within[near - 1], within[np.minimum(near, len(within) - 1)]
+        stormy = np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= WINDOW_S / 2.0
     at = np.flatnonzero(stormy & (np.abs(off) >= MIN_WITHOUT_LARGEST * limit))
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []
     half = float(np.median(np.diff(time_s))) / 2.0
@@ -213,26 +222,6 @@ def make_storm(series: FieldSeries, model: EarthField, measures: Measures) -> St
     inside = (series.time_s >= begin_s) & (series.time_s <= end_s)
     off = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))[inside]
     return Storm(begin_s, end_s, float(np.nanmax(off) - np.nanmin(off)), rms_deg, worst_deg)
-
-
-def _slow_course(series_s: Floats, off: Floats, time_s: Floats) -> Floats:
-    """Interpolate the running median of daily medians over 27 days."""
-    days, begins = np.unique(np.floor(series_s / DAY_S), return_index=True)
-    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
-    reach = MONTH_DAYS // 2
-    ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
-    course = np.array([np.median(levels[a:b]) for a, b in ends])
-    return np.interp(time_s, (days + 0.5) * DAY_S, course)
-
-
-def _dilate(time_s: Floats, core: Bools, reach_s: float) -> Bools:
-    """Dilate the core in time."""
-    at = time_s[core]
-    if not len(at):
-        return core
-    near = np.clip(np.searchsorted(at, time_s), 1, len(at)) if len(at) > 1 else np.ones(len(time_s), dtype=int)
-    before, after = at[near - 1], at[np.minimum(near, len(at) - 1)]
-    return np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= reach_s
 
 
 @dataclass(frozen=True)
@@ -319,13 +308,21 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
     off = angles.difference(observed, by_model)
     first = _rough_curve(time_s, off)
     levels, days = _levels(time_s, off - interpolate_daily_curve(first, time_s))
-    level = _running_level(levels, days)[np.searchsorted(days, np.floor(time_s / DAY_S))]
+    running = np.full(len(days), np.median(levels))  # where too few days are around
+    ends = np.searchsorted(days, days + NEAR_DAYS, side="right")
+    for k, (a, b) in enumerate(zip(np.searchsorted(days, days - NEAR_DAYS), ends, strict=True)):
+        if b - a >= MIN_NEAR:
+            running[k] = np.median(levels[a:b])
+    level = running[np.searchsorted(days, np.floor(time_s / DAY_S))]
     rough = off - level - interpolate_daily_curve(first, time_s)
     quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - interpolate_daily_curve(curve, time_s)
     stormy, measures, ordinary, spikes = storms(time_s, disturbed, limit_deg)
-    each = _daily_means(time_s, off - interpolate_daily_curve(curve - np.mean(curve), time_s), stormy)
+    which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)[1]
+    calm = ~stormy | (np.bincount(which, ~stormy) == 0)[which]  # storms are left out of days that hold more than them
+    by_day = off - interpolate_daily_curve(curve - np.mean(curve), time_s)
+    each = np.bincount(which[calm], by_day[calm]) / np.bincount(which[calm])
     return FieldComparison(
         time_s=time_s,
         observed_deg=observed,
@@ -364,23 +361,6 @@ def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
     days, begins = np.unique(number, return_index=True)
     parts = zip(np.split(off, begins[1:]), np.split(rough[hour], begins[1:]), strict=True)
     return np.array([np.median(x[r <= np.median(r)]) for x, r in parts]), days
-
-
-def _daily_means(time_s: Floats, off: Floats, stormy: Bools) -> Floats:
-    """Average each day, storms left out where a day is more than one, (d,)."""
-    which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)[1]
-    calm = ~stormy | (np.bincount(which, ~stormy) == 0)[which]
-    return np.bincount(which[calm], off[calm]) / np.bincount(which[calm])
-
-
-def _running_level(levels: Floats, days: Floats) -> Floats:
-    """Compute the running median of the levels of days; the median of all where too few are around."""
-    result = np.full(len(days), np.median(levels))
-    ends = np.searchsorted(days, days + NEAR_DAYS, side="right")
-    for k, (a, b) in enumerate(zip(np.searchsorted(days, days - NEAR_DAYS), ends, strict=True)):
-        if b - a >= MIN_NEAR:
-            result[k] = np.median(levels[a:b])
-    return result
 
 
 def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:

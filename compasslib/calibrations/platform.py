@@ -168,7 +168,14 @@ def calibrate_readings(
     Args:
         sources: rows of the uncertainty budget that may turn all headings alike.
     """
-    settings = _average_repeats(readings)
+    # Repeats share the error of their setting of the bench: they are averaged and count once.
+    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
+    _, which = np.unique(slots, return_inverse=True)
+    groups = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
+    means = [
+        [float(angles.mean(x[group])) for group in groups] for x in (readings.reference_deg, readings.recorded_deg)
+    ]
+    settings = BenchReadings(*np.array(means, dtype=float).reshape(2, -1))
     observed = curves.deviation_points(settings.recorded_deg, settings.reference_deg)
     fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
     reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve)
@@ -200,17 +207,6 @@ def calibrate_readings(
         details={**empty.details, **_details(fits, chosen, budget.common(rows))},
         warnings=_warnings(readings, settings, fits, chosen),
     )
-
-
-def _average_repeats(readings: BenchReadings) -> BenchReadings:
-    """Average the readings at each setting of the bench: repeats share the setting's error and count once."""
-    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
-    _, which = np.unique(slots, return_inverse=True)
-    groups = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
-    means = [
-        [float(angles.mean(x[group])) for group in groups] for x in (readings.reference_deg, readings.recorded_deg)
-    ]
-    return BenchReadings(*np.array(means, dtype=float).reshape(2, -1))
 
 
 def _coefficients(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve) -> dict[str, Any]:

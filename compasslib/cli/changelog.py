@@ -38,7 +38,7 @@ class ChangelogEntry:
 
 
 def parse_changelog(text: str) -> list[ChangelogEntry]:
-    """Return the entries of a changelog, newest first.
+    """Parse the entries of a changelog, newest first.
 
     Args:
         text: in Markdown: a section a version, an entry a point, at its end what it can change.
@@ -55,7 +55,7 @@ def parse_changelog(text: str) -> list[ChangelogEntry]:
 
 
 def changelog_reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
-    """Return lines that say by what software two results were made, and what in it may be the reason of the change.
+    """Name the software behind two results, and the entries of the changelog that may explain the change.
 
     Args:
         old: the software of the earlier results, as the products name it; empty where they do not.
@@ -81,7 +81,11 @@ def _matching_entries(old: str, new: str, changed: frozenset[str], changelog: Pa
     between = [
         entry for entry in parse_changelog(changelog.read_text(encoding="utf-8")) if _is_between(entry, low, high)
     ]
-    matching = [entry for entry in between if _touches(entry, changed)]
+    matching = [
+        entry
+        for entry in between
+        if any(change in entry.changes or change.partition(":")[0] in entry.changes for change in changed)
+    ]
     what = words.listed(sorted(changed))
     if not matching:
         return [f"no entry of the changelog between them can change {what}: look at the YAML and raw files"]
@@ -93,11 +97,6 @@ def _is_between(entry: ChangelogEntry, low: tuple[int, ...], high: tuple[int, ..
     """Tell whether an entry came after one version, and not after the other; between commits of one version any may."""
     at = _number(entry.version)
     return low < at <= high or low == at == high
-
-
-def _touches(entry: ChangelogEntry, changed: frozenset[str]) -> bool:
-    """Tell whether an entry can change any of these; one of calibrations at large touches each kind of them."""
-    return any(change in entry.changes or change.partition(":")[0] in entry.changes for change in changed)
 
 
 def _number(version: str) -> tuple[int, ...]:

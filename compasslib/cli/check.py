@@ -126,7 +126,9 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
         try:
             record = records[role] = read.record_of(**rules.reading(Wildcards(name, role)) | {"series": {}})
-            rows.append(_row(role, _role(role, mooring), mooring.instruments[role], record))
+            part = "reference" if role in mooring.reference else "not used"
+            part = "affected" if role == mooring.compromised else part
+            rows.append(_row(role, part, mooring.instruments[role], record))
             match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(Wildcards(name, role)))
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
@@ -190,10 +192,6 @@ def _inspect_calibration(name: str, planned: plan.Plan) -> Inspection:
     return Inspection((line,), tuple(unusable))
 
 
-def _role(role: str, mooring: Mooring) -> str:
-    return "affected" if role == mooring.compromised else "reference" if role in mooring.reference else "not used"
-
-
 def _title(name: str, mooring: Mooring) -> str:
     by = f"calibration {mooring.fit.name}" if mooring.fit.name else mooring.fit.method
     place = f"{abs(mooring.latitude):.4f} {'NS'[mooring.latitude < 0]} "
@@ -212,9 +210,13 @@ def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[
     steps = np.diff(time_s)
     usual = float(np.median(steps)) if len(steps) else np.nan
     valid, inside = record.heading_quality < BAD, parse_applied_declination(instrument.declination_applied)
+    known, depths = record.depth_m[np.isfinite(record.depth_m)], "unknown"
+    if len(known):
+        low, high = (round(each) for each in np.quantile(known, [0.01, 0.99]))
+        depths = f"{low} m" if low == high else f"{low}-{high} m"
     return (
         name, part, instrument.format, f"{len(time_s)}", _span(usual), f"{int(np.sum(steps > GAP * usual))}",
-        *(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]]), _depths(record.depth_m),
+        *(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]]), depths,
         f"{record.east.shape[1]}", _sectors(record.heading_deg[valid]),
         _directions(record, inside) if part else "",
     )  # fmt: skip
@@ -223,18 +225,6 @@ def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[
 def _span(seconds: float) -> str:
     unit, name = next(((size, name) for size, name in STEPS if seconds >= size), STEPS[-1])
     return f"{seconds / unit:.3g} {name}"
-
-
-def _depths(depth_m: Floats) -> str:
-    known = depth_m[np.isfinite(depth_m)]
-    low, high = np.quantile(known, [0.01, 0.99]) if len(known) else (np.nan, np.nan)
-    return (
-        "unknown"
-        if not len(known)
-        else f"{round(low)} m"
-        if round(low) == round(high)
-        else f"{round(low)}-{round(high)} m"
-    )
 
 
 def _sectors(heading_deg: Floats) -> str:

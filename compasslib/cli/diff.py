@@ -54,7 +54,7 @@ class MooringRun:
 
     @property
     def true_deg(self) -> Floats:
-        """Return the corrected true heading, (n,) degrees, NaN where there is none."""
+        """The corrected true heading, (n,) degrees, NaN where there is none."""
         heading: Floats = self.series["HEADING_CORRECTED"] + self.series["DECLINATION"]
         return heading
 
@@ -87,7 +87,7 @@ def _rows(old: Mapping[str, Path], new: Mapping[str, Path], row: Row) -> dict[st
 
 
 def _settings(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """Return which settings and raw files of the changed moorings are others, where records of the jobs are there."""
+    """List settings and raw files in which the changed moorings differ, where records of the jobs are there."""
     both = {name: (old.get(name) or next(iter(old.values())), new[name]) for name, row in rows.items() if len(row) > 1}
     lines = [f"  {name}: {text}" for name, sides in both.items() for text in records.compare(*sides)]
     return ["\n".join(["Settings and raw files that differ:", *lines])] if lines else []
@@ -96,7 +96,7 @@ def _settings(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[st
 def _mooring_reasons(
     old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
 ) -> list[str]:
-    """Return for each pair of versions what in the changelog may have changed the moorings."""
+    """List for each pair of versions what in the changelog may have changed the moorings."""
     changed: dict[tuple[str, str], set[str]] = {}
     for name, row in rows.items():
         if len(row) == len(MOORING_HEADER) - 1:
@@ -122,7 +122,7 @@ def _nothing(moorings: Mapping[str, Any], calibrations: Mapping[str, Any]) -> st
 
 
 def _mooring_row(old: Path | None, new: Path | None) -> tuple[str, ...]:
-    """Return a mooring's cells; none where nothing changed, a single one where the two cannot be compared."""
+    """Compare a mooring: no cells where nothing changed, a single one where the two cannot be compared."""
     return _compare_row(
         (old, new), results.MOORING_FILES, lambda a, b: _compare_moorings(_read_mooring(a), _read_mooring(b))
     )
@@ -145,7 +145,10 @@ def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
     )
     fitted = coefficients(old.deviation, new.deviation)
     shown = {"assessment": turned[0], "diagnosis": "".join(outcome).replace(2 * SAME, SAME), "deviation": fitted}
-    others = _changed_variables(old, new, turned[0]) + _changed_attributes(old, new)
+    keys = dict.fromkeys([*old.attributes, *new.attributes])
+    others = _changed_variables(old, new, turned[0]) + [
+        f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))
+    ]
     others += [f"{file}.json" for file, said in shown.items() if said == SAME and _file(old, file) != _file(new, file)]
     return (
         *turned,
@@ -163,7 +166,7 @@ def _file(run: MooringRun, name: str) -> Any:
 
 
 def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
-    """Return rms and largest turn of the true heading where both have one."""
+    """Compute rms and largest turn of the true heading where both have one."""
     here, there = _common_samples(old, new)
     turn = angles.difference(new.true_deg[there], old.true_deg[here])
     turn = turn[np.isfinite(turn)]
@@ -176,13 +179,13 @@ def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
 
 
 def _common_samples(old: MooringRun, new: MooringRun) -> tuple[Any, Any]:
-    """Return where the samples of one time are in both."""
+    """Index the samples of one time in both."""
     _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
     return here, there
 
 
 def _change_in_sigmas(old: MooringRun, new: MooringRun) -> str:
-    """Return the turns over what OLD stated as 1σ: who used it relied on that; both rest on the same data."""
+    """Compute the turns over what OLD stated as 1σ: who used it relied on that; both rest on the same data."""
     here, there = _common_samples(old, new)
     turn = np.abs(angles.difference(new.true_deg[there], old.true_deg[here]))
     stated = np.asarray(old.series.get(SIGMA, np.full(old.series["TIME"].shape, np.nan)))[here]
@@ -213,18 +216,13 @@ def _corrected_share(run: MooringRun) -> float:
 
 
 def _changed_variables(old: MooringRun, new: MooringRun, turned: str) -> list[str]:
-    """Return the variables of corrected.nc that differ, those left out that turn with the heading."""
+    """List the variables of corrected.nc that differ, those left out that turn with the heading."""
     names = dict.fromkeys([*old.series, *new.series])
     differing = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
     if turned == SAME:
         return differing
     follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
     return [name for name in differing if name not in follow]
-
-
-def _changed_attributes(old: MooringRun, new: MooringRun) -> list[str]:
-    keys = dict.fromkeys([*old.attributes, *new.attributes])
-    return [f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))]
 
 
 def _equal(entry: Any, other: Any) -> bool:
@@ -260,7 +258,7 @@ class CalibrationRun:
 
 
 def _calibration_row(old: Path | None, new: Path | None) -> tuple[str, ...]:
-    """Return a calibration's cells; none where nothing changed, a single one where the two cannot be compared.
+    """Compare a calibration: no cells where nothing changed, a single one where the two cannot be compared.
 
     Args:
         old: folder of its results, None where there is none.
@@ -278,7 +276,7 @@ def _calibration_row(old: Path | None, new: Path | None) -> tuple[str, ...]:
 def _calibration_reasons(
     old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
 ) -> list[str]:
-    """Return for each pair of versions what in the changelog may have changed the calibrations.
+    """List for each pair of versions what in the changelog may have changed the calibrations.
 
     Args:
         old: folders of results by name.
@@ -314,7 +312,7 @@ def _compare_calibrations(old: CalibrationRun, new: CalibrationRun) -> tuple[str
 
 
 def _deviation_change(old: DeviationTable, new: DeviationTable) -> tuple[str, str]:
-    """Return rms and largest change of the deviation at the headings that both tables have."""
+    """Compute rms and largest change of the deviation at the headings that both tables have."""
     _, here, there = np.intersect1d(old.heading_deg, new.heading_deg, return_indices=True)
     change = angles.difference(new.deviation_deg[there], old.deviation_deg[here])
     change = change[np.isfinite(change)]
@@ -335,7 +333,7 @@ def _effects(run: CalibrationRun) -> str:
 
 
 def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the coefficients that there are as those of a mooring's fit; a kind may have the first of them alone."""
+    """Describe the known coefficients as those of a mooring's fit; a kind may have the first of them alone."""
     known = {letter: value for letter, value in (content["coefficients"] or {}).items() if value is not None}
     sigma = np.array(content["covariance"] or np.zeros((len(known), len(known))), dtype=float)[
         : len(known), : len(known)
@@ -350,12 +348,11 @@ MIN_CHANGE_IN_SIGMAS = 0.01  # of a coefficient's standard deviation: below lies
 
 
 def from_to(old: str, new: str) -> str:
-    """Return one cell."""
     return SAME if old == new else f"{old} → {new}"
 
 
 def degrees(value: float) -> str:
-    """Return the size of a change.
+    """Format the size of a change.
 
     Args:
         value: degrees.
@@ -364,7 +361,7 @@ def degrees(value: float) -> str:
 
 
 def effects(diagnosis: Mapping[str, Any]) -> str:
-    """Return the effects that were found.
+    """List the identified effects.
 
     Args:
         diagnosis: content of diagnosis.json.
@@ -393,14 +390,14 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
 
 
 def _coefficient_change(letter: str, change: float, sigma: float) -> str:
-    """Return a coefficient's change, and how many of OLD's 1σ it is."""
+    """Format a coefficient's change, and how many of OLD's 1σ it is."""
     return f"{letter} {_signed(change)}" + (f" ({abs(change) / sigma:.2g}σ)" if sigma > 0.0 else "")
 
 
 def _compare_row(
     folders_of: tuple[Path | None, Path | None], needed: Sequence[str], cells: Callable[[Path, Path], tuple[str, ...]]
 ) -> tuple[str, ...]:
-    """Return one line's cells; none where nothing changed, a single one where the two cannot be compared.
+    """Compare two runs: no cells where nothing changed, a single one where they cannot be compared.
 
     Args:
         folders_of: the results of the earlier and of the later run, None where there are none.
@@ -423,7 +420,7 @@ def _signed(change: float) -> str:
 
 
 def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
-    """Return the rows beneath the header; a row of one cell runs across the columns.
+    """Format the rows beneath the header; a row of one cell runs across the columns.
 
     Args:
         rows: cells by name; none where nothing changed.

@@ -79,7 +79,7 @@ def _export_oceansites(asked: Namespace, source: Path, into: Path) -> list[Path]
 
 
 def _available_files(into: Path, *names: str) -> list[Path]:
-    """Return files to write, none of which is there, and clear away the halves of an export that was killed.
+    """Choose files to write, none of which is there, and clear away the halves of an export that was killed.
 
     A file gets its name after its note, the first file after all others: while that is missing, others with a note are
     what a killed export left, and are written anew.
@@ -123,7 +123,7 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
 
 
 def _corrected_names(mooring: str, files: Sequence[str]) -> list[str]:
-    """Return the names of corrected files, numbered where two raw ones have the same."""
+    """Name corrected files, numbered where two raw ones have the same name."""
     paths = [Path(file) for file in files]
     alike = len({path.name for path in paths}) < len(paths)
     return [
@@ -163,7 +163,7 @@ class _Product:
             raise InputError(other, expected=f"the raw file behind {source}", found=actual, advice=advice)
 
     def turn(self, leaders: Leaders) -> Floats:
-        """Return corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees."""
+        """Compute corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees."""
         if not len(self._time_s):
             return np.full(len(leaders.time_s), np.nan)
         settled, stated = self._deployment, parse_applied_declination(self._reader["declination_applied"])
@@ -237,7 +237,7 @@ def write_oceansites(source: Path, target: Path) -> None:
 
 
 def oceansites_name(source: Path) -> str:
-    """Return the file name that OceanSITES has for corrected.nc.
+    """Compose the file name that OceanSITES has for corrected.nc.
 
     Raises:
         InputError: the file is absent or damaged.

@@ -117,7 +117,7 @@ def _below(folder: Path) -> Iterable[Path]:
 
 
 def _inside(path: Path, root: Path) -> str:
-    """Return the path of a file from the cruise folder; one that stands elsewhere is linked to below raw/."""
+    """Give the path of a file from the cruise folder; one that stands elsewhere is linked to below raw/."""
     whole, base = Path(os.path.abspath(path)), Path(os.path.abspath(root))
     if whole.is_relative_to(base):
         return whole.relative_to(base).as_posix()
@@ -445,7 +445,7 @@ def _stem(path: Path, form: str) -> str:
 
 
 def _name(text: str) -> str:
-    """Return a text as a name may be written."""
+    """Turn a text into a legal name."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", text).lstrip("_.-")[:50].rstrip("_.-") or "unnamed"
 
 

@@ -33,7 +33,7 @@ CALIBRATION_FILES = ("calibration.json", "table.csv")
 
 
 def mooring_folder(cruise: str, mooring: str) -> Path:
-    """Return the folder of one mooring's results.
+    """Find the folder of one mooring's results.
 
     Args:
         mooring: a name in it, or the folder itself.
@@ -59,7 +59,7 @@ class ResultFolders:
 
 
 def find_results(place: str) -> ResultFolders:
-    """Return the folders of results.
+    """Find the folders of results.
 
     Args:
         place: a cruise, a folder of results, or the folder of one mooring or calibration.
@@ -94,7 +94,7 @@ def _moorings(root: Path) -> dict[str, Path]:
 
 
 def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[str]:
-    """Return which files a whole run would have left and this one has not.
+    """List the files that a whole run would have left and this one has not.
 
     Args:
         folder: one mooring's results, or one calibration's.
@@ -103,7 +103,7 @@ def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[s
 
 
 def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = MOORING_FILES) -> str:
-    """Return why two results cannot be compared, nothing where they can.
+    """Say why two results cannot be compared, nothing where they can.
 
     Args:
         old: one folder, None where there is none.
@@ -165,7 +165,7 @@ WARNING_MARK = ": warning: "  # as the lines of the stages' logs have it
 
 
 def split_warnings(said: str) -> tuple[list[str], list[str]]:
-    """Return the lines of a log that are no warnings, and the warnings, without the word."""
+    """Separate the lines of a log that are no warnings from the warnings, without the word."""
     lines = said.splitlines()
     return [line for line in lines if WARNING_MARK not in line], [
         line.replace(WARNING_MARK, ": ", 1) for line in lines if WARNING_MARK in line
@@ -213,7 +213,6 @@ def _read_mooring(folder: Path) -> MooringResults:
 
 
 def explanation_lines(read: MooringResults) -> list[str]:
-    """Return the lines."""
     head = read.headings
     facts = [
         ("Method", mooring.describe_method(read.fit)),
@@ -242,7 +241,6 @@ def _finding_lines(finding: ReportedFinding) -> list[str]:
 
 
 def _wrap(sentences: Iterable[str]) -> list[str]:
-    """Return sentences each with its own indented lines."""
     wrapper = textwrap.TextWrapper(WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT)
     return [line for sentence in sentences for line in wrapper.wrap(sentence)]
 

@@ -44,7 +44,7 @@ def run(asked: Namespace) -> int:
 
 
 def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
-    """Return the records that no longer hold, and the options, files of results as the records that Snakemake knows."""
+    """List the records that no longer hold, and the options, with results named by the records that Snakemake knows."""
     looks_only = any(re.fullmatch(r"--dry-?run|-[a-zA-Z]*n[a-zA-Z]*", option) for option in options)
     with chdir(folder):
         try:

@@ -152,7 +152,7 @@ SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # 
 
 @cache
 def all_effects() -> tuple[type[Effect], ...]:
-    """Return the catalogue and what other packages add, which is looked for when it is first asked for.
+    """List the catalogue and what other packages add, which is looked for when it is first asked for.
 
     Raises:
         InputError: a name that is taken, or something else than an effect of the name that it is declared by.
@@ -173,7 +173,7 @@ def _of_plugin(name: str, point: plugins.EntryPoint) -> type[Effect]:
 
 
 def side_of(effect: str) -> str:
-    """Return the side of an effect; a composed one, written composed:ACTS_ON/DRIVER/FORM, has that of what it acts on.
+    """Look up the side of an effect; a composed one, written composed:ACTS_ON/DRIVER/FORM, has that of what it acts on.
 
     Raises:
         KeyError: no such effect.

@@ -86,7 +86,7 @@ def _columns(*series: Floats) -> Floats:
 
 
 def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
-    """Return a driver as a first-order lag follows it, (n,)."""
+    """Follow a driver by a first-order lag, (n,)."""
     from scipy.signal import lfilter
 
     step = max(float(np.median(np.diff(time_s))), 1.0)
@@ -104,11 +104,6 @@ def _play(x: Floats, width: float) -> Floats:
         at = min(max(at, now - half), now + half)
         result[i] = at
     return result
-
-
-def _since_above(x: Floats, threshold: float) -> Floats:
-    """Return 1 from the first time on that a driver exceeds a threshold, (n,)."""
-    return np.maximum.accumulate((x > threshold).astype(float)) if len(x) else x
 
 
 THRESHOLD = (("threshold", "of the driver"),)
@@ -137,7 +132,8 @@ FORMS: Mapping[str, Form] = {
         words="with {} and its history (hysteresis)", formula="p·x, x followed with a play of the width",
     ),
     "latch": Form(
-        lambda term, x, t: _columns(_since_above(x, term.threshold)), places=THRESHOLD,
+        lambda term, x, t: _columns(np.maximum.accumulate((x > term.threshold).astype(float)) if len(x) else x),
+        places=THRESHOLD,
         words="from the first time on that {} exceeded a threshold",
         formula="p once {} has exceeded the threshold, before 0",
     ),
@@ -205,7 +201,7 @@ class ComposedEffect(Effect):
     scale: ClassVar[float]
 
     def series(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
-        """Return the series of time by which the parameters are multiplied, (n, c).
+        """Compute the series of time by which the parameters are multiplied, (n, c).
 
         Args:
             reading_deg: readings, (n,), where these drive.
@@ -220,7 +216,6 @@ class ComposedEffect(Effect):
         return stored[key]
 
     def made(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
-        """Return the same, made anew."""
         _, driver, form = self.composition
         if driver != "heading":
             return FORMS[form].series(self, driver_series(scene, driver), scene.time_s)
@@ -241,7 +236,7 @@ class ComposedEffect(Effect):
         return acted, driver, form
 
     def span(self, first_s: float, last_s: float) -> tuple[float, float]:
-        """Return from when to when it acts.
+        """Find from when to when it acts.
 
         Args:
             first_s: begin of the recording, UTC seconds.
@@ -308,7 +303,7 @@ NEWTON, PROBE_DEG = 8, 1e-3
 
 
 def driver_series(scene: Scene, driver: str) -> Floats:
-    """Return a driver as it departs from its reference, (n,); of two joined by * their product.
+    """Compute a driver's departure from its reference, (n,); of two joined by * their product.
 
     Raises:
         KeyError: the recording does not have it.
@@ -323,13 +318,13 @@ def driver_series(scene: Scene, driver: str) -> Floats:
 
 
 def driver_needs(driver: str) -> tuple[str, ...]:
-    """Return the departures that a driver is made of."""
+    """List the departures that a driver is made of."""
     names = [DRIVERS[part][0] if part in DRIVERS else part for part in driver.split("*")]
     return tuple(name for name in names if name)
 
 
 def _per(base: str, unit: str, power: float) -> str:
-    """Return a unit over a driver's unit to some power."""
+    """Format a unit over a driver's unit to some power."""
     if not power or unit == "1":
         return base
     bracketed = f"({unit})" if " " in unit or "/" in unit else unit
@@ -347,7 +342,7 @@ def compose_effect(
     least: float = -np.inf,
     most: float = np.inf,
 ) -> type[ComposedEffect]:
-    """Return the class of the terms that are composed of three words.
+    """Make the class of the terms that are composed of three words.
 
     Args:
         name: of the effect, where physics has one for it.
@@ -402,12 +397,12 @@ VelocityBias = compose_effect(
 
 
 def effect_by_name(effect: str) -> type[ComposedEffect]:
-    """Return the class of a composed effect by its name, composed:ACTS_ON/DRIVER/FORM."""
+    """Look up the class of a composed effect by its name, composed:ACTS_ON/DRIVER/FORM."""
     return compose_effect(*effect.removeprefix(COMPOSED).split("/"))
 
 
 def place_effect(kind: type[ComposedEffect], *at: float) -> ComposedEffect:
-    """Return a term of no size at some places.
+    """Make a term of no size at some places.
 
     Args:
         at: in the order of the form's places.

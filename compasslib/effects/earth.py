@@ -23,7 +23,6 @@ class SecularVariation(Effect):
     deg_year: float = parameter("degrees/year", "drift beyond what was applied", 1.0, usual=0.5)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the direction of magnetic north by then."""
         return x + self.deg_year * scene.years
 
 
@@ -70,7 +69,6 @@ class IndexedDisturbance(Effect):
     nT_ap: float = parameter("nT", "across magnetic north, one standard deviation a unit of ap", 5.0, least=0.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the direction of magnetic north one standard deviation off."""
         return x + self.nT_ap * scene.departures["storm_index"] / scene.horizontal_nT / angles.DEGREE
 
 
@@ -91,5 +89,4 @@ class DeclinationError(Effect):
     error_deg: float = parameter("degrees", "true minus applied declination", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the direction of magnetic north."""
         return x + self.error_deg

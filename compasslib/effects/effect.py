@@ -53,7 +53,7 @@ class Scene:
         return (self.time_s - self.begin_s) / YEAR_S
 
     def since(self, date_s: float) -> Floats:
-        """Return 1 from a date on and 0 before it, (n,).
+        """Step from 0 to 1 at a date, (n,).
 
         Args:
             date_s: UTC seconds since 1970.
@@ -64,7 +64,7 @@ class Scene:
 def parameter(
     unit: str, meaning: str, step: float, *, least: float = -np.inf, most: float = np.inf, usual: float = np.inf
 ) -> Any:
-    """Return the field of a parameter that is 0 where the effect is absent.
+    """Declare a parameter that is 0 where the effect is absent.
 
     Args:
         step: a change that turns the heading by very roughly a degree, for differences.
@@ -77,12 +77,12 @@ def parameter(
 
 
 def date_parameter() -> Any:
-    """Return the field of a date that is searched for and not fitted; without effect by itself."""
+    """Declare a date that is searched for and not fitted; without effect by itself."""
     return field(default=0.0, metadata={"unit": "s", "meaning": "UTC seconds since 1970 of the change", "step": 0.0})
 
 
 def place_parameter(unit: str) -> Any:
-    """Return the field of a place along a covariate that is searched for and not fitted, as a date is."""
+    """Declare a place along a covariate that is searched for and not fitted, as a date is."""
     return field(default=0.0, metadata={"unit": unit, "meaning": "place that was looked for", "step": 0.0})
 
 
@@ -125,22 +125,21 @@ class Effect(ABC):
 
     @classmethod
     def fitted(cls) -> tuple[str, ...]:
-        """Return the names of the parameters that are fitted, dates left out."""
+        """List the names of the fitted parameters, dates left out."""
         return tuple(f.name for f in fields(cls) if f.metadata["step"])
 
     @classmethod
     def steps(cls) -> Floats:
-        """Return for each fitted parameter a change that turns the heading by very roughly a degree."""
+        """Give a change of each fitted parameter that turns the heading by very roughly a degree."""
         return np.array([f.metadata["step"] for f in fields(cls) if f.metadata["step"]])
 
     @classmethod
     def expected(cls) -> Floats:
-        """Return for each fitted parameter the precision with which 0 is expected of it beforehand, 0 for most."""
+        """Give the prior precision about 0 of each fitted parameter, 0 for most."""
         return np.array([f.metadata["usual"] for f in fields(cls) if f.metadata["step"]]) ** -2.0
 
     @classmethod
     def units(cls) -> tuple[str, ...]:
-        """Return the units of the parameters that are fitted."""
         return tuple(f.metadata["unit"] for f in fields(cls) if f.metadata["step"])
 
     @classmethod
@@ -165,7 +164,7 @@ class Effect(ABC):
         return np.array([getattr(self, name) for name in self.fitted()])
 
     def at(self, values: Floats) -> Self:
-        """Return the term with other values of the fitted parameters."""
+        """Replace the values of the fitted parameters."""
         return replace(self, **dict(zip(self.fitted(), np.asarray(values, dtype=float).tolist(), strict=True)))
 
 
@@ -180,7 +179,7 @@ class Proportional(Effect):
 
 
 def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:
-    """Return where the fitted parameters of each term stand among those of all.
+    """Locate the fitted parameters of each term among those of all.
 
     Args:
         first: parameters before them.
@@ -190,7 +189,7 @@ def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> 
 
 
 def horizontal_field(forward: Floats, starboard: Floats) -> Floats:
-    """Return a field in the body's horizontal plane, (n, 3).
+    """Build a field in the body's horizontal plane, (n, 3).
 
     Args:
         forward: nT, (n,).
@@ -203,7 +202,7 @@ SHORT_RECORDINGS = ("platform", "swing", "magnetometer", "two_heads")
 
 
 def elapsed_share(scene: Scene) -> Floats:
-    """Return the share of the record that is over, (n,)."""
+    """Compute the share of the record that is over, (n,)."""
     return (scene.time_s - scene.time_s[0]) / max(float(np.ptp(scene.time_s)), 1e-9)
 
 
@@ -215,7 +214,7 @@ class TurningScene(Scene):
 
 
 def turning_scene(scene: Scene, turned: Callable[[float], Floats]) -> TurningScene:
-    """Return a scene with the turns of its instrument.
+    """Add the turns of its instrument to a scene.
 
     Args:
         turned: change of the heading until some seconds ahead, (n,) degrees.

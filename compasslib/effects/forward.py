@@ -40,7 +40,7 @@ class ForwardModel:
         return np.concatenate([COMPASS_STEPS, *(term.steps() for term in self.terms)])
 
     def at(self, parameters: Floats) -> ForwardModel:
-        """Return the same with other parameters.
+        """Replace the parameters.
 
         Args:
             parameters: in the order of ``parameters``, (p,).
@@ -61,7 +61,7 @@ def recorded_heading(simulation: ForwardModel, scene: Scene, heading_deg: Floats
 
 
 def earth_field_in_body(scene: Scene, heading_deg: Floats) -> Floats:
-    """Return the earth's field forward, starboard and down in the tilted body, (n, 3) nT.
+    """Compute the earth's field forward, starboard and down in the tilted body, (n, 3) nT.
 
     Args:
         heading_deg: headings to where magnetic north is, (n,), degrees.
@@ -72,7 +72,7 @@ def earth_field_in_body(scene: Scene, heading_deg: Floats) -> Floats:
 
 
 def sensed_angle(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
-    """Return the angle of the levelled field before the readout, (n,) degrees.
+    """Compute the angle of the levelled field before the readout, (n,) degrees.
 
     Args:
         earth_nT: earth's field in the body, (n, 3).
@@ -83,7 +83,7 @@ def sensed_angle(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Fl
 
 
 def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
-    """Return the field in the body with iron and terms, (n, 3) nT.
+    """Compute the field in the body with iron and terms, (n, 3) nT.
 
     Args:
         earth_nT: earth's field in the body, (n, 3).
@@ -96,7 +96,7 @@ def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Fl
 
 
 def invert_heading(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
-    """Return the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none.
+    """Find the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none.
 
     Args:
         recorded_deg: recorded headings, (n,), degrees.
@@ -107,7 +107,7 @@ def invert_heading(simulation: ForwardModel, scene: Scene, recorded_deg: Floats)
 
 
 def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
-    """Return B..E of iron and field terms at every sample's tilt and time, A being carried by the readout, (5, n)."""
+    """Compute B..E of iron and field terms at each sample's tilt and time, A being carried by the readout, (5, n)."""
     soft, hard = _iron(simulation)
     acting = _acting(simulation, "field")
     if acting:
@@ -123,7 +123,7 @@ def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
 
 
 def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) -> Floats:
-    """Return the reading that the readout makes of the sensed field's angle, (n,) degrees, not wrapped.
+    """Compute the reading that the readout makes of the sensed field's angle, (n,) degrees, not wrapped.
 
     Args:
         sensed_deg: angle of the levelled field, (n,), degrees.
@@ -135,7 +135,7 @@ def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) ->
 
 
 def invert_readout(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
-    """Return the angle of the levelled field that a reading came from, (n,) degrees; NaN where it tells more than one.
+    """Compute the angle of the levelled field from a reading, (n,) degrees; NaN where more than one gives it.
 
     Args:
         recorded_deg: readings, (n,), degrees.
@@ -152,7 +152,7 @@ def north_shift(simulation: ForwardModel, scene: Scene) -> Floats | float:
 
 
 def water_veer(simulation: ForwardModel, scene: Scene) -> Floats | float:
-    """Return the veer of the reference's water from the other's, (n,) degrees or 0."""
+    """Compute the directional shear of the reference's current against the other's, (n,) degrees or 0."""
     return _total(simulation, scene, "water")
 
 
@@ -187,7 +187,7 @@ def heading_jacobian(
 
 
 def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Floats, term: Effect) -> Floats:
-    """Return the derivative by the parameters of a term that acts beside those that stand, (n, p) degrees a unit.
+    """Differentiate by the parameters of a term added to the model, (n, p) degrees a unit.
 
     What stands at the readout would bend the reading on which another one acts after it: beside it both act on the
     same, as either would in the other's place.
@@ -213,7 +213,7 @@ def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Flo
 
 
 def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:
-    """Return d gamma / d beta, (n,).
+    """Compute d gamma / d beta, (n,).
 
     Args:
         heading_deg: correct magnetic headings, (n,), degrees.
@@ -223,7 +223,7 @@ def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -
 
 
 def _iron(simulation: ForwardModel) -> tuple[Floats, Floats]:
-    """Return the level compass as a soft-iron matrix and a hard iron in nT, A left to the readout."""
+    """Express the level compass as a soft-iron matrix and a hard iron in nT, A left to the readout."""
     a, b, c, d, e = simulation.coefficients
     u = 1.0 - 1j * a
     p, v = (b - 1j * c) / u, (d - 1j * e) / u
@@ -243,7 +243,7 @@ def _total(simulation: ForwardModel, scene: Scene, what: str) -> Floats | float:
 
 
 def _composed(soft: Floats, hard: Floats, acting: list[Effect], scene: Scene) -> tuple[Floats, Floats]:
-    """Return matrix and vector of iron and terms together, found by letting them act on no field and on unit fields."""
+    """Combine iron and terms into matrix and vector by letting them act on no field and on unit fields."""
 
     def chain(field_nT: Floats) -> Floats:
         field: Floats = np.array(np.broadcast_to(field_nT, (len(scene), 3)))

@@ -40,7 +40,6 @@ class HardIron(Effect):
     b_z_nT: float = parameter("nT", "field down", 2000.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the iron's added."""
         return x + np.array([self.b_x_nT, self.b_y_nT, self.b_z_nT])
 
 
@@ -69,7 +68,6 @@ class HardIronStep(Effect):
     date_s: float = date_parameter()
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the step."""
         return x + horizontal_field(self.b_x_nT * scene.since(self.date_s), self.b_y_nT * scene.since(self.date_s))
 
 
@@ -92,7 +90,6 @@ class HardIronDrift(Effect):
     b_y_nT_year: float = parameter("nT/year", "rate to starboard", 200.0, usual=USUAL_NT)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with what has grown by then."""
         return x + horizontal_field(self.b_x_nT_year * scene.years, self.b_y_nT_year * scene.years)
 
 
@@ -116,7 +113,7 @@ class BatteryChange(Effect):
     third_y_nT: float = parameter("nT", "step to starboard at the third change and each later one", 200.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the new batteries'; the departure counts them."""
+        """Add the new batteries' field; the departure counts them."""
         number = scene.departures["battery_number"]
         first, second, third = number.clip(0.0, 1.0), (number - 1.0).clip(0.0, 1.0), (number - 2.0).clip(0.0)
         forward = self.b_x_nT * first + self.second_x_nT * second + self.third_x_nT * third
@@ -148,7 +145,6 @@ class SupplyVoltageOfField(Effect):
     b_y_nT_V: float = parameter("nT/V", "field to starboard; V or counts as logged", 100.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the supply's added."""
         volt = scene.departures["supply_voltage"]
         return x + horizontal_field(self.b_x_nT_V * volt, self.b_y_nT_V * volt)
 
@@ -194,7 +190,6 @@ class TemperatureOfField(Effect):
     b_y_nT_K: float = parameter("nT/K", "field to starboard", 200.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the shift by temperature."""
         warm = scene.departures["temperature"]
         return x + horizontal_field(self.b_x_nT_K * warm, self.b_y_nT_K * warm)
 
@@ -235,7 +230,6 @@ class Heeling(Effect):
     b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-25e3, most=25e3)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the vertical iron's added."""
         return x + np.array([0.0, 0.0, self.b_z_nT])
 
 
@@ -251,7 +245,6 @@ class HardIronTrend(Effect):
     b_y_nT: float = parameter("nT over the record", "change to starboard", 200.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the drift."""
         return x + horizontal_field(self.b_x_nT * elapsed_share(scene), self.b_y_nT * elapsed_share(scene))
 
 
@@ -267,7 +260,6 @@ class LevelHardIron(Effect):
     b_y_nT: float = parameter("nT", "field to starboard", 200.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the iron's added."""
         return x + np.array([self.b_x_nT, self.b_y_nT, 0.0])
 
 
@@ -288,7 +280,6 @@ class LevelSoftIron(Effect):
     shear: float = parameter("1", "shear, (d + b)/2", 0.02, least=-0.8, most=0.8)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the induced one added."""
         rows = [[self.stretch, self.shear, 0.0], [self.shear, -self.stretch, 0.0], [0.0, 0.0, 0.0]]
         return x + x @ np.array(rows)
 
@@ -310,7 +301,6 @@ class SoftIronInSpace(Effect):
     yz: float = parameter("1", "shear between starboard and down", 0.02, least=-0.8, most=0.8)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field with the induced one added."""
         a, v = self.stretch, self.vertical
         rows = [[a - v / 2.0, self.xy, self.xz], [self.xy, -a - v / 2.0, self.yz], [self.xz, self.yz, v]]
         return x + x @ np.array(rows)

@@ -16,7 +16,7 @@ this order. *Side* says what an effect may change: only those of the compass ent
 
 
 def page() -> str:
-    """Return the catalogue as Markdown, one section an effect."""
+    """Format the catalogue as Markdown, one section an effect."""
     return "\n".join(
         [HEAD, *(_section(name, list(forms)) for name, forms in groupby(CATALOGUE, lambda term: term.name))]
     )

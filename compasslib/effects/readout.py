@@ -66,7 +66,6 @@ class Harmonic(Effect):
         return 1.0 - self.order * angles.DEGREE * float(np.hypot(self.sine_deg, self.cosine_deg))
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading with the harmonic added."""
         sine, cosine = angles.sin_cos(self.order * x)
         return x + self.sine_deg * sine + self.cosine_deg * cosine
 
@@ -137,7 +136,6 @@ class CompassDrift(Effect):
     deg_year: float = parameter("degrees/year", "drift of the reading", 1.0, usual=10.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading with what has drifted by then."""
         return x + self.deg_year * scene.years
 
 
@@ -163,7 +161,6 @@ class HeadingSlip(Effect):
     date_s: float = date_parameter()
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading with the slip."""
         return x + self.offset_deg * scene.since(self.date_s)
 
 
@@ -189,7 +186,6 @@ class CompassLag(Effect):
     lag_s: float = parameter("s", "time by which the reading is late", 300.0, least=0.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the late reading."""
         return x - self.lag_s * scene.departures["turn_rate"]
 
 
@@ -211,7 +207,7 @@ class TiltUncompensated(Effect):
     share: float = parameter("1", "share of the levelling that is left out", 0.05, least=0.65, most=1.5)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field that, levelled rightly, gives what is left without levelling."""
+        """Turn the field so that correct levelling gives what is left without levelling."""
         level = scene.levelling
         return (1.0 - self.share) * x + self.share * np.einsum("nji,nj->ni", level, x)
 
@@ -222,7 +218,7 @@ OFF_DEG_K = 0.1  # usual of a tilt sensor
 
 
 def _levelled_off(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: Floats | float) -> Floats:
-    """Return the field that, levelled by the tilts as they were given, is off as by tilts that are too large."""
+    """Turn the field so that levelling by the given tilts is off as by tilts that are too large."""
     right = compass.levelling(scene.pitch_deg - pitch_deg, scene.roll_deg - roll_deg)
     return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
 
@@ -240,7 +236,6 @@ class TemperatureOfTilt(Effect):
     roll_deg_K: float = parameter("degrees/K", "change of the roll", 0.2, usual=OFF_DEG_K)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field that the levelling turns as wrong tilts do."""
         warm = scene.departures["temperature"]
         return _levelled_off(x, scene, self.pitch_deg_K * warm, self.roll_deg_K * warm)
 
@@ -259,7 +254,6 @@ class TiltOffset(Effect):
     roll_deg: float = parameter("degrees", "roll given minus true", 0.2)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field that the levelling turns as wrong tilts do."""
         return _levelled_off(x, scene, self.pitch_deg, self.roll_deg)
 
 
@@ -280,7 +274,7 @@ class StuckTilt(Effect):
     share: float = parameter("1", "share of the predicted lean", 0.05, least=0.3, most=2.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field of the leaning body in place of that of the body as the tilts have it."""
+        """Replace the field by that of the leaning body, in place of the body as the tilts have it."""
         pitch, roll = (scene.departures[name] for name in self.needs)
         right = compass.levelling(scene.pitch_deg + self.share * pitch, scene.roll_deg + self.share * roll)
         return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
@@ -299,7 +293,6 @@ class CompassDelay(Effect):
     lag_s: float = parameter("s", "time by which the reading is late", 0.1, least=-60.0, most=60.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the late reading."""
         assert isinstance(scene, TurningScene) and scene.turned is not None
         return x + scene.turned(-self.lag_s)
 
@@ -317,7 +310,6 @@ class CompassTrend(Effect):
     deg_record: float = parameter("degrees over the record", "drift of the reading", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading with the drift."""
         return x + self.deg_record * elapsed_share(scene)
 
 
@@ -340,7 +332,6 @@ class MountingOffset(Effect):
     offset_deg: float = parameter("degrees", "recorded heading minus that of the axes", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the reading with the offset."""
         return x + self.offset_deg
 
 
@@ -357,5 +348,5 @@ class ReadingLevelled(Effect):
     share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, least=0.5, most=1.5)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the field, partly levelled."""
+        """Level the field in part."""
         return (1.0 - self.share) * x + self.share * np.einsum("nij,nj->ni", scene.levelling, x)

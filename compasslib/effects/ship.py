@@ -45,7 +45,6 @@ class SetAndDrift(Effect):
     north_m_s: float = parameter("m/s", "water towards north", 0.05)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the water's velocity."""
         return x + np.array([self.east_m_s, self.north_m_s])
 
 
@@ -65,7 +64,6 @@ class TidalSetAndDrift(Effect):
     north_gain_m_s: float = parameter("m/s over the record", "gain towards north", 0.05)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the water's velocity."""
         gain = np.array([self.east_gain_m_s, self.north_gain_m_s])
         return x + np.array([self.east_m_s, self.north_m_s]) + gain * (elapsed_share(scene)[:, None] - 0.5)
 
@@ -122,7 +120,7 @@ class FilteredCourse(Effect):
     lag_s: float = parameter("s", "mean delay of the filter", 1.0, least=0.0, most=MAX_LAG_S)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return headings of a sample a second, not wrapped, as the filter leaves them."""
+        """Filter headings of a sample a second, not wrapped."""
         size = abs(self.lag_s)
         kernel = (size / (1.0 + size)) ** np.arange(int(FILTER_REACH * size) + 2) / (1.0 + size)
         unit = angles.phasor(np.concatenate([np.full(len(kernel) - 1, x[0]), x]))

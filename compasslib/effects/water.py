@@ -54,7 +54,6 @@ class VeerWithDepth(Effect):
     deg_100m: float = parameter("degrees/100 m", "directional shear by depth", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer."""
         return x + self.deg_100m * scene.departures["depth"] / 100.0
 
 
@@ -131,7 +130,6 @@ class ReferenceSlip(OfReference):
     date_s: float = date_parameter()
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer."""
         return x + self.offset_deg * scene.since(self.date_s)
 
 
@@ -148,7 +146,6 @@ class ReferenceBeams(OfReference):
     gain: float = parameter("1", "forward over starboard gain of the reference's beams, less one", 0.035)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer."""
         return x - self.gain / 2.0 / angles.DEGREE * scene.departures[self.needs[0]]
 
 
@@ -166,7 +163,7 @@ class ReferenceBias(OfReference):
     starboard_m_s: float = parameter("m/s", "velocity added to starboard", 0.003)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the veer; the departures are sine and cosine of the flow's angle in the body, over the speed."""
+        """Compute the veer; the departures are sine and cosine of the flow's angle in the body, over the speed."""
         sine, cosine = (scene.departures[name] for name in self.needs)
         return x + (self.starboard_m_s * cosine - self.forward_m_s * sine) / angles.DEGREE
 
@@ -191,7 +188,6 @@ class ClockOffset(Effect):
     hours: float = parameter("h", "affected minus reference clock", 0.3)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the clock's error, seconds."""
         return x + 3600.0 * self.hours
 
 
@@ -214,5 +210,4 @@ class ClockDrift(Effect):
     hours_year: float = parameter("h/year", "gain of the affected clock", 0.3)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Return the clock's error, seconds."""
         return x + 3600.0 * self.hours_year * scene.years

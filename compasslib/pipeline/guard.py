@@ -45,7 +45,9 @@ def enter(cruise: Path, project: Path) -> None:
     """
     for name, value in MEMORY.items():
         os.environ.setdefault(name, value)  # the jobs', which are processes of their own
-    _keep_code_out(cruise, project)
+    os.environ["PYTHONSAFEPATH"] = "1"  # theirs too: the folder that they start in is not searched for modules
+    if cruise.resolve() != project.resolve():
+        sys.path[:] = [path for path in sys.path if Path(path or ".").resolve() != cruise.resolve()]
     _refuse_profiles(cruise, project)
 
 
@@ -122,7 +124,7 @@ def _label(record: Path) -> str:
 
 
 def _shortened(label: str, log: Sequence[str]) -> str:
-    """Return what a job said last, without the name that stands before it already."""
+    """Take the last line of a job's log, without the name that stands before it already."""
     last = log[-1] if log else "nothing said"
     name, _, what = last.partition(": ")
     return what if name.split(" ")[0] == label.split(" ")[0] else last
@@ -144,7 +146,7 @@ def refuse_links(folders: Sequence[str]) -> None:
 
 
 def file_clock() -> float:
-    """Return the time, in seconds since 1970, by the clock that dates the files of the cruise: perhaps a server's."""
+    """Read the time, in seconds since 1970, by the clock that dates the files of the cruise: perhaps a server's."""
     with suppress(OSError), tempfile.TemporaryFile(dir=SNAKEMAKES) as file:
         return os.fstat(file.fileno()).st_mtime
     return time.time()
@@ -215,7 +217,7 @@ def sweep() -> None:
 
 
 def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[str, list[str]]:
-    """Return the raw files of each demonstration mooring that a rule may write.
+    """List the raw files of each demonstration mooring that a rule may write.
 
     None of a mooring whose files are all there and not provably the simulation's own: they are raw files like any.
 
@@ -237,7 +239,7 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[s
 
 
 def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
-    """Return the raw files of each mooring of a demonstration, nothing elsewhere."""
+    """List the raw files of each mooring of a demonstration, nothing elsewhere."""
     return {name: _raw_files(cruise, name) for name in cruise.moorings if cruise.options.demonstration}
 
 
@@ -253,7 +255,7 @@ def _may_write(name: str, raw: Sequence[str], known: KnownHashes) -> bool:
 
 
 def _foreign(file: str, digest: str, ours: Sequence[str] | set[str]) -> bool:
-    """Return whether a name is taken by what the simulation did not write: a file, a link, or another case of it."""
+    """Tell whether a name is taken by what the simulation did not write: a file, a link, or another case of it."""
     path = Path(file)
     folders = [folder for folder in path.parents if folder.name]
     if any(folder.is_symlink() for folder in folders):
@@ -282,13 +284,6 @@ def _written(folders: Sequence[str]) -> Iterator[str]:
     yield from (RESULTS, f"{RESULTS}/calibrations", f"{RESULTS}/compasses")
     yield from folders
     yield from (f"{folder}/{below}" for folder in (RESULTS, *folders) for below in BELOW)
-
-
-def _keep_code_out(cruise: Path, project: Path) -> None:
-    # For the jobs too: the folder that they start in is not searched for modules.
-    os.environ["PYTHONSAFEPATH"] = "1"
-    if cruise.resolve() != project.resolve():
-        sys.path[:] = [path for path in sys.path if Path(path or ".").resolve() != cruise.resolve()]
 
 
 def _refuse_profiles(cruise: Path, project: Path) -> None:

@@ -95,7 +95,7 @@ class Plan:
         return self._of_moorings() | self._of_calibrations() | self._of_compasses() | self._of_cruise()
 
     def code(self, rule: str, also: str = "") -> Given:
-        """Return what gives one hash of the modules behind the script of a rule."""
+        """Give the function that hashes the modules behind the script of a rule."""
         return lambda wildcards: hash_code(provenance.sources(self.scripts / f"{rule}.py"), also)
 
     def _of_moorings(self) -> dict[str, Stage]:
@@ -336,12 +336,12 @@ class Plan:
         return {file: record for record, job in self.jobs.items() for file in records.flat(self.files(*job)["writes"])}
 
     def record(self, rule: str, wildcards: Any) -> str:
-        """Return the record of a job."""
+        """Name the record of a job."""
         stage = self.stages[rule]
         return f"{stage.folder}/logs/{stage.label}.json".format(**_named(wildcards))
 
     def files(self, rule: str, wildcards: Any) -> dict[str, dict[str, Any]]:
-        """Return the files that a job reads and writes, by the names of arguments."""
+        """List the files that a job reads and writes, by the names of arguments."""
         stage = self.stages[rule]
         return {
             part: {name: self._paths(stage.folder, given, wildcards) for name, given in files.items()}
@@ -357,7 +357,7 @@ class Plan:
         return [f"{folder}/{path}".format(**named) for path in given]
 
     def inputs(self, rule: str) -> Given:
-        """Return what gives the files that Snakemake waits for before a job: raw ones, and records of other jobs."""
+        """Give the function that lists what Snakemake waits for before a job: raw files, and records of other jobs."""
 
         def waited_for(wildcards: Any) -> list[str]:
             if rule == "complete":
@@ -368,53 +368,51 @@ class Plan:
         return waited_for
 
     def params(self, rule: str) -> dict[str, Given]:
-        """Return what gives the parameters of a rule; a change of one of them runs its jobs again."""
+        """Give the functions of a rule's parameters; a change of one of them runs its jobs again."""
         stage = self.stages[rule]
         return {"files": lambda wildcards: self.files(rule, wildcards), **stage.settings, "code": stage.code}
 
     def names(self, rule: str) -> str:
-        """Return the constraint of a wildcard: the moorings, calibrations or compasses that a rule is for."""
+        """Constrain a wildcard to the moorings, calibrations or compasses that a rule is for."""
         names = {of.mooring or of.calibration or of.compass: None for name, of in self.jobs.values() if name == rule}
         return only(names)
 
     def everything(self, wildcards: Any = None) -> list[str]:
-        """Return the records of all jobs of a run."""
+        """List the records of all jobs of a run."""
         checked = self.cruise.options.conventions.check
         return [record for record, (rule, _) in self.jobs.items() if checked or rule != "check_conventions"]
 
     def conventions(self, wildcards: Any = None) -> list[str]:
-        """Return the records of the jobs that check the netCDF files of all moorings."""
+        """List the records of the jobs that check the netCDF files of all moorings."""
         return [record for record, (rule, _) in self.jobs.items() if rule == "check_conventions"]
 
     def configured(self, wildcards: Any = None) -> list[str]:
-        """Return all files that the rules make, those that are made by name too."""
+        """List all files that the rules make, those that are made by name too."""
         return [*self.writers, *(f"{folder}/stopped.json" for folder in self.folders())]
 
     def folders(self) -> list[str]:
-        """Return the folders of results of all moorings, calibrations and compasses."""
+        """List the folders of results of all moorings, calibrations and compasses."""
         calibrations = (f"{CRUISE}/calibrations/{name}" for name in self.cruise.calibrations)
         joined = (f"{CRUISE}/compasses/{name}" for name in self.compasses.members)
         return [*(f"{CRUISE}/{name}" for name in self.cruise.moorings), *calibrations, *joined]
 
     def per_mooring(self, *files: str) -> list[str]:
-        """Return these files of each mooring."""
         return [f"{CRUISE}/{name}/{file}" for file in files for name in self.cruise.moorings]
 
     def records_of_instruments(self) -> list[str]:
-        """Return the records of the instruments that moorings use."""
+        """List the records of the instruments that moorings use."""
         moorings = self.cruise.moorings.items()
         return [f"{CRUISE}/{name}/work/{role}.nc" for name, mooring in moorings for role in used_instruments(mooring)]
 
     def table(self) -> list[str]:
-        """Return the summary; none where there are no moorings."""
         return [SUMMARY] if self.cruise.moorings else []
 
     def calibrated(self) -> list[str]:
-        """Return all files of the calibrations."""
+        """List all files of the calibrations."""
         return [file for file in self._writers_of_parts() if file.startswith(f"{CRUISE}/calibrations/")]
 
     def joined(self) -> list[str]:
-        """Return all files of the compasses that several records share."""
+        """List all files of the compasses that several records share."""
         return [file for file in self._writers_of_parts() if file.startswith(f"{CRUISE}/compasses/")]
 
     def _writers_of_parts(self) -> list[str]:
@@ -424,14 +422,14 @@ class Plan:
         return [file for group in paths for file in records.flat(group)]
 
     def products(self) -> list[str]:
-        """Return the files from which the jobs' records lead back to all others."""
+        """List the files from which the jobs' records lead back to all others."""
         last = ("corrected.nc", "assessment.json", "forms.json", *PICTURES)
         checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
         drawn = [file for file in self.joined() if file.endswith(".png")]
         return [*self.per_mooring(*last), *checked, *self.table(), *self.calibrated(), *drawn, REPORT]
 
     def given(self) -> list[str]:
-        """Return what jobs are given: settings, raw files and scripts of this software."""
+        """List what jobs are given: settings, raw files and scripts of this software."""
         settings = [file for files in self.moorings.configuration().values() for file in files]
         moorings, calibrations = self.cruise.moorings.values(), self.cruise.calibrations.values()
         instruments = [instrument for mooring in moorings for instrument in mooring.instruments.values()]
@@ -472,7 +470,7 @@ def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
 
 
 def only(names: Iterable[str]) -> str:
-    """Return the constraint of a wildcard that may be one of these names and nothing that merely looks like them."""
+    """Constrain a wildcard to these names and nothing that merely looks like them."""
     return "|".join(map(re.escape, names)) or "(?!)"
 
 

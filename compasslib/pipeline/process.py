@@ -74,7 +74,10 @@ def run_stages(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], 
                 if rule != "join":
                     raise
                 unusable.add(path)
-        reads = {name: _without(given, unusable) for name, given in files["reads"].items()}
+        reads = {
+            name: (given if isinstance(given, str) else [path for path in given if path not in unusable])
+            for name, given in files["reads"].items()
+        }
         named = {name: _moved(given, mooring, folder) for name, given in (reads | files["writes"]).items()}
         speak = say if of.mooring in ("", mooring) else lambda line: None
         run_stage(planned.stages[rule], of, named | {"say": speak})
@@ -93,12 +96,8 @@ def run_stage(stage: plan.Stage, of: Wildcards, named: dict[str, Any]) -> None:
         function(*filter(None, of), **{name: value for name, value in (settings | named).items() if name in taken})
 
 
-def _without(given: Any, unusable: set[str]) -> Any:
-    return given if isinstance(given, str) else [path for path in given if path not in unusable]
-
-
 def _moved(given: Any, mooring: str, folder: Path) -> Any:
-    """Return where the files of the workflow stand when one mooring is processed alone."""
+    """Place files of the workflow in the folder of a mooring that is processed alone."""
     if not isinstance(given, str):
         return [_moved(path, mooring, folder) for path in given]
     parts = Path(given).parts

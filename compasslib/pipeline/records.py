@@ -43,7 +43,7 @@ class KnownHashes:
     lines: int = 0  # that were written down, older ones of the same file included
 
     def sha256(self, path: str) -> str:
-        """Return the SHA-256 of a file, nothing where it cannot be read."""
+        """Hash a file (SHA-256), nothing where it cannot be read."""
         if path not in self.digests:
             self.digests[path] = self._look_up(path)
         return self.digests[path]
@@ -89,13 +89,13 @@ def remember(known: Mapping[str, tuple[Signature, str]]) -> None:
 
 
 def sign_one(path: str | Path) -> Signature:
-    """Return what the hash of a file is remembered by."""
+    """Read the signature that a file's hash is remembered by."""
     status = os.stat(path)
     return (status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 
 
 def sign(paths: Iterable[str]) -> Signatures:
-    """Return signature and SHA-256 of each input of a job.
+    """Read signature and SHA-256 of each input of a job.
 
     Raises:
         InputError: one cannot be read; a ``TransientError`` one where another job wrote it.
@@ -202,7 +202,7 @@ def is_of_machine(error: BaseException) -> bool:
 
 
 def reason(stage: str, error: BaseException) -> dict[str, Any]:
-    """Return why a mooring or calibration is stopped, as ``stopped.json`` has it."""
+    """Describe why a mooring or calibration is stopped, as ``stopped.json`` has it."""
     if isinstance(error, InputError):
         return {"stage": stage, "why": str(error), "file": error.where.split(": ")[0], "advice": error.advice}
     what = f"an error of this program in {stage}, {type(error).__name__}: {error}; report it"
@@ -210,7 +210,7 @@ def reason(stage: str, error: BaseException) -> dict[str, Any]:
 
 
 def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] | None:
-    """Return the reason that stops a job as well: that of a job before it, for a compass where all were stopped.
+    """Find the reason that stops a job as well: that of a job before it, for a compass where all were stopped.
 
     Args:
         kind: ``mooring``, ``calibration`` or ``compass``; nothing else inherits.
@@ -246,7 +246,6 @@ def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
 
 
 def hashes(paths: Iterable[str]) -> dict[str, str]:
-    """Return the SHA-256 of each file that a job wrote."""
     return provenance.hashes(paths)
 
 
@@ -294,7 +293,7 @@ def is_future(path: str, now: float) -> bool:
 
 
 def simulated(name: str) -> dict[str, set[str]]:
-    """Return the hashes of raw files that the simulation of one mooring provably wrote, by path."""
+    """Collect the hashes of raw files that the simulation of one mooring provably wrote, by path."""
     wrote: dict[str, set[str]] = {}
     for path in (Path(f"{RESULTS}/{name}/logs/simulate.json"), Path(SIMULATED) / f"{name}.json"):
         for file, digest in _wrote(path).items():

@@ -54,18 +54,18 @@ class Moorings:
         return list(self._instrument(wildcards).files)
 
     def companion_files(self, wildcards: Any) -> list[str]:
-        """Return the files that the reading of one instrument needs besides; it is given them by its settings."""
+        """List the files that the reading of one instrument needs besides; it is given them by its settings."""
         series = [file for one in self.series(wildcards).values() for file in one["files"]]
         return [*self._instrument(wildcards).pressure_files, *series]
 
     def series(self, wildcards: Any) -> dict[str, dict[str, Any]]:
-        """Return the tables of other series that the search may use, with the instrument that is corrected."""
+        """Describe the tables of other series that the search may use, with the instrument that is corrected."""
         mooring = self._mooring(wildcards)
         given = mooring.covariates.items() if wildcards.role == mooring.compromised else ()
         return {name: one.model_dump(exclude={"format"}) for name, one in given if one.format == "table"}
 
     def all_raw_files(self, wildcards: Any) -> list[str]:
-        """Return the raw files of the instruments that one mooring uses."""
+        """List the raw files of the instruments that one mooring uses."""
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[role] for role in used_instruments(mooring)]
         series = [file for one in mooring.covariates.values() if one.format == "table" for file in one.files]
@@ -75,7 +75,7 @@ class Moorings:
         return str(self._instrument(wildcards).format)
 
     def reader_settings(self, wildcards: Any) -> dict[str, Any]:
-        """Return the keys of one instrument that its reader takes."""
+        """Select the keys of one instrument that its reader takes."""
         instrument = self._instrument(wildcards)
         unset = {key for key in readers.TABLE_KEYS if key not in instrument.model_fields_set}
         keys = [key for key in readers.get_format(instrument.format).keys if key not in unset]
@@ -83,7 +83,7 @@ class Moorings:
         return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
 
     def deployment(self, wildcards: Any) -> dict[str, Any]:
-        """Return the arguments of ``deployment.apply_deployment``."""
+        """Compose the arguments of ``deployment.apply_deployment``."""
         mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
         # Some readers take it out themselves: a PD0 file may hold it as heading bias.
         taken = readers.get_format(instrument.format).takes_declination
@@ -100,7 +100,7 @@ class Moorings:
         }
 
     def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
-        """Return position, dates and declination of one mooring."""
+        """Compose position, dates and declination of one mooring."""
         mooring = self._mooring(wildcards)
         inside = {
             f"{role} ({part})" if one.differs else role: degrees
@@ -118,7 +118,7 @@ class Moorings:
         }
 
     def pairing_rules(self, wildcards: Any) -> dict[str, Any]:
-        """Return the rules of pairing; the published method keeps the published mean of the bins."""
+        """Compose the rules of pairing; the published method keeps the published mean of the bins."""
         rules = self.cruise.options.overlap.model_dump()
         published = self._mooring(wildcards).fit.method == "von_appen"
         return rules | {"predict": rules["predict"] and not published}
@@ -127,7 +127,7 @@ class Moorings:
         return _record(wildcards.mooring, self._mooring(wildcards).compromised)
 
     def reference(self, wildcards: Any) -> list[str]:
-        """Return the records of the references; none where the mooring has none."""
+        """List the records of the references; none where the mooring has none."""
         return [_record(wildcards.mooring, role) for role in self._mooring(wildcards).reference]
 
     def records(self, wildcards: Any) -> list[str]:
@@ -140,7 +140,7 @@ class Moorings:
         return bool(self._mooring(wildcards).fit.tilt)
 
     def diagnose(self, wildcards: Any) -> dict[str, Any]:
-        """Return the options of the search for unmodelled effects in one mooring."""
+        """Compose the options of the search for unmodelled effects in one mooring."""
         mooring = self._mooring(wildcards)
         trusted = [mooring.instruments[name].direction_reference for name in mooring.reference]
         magnetic = not trusted or "magnetic" in trusted
@@ -148,7 +148,7 @@ class Moorings:
         return mooring.diagnose.model_dump() | derived
 
     def observatory(self, wildcards: Any) -> list[str]:
-        """Return the files of the observatory that one mooring names, none where it names none."""
+        """List the files of the observatory that one mooring names, none where it names none."""
         every = self._mooring(wildcards).covariates.values()
         return [file for one in every if one.format == "iaga2002" for file in one.files]
 
@@ -165,12 +165,12 @@ class Moorings:
         }
 
     def attributes(self, wildcards: Any) -> dict[str, Any]:
-        """Return the archive's attributes: the cruise's, the mooring's over them, the instrument's over both."""
+        """Combine the archive's attributes: the cruise's, the mooring's over them, the instrument's over both."""
         mooring = self._mooring(wildcards)
         return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
 
     def configuration(self) -> dict[str, list[str]]:
-        """Return the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
+        """List the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
         moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
         calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
         both = compasses.members(self.cruise.moorings, self.cruise.calibrations).items()
@@ -188,13 +188,13 @@ class Moorings:
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
 
     def serial_number(self, wildcards: Any) -> str | None:
-        """Return the serial number by the metadata, the mooring's attributes being the affected instrument's."""
+        """Look up the serial number in the metadata, the mooring's attributes being the affected instrument's."""
         own = self._instrument(wildcards).attributes
         known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
         return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)
 
     def reading(self, wildcards: Any) -> dict[str, Any]:
-        """Return the arguments of ``read.record_of`` for one instrument."""
+        """Compose the arguments of ``read.record_of`` for one instrument."""
         return {
             "raw": self.raw_files(wildcards),
             "form": self.form(wildcards),
@@ -220,7 +220,7 @@ class Calibrations:
         return list(self.cruise.calibrations[wildcards.calibration].files)
 
     def earlier(self, wildcards: Any) -> list[str]:
-        """Return the calibration that one is compared with; none where it stands alone."""
+        """List the calibration to compare with; none where it stands alone."""
         other = self.cruise.calibrations[wildcards.calibration].compare_with
         return [] if other is None else [_calibration(other)]
 
@@ -228,7 +228,6 @@ class Calibrations:
         return str(self.cruise.calibrations[wildcards.calibration].kind)
 
     def settings(self, wildcards: Any) -> dict[str, Any]:
-        """Return the keys of a calibration's file that its kind takes."""
         return configured.settings(self.cruise.calibrations[wildcards.calibration])
 
     def diagnose(self, wildcards: Any) -> dict[str, Any]:
@@ -242,7 +241,7 @@ class Calibrations:
         return [f"{there}/{figure}.png" for figure in calibrations.figure_names(self.kind(wildcards))]
 
     def module(self, wildcards: Any) -> list[str]:
-        """Return the module that calibrates one kind, which its stage imports by name."""
+        """Name the module that calibrates one kind, which its stage imports by name."""
         return [f"compasslib.calibrations.{KINDS[self.kind(wildcards)].module}"]
 
     def diagnosis_module(self, wildcards: Any) -> list[str]:
@@ -267,7 +266,7 @@ class Compasses:
         return {mooring: name for name, (moorings, _) in self.members.items() for mooring in moorings}
 
     def summaries(self, wildcards: Any) -> list[str]:
-        """Return what each mooring of a compass shows alone."""
+        """List what each mooring of a compass shows alone."""
         return [f"results/{name}/work/alone/summary.json" for name in self.members[wildcards.compass][0]]
 
     def calibrations(self, wildcards: Any) -> list[str]:
@@ -277,14 +276,14 @@ class Compasses:
         return self.cruise.options.diagnose.min_effect_deg
 
     def spheres(self, wildcards: Any) -> dict[str, str | None]:
-        """Return in which sphere each record of a compass was."""
+        """Map each record of a compass to its sphere."""
         moorings, given = self.members[wildcards.compass]
         moored = {name: self.cruise.moorings[name] for name in moorings}
         own = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
         return own | {name: self.cruise.calibrations[name].sphere for name in given}
 
     def joined(self, wildcards: Any) -> str:
-        """Return the file of a mooring's compass, joined from all its records."""
+        """Name the file of a mooring's compass, joined from all its records."""
         return f"results/compasses/{self.moorings[wildcards.mooring]}/compass.json"
 
 

@@ -123,14 +123,14 @@ def _model_name(content: Mapping[str, Any]) -> str:
 
 
 def _models(content: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """Return the coefficients of the curves that were fitted, the chosen one last so that it lies on top."""
+    """Collect the coefficients of the fitted curves, the chosen one last so that it lies on top."""
     models = {name: model for name, model in content.get("models", {}).items() if "coefficients" in model}
     order = sorted(models, key=lambda name: name == content["model"])
     return {name: models[name]["coefficients"] for name in order}
 
 
 def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[Floats, Floats]:
-    """Return recorded heading and deviation along a curve, broken where it passes north."""
+    """Evaluate recorded heading and deviation along a curve, broken where it passes north."""
     turn = np.arange(0.0, 360.01, 0.5)
     numbers = np.array(list(coefficients.values()))
     if name == "polynomial":
@@ -161,7 +161,7 @@ def _draw_points(axes: Axes, shown: Page) -> list[Artist]:
 
 
 def _point(count: int) -> dict[str, Any]:
-    """Return the look of so many points: many are small."""
+    """Choose the look of so many points: many are small."""
     return POINT if count <= MOST_BARS else POINT | {"markersize": 1.6}
 
 
@@ -223,20 +223,27 @@ class Writing:
 
     @property
     def height_in(self) -> float:
-        """Return the height that it takes, inches."""
+        """Height of the text, inches."""
         return LINE_IN * (self.column_lines + len(self.table) + len(self.notes) + 4)
 
     @property
     def column_lines(self) -> int:
-        """Return the lines of the part that stands in two columns."""
+        """Lines of the part that stands in two columns."""
         return max(len(self.about), len(self.budget))
 
 
 def writing(shown: Page) -> Writing:
     """Compose the text of a certificate."""
     content = shown.content
+    extras = [content.get("constant_shift"), content.get("comparison")]
+    texts = [f"No curve: {sentence(content['why'])}"] if content["why"] else []
+    texts += [f"Note: {sentence(text)}" for text in content["warnings"]]
+    texts += [extra["text"] for extra in extras if extra and extra.get("text")]
     return Writing(
-        [*_about(content), "", *_coefficients(content)], _budget(content), _table(shown), _notes_below(content)
+        [*_about(content), "", *_coefficients(content)],
+        _budget(content),
+        _table(shown),
+        [line for text in texts for line in textwrap.wrap(text, LINE_CHARACTERS)],
     )
 
 
@@ -266,16 +273,8 @@ def _put(axes: Axes, place: tuple[float, int], lines: list[str], *, mono: bool =
     )
 
 
-def _notes_below(content: Mapping[str, Any]) -> list[str]:
-    extras = [content.get("constant_shift"), content.get("comparison")]
-    texts = [f"No curve: {sentence(content['why'])}"] if content["why"] else []
-    texts += [f"Note: {sentence(text)}" for text in content["warnings"]]
-    texts += [extra["text"] for extra in extras if extra and extra.get("text")]
-    return [line for text in texts for line in textwrap.wrap(text, LINE_CHARACTERS)]
-
-
 def sentence(text: str) -> str:
-    """Return a text with its full stop, whether or not it brings one."""
+    """End a text with a full stop."""
     return text.rstrip(".") + "."
 
 
@@ -362,7 +361,19 @@ def draw_swing(path: str | Path, result: Calibration, name: str) -> None:
     with page(path, 3.2) as figure:
         _swing_curve(figure.subplots(), result)
         if result.table is not None:
-            legend(figure, _swing_handles(result))
+            drift = result.details.get("drift")
+            readings_label = "courses corrected for drift" if drift else "true headings"
+            legend(
+                figure,
+                (
+                    [
+                        Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=readings_label),
+                        Line2D([], [], color=BLUE, label="fitted series"),
+                        Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 % of the fit"),
+                        Line2D([], [], color=VERMILION, linewidth=0.8, linestyle="--", label="4° (ISO 25862)"),
+                    ]
+                ),
+            )
 
 
 def _swing_curve(axes: Axes, result: Calibration) -> None:
@@ -383,23 +394,9 @@ def _swing_curve(axes: Axes, result: Calibration) -> None:
     axes.plot(heading, curve, color=BLUE)
     for limit in (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG):
         axes.axhline(limit, color=VERMILION, linewidth=0.8, linestyle="--")
-    _swing_limits(axes, np.concatenate([curve - half, curve + half, *np.percentile(shown, [[1.0], [99.0]])]))
-
-
-def _swing_limits(axes: Axes, values: Floats) -> None:
+    values = np.concatenate([curve - half, curve + half, *np.percentile(shown, [[1.0], [99.0]])])
     low, high = min(float(values.min()), -adjustment.LIMIT_DEG), max(float(values.max()), adjustment.LIMIT_DEG)
     margin = 0.06 * (high - low)
     axes.set_ylim(low - margin, high + margin)
     axes.yaxis.set_major_formatter(lambda x, _: f"{x:g}".replace("-", MINUS))
     axes.axhline(0.0, color=GREY, linewidth=0.5)
-
-
-def _swing_handles(result: Calibration) -> list[Any]:
-    drift = result.details.get("drift")
-    readings_label = "courses corrected for drift" if drift else "true headings"
-    return [
-        Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=readings_label),
-        Line2D([], [], color=BLUE, label="fitted series"),
-        Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 % of the fit"),
-        Line2D([], [], color=VERMILION, linewidth=0.8, linestyle="--", label="4° (ISO 25862)"),
-    ]

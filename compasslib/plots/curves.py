@@ -32,12 +32,12 @@ class DeviationByHeading:
 
     @property
     def recorded_deg(self) -> Floats:
-        """Return the recorded heading along the curve, (n,), continuous too."""
+        """The recorded heading along the curve, (n,), continuous too."""
         return self.heading_deg - self.deviation_deg
 
 
 def emptiest(angle_deg: ArrayLike) -> float:
-    """Return where a circle is best cut: the middle of its emptiest part, to the sector, -180 where it is all empty.
+    """Find where a circle is best cut: the middle of its emptiest part, to the sector, -180 where it is all empty.
 
     Args:
         angle_deg: angles of any shape, degrees, NaN left out.
@@ -52,7 +52,7 @@ def emptiest(angle_deg: ArrayLike) -> float:
 
 
 def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
-    """Return angles on the turn that begins at the cut, [begin, begin + 360).
+    """Wrap angles to the turn that begins at the cut, [begin, begin + 360).
 
     Args:
         angle_deg: angles of any shape, degrees.
@@ -61,7 +61,7 @@ def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
 
 
 def nearest_turn(angle_deg: ArrayLike, reference_deg: ArrayLike) -> Floats:
-    """Return angles less than half a turn from a reference that may stand on any turn.
+    """Unwrap angles to less than half a turn from a reference that may stand on any turn.
 
     Args:
         angle_deg: angles, degrees.
@@ -72,7 +72,7 @@ def nearest_turn(angle_deg: ArrayLike, reference_deg: ArrayLike) -> Floats:
 
 
 def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
-    """Return the share of the angles in each sector clockwise from the cut, (36,), percent.
+    """Compute the share of the angles in each sector clockwise from the cut, (36,), percent.
 
     Args:
         angle_deg: angles of any shape, degrees, NaN left out.
@@ -85,7 +85,7 @@ def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
 
 
 def curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
-    """Return a fitted deviation over one turn.
+    """Evaluate a fitted deviation over one turn.
 
     Args:
         begin_deg: heading at which the turn begins.
@@ -102,7 +102,7 @@ def curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> Devia
 
 
 def inverse(fit: DeviationFit, recorded_deg: Floats) -> Floats:
-    """Return the correct headings by the method's own inverse, (n, 2) degrees, NaN where there is none.
+    """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is none.
 
     Args:
         recorded_deg: recorded headings, (n,), degrees.
@@ -114,7 +114,7 @@ def inverse(fit: DeviationFit, recorded_deg: Floats) -> Floats:
 
 
 def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -> tuple[Floats, Floats]:
-    """Return correct heading and deviation of each pair, (n,) each, the deviation beside the curve.
+    """Compute correct heading and deviation of each pair, (n,) each, the deviation on the curve's turn.
 
     Args:
         shape: the curve; the mean deviation takes its place where absent.
@@ -127,7 +127,7 @@ def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -
 
 
 def directions(pairs: Pairs, product: CorrectedRecord) -> tuple[Floats, Floats, Floats]:
-    """Return the current's direction at each pair, (n,) degrees each: lower, upper recorded, upper corrected.
+    """Compute the current's direction at each pair, (n,) degrees each: lower, upper recorded, upper corrected.
 
     Args:
         product: the corrected record at some of whose samples they were taken; NaN where there is no correction.
@@ -144,7 +144,7 @@ def directions(pairs: Pairs, product: CorrectedRecord) -> tuple[Floats, Floats, 
 
 
 def usable_headings(product: CorrectedRecord) -> Floats:
-    """Return the recorded headings, (n,) degrees, NaN where they are flagged bad."""
+    """Select the recorded headings, (n,) degrees, NaN where they are flagged bad."""
     return np.where(product.record.heading_quality < BAD, product.record.heading_deg, np.nan)
 
 

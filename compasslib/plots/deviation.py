@@ -97,7 +97,7 @@ def _deviation_axes(
 
 
 def _faded(upper_speed: Floats, lower_speed: Floats) -> NDArray[np.floating]:
-    """Return a colour for each pair, (n, 4): paler where there are many, and where the water is slow."""
+    """Choose a colour for each pair, (n, 4): paler where there are many, and where the current is slow."""
     if not len(upper_speed):
         return np.zeros((0, 4))
     slower = np.minimum(upper_speed, lower_speed)
@@ -299,7 +299,7 @@ def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def _rejected_handle(content: Mapping[str, Any]) -> list[Line2D]:
-    """Return the entry of the legend for records that do not fit, none where all do."""
+    """Make the legend's entry of records that do not fit, none where all do."""
     return [Line2D([], [], color=VERMILION, label="one that does not fit")] if content["rejected"] else []
 
 
@@ -357,7 +357,7 @@ def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -
 def _shared_curve(
     content: Mapping[str, Any], deployments: list[dict[str, Any]], heading: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the deviation of the compass in the mean field and its standard error, (n,) each."""
+    """Evaluate the deviation of the compass in the mean field and its standard error, (n,) each."""
     fitting = [entry for entry in deployments if entry["fits"]] or deployments
     level, down = (float(np.mean([entry[name] for entry in fitting])) for name in ("horizontal_nT", "vertical_nT"))
     design = np.zeros((5, 6))

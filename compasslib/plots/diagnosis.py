@@ -96,7 +96,7 @@ def _draw(
 
 
 def _since_the_begin(curve: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a curve whose times are hours since the first."""
+    """Convert the times of a curve to hours since the first."""
     if curve["covariate"] != "time":
         return curve
     return {**curve, "centre": [(time - curve["centre"][0]) / HOUR_S for time in curve["centre"]]}
@@ -132,7 +132,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
 
 
 def _extents(centre: Floats) -> tuple[Floats, Floats]:
-    """Return where each bin begins and ends, (n,) each: half-way to its neighbours, and less far into a gap."""
+    """Find where each bin begins and ends, (n,) each: half-way to its neighbours, and less far into a gap."""
     step = np.diff(centre)
     half = np.minimum(step, GAP * np.median(step)) / 2.0
     edge = np.median(step) / 2.0
@@ -140,7 +140,7 @@ def _extents(centre: Floats) -> tuple[Floats, Floats]:
 
 
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
-    """Return centre, residual before and after, and standard error of each bin, (n,) each, by rising centre."""
+    """Collect centre, residual before and after, and standard error of each bin, (n,) each, by rising centre."""
     names = ("centre", "before_deg", "after_deg", "sigma_deg")
     columns = np.array([curve[name] for name in names], dtype=float)
     return tuple(columns[:, np.argsort(columns[0], kind="stable")])
@@ -173,7 +173,6 @@ def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> 
 
 
 def _short(finding: Mapping[str, Any]) -> str:
-    """Return a finding's name, short."""
     if composed := finding.get("composition"):
         return f"composed, by {composed['driver'].replace('_', ' ')}"
     return display_name(finding["effect"])

@@ -111,7 +111,7 @@ def _draw_plane(axes: Axes, calibration: Calibration, names: tuple[str, str]) ->
 
 
 def _outlines(details: Mapping[str, Any], names: tuple[str, str]) -> tuple[Floats, Floats]:
-    """Return the silhouettes in a plane of the ellipsoid b + F S u, |u| = 1, and of the sphere F u, (2, m) each."""
+    """Outline in a plane the ellipsoid b + F S u, |u| = 1, and the sphere F u, (2, m) each."""
     index = ["xyz".index(name) for name in names]
     size, centre, rows = details["field_in_file_unit"], np.array(details["hard_iron"])[index], details["soft_iron"]
     soft = np.array([[float(i == j) if s is None else s for j, s in enumerate(row)] for i, row in enumerate(rows)])
@@ -132,20 +132,16 @@ def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
         along = points.get(heading, np.arange(len(off), dtype=float))
         axes.plot(along, off, **DOT, color=colour, alpha=_alpha(len(off)))
         if heading in points:
-            axes.plot(*_means_by_sector(along, off), color=colour)
+            sector = (along // SECTOR_DEG).astype(int)
+            count = np.bincount(sector, minlength=36)
+            mean = np.bincount(sector, off, minlength=36) / np.maximum(count, 1)
+            middle = SECTOR_DEG * (np.arange(36) + 0.5)
+            axes.plot(middle, np.where(count >= MIN_IN_SECTOR, mean, np.nan), color=colour)
     if "recorded_deg" in points:
         degrees(axes.xaxis, (0.0, 360.0))
         axes.set_xlabel("Heading, recorded or corrected (°)")
     else:
         axes.set_xlabel("Reading")
-
-
-def _means_by_sector(heading: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return the mean of the values in each sector that holds enough."""
-    sector = (heading // SECTOR_DEG).astype(int)
-    count = np.bincount(sector, minlength=36)
-    mean = np.bincount(sector, values, minlength=36) / np.maximum(count, 1)
-    return SECTOR_DEG * (np.arange(36) + 0.5), np.where(count >= MIN_IN_SECTOR, mean, np.nan)
 
 
 def _draw_correction(axes: Axes, calibration: Calibration) -> None:
@@ -231,7 +227,16 @@ def draw_tilt_check(path: str | Path, result: Calibration, name: str) -> None:
             return
         turned = _turned_tilts(result)
         for key, here in (("pitch", turned[0]), ("roll", turned[1])):
-            _draw_tilts(panels[key], key, here, result)
+            axes = panels[key]
+            recorded_tilt, thin = result.points[f"{key}_b_deg"], _thin(result)
+            axes.plot(here[thin], recorded_tilt[thin], **POINT)
+            low, high = np.percentile(np.concatenate([here, recorded_tilt]), (0.2, 99.8))
+            room = max(0.06 * (high - low), 0.1)
+            ends = (low - room, high + room)
+            axes.plot(ends, ends, color=BLACK, linewidth=0.8)
+            axes.set(xlim=ends, ylim=ends, aspect="equal")
+            axes.set_xlabel(f"{key.capitalize()} of a, turned (°)")
+            axes.set_ylabel(f"{key.capitalize()} of b (°)")
         _draw_along_time(panels["left"], result, result.points["tilt_residual_deg"])
         panels["left"].set_ylim(bottom=0.0)
         panels["left"].set_ylabel("Angle between\nverticals (°)")
@@ -325,18 +330,6 @@ def _turned_tilts(result: Calibration) -> tuple[Floats, Floats]:
     return tilt_angles(turned[:, 0] + 1j * turned[:, 1])
 
 
-def _draw_tilts(axes: Axes, key: str, turned: Floats, result: Calibration) -> None:
-    recorded_tilt, thin = result.points[f"{key}_b_deg"], _thin(result)
-    axes.plot(turned[thin], recorded_tilt[thin], **POINT)
-    low, high = np.percentile(np.concatenate([turned, recorded_tilt]), (0.2, 99.8))
-    room = max(0.06 * (high - low), 0.1)
-    ends = (low - room, high + room)
-    axes.plot(ends, ends, color=BLACK, linewidth=0.8)
-    axes.set(xlim=ends, ylim=ends, aspect="equal")
-    axes.set_xlabel(f"{key.capitalize()} of a, turned (°)")
-    axes.set_ylabel(f"{key.capitalize()} of b (°)")
-
-
 def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> None:
     time, thin = result.points["time_s"], _thin(result)
     axes.plot(time[thin] / DAY_S, values[thin], **POINT)
@@ -389,7 +382,10 @@ def draw_series(path: str | Path, result: Calibration, name: str) -> None:
         _draw_line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
         _finish(top, result, "Declination (° east)")
         for axes in below:
-            _draw_quiet_day(axes, result.details["quiet_day"])
+            by_hour = np.array(result.details["quiet_day"]["by_hour_deg"])
+            axes.plot(np.arange(24) + 0.5, by_hour, color=SKY, marker="o", markersize=3)
+            axes.axhline(0.0, color=BLACK, linewidth=0.6)
+            axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
         model = result.model.removesuffix(" plus a constant")
         sigma = WITHIN * result.details["constant_sigma_deg"]
         handles: list[Artist] = [
@@ -423,12 +419,6 @@ def draw_disturbance(path: str | Path, result: Calibration, name: str) -> None:
         handles.append(Line2D([], [], color=ORANGE, label="slow level"))
         handles.append(Patch(label=f"95 % range of calm hours: ±{half:.2f}°", **BAND))
         legend(figure, handles + _storm_handle(result), columns=1)
-
-
-def _draw_quiet_day(axes: Axes, quiet: Mapping[str, Any]) -> None:
-    axes.plot(np.arange(24) + 0.5, np.array(quiet["by_hour_deg"]), color=SKY, marker="o", markersize=3)
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
 
 
 def _draw_line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any) -> None:

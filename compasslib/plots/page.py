@@ -91,7 +91,11 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
         if title:
             figure.suptitle(title)
         yield figure
-        _letter_panels(figure)
+        panels = [
+            axes for axes in figure.axes if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>"
+        ]
+        for letter, axes in zip("abcdefghijklmnopqrstuvwxyz", panels if len(panels) > 1 else (), strict=False):
+            axes.set_title(f"({letter}) {axes.get_title('left')}".rstrip())
         _wrap_labels(figure)
         # What savefig does, without its first drawing of all artists, which serves the layout alone.
         with warnings.catch_warnings():
@@ -102,13 +106,6 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
         with atomic_write(path) as temporary:
             Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=DEFLATE)
-
-
-def _letter_panels(figure: Figure) -> None:
-    """Put (a), (b), … before the titles of the panels, where there are several."""
-    panels = [axes for axes in figure.axes if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>"]
-    for letter, axes in zip("abcdefghijklmnopqrstuvwxyz", panels if len(panels) > 1 else (), strict=False):
-        axes.set_title(f"({letter}) {axes.get_title('left')}".rstrip())
 
 
 def _wrap_labels(figure: Figure) -> None:
@@ -217,7 +214,7 @@ def _heading(x: float, whole_turn: bool) -> str:
 
 
 def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:
-    """Return limits that hold a whole line and 98 % of the points, degrees.
+    """Find limits that hold a whole line and 98 % of the points, degrees.
 
     Args:
         points: (n,) degrees, perhaps none.

@@ -73,7 +73,12 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
         _draw_strip(panels[2], product, pairs, kind)
         _draw_depth(panels[3], product)
         dates(panels[3], (float(time_s[0]), float(time_s[-1])))
-        legend(figure, _timeline_handles(kind, pairs), columns=1)
+        handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
+        if (kind >= 0).any() and (kind != UNCORRECTED).any():
+            handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
+            handles[0].set_label("recorded")
+            handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="one standard deviation"))
+        legend(figure, [*handles, *([Patch(color=GREEN, label="reference overlaps")] if len(pairs) else [])], columns=1)
         figure.align_ylabels(panels)
 
 
@@ -136,7 +141,7 @@ def _draw_step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str)
 
 
 def time_slices(time_s: Floats) -> Floats:
-    """Return the edges of days, or of shorter slices where the record is short, seconds.
+    """Divide a record into days, or shorter slices where it is short; edges in seconds.
 
     Args:
         time_s: increasing times, (n,), n > 0.
@@ -163,16 +168,6 @@ def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
     axes.set_ylim((shallow + deep) / 2.0 + half, (shallow + deep) / 2.0 - half)
 
 
-def _timeline_handles(kind: NDArray[np.int_], pairs: Pairs) -> list[Artist]:
-    """Explain the kinds that occur, and the overlaps where there are any."""
-    handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
-    if (kind >= 0).any() and (kind != UNCORRECTED).any():
-        handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
-        handles[0].set_label("recorded")
-        handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="one standard deviation"))
-    return [*handles, *([Patch(color=GREEN, label="reference overlaps")] if len(pairs) else [])]
-
-
 # Currents.
 
 COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
@@ -195,13 +190,13 @@ class AveragedCurrents:
 
     @property
     def middle_s(self) -> Floats:
-        """Return the middle of each span, (n,)."""
+        """The middle of each span, (n,)."""
         count = len(next(iter(self.means.values()), ()))
         return self.begin_s + self.hours * HOUR_S * (np.arange(count) + 0.5)
 
 
 def average_currents(shown: BinCurrents, reference: CurrentSeries) -> AveragedCurrents:
-    """Return recorded and corrected current, and the reference's where it overlaps, as means of the same spans."""
+    """Average recorded and corrected current, and the reference's where it overlaps, over the same spans."""
     time_s = shown.recorded.time_s
     hours = averaging_hours(time_s)
     begin_s = float(time_s[0]) if len(time_s) else 0.0
@@ -258,7 +253,7 @@ def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:
 
 
 def displacements(plotted: AveragedCurrents) -> dict[str, Complexes]:
-    """Return the way from the begin, (k,) metres east + i north, over the spans that all have."""
+    """Integrate the displacement from the start, (k,) metres east + i north, over the spans that all have."""
     both = np.all([np.isfinite(mean) for mean in plotted.means.values()], axis=0)
     steps = {name: mean[both] * plotted.hours * HOUR_S for name, mean in plotted.means.items()}
     return {name: np.concatenate([[0.0], np.cumsum(step)]) for name, step in steps.items()}
@@ -290,7 +285,14 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     for name in sorted(series, key=list(COLOURS).index, reverse=True):
-        _draw_outline(axes, curves.sectors(series[name], 0.0), COLOURS[name], filled=name == "reference")
+        shares = curves.sectors(series[name], 0.0)
+        colour = COLOURS[name]
+        edges = np.linspace(0.0, 2.0 * np.pi, len(shares) + 1)
+        around, radius = np.repeat(edges, 2)[1:-1], np.repeat(shares, 2)
+        if name == "reference":
+            axes.fill(around, radius, color=colour, alpha=0.5, linewidth=0)
+        else:
+            axes.plot(np.append(around, around[0]), np.append(radius, radius[0]), color=colour, linewidth=1.2)
     axes.set_xticks(np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False), ["N", "E", "S", "W"])
     axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
     axes.yaxis.set_major_formatter("{x:.0f} %")
@@ -301,12 +303,3 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
     if not series:
         axes.set_yticks([])
         axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
-
-
-def _draw_outline(axes: Axes, shares: Floats, colour: str, *, filled: bool) -> None:
-    edges = np.linspace(0.0, 2.0 * np.pi, len(shares) + 1)
-    around, radius = np.repeat(edges, 2)[1:-1], np.repeat(shares, 2)
-    if filled:
-        axes.fill(around, radius, color=colour, alpha=0.5, linewidth=0)
-    else:
-        axes.plot(np.append(around, around[0]), np.append(radius, radius[0]), color=colour, linewidth=1.2)

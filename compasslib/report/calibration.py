@@ -45,6 +45,7 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
     findings = explanation.report_findings(diagnosis, product=False) if diagnosis else ()
     diagnosis_figures = ("diagnosis",) if findings else ()
     links = tuple((f, sections.relative_link(results.folder / f, root)) for f in FILES if (results.folder / f).exists())
+    parts = (_coefficients, _iron, _cardinal, _storms, _budget)
     return ReportSection(
         name=results.name,
         anchor=f"calibration-{results.name}",
@@ -57,7 +58,7 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
         warnings=tuple(content["warnings"]),
         first=tuple(figures.values()),
         tables=(
-            *_tables(content),
+            *(table for part in parts for table in part(content)),
             *(explanation.hypotheses_table(diagnosis) if diagnosis else ()),
             *_deviations(results),
         ),
@@ -123,11 +124,6 @@ def _limits(content: Mapping[str, Any]) -> tuple[str, ...]:
     ]
     limit = (content.get("iso_25862") or {}).get("conditions", [])
     return (*content.get("cannot_tell", []), *open_, *limit)
-
-
-def _tables(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:
-    parts = (_coefficients, _iron, _cardinal, _storms, _budget)
-    return tuple(table for part in parts for table in part(content))
 
 
 def _coefficients(content: Mapping[str, Any]) -> tuple[ReportTable, ...]:

@@ -89,7 +89,8 @@ def chart(stations: Sequence[Station]) -> Chart | None:
     def y_of(degrees: float) -> float:
         return round(box[1] + box[3] / 2.0 - (degrees - centre[1]) * scale, 1)
 
-    fastest = max((abs(x) for s in stations for x in _means(s)), default=0.0)
+    speeds = [abs(mean) for each in stations for mean in (each.recorded_mean, each.corrected_mean)]
+    fastest = max(filter(math.isfinite, speeds), default=0.0)
     unit = _below(100.0 * fastest) if fastest else 0.0  # cm/s
     marks = [_mark(item, (x_of(x), y_of(item.latitude)), fastest) for item, x in zip(stations, east, strict=True)]
     half = (box[2] / (2.0 * shrink * scale), box[3] / (2.0 * scale))
@@ -103,10 +104,6 @@ def chart(stations: Sequence[Station]) -> Chart | None:
         said=f"Map of {words.plural(len(stations), 'mooring')}, the mean current of one bin drawn before and after.",
         arrow=(round(ARROW * unit / (100.0 * fastest), 1), f"{unit:g}{words.SPACE}cm/s") if fastest else None,
     )
-
-
-def _means(station: Station) -> list[complex]:
-    return [mean for mean in (station.recorded_mean, station.corrected_mean) if math.isfinite(abs(mean))]
 
 
 def _mark(station: Station, at: tuple[float, float], fastest: float) -> Mark:

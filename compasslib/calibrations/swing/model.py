@@ -102,7 +102,14 @@ def _noises(
         basis = _informed_basis(columns / size[:, None], sigma) * size[:, None]
         basis = span_basis(basis)
         noise = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
-        noise = noise if block.groups is None else _between_groups(noise, residual, block.groups, basis.shape[1])
+        if block.groups is not None:  # what is common to the readings on one heading does not average out
+            count, total = np.bincount(block.groups), np.bincount(block.groups, residual)
+            occupied = count > 0
+            dof = int(occupied.sum()) - basis.shape[1]
+            if 1 <= dof < noise.dof:
+                between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / dof)
+                scatter = np.maximum(noise.sigma, between)
+                noise = SwingNoise(scatter, n_effective=float(occupied.sum()), dof=float(dof))
         # So few residuals that their scatter may be small by chance must not overrule the priors.
         noises[block.name] = replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
     return noises
@@ -114,18 +121,6 @@ def _informed_basis(columns: Floats, sigma: Floats) -> Floats:
     by_priors = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
     beyond = by_priors - free @ (free.T @ by_priors)
     return np.column_stack([free, span_basis(beyond, least=MIN_INFORMATION)])
-
-
-def _between_groups(noise: SwingNoise, residual: Floats, groups: NDArray[np.int_], rank: int) -> SwingNoise:
-    """Estimate the scatter between headings taken repeatedly: what is common to one heading does not average out."""
-    count = np.bincount(groups)
-    total = np.bincount(groups, residual)
-    occupied = count > 0
-    dof = int(occupied.sum()) - rank
-    if dof >= noise.dof or dof < 1:
-        return noise
-    between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / dof)
-    return SwingNoise(np.maximum(noise.sigma, between), n_effective=float(occupied.sum()), dof=float(dof))
 
 
 def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
@@ -297,21 +292,15 @@ def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compas
     higher harmonics of the heading alone, which compasses have too: what is like these is taken out of its derivatives.
     """
     speed = _through_speed(parameters, swing, facing_deg)
-    drift_deg, across = _triangle(facing_deg, speed, _drift(parameters, swing))
+    (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
+    east, north = speed * sine + east, speed * cosine + north
+    square = np.maximum(east**2 + north**2, (MIN_SPEED_SHARE * speed) ** 2)
+    across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift towards east and north
     higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
     higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
     basis, slopes = span_basis(higher), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
     slopes[:, CHANGES] = across * observations.since_middle(swing.observed.time_s)[:, None]
-    return drift_deg, slopes
-
-
-def _triangle(facing_deg: Floats, speed: Floats, drift: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Compute course minus heading, (n,) degrees, and its derivatives by the drift towards east and north, (n, 2)."""
-    sine, cosine = angles.sin_cos(facing_deg)
-    east, north = speed * sine + drift[0], speed * cosine + drift[1]
-    square = np.maximum(east**2 + north**2, (MIN_SPEED_SHARE * speed) ** 2)
-    slopes = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE
     return angles.difference(angles.direction(east, north), facing_deg), slopes
 
 
@@ -416,6 +405,10 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
     left = float(np.max(sigma[DRIFT] / prior[DRIFT]))
     unit = "kn" if swing.has_speed else "of the ship's speed"
     side = float(np.sqrt(max(float(across @ water @ across), 0.0)))
+    index = [1, 2, *DRIFT]  # B, C and the drift: their combination with the widest covariance
+    scale = sigma[index]
+    size, vectors = np.linalg.eigh(covariance[np.ix_(index, index)] / np.outer(scale, scale))
+    weakest = dict(zip(("B", "C", "east", "north"), (float(x) for x in vectors[:, -1]), strict=True))
     return {
         "set_deg": set_deg,
         "drift_kn": drift if swing.has_speed else None,
@@ -431,7 +424,7 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
             for towards, j in (("east", EAST), ("north", NORTH))
         },
         "left_of_belief": left,
-        "largest_alike": _widest_combination(series),
+        "largest_alike": {"share": float(size[-1] / size.sum()), "direction": weakest},
         "log_scale": float(series.parameters[LOG]) if np.isfinite(prior[LOG]) and prior[LOG] > 1e-6 else None,
         "separable": left < MAX_PRIOR_SHARE,
         "text": _describe_drift(swing, (set_deg, drift, unit), left, sigma),
@@ -452,12 +445,3 @@ def _describe_drift(swing: Swing, water: tuple[float, float, str], left: float, 
         f"heading. B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the "
         "sun, a log of the speed through the water, or each heading at two speeds would separate them."
     )
-
-
-def _widest_combination(series: SwingFit) -> dict[str, object]:
-    """Find the combination of B, C and drift with the widest covariance."""
-    index = [1, 2, *DRIFT]
-    sigma = np.sqrt(np.diag(series.covariance))[index]
-    size, vectors = np.linalg.eigh(series.covariance[np.ix_(index, index)] / np.outer(sigma, sigma))
-    weakest = dict(zip(("B", "C", "east", "north"), (float(x) for x in vectors[:, -1]), strict=True))
-    return {"share": float(size[-1] / size.sum()), "direction": weakest}

@@ -107,21 +107,16 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     turned = np.cumsum(
         np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1]))
     )
-    turn = _rate_of_turn(known.time_s, turned)
+    # The rate of turn over the seconds before each sample; the earliest known one where there are too few.
+    before = np.searchsorted(known.time_s, known.time_s - TURN_WINDOW_S, side="left")
+    lasted = known.time_s - known.time_s[before]
+    enough, turn = lasted >= TURN_WINDOW_S / 2.0, np.zeros(known.time_s.shape)
+    if enough.any():
+        turn = np.interp(known.time_s, known.time_s[enough], (turned - turned[before])[enough] / lasted[enough])
     slow = np.abs(turn) <= options.max_turn_deg_s
     steady, settled = rate_and_heading(known.time_s, turned, slow)
     known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
-
-
-def _rate_of_turn(time_s: Floats, turned_deg: Floats) -> Floats:
-    """Compute the rate of turn over the seconds before each sample; the earliest known one where there are too few."""
-    before = np.searchsorted(time_s, time_s - TURN_WINDOW_S, side="left")
-    lasted = time_s - time_s[before]
-    known = lasted >= TURN_WINDOW_S / 2.0
-    if not known.any():
-        return np.zeros(time_s.shape)
-    return np.interp(time_s, time_s[known], (turned_deg - turned_deg[before])[known] / lasted[known])
 
 
 def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:

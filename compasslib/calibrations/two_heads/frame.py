@@ -97,9 +97,15 @@ def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
     Args:
         offset_deg: of b's forward axis clockwise from a's.
     """
-    turn = offset_deg
+    turn, down_a, down_b = offset_deg, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0)
     for _ in range(ITERATIONS):
-        rotation = _turn_and_lean(turn, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0))
+        sine, cosine = (float(x) for x in angles.sin_cos(turn))
+        turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        vertical_a, vertical_b = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))
+        x, y, z = np.cross(vertical_a, vertical_b)
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        least = np.eye(3) + cross + cross @ cross / (1.0 + vertical_a @ vertical_b)  # Rodrigues
+        rotation = np.asarray(least) @ turned
         turn += float(angles.difference(offset_deg, twist(rotation)))
     return rotation
 
@@ -115,17 +121,6 @@ def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -
     """
     level = compass.levelling(*tilt_angles(lean_a)) @ rotation[0]
     return angles.wrap360(heading_a_deg + angles.direction(level[:, 1], level[:, 0]))
-
-
-def _turn_and_lean(turn_deg: float, down_a: Floats, down_b: Floats) -> Floats:
-    """Turn about the vertical, then rotate by the least angle that takes one mean tilt to the other."""
-    sine, cosine = (float(x) for x in angles.sin_cos(turn_deg))
-    turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    vertical_a, vertical_b = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))
-    x, y, z = np.cross(vertical_a, vertical_b)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    least = np.eye(3) + cross + cross @ cross / (1.0 + vertical_a @ vertical_b)  # Rodrigues
-    return np.asarray(least) @ turned
 
 
 def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation: Floats) -> float:
@@ -223,6 +218,12 @@ def fit_difference(
     solver = np.linalg.pinv(columns[used])
     by_clock, leak = solver @ rate_sigma_deg[used], solver @ others[used]
     sampling = covariance + np.outer(by_clock, by_clock)
+    # Structure: the rms over sectors of the mean residual, less what noise alone would leave.
+    sector, left = (angles.wrap360(recorded_deg[used]) / SECTOR_DEG).astype(int), residual[used]
+    in_sector = np.bincount(sector, minlength=SECTORS)
+    there = in_sector >= MIN_IN_SECTOR
+    mean = np.bincount(sector, left, SECTORS)[there] / in_sector[there]
+    noise = float(np.var(left)) * len(left) / max(effective, 1.0) * float(np.mean(1.0 / in_sector[there]))
     return HeadingDifference(
         terms=terms,
         coefficients=coefficients,
@@ -231,7 +232,7 @@ def fit_difference(
         leak=leak,
         residual_deg=residual,
         used=used,
-        structure_deg=_sector_structure(recorded_deg[used], residual[used], effective),
+        structure_deg=float(np.sqrt(max(float(np.mean(mean**2)) - noise, 0.0))),
         n_effective=effective,
         stretches=count,
         covered=covered,
@@ -305,16 +306,6 @@ def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, ND
             break
         used = now
     return coefficients, used
-
-
-def _sector_structure(recorded: Floats, residual: Floats, effective: float) -> float:
-    """Compute the rms over sectors of the mean residual, less what noise alone would leave."""
-    sector = (angles.wrap360(recorded) / SECTOR_DEG).astype(int)
-    count = np.bincount(sector, minlength=SECTORS)
-    there = count >= MIN_IN_SECTOR
-    mean = np.bincount(sector, residual, SECTORS)[there] / count[there]
-    noise = float(np.var(residual)) * len(residual) / max(effective, 1.0) * float(np.mean(1.0 / count[there]))
-    return float(np.sqrt(max(float(np.mean(mean**2)) - noise, 0.0)))
 
 
 def _describe_refusal(terms: int, covered: NDArray[np.bool_], inflation: dict[int, Floats]) -> str:
