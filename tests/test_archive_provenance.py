@@ -224,7 +224,7 @@ def test_what_changed_is_told_a_line_a_file_and_ends_with_an_error(archive):
     (archive / "raw/M1/deep.csv").unlink()
     (archive / "results/M1/notes.txt").write_text("mine")
     code, said = verify(archive)
-    untold = "what is configured no more cannot be told"  # without all raw files
+    untold = "cannot list results that are no longer configured"  # without all raw files
     assert code == 1 and sorted(line.split(":")[0] for line in said) == ["changed", "error", "missing", "new", untold]
     assert {"missing: raw/M1/deep.csv", "new: results/M1/notes.txt"} < set(said)
     assert any(line.startswith("changed: results/M1/corrected.nc (sha256 ") for line in said)
@@ -395,7 +395,9 @@ def test_nothing_is_cleared_while_the_configuration_cannot_be_read_or_a_run_is_u
     assert tree(renamed) | {"raw/M1/top.000"} == before
     code, said = verify(renamed)
     assert "missing: raw/M1/top.000" in said and not any(line.startswith("configured no more:") for line in said)
-    assert any(line.startswith("what is configured no more cannot be told: config/moorings/M1.yaml") for line in said)
+    assert any(
+        line.startswith("cannot list results that are no longer configured: config/moorings/M1.yaml") for line in said
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------- jobs

@@ -253,7 +253,7 @@ def test_iron_stronger_than_the_earth_gives_no_table(tmp_path, rng):
     true = iron.Iron(np.eye(3), np.array([400.0, 0.0, 0.0]), 60.0)
     motion = iron.level_motion(rng, 1000, tilt_deg=0.0)
     found = magnetometer.calibrate([log(tmp_path, iron.readings(rng, true, motion)[:, :2])], {})
-    assert "two correct ones" in found.why and found.table is None
+    assert "two correct headings" in found.why and found.table is None
     assert np.hypot(*found.exact[1:3]) == pytest.approx(1.6, abs=0.01)
     assert found.details["hard_iron"][0] == pytest.approx(400.0, abs=2.0)
 
@@ -312,7 +312,7 @@ def test_readings_off_the_modulus_are_left_out_and_counted(tmp_path, rng):
     values = turning() + rng.normal(size=(400, 3))
     values[20:400:50, :2] *= 1.2
     found = magnetometer.calibrate([log(tmp_path, values[:, :2])], {})
-    assert "8 of 400 readings lie far off the fitted modulus" in found.warnings[0]
+    assert "8 of 400 readings are outliers of the fitted modulus" in found.warnings[0]
     assert found.details["noise"] == pytest.approx(1.0, rel=0.15)
 
 
@@ -400,11 +400,11 @@ def test_counts_that_went_over_the_end_of_the_scale_are_put_back(tmp_path, rng, 
     for columns in (wrapped, unsigned):
         found = calibrated_log(tmp_path, columns)
         assert np.allclose(found.coefficients, truth.coefficients, atol=1e-6)
-        assert "went over the end of their scale, 16 bits, and are put back" in " ".join(found.warnings)
+        assert "overflowed (16 bits) and are unwrapped" in " ".join(found.warnings)
     scaled = wrapped | {name: 0.137 * wrapped[name] for name in "xyz"}
     found = calibrated_log(tmp_path, scaled)
     assert np.abs(found.coefficients - truth.coefficients).max() < 1.5  # of a tenth of the log where most is left out
-    assert "which is none of whole counts, and are left out" in " ".join(found.warnings)
+    assert "a scale that is not one of whole counts, and are excluded" in " ".join(found.warnings)
 
 
 @pytest.mark.parametrize("share", [0.95, 0.8])
@@ -413,7 +413,7 @@ def test_saturated_readings_are_left_out(tmp_path, rng, share):
     clipped = whole | {name: np.clip(whole[name], -32768.0, 32767.0) for name in "xy"}
     found, truth = calibrated_log(tmp_path, clipped), calibrated_log(tmp_path, whole)
     assert np.abs(found.coefficients - truth.coefficients).max() < 0.4  # a fifth of the log is left out
-    assert "at the end of its scale: saturated, and left out" in " ".join(found.warnings)
+    assert "are saturated and excluded" in " ".join(found.warnings)
     beyond = np.any([clipped[name] != whole[name] for name in "xy"], axis=0)
     assert found.details["left_out"] >= beyond.sum() - 7  # fewer than eight at one end are not told from readings
 
@@ -423,15 +423,15 @@ def test_an_axis_that_stands_still_for_a_while_is_left_out_there(tmp_path, rng):
     stuck = whole | {"x": np.where(np.arange(1500) > 1200, whole["x"][1200], whole["x"])}
     found, truth = calibrated_log(tmp_path, stuck), calibrated_log(tmp_path, whole)
     assert np.abs(found.coefficients - truth.coefficients).max() < 0.3
-    assert any(said.endswith("readings of x standing still: stuck, and left out.") for said in found.warnings)
+    assert any(said.endswith("readings of x are stuck and excluded.") for said in found.warnings)
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda c: {"x": c["y"], "y": c["x"]}, "the modulus still varies"),
-        (lambda c: {"y": -c["y"]}, "the modulus still varies"),
-        (lambda c: {"x": np.abs(c["x"])}, "the modulus still varies"),
+        (lambda c: {"x": c["y"], "y": c["x"]}, "% after correction for hard and soft iron"),
+        (lambda c: {"y": -c["y"]}, "% after correction for hard and soft iron"),
+        (lambda c: {"x": np.abs(c["x"])}, "% after correction for hard and soft iron"),
         (lambda c: {"x": 1.6 * c["x"]}, "axes in different units"),
     ],
     ids=["exchanged", "sign", "no sign", "unit"],

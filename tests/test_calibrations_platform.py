@@ -49,7 +49,7 @@ def test_columns_may_have_other_names_and_lines_without_a_heading_are_counted(tm
     path.write_text(path.read_text() + "3.0,\n,4.0\nnan,nan\n")
     columns = {"reference_deg": "bench", "recorded_deg": "heading"}
     made = platform.calibrate([path], {"columns": columns, "uncertainty": dict.fromkeys(budget.ROWS, 0.1)})
-    assert made.n == 24 and made.warnings == ("3 lines without both headings are left out",)
+    assert made.n == 24 and made.warnings == ("3 lines without both headings are excluded",)
 
 
 def test_several_files_are_one_calibration_and_other_columns_are_ignored(tmp_path):
@@ -350,11 +350,11 @@ def test_the_budget_of_a_calibration_stands_in_the_mooring_s_uncertainty(tmp_pat
 @pytest.mark.parametrize("constant", [0.0, 7.0, 72.0])
 @pytest.mark.parametrize("n", [8, 12, 16, 36, 72])
 def test_recorded_headings_that_are_the_reference_s_own_get_a_curve_and_a_warning(tmp_path, n, constant):
-    """A column that was copied leaves nothing of the readings; 36 of them were a traceback."""
+    """A column that was copied leaves no residual; 36 of them were a traceback."""
     path = write_table(tmp_path / "cal.csv", BenchReadings(ring(n), (ring(n) + constant) % 360.0))
     made = calibrations.calibrate("platform", [path], {})
     np.testing.assert_allclose(made.coefficients, [-constant, 0, 0, 0, 0], atol=1e-9)
-    assert any("leaves nothing of the readings, which no instrument does" in said for said in made.warnings)
+    assert any("leaves no residual, which no instrument does" in said for said in made.warnings)
     found = kinds.diagnose("platform", [path], {}, Options())
     assert found.verdict in ("consistent", "insufficient") and not found.findings
     honest = write_table(tmp_path / "honest.csv", readings(ring(n)))

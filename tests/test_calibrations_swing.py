@@ -72,10 +72,12 @@ def test_the_eight_headings_by_true_heading(eight):
     assert (found.n, found.coverage, found.kind, found.model) == (8, 8, "swing", "series")
     assert found.details["drift"] is None
     told = " ".join(found.warnings)
-    assert "8 headings carry at most 8 coefficients" in told
-    assert "sin 4 of the heading is not seen at all" in told
+    assert "8 headings determine at most 8 coefficients" in told
+    assert "sin 4 of the heading is not observable" in told
     assert "swing 16 to 24 headings" in told
-    assert "leaves 4.05° rms; with the third harmonic of the heading 2.57° would be left, with the fourth 2.68°" in told
+    assert (
+        "residual of the series 4.05° rms; with the third harmonic of the heading 2.57°, with the fourth 2.68°" in told
+    )
 
 
 def test_the_eight_headings_by_course_over_ground(eight):
@@ -140,7 +142,7 @@ def test_strong_iron_is_carried_by_the_exact_compass(tmp_path):
     path = written(tmp_path, compass_deg=compass.recorded_heading(iron, heading), true_deg=heading)
     found = swing.calibrate([path], SURE)
     assert found.exact == pytest.approx(iron, abs=1e-6)
-    assert "beyond what the five-term series is good for" in " ".join(found.warnings)
+    assert "exceed the validity of the five-term series" in " ".join(found.warnings)
 
 
 def test_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):
@@ -258,8 +260,8 @@ def test_intervals_cover_the_truth(tmp_path):
         ([30.0], "one heading cannot carry the five coefficients"),
         ([0.0, 90.0, 200.0], "3 headings cannot carry the five coefficients"),
         ([0.0, 90.0, 200.0] * 8, "3 headings cannot carry"),
-        ([0.0, 72.0, 144.0, 216.0, 288.0], "5 observations leave nothing to tell the uncertainty from"),
-        (list(range(100, 160, 4)), "the headings cover 6 of 36 sectors and leave 304° without any"),
+        ([0.0, 72.0, 144.0, 216.0, 288.0], "5 observations leave no degree of freedom for the uncertainty"),
+        (list(range(100, 160, 4)), "the headings cover 6 of 36 sectors and leave a gap of 304°"),
     ],
 )
 def test_too_little_is_refused_with_its_reason(tmp_path, headings, why):
@@ -284,7 +286,7 @@ def test_few_headings_widen_and_repeats_do_not_narrow(tmp_path):
     assert sigmas(often)[1] == pytest.approx(sigmas(eight)[1], rel=0.05)
     assert sigmas(many)[1] < 0.5 * sigmas(eight)[1]
     assert "56 of 64 observations repeat a heading" in " ".join(often.warnings)
-    assert not any("carry at most" in line for line in many.warnings)
+    assert not any("determine at most" in line for line in many.warnings)
 
 
 def test_slow_fixes_are_left_out_and_counted(tmp_path):
@@ -423,4 +425,4 @@ def test_a_course_that_is_the_compass_s_own_is_no_traceback_and_warns(tmp_path, 
     path = tmp_path / "swing.csv"
     path.write_text("\n".join(["time_utc,compass_deg,cog_deg,speed_kn", *rows]))
     made = calibrations.calibrate("swing", [path], {"latitude": 48.4, "longitude": -4.5, "date_s": 1.66e9})
-    assert any("leaves nothing of the readings" in said for said in made.warnings)
+    assert any("leaves no residual" in said for said in made.warnings)

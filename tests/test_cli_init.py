@@ -71,7 +71,7 @@ def test_what_the_files_cannot_tell_is_asked_and_refused_until_it_is_decided(tmp
     path = made / "config/moorings/M1.yaml"
     count = path.read_text().count(": DECIDE")
     assert "latitude: DECIDE  # degrees north" in path.read_text()
-    assert f"{count} values to decide" in capsys.readouterr().out
+    assert f"{count} DECIDE entries to replace" in capsys.readouterr().out
     path.write_text(path.read_text().replace("compromised: top", "compromised: DECIDE").replace("auto", "strong"))
     assert main(["check", str(made)]) == 1
     lines = capsys.readouterr().err.splitlines()

@@ -166,14 +166,14 @@ def test_a_moorings_observatory_is_held_against_its_own_place_and_the_moorings(t
     assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
     later = earthfield.field_along(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
     assert (
-        "a declination on 16 % of the deployment's days"
+        "covers 16 % of the deployment's days"
         in calibrated_declination.with_observatory_warnings(later, [path], here).warnings[0]
     )
     empty = replace(series(40), declination_deg=np.full(960, np.nan))
     nothing = calibrated_declination.with_observatory_warnings(
         field, [write(tmp_path / "b.hor", empty, "DHZF")], here
     ).warnings
-    assert "a declination on 0 % of the deployment's days" in nothing[0]
+    assert "covers 0 % of the deployment's days" in nothing[0]
     wrong = replace(series(40), declination_deg=-series(40).declination_deg)
     with pytest.raises(InputError, match="the sign of D"):
         calibrated_declination.with_observatory_warnings(field, [write(tmp_path / "c.hor", wrong)], here)

@@ -84,7 +84,7 @@ def test_eight_headings_prove_nothing_and_say_what_to_swing():
     true = ring(8)
     found = platform.diagnose_readings(true, true - MM, field=None, options=OPTIONS)
     assert found.verdict == "insufficient" and not found.findings
-    for part in ("8 headings carry at most 8 coefficients", "third (3.", "fourth harmonics (3.", "swing 16 to 24"):
+    for part in ("8 headings determine at most 8 coefficients", "third (3.", "fourth harmonics (3.", "swing 16 to 24"):
         assert part in found.why
     assert found.why.count("swing 16") == 1
 

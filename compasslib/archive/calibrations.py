@@ -91,13 +91,10 @@ def _write_csv(path: str | Path, names: Sequence[str], columns: Sequence[Floats]
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(names)
         for row in zip(*columns, strict=True):
-            writer.writerow([_cell(x, form) for x, form in zip(row, forms, strict=True)])
-
-
-def _cell(value: Any, form: str) -> str:
-    if isinstance(value, str):
-        return value
-    return form.format(value) if np.isfinite(value) else ""
+            cells = zip(row, forms, strict=True)
+            writer.writerow(
+                [x if isinstance(x, str) else form.format(x) if np.isfinite(x) else "" for x, form in cells]
+            )
 
 
 def _read_csv(path: str | Path) -> dict[str, Floats]:

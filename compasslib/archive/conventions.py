@@ -192,8 +192,9 @@ def oceansites_remarks(path: str | Path) -> list[str]:
         InputError: the file is absent or damaged.
     """
     with open_netcdf(path) as nc:
-        data = [name for name in nc.variables if _is_data(nc, name)]
-        issues = [*_attributes(nc), *_extent(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
+        apart = (*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE")
+        data = [name for name, variable in nc.variables.items() if variable.dtype.kind == "f" and name not in apart]
+        issues = [*_attributes(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
         issues += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
         return issues + [remark for name in nc.variables if name.endswith("_QC") for remark in _flags(nc, name)]
 
@@ -207,13 +208,10 @@ def _attributes(nc: netCDF4.Dataset) -> Remarks:
     yield from (f"global attribute {name} is missing" for name in GIVEN if not _attribute(nc, name))
     if f"OceanSITES-{_attribute(nc, 'format_version')}" not in _attribute(nc, "Conventions"):
         yield "format_version is not the one in Conventions"
-
-
-def _extent(nc: netCDF4.Dataset) -> Remarks:
     for name, limit in RANGES.items():
-        value = getattr(nc, name, None)
-        if value is None or not -limit <= float(value) <= limit:
-            yield f"global attribute {name} is {value}, not between {-limit:g} and {limit:g}"
+        bound = getattr(nc, name, None)
+        if bound is None or not -limit <= float(bound) <= limit:
+            yield f"global attribute {name} is {bound}, not between {-limit:g} and {limit:g}"
     if "DEPTH" in nc.variables and np.any(_usable(nc["DEPTH"])):
         missing = [name for name in ("geospatial_vertical_min", "geospatial_vertical_max") if not _attribute(nc, name)]
         yield from (f"global attribute {name} is missing" for name in missing)
@@ -312,11 +310,6 @@ def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
         yield f"{name}:flag_meanings are not those of table 2"
     if not np.isin(variable[...], list(FLAGS)).all():
         yield f"{name} holds a flag that table 2 has not"
-
-
-def _is_data(nc: netCDF4.Dataset, name: str) -> bool:
-    apart = (*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE")
-    return nc[name].dtype.kind == "f" and name not in apart
 
 
 def _usable(variable: netCDF4.Variable) -> Any:

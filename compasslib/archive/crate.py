@@ -13,6 +13,7 @@ import platform
 import posixpath
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
@@ -50,7 +51,8 @@ Entity = dict[str, Any]
 def records() -> dict[str, Record]:
     """Read the records of all jobs of this cruise that ended well, by the name of their action."""
     entries = sorted(path for pattern in RECORDS for path in Path(FOLDER).glob(pattern))
-    return {_action(path): read_json(path) for path in entries}
+    parts = {path: path.relative_to(FOLDER).with_suffix("").parts for path in entries}
+    return {"/".join(part for part in parts[path] if part != "logs"): read_json(path) for path in entries}
 
 
 def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:
@@ -138,7 +140,8 @@ def has_failures(page: Mapping[str, Any]) -> bool:
 
 def written(page: Mapping[str, Any]) -> set[str]:
     """List the files that jobs wrote, by their paths from the cruise folder."""
-    return {_path(identifier) for action in _actions(page) for identifier in _identifiers(action, "result")}
+    wrote = [unquote(identifier) for action in _actions(page) for identifier in _identifiers(action, "result")]
+    return {path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}" for path in wrote}
 
 
 def log_line(page: Mapping[str, Any]) -> str:
@@ -166,11 +169,6 @@ def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]
     settings = provenance.hashes(path for paths in configuration.values() for path in paths)
     files_of_jobs = [record[part] for record in jobs.values() for part in ("read", "wrote")]
     return settings | {path: known for item in files_of_jobs for path, known in item.items()}
-
-
-def _action(path: Path) -> str:
-    parts = path.relative_to(FOLDER).with_suffix("").parts
-    return "/".join(part for part in parts if part != "logs")
 
 
 def _root(attributes: Mapping[str, Any]) -> Entity:
@@ -211,30 +209,24 @@ def _software(maker: str, surroundings: Sequence[Entity]) -> Entity:
 
 
 def _surroundings() -> Iterator[Entity]:
-    """Python, what adds readers or effects, the lock, and the installed version of each package that the lock names."""
+    """Give Python, what adds readers or effects, the lock, and the installed version of each required package."""
     python = platform.python_version()
     yield _tool(f"pkg:generic/python@{python}", "python", python, "https://www.python.org/")
     for package in plugins.plugin_packages():
         name, version = package.rsplit(" ", 1)
         yield _tool(f"pkg:generic/{quote(name)}@{version}", name, version)
-    lock = provenance.BESIDE / LOCK
+    lock, packages = provenance.BESIDE / LOCK, list[str]()
     if lock.is_file():
         known = provenance.sha256(lock)
         yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}
-    for package in _packages(lock):
+        packages = re.findall(r"^([\w.-]+)==", lock.read_text(), re.MULTILINE)
+    else:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            asked = importlib.metadata.requires("compasslib") or []
+            packages = sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
+    for package in packages:
         if version := provenance.installed(package):  # some are named for another platform, or are build tools
             yield _tool(f"pkg:pypi/{package}@{version}", package, version, f"https://pypi.org/project/{package}/")
-
-
-def _packages(lock: Path) -> list[str]:
-    """List the packages of the lock; without one, those that this package itself requires."""
-    if lock.is_file():
-        return re.findall(r"^([\w.-]+)==", lock.read_text(), re.MULTILINE)
-    try:
-        asked = importlib.metadata.requires("compasslib") or []
-    except importlib.metadata.PackageNotFoundError:
-        asked = []
-    return sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
 
 
 def _tool(identifier: str, name: str, version: str, url: str = "") -> Entity:
@@ -280,11 +272,6 @@ def _id(path: str) -> str:
     """Derive the identifier of a file in the crate, which stands in results/."""
     inside = path.removeprefix(f"{FOLDER}/")
     return quote(inside if inside != path else f"../{path}")
-
-
-def _path(identifier: str) -> str:
-    path = unquote(identifier)
-    return path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}"
 
 
 def _refs(paths: Iterable[str]) -> list[Entity] | Entity:

@@ -85,7 +85,10 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
     bins = None if velocities else 0
     with open_netcdf(path) as nc:
         # The ranges first: they shrink to a row before the velocities come.
-        arrays = {"bin_range_m": _shared(read_variable(nc, variables.RECORD["bin_range_m"].name, bins))}
+        ranges = read_variable(nc, variables.RECORD["bin_range_m"].name, bins)
+        if ranges.size and (ranges == ranges[0]).all():  # one setting throughout: all samples share a row
+            ranges = np.broadcast_to(ranges[0].copy(), ranges.shape)
+        arrays = {"bin_range_m": ranges}
         arrays |= {
             name: read_variable(nc, entry.name, bins) for name, entry in variables.RECORD.items() if name not in arrays
         }
@@ -109,13 +112,6 @@ def read_profiles(path: str | Path) -> dict[str, Rows]:
         return {
             key: StoredVariable(str(path), name) for key, name in variables.PROFILES.items() if name in nc.variables
         }
-
-
-def _shared(bin_range_m: Floats) -> Floats:
-    """Return one row that all samples share where there was one setting throughout."""
-    if not bin_range_m.size or not (bin_range_m == bin_range_m[0]).all():
-        return bin_range_m
-    return np.broadcast_to(bin_range_m[0].copy(), bin_range_m.shape)
 
 
 def read_counts(path: str | Path) -> dict[str, int]:

@@ -88,7 +88,10 @@ def software() -> str:
     commit = "".join(line.split()[2][:12] for line in lines if line.startswith("# branch.oid") and "(" not in line)
     unknown = why if why == _NONE else "commit unknown"
     edited = "" if all(line.startswith("#") for line in lines) else ", edited since"
-    state = f"{commit}{edited}" if commit else f"{unknown}, modules sha256 {digest(_modules())[:12]}"
+    if not commit:
+        modules = (path for path in PACKAGE.rglob("*.py") if not path.is_relative_to(PACKAGE / "workflow"))
+        commit, edited = f"{unknown}, modules sha256 {digest(modules)[:12]}", ""
+    state = f"{commit}{edited}"
     others = ", ".join(plugins.plugin_packages())
     return f"compasslib {__version__} ({state})" + (f" with {others}" if others else "")
 
@@ -225,10 +228,6 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
         raw_files: what was read, relative to the cruise folder.
     """
     return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
-
-
-def _modules() -> list[Path]:
-    return sorted(path for path in PACKAGE.rglob("*.py") if not path.is_relative_to(PACKAGE / "workflow"))
 
 
 @cache

@@ -170,10 +170,10 @@ def read_bin_currents(path: str | Path) -> BinCurrents:
             nothing = CurrentSeries(time_s, np.full(time_s.shape, complex(np.nan, np.nan)))
             return BinCurrents(float("nan"), nothing, nothing)
         shown = int(np.argmax(count >= MIN_SAMPLE_SHARE * count.max()))
-        flows = [
-            _current_series(time_s, *(read_variable(nc, name)[:, shown] for name in (*pair, f"{pair[0]}_QC")))
-            for pair in COMPONENTS
-        ]
+        flows = []
+        for u, v in COMPONENTS:
+            east, north, quality = (read_variable(nc, name)[:, shown] for name in (u, v, f"{u}_QC"))
+            flows.append(CurrentSeries(time_s, np.where(quality < BAD, east + 1j * north, complex(np.nan, np.nan))))
         depth = read_variable(nc, "DEPTH")[:, shown]
     return BinCurrents(
         float(np.median(depth[np.isfinite(depth)])) if np.isfinite(depth).any() else float("nan"), *flows
@@ -208,10 +208,6 @@ def average(flow: CurrentSeries, begin_s: float, hours: float, count: int) -> Co
     sums = [np.bincount(place[inside], part, count) for part in (velocity.real, velocity.imag)]
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(number > 0, (sums[0] + 1j * sums[1]) / number, complex(np.nan, np.nan))
-
-
-def _current_series(time_s: Floats, east: Floats, north: Floats, quality: Floats) -> CurrentSeries:
-    return CurrentSeries(time_s, np.where(quality < BAD, east + 1j * north, complex(np.nan, np.nan)))
 
 
 def _mean(velocity: Complexes) -> complex:

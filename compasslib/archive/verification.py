@@ -122,7 +122,11 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     root = Path(cruise)
     page = _manifest(root)
     listed, misplaced, results = crate.listed(page), crate.misplaced(page), Results(root, configured)
-    foreign = [*results.foreign(listed), *_unlisted_raw_files(root, page, listed)]
+    # Files that the manifest does not list, in folders outside results/ that a simulation wrote into.
+    wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
+    folders = {(root / path).parent for path in wrote}
+    raw = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
+    foreign = [*results.foreign(listed), *(p for f in raw if (p := f.relative_to(root).as_posix()) not in listed)]
     apart = {*listed, *results.former, *foreign}
     left = (file for file in results.files if file not in apart and not results.of_job(file))
     unlisted = [file for file in left if not (crate.has_failures(page) or file.endswith(f"/{CONVENTIONS}"))]
@@ -189,14 +193,6 @@ def _difference(root: Path, path: str, listed: str) -> str:
         return f"changed: {path} (a link, or in a folder that is one)"
     entries = provenance.sha256(place)
     return "" if entries == listed else f"changed: {path} (sha256 {entries[:12]}, listed {listed[:12]})"
-
-
-def _unlisted_raw_files(root: Path, page: Mapping[str, Any], listed: Collection[str]) -> list[str]:
-    """List files, not in the manifest, in folders outside results/ that a simulation wrote into."""
-    wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
-    folders = {(root / path).parent for path in wrote}
-    neighbours = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
-    return [path for file in neighbours if (path := file.relative_to(root).as_posix()) not in listed]
 
 
 def _record(job: re.Match[str]) -> str:

@@ -98,10 +98,10 @@ def expanded(rows: tuple[Source, ...]) -> float:
 
 
 def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
-    """Warn where a curve leaves nothing of the readings; its rms is None or NaN where there is no curve."""
+    """Warn where a curve leaves no residual; its rms is None or NaN where there is no curve."""
     if residual_rms_deg is None or not residual_rms_deg < TOO_EXACT_DEG:
         return ()
     return (
-        "the curve leaves nothing of the readings, which no instrument does: one column may have been computed from "
-        "the other; the stated uncertainty holds no error of a reading",
+        "the curve leaves no residual, which no instrument does: one column may have been computed from the other; "
+        "the stated uncertainty includes no reading error",
     )

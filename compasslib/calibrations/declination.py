@@ -26,8 +26,8 @@ STORM_DEG = 0.5  # rms over three hours from which a disturbance is listed as a 
 FARTHEST_DEG = 0.5  # between header and YAML
 CONSTANT_HOW = "blocks of 27 days; under 135 days a middle latitude's spread of daily levels, assumed"
 AMBIGUITY = (
-    "A holds the field of the rocks, the error of IGRF and an error of the observatory's azimuth mark: one series does "
-    "not tell them apart."
+    "A includes the crustal field, the error of IGRF and an error of the observatory's azimuth mark; one series cannot "
+    "separate them."
 )
 CRUST_NT = 600.0  # field of rocks that is accepted; assumed, most stations have under 300
 SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is reported
@@ -68,9 +68,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     warnings += check_field(series, place)
     compared = observatory.compare(series, field, limit_deg=STORM_DEG)
     if compared.spikes:
-        warnings.append(
-            f"{compared.spikes} values stand alone and far off: a spike, or a storm of less than three hours"
-        )
+        warnings.append(f"{compared.spikes} isolated outliers: spikes, or storms shorter than three hours")
     covariance = np.full((5, 5), np.nan)
     covariance[0, 0] = compared.constant_sigma_deg**2
     return Calibration(
@@ -386,8 +384,8 @@ def _distance_warning(series: FieldSeries, place: tuple[float, float]) -> list[s
     if apart <= FARTHEST_KM:
         return []
     return [
-        f"the observatory {series.station} is {apart:.0f} km from the mooring: storms are alike over some "
-        f"{FARTHEST_KM:.0f} km; take a nearer one, or check both positions"
+        f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within some "
+        f"{FARTHEST_KM:.0f} km: use a nearer one, or check both positions"
     ]
 
 
@@ -399,6 +397,6 @@ def _coverage_warning(series: FieldSeries, field: EarthField) -> list[str]:
     if covered >= COVERED:
         return []
     return [
-        f"the observatory {series.station} has a declination on {100.0 * covered:.0f} % of the deployment's days: "
-        "elsewhere the disturbance of the field counts as none"
+        f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
+        "disturbance of the field is taken as zero"
     ]

@@ -306,7 +306,12 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
     time_s, observed = average(series, BIN_S)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
-    first = _rough_curve(time_s, off)
+    by_day, which_day = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
+    first = np.full(24, np.nan)  # the median day of all days about their medians, where they are not few
+    if len(by_day) >= MIN_DAYS:
+        begins = np.searchsorted(which_day, np.arange(len(by_day)))
+        middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
+        first = hourly_median(time_s, off - middle[which_day], np.ones(len(off), dtype=bool))
     levels, days = _levels(time_s, off - interpolate_daily_curve(first, time_s))
     running = np.full(len(days), np.median(levels))  # where too few days are around
     ends = np.searchsorted(days, days + NEAR_DAYS, side="right")
@@ -319,10 +324,10 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - interpolate_daily_curve(curve, time_s)
     stormy, measures, ordinary, spikes = storms(time_s, disturbed, limit_deg)
-    which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)[1]
-    calm = ~stormy | (np.bincount(which, ~stormy) == 0)[which]  # storms are left out of days that hold more than them
-    by_day = off - interpolate_daily_curve(curve - np.mean(curve), time_s)
-    each = np.bincount(which[calm], by_day[calm]) / np.bincount(which[calm])
+    # The mean of each day, without storms where it holds more than them.
+    calm = ~stormy | (np.bincount(which_day, ~stormy) == 0)[which_day]
+    without = off - interpolate_daily_curve(curve - np.mean(curve), time_s)
+    each = np.bincount(which_day[calm], without[calm]) / np.bincount(which_day[calm])
     return FieldComparison(
         time_s=time_s,
         observed_deg=observed,
@@ -339,16 +344,6 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
         constant_sigma_deg=_constant_sigma(each, days, disturbed, limit_deg),
         days=len(days),
     )
-
-
-def _rough_curve(time_s: Floats, off: Floats) -> Floats:
-    """Compute the median day of all days about their medians, (24,); NaN where they are few."""
-    days, which = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
-    if len(days) < MIN_DAYS:
-        return np.full(24, np.nan)
-    begins = np.searchsorted(which, np.arange(len(days)))
-    middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
-    return hourly_median(time_s, off - middle[which], np.ones(len(off), dtype=bool))
 
 
 def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:

@@ -77,16 +77,16 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     misfits = [*constant]
     if _even(read.recorded_deg) and not _even(read.reference_deg):
         misfits.append(
-            "recorded_deg goes in even steps and reference_deg does not: where the columns are exchanged, every "
-            "deviation has the wrong sign"
+            "recorded_deg has even steps and reference_deg does not: if the columns are exchanged, every deviation has "
+            "the wrong sign"
         )
     warnings = [*notes]
     if not known.all():
-        warnings.append(f"{int(np.sum(~known))} lines without both headings are left out")
+        warnings.append(f"{int(np.sum(~known))} lines without both headings are excluded")
     warnings += [*fitted.warnings, *misfits]
     if absent := budget.absent(rows):
         holds = "only the scatter about the curve" if not rows else "the other rows only"
-        warnings.append(f"the budget has no row {', '.join(absent)}: the expanded uncertainty holds {holds}")
+        warnings.append(f"the budget has no row {', '.join(absent)}: the expanded uncertainty includes {holds}")
     return replace(fitted, details={**fitted.details, "doubts": misfits}, warnings=tuple(warnings))
 
 
@@ -292,15 +292,15 @@ def _warnings(
         warnings.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
     if len(settings) < MIN_HEADINGS:
         warnings.append(
-            f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty is widened by Student's "
-            f"t, and third and fourth harmonics cannot be tested; {SWING}"
+            f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty includes Student's t, "
+            f"and third and fourth harmonics cannot be tested; {SWING}"
         )
     recorded = np.sort(angles.wrap360(settings.recorded_deg))
     ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
     widest = int(np.argmax(ahead))
     if ahead[widest] > WIDE_GAP_DEG and full_circle:
         ends = f"{recorded[widest]:.0f} and {recorded[(widest + 1) % len(recorded)]:.0f}"
-        warnings.append(f"no reading between recorded {ends} degrees: there the curve is only as good as its form")
+        warnings.append(f"no reading between recorded {ends} degrees: there the curve is an extrapolation")
     off = np.abs(chosen.left_out_deg)
     far = off > max(OUTLYING * float(np.median(off)), OUTLYING_DEG)
     if far.any():

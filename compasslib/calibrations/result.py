@@ -71,7 +71,7 @@ def to_json(
     field, warnings = settings.get("field"), [*made.warnings]
     if field is not None and field["horizontal_nT"] < MIN_HORIZONTAL_NT:
         weak = f"the horizontal field is {field['horizontal_nT']:.0f} nT"
-        warnings.append(f"{weak}; below {MIN_HORIZONTAL_NT:.0f} nT no correction holds")
+        warnings.append(f"{weak}; below {MIN_HORIZONTAL_NT:.0f} nT no correction is reliable")
     common = {
         "name": name,
         "kind": made.kind,

@@ -19,17 +19,13 @@ def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
         InputError: the date lies outside the model of the earth's field.
     """
     given = settings.get("declination", "auto")
-    field = _field_at_place(settings, beyond=given not in (None, "auto"))
-    by_model = None if field is None else field["declination_deg"]
-    return {**settings, "field": field, "declination_deg": by_model if given in (None, "auto") else given}
-
-
-def _field_at_place(settings: Mapping[str, Any], *, beyond: bool) -> dict[str, float] | None:
+    by_model = given in (None, "auto")
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
-        return None
+        return {**settings, "field": None, "declination_deg": None if by_model else given}
     from compasslib import earthfield  # only where a place is given
 
-    at = earthfield.covered_by_igrf(date_s) if beyond else date_s
+    at = date_s if by_model else earthfield.covered_by_igrf(date_s)
     declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
-    return {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
+    field = {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
+    return {**settings, "field": field, "declination_deg": declination if by_model else given}

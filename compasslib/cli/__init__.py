@@ -44,16 +44,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if asked.command == "verify" and asked.yes and not asked.clear:
         parser.error("--yes goes with --clear")
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupted)  # as by Ctrl-C, so that nothing half made is left
+        signal.signal(number, signal.default_int_handler)  # as by Ctrl-C, so that nothing half made is left
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal without the sign of degree
     try:
         module = import_module(f"compasslib.cli.{MODULES.get(asked.command, asked.command)}")
         status: int = getattr(module, asked.command)(asked)
         sys.stdout.flush()
-    except InputError as error:
+    except BrokenPipeError:  # the reader of a pipe has gone, as ``compass explain M1 | head`` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except (InputError, OSError) as error:
         return _failed(f"error: {error}", FAILED)
-    except OSError as error:
-        return _closed() if isinstance(error, BrokenPipeError) else _failed(f"error: {error}", FAILED)
     except MemoryError:
         return _failed("error: out of memory; close other programs, or use a machine with more", FAILED)
     except SystemExit as error:  # from a package beside this one, perhaps with status 0
@@ -63,19 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
-def _interrupted(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
-
-
 def _failed(line: str, status: int) -> int:
     print(line, file=sys.stderr)
     return status
-
-
-def _closed() -> int:
-    """End quietly where the reader of a pipe has gone, as ``compass explain M1 | head`` does."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return FAILED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -83,13 +74,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"compass {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    check = _command(commands, "check", "are config and raw files usable? Nothing is run", "my_cruise")
+    check = _command(commands, "check", "validate configuration and input files without processing", "my_cruise")
     check.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
 
     init = _command(
         commands,
         "init",
-        "draft config and YAML files from what exports hold",
+        "draft configuration files from instrument exports",
         "exports/EG4 --into my_cruise --latitude 65.33 --longitude -32.96 --water-depth 894",
     )
     init.add_argument("files", metavar="FILE", nargs="+", help="exports, or folders of them; one folder a mooring")
@@ -108,20 +99,20 @@ def _parser() -> argparse.ArgumentParser:
         "--into", metavar="FOLDER", help="new folder of its results (default: CRUISE/corrected/MOORING)"
     )
 
-    run = _command(commands, "run", "process a cruise: what is missing, changed or damaged", "my_cruise --cores 4")
+    run = _command(commands, "run", "process a cruise: missing, changed or damaged results", "my_cruise --cores 4")
     run.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
-    run.add_argument("--cores", metavar="N", help="jobs side by side (default: as many as there are cores)")
+    run.add_argument("--cores", metavar="N", help="number of parallel jobs (default: all cores)")
     run.add_argument("--profile", default="default", metavar="NAME", help="of workflow/profiles: default or slurm")
     run.epilog = f"{run.epilog}\n  compass run my_cruise -- --dry-run      after --, options of Snakemake, or files"
 
-    explain = _command(commands, "explain", "the diagnosis of one mooring in words", "EG4 --cruise my_cruise")
+    explain = _command(commands, "explain", "print the diagnosis of one mooring", "EG4 --cruise my_cruise")
     explain.add_argument("mooring", metavar="MOORING", help="its name, or the folder of its results")
     explain.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
 
     export = _command(
         commands,
         "export",
-        "a corrected record in the form that others read",
+        "export a corrected record to CSV, MATLAB, PD0 or OceanSITES",
         "EG4 --cruise my_cruise --to pd0 --into to_deposit",
     )
     export.add_argument("mooring", metavar="MOORING", help="its name")
@@ -130,18 +121,18 @@ def _parser() -> argparse.ArgumentParser:
         "--to",
         required=True,
         choices=FORMS,
-        help="csv: a row a sample and bin; mat: MATLAB's structures; pd0: the raw file with corrected headings; "
+        help="csv: one row per sample and bin; mat: MATLAB structures; pd0: the raw file with corrected headings; "
         "oceansites: corrected.nc under its OceanSITES name",
     )
     export.add_argument("--into", metavar="FOLDER", help="folder of the files (default: CRUISE/export)")
 
-    diff = _command(commands, "diff", "what changed between two runs, mooring by mooring", "results_before my_cruise")
+    diff = _command(commands, "diff", "compare the results of two runs by mooring", "results_before my_cruise")
     for place in ("old", "new"):
         diff.add_argument(place, metavar=place.upper(), help="cruise folder, folder of results, or of one mooring's")
 
-    verify = _command(commands, "verify", "do the results still hold what their manifest lists?", "my_cruise")
+    verify = _command(commands, "verify", "verify results against their manifest", "my_cruise")
     verify.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
-    verify.add_argument("--clear", action="store_true", help="list results of what is configured no more instead")
+    verify.add_argument("--clear", action="store_true", help="list results that are no longer configured instead")
     verify.add_argument("--yes", action="store_true", help="with --clear: remove them")
     return parser
 

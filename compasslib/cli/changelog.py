@@ -78,25 +78,17 @@ def _matching_entries(old: str, new: str, changed: frozenset[str], changelog: Pa
     if not changelog.is_file():
         return ["the changelog is not beside this installation; the checkout of the newer version has it"]
     low, high = sorted(_number(match[1]) for match in known)
-    between = [
-        entry for entry in parse_changelog(changelog.read_text(encoding="utf-8")) if _is_between(entry, low, high)
-    ]
-    matching = [
-        entry
-        for entry in between
-        if any(change in entry.changes or change.partition(":")[0] in entry.changes for change in changed)
-    ]
+    matching = []
+    for entry in parse_changelog(changelog.read_text(encoding="utf-8")):
+        at = _number(entry.version)  # between commits of one version any entry of it may be the reason
+        between = low < at <= high or low == at == high
+        if between and any(x in entry.changes or x.partition(":")[0] in entry.changes for x in changed):
+            matching.append(entry)
     what = words.listed(sorted(changed))
     if not matching:
         return [f"no entry of the changelog between them can change {what}: look at the YAML and raw files"]
     first = f"{what} changed; where YAML and raw files are the same, by one of these entries, or by several:"
     return [first, *(f"{entry.version}: {entry.text}" for entry in matching)]
-
-
-def _is_between(entry: ChangelogEntry, low: tuple[int, ...], high: tuple[int, ...]) -> bool:
-    """Tell whether an entry came after one version, and not after the other; between commits of one version any may."""
-    at = _number(entry.version)
-    return low < at <= high or low == at == high
 
 
 def _number(version: str) -> tuple[int, ...]:

@@ -29,7 +29,7 @@ from compasslib.pipeline.settings import Moorings, Wildcards, used_instruments
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
-from compasslib.records import BAD, Pairs, Record
+from compasslib.records import BAD, Record
 from compasslib.stages import read
 from compasslib.types import Floats
 
@@ -236,12 +236,12 @@ def _directions(record: Record, inside: AppliedDeclination | None) -> str:
     if record.direction_reference == "true":
         return "true"
     if record.velocity_bias_deg not in (None, record.heading_bias_deg):
-        of_each = f"{record.heading_bias_deg:+.2f} of headings and {record.velocity_bias_deg:+.2f} of velocities"
-        return f"magnetic, {of_each} taken out"
+        biases = f"{record.heading_bias_deg:+.2f} from headings and {record.velocity_bias_deg:+.2f} from velocities"
+        return f"magnetic; {biases} removed"
     if record.heading_bias_deg:
         return f"magnetic; heading bias {record.heading_bias_deg:+.2f} removed"
     if inside is None or not any(inside):
-        return "magnetic; nothing removed"
+        return "magnetic; no declination or heading bias removed"
     return f"magnetic; declination {inside if inside.differs else format(inside.heading, '+.2f')} removed"
 
 
@@ -257,20 +257,16 @@ def _inspect_pairs(name: str, rules: Moorings, records: Sequence[Record]) -> Ins
     asked = PairRules(**rules.pairing_rules(job) | {"predict": False})
     for role, reference in zip(rules.cruise.moorings[name].reference, records[1:], strict=True):
         pairs = find_pairs(records[0], [reference], along, asked)
-        lines.append(f"  with {role}: {_describe_pairs(pairs)}")
         if len(pairs):
+            days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
+            held = f"{len(pairs)} pairs over {days:.0f} days, {apart:.1f} m apart, {_sectors(pairs.heading_deg)}"
+            lines.append(f"  with {role}: {held}")
             warnings += [f"{name} with {role}: {text}" for text in pairs.warnings]
         else:
+            lines.append(f"  with {role}: no pairs")
             why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
             problems.append(f"{name}: no pairs with {role}, so nothing is corrected by it: {why}")
     return Inspection(tuple(lines), tuple(problems), tuple(warnings))
-
-
-def _describe_pairs(pairs: Pairs) -> str:
-    if not len(pairs):
-        return "no pairs"
-    days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
-    return f"{len(pairs)} pairs over {days:.0f} days, {apart:.1f} m apart, {_sectors(pairs.heading_deg)}"
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:

@@ -32,7 +32,7 @@ CHANGES = {
 }
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
 INCOMPLETE = 1
-Row = Callable[[Path | None, Path | None], tuple[str, ...]]
+Cells = Callable[[Path, Path], tuple[str, ...]]  # of two folders of results
 REQUIRED_VARIABLES = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Follow from what stands in columns of its own.
 TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
@@ -69,21 +69,36 @@ def diff(asked: Namespace) -> int:
         InputError: there are no results, or one of their files is damaged.
     """
     old, new = (results.find_results(place) for place in (asked.old, asked.new))
-    moorings = _rows(old.moorings, new.moorings, _mooring_row)
-    calibrations = _rows(old.calibrations, new.calibrations, _calibration_row)
+    moorings = _rows(old.moorings, new.moorings, results.MOORING_FILES, _compare_moorings)
+    calibrations = _rows(old.calibrations, new.calibrations, results.CALIBRATION_FILES, _compare_calibrations)
     changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]
     sections = [table(*entry) for entry in changed if any(entry[1].values())]
     sections += _settings(old.moorings, new.moorings, moorings)
     sections += _mooring_reasons(old.moorings, new.moorings, moorings)
     sections += _calibration_reasons(old.calibrations, new.calibrations, calibrations)
-    print("\n\n".join(sections) or _nothing(moorings, calibrations))
+    if not sections:
+        parts = ((moorings, "mooring"), (calibrations, "calibration"))
+        compared = [words.plural(len(rows), noun) for rows, noun in parts if rows]
+        sections = [f"nothing changed: {words.listed(compared)} compared"]
+    print("\n\n".join(sections))
     return INCOMPLETE if any(len(row) == 1 for rows in (moorings, calibrations) for row in rows.values()) else 0
 
 
-def _rows(old: Mapping[str, Path], new: Mapping[str, Path], row: Row) -> dict[str, tuple[str, ...]]:
+def _rows(
+    old: Mapping[str, Path], new: Mapping[str, Path], needed: Sequence[str], compare: Cells
+) -> dict[str, tuple[str, ...]]:
+    """Compare folders by name: no cells where nothing changed, a single one where two cannot be compared."""
     if len(old) == len(new) == 1:  # one folder against its copy of another name
         old = dict(zip(new, old.values(), strict=True))
-    return {name: row(old.get(name), new.get(name)) for name in sorted({*old, *new})}
+    rows: dict[str, tuple[str, ...]] = {}
+    for name in sorted({*old, *new}):
+        if lacking := results.explain_missing(old.get(name), new.get(name), needed):
+            rows[name] = (lacking,)
+            continue
+        with results.check_version(old[name]):
+            cells = compare(old[name], new[name])
+        rows[name] = cells if any(cell != SAME for cell in cells) else ()
+    return rows
 
 
 def _settings(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
@@ -115,19 +130,6 @@ def _software(folder: Path) -> str:
         return str(getattr(nc, "software_version", ""))
 
 
-def _nothing(moorings: Mapping[str, Any], calibrations: Mapping[str, Any]) -> str:
-    parts = ((moorings, "mooring"), (calibrations, "calibration"))
-    compared = [words.plural(len(rows), noun) for rows, noun in parts if rows]
-    return f"nothing changed: {words.listed(compared)} compared"
-
-
-def _mooring_row(old: Path | None, new: Path | None) -> tuple[str, ...]:
-    """Compare a mooring: no cells where nothing changed, a single one where the two cannot be compared."""
-    return _compare_row(
-        (old, new), results.MOORING_FILES, lambda a, b: _compare_moorings(_read_mooring(a), _read_mooring(b))
-    )
-
-
 def _read_mooring(folder: Path) -> MooringRun:
     with open_netcdf(folder / "corrected.nc") as nc:
         series = {name: read_variable(nc, name) for name in dict.fromkeys([*REQUIRED_VARIABLES, *nc.variables])}
@@ -136,7 +138,8 @@ def _read_mooring(folder: Path) -> MooringRun:
     return MooringRun(series, attributes, *files)
 
 
-def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
+def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
+    old, new = _read_mooring(old_folder), _read_mooring(new_folder)
     turned = _heading_change(old, new)
     share = from_to(words.percent(_corrected_share(old)), words.percent(_corrected_share(new)))
     outcome = (
@@ -149,7 +152,8 @@ def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
     others = _changed_variables(old, new, turned[0]) + [
         f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))
     ]
-    others += [f"{file}.json" for file, said in shown.items() if said == SAME and _file(old, file) != _file(new, file)]
+    alike = (file for file, cell in shown.items() if cell == SAME)
+    others += [f"{file}.json" for file in alike if getattr(old, file) != getattr(new, file)]
     return (
         *turned,
         _change_in_sigmas(old, new),
@@ -159,10 +163,6 @@ def _compare_moorings(old: MooringRun, new: MooringRun) -> tuple[str, ...]:
         fitted,
         ", ".join(others) or SAME,
     )
-
-
-def _file(run: MooringRun, name: str) -> Any:
-    return getattr(run, name)
 
 
 def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
@@ -257,34 +257,13 @@ class CalibrationRun:
     diagnosis: Mapping[str, Any]  # empty where a kind is not diagnosed
 
 
-def _calibration_row(old: Path | None, new: Path | None) -> tuple[str, ...]:
-    """Compare a calibration: no cells where nothing changed, a single one where the two cannot be compared.
-
-    Args:
-        old: folder of its results, None where there is none.
-
-    Raises:
-        InputError: a file is damaged.
-    """
-    return _compare_row(
-        (old, new),
-        results.CALIBRATION_FILES,
-        lambda a, b: _compare_calibrations(_read_calibration(a), _read_calibration(b)),
-    )
-
-
 def _calibration_reasons(
     old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
 ) -> list[str]:
-    """List for each pair of versions what in the changelog may have changed the calibrations.
-
-    Args:
-        old: folders of results by name.
-        rows: what changed, as ``row`` gives it.
-    """
+    """List for each pair of versions what in the changelog may have changed the calibrations."""
     changed: dict[tuple[str, str], set[str]] = {}
-    for name, _calibration_row in rows.items():
-        if len(_calibration_row) == len(CALIBRATION_HEADER) - 1 and any(cell != SAME for cell in _calibration_row[:-1]):
+    for name, row in rows.items():
+        if len(row) == len(CALIBRATION_HEADER) - 1 and any(cell != SAME for cell in row[:-1]):
             earlier = old.get(name) or next(iter(old.values()))  # one folder against its copy of another name
             entry, other = (results.read_content(side / "calibration.json") for side in (earlier, new[name]))
             sides = str(entry.get("software", "")), str(other.get("software", ""))
@@ -300,7 +279,8 @@ def _read_calibration(folder: Path) -> CalibrationRun:
     )
 
 
-def _compare_calibrations(old: CalibrationRun, new: CalibrationRun) -> tuple[str, ...]:
+def _compare_calibrations(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
+    old, new = _read_calibration(old_folder), _read_calibration(new_folder)
     outcome = (from_to(_verdict(old), _verdict(new)), from_to(_effects(old), _effects(new)))
     sure = from_to(*(words.degrees(entry.content["uncertainty"]["expanded_deg"], 2) for entry in (old, new)))
     fitted = coefficients(_calibration_fit(old.content), _calibration_fit(new.content))
@@ -385,38 +365,12 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     known = old["covariance"] or new["covariance"]
     sigma = np.sqrt(np.diag(known)) if known else np.zeros(len(after))
     change = [(letter, value - before[letter], s) for (letter, value), s in zip(after.items(), sigma, strict=True)]
-    worth = [_coefficient_change(*each) for each in change if abs(each[1]) > MIN_CHANGE_IN_SIGMAS * each[2]]
+    worth = [
+        f"{letter} {difference:+.2g}".replace("-", words.MINUS) + (f" ({abs(difference) / s:.2g}σ)" if s > 0.0 else "")
+        for letter, difference, s in change
+        if abs(difference) > MIN_CHANGE_IN_SIGMAS * s  # of OLD's
+    ]
     return ", ".join(worth) or f"below {MIN_CHANGE_IN_SIGMAS} of their 1σ"
-
-
-def _coefficient_change(letter: str, change: float, sigma: float) -> str:
-    """Format a coefficient's change, and how many of OLD's 1σ it is."""
-    return f"{letter} {_signed(change)}" + (f" ({abs(change) / sigma:.2g}σ)" if sigma > 0.0 else "")
-
-
-def _compare_row(
-    folders_of: tuple[Path | None, Path | None], needed: Sequence[str], cells: Callable[[Path, Path], tuple[str, ...]]
-) -> tuple[str, ...]:
-    """Compare two runs: no cells where nothing changed, a single one where they cannot be compared.
-
-    Args:
-        folders_of: the results of the earlier and of the later run, None where there are none.
-        needed: files that either must hold.
-
-    Raises:
-        InputError: a file is damaged.
-    """
-    old, new = folders_of
-    if lacking := results.explain_missing(old, new, needed):
-        return (lacking,)
-    assert old is not None and new is not None  # for the checker of types
-    with results.check_version(old):
-        outcome = cells(old, new)
-    return outcome if any(cell != SAME for cell in outcome) else ()
-
-
-def _signed(change: float) -> str:
-    return f"{change:+.2g}".replace("-", words.MINUS)
 
 
 def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
@@ -425,7 +379,7 @@ def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
     Args:
         rows: cells by name; none where nothing changed.
     """
-    lines = [header, *((name, *(_compare_row or ("nothing changed",))) for name, _compare_row in rows.items())]
+    lines = [header, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]
     columns = zip(*(line for line in lines if len(line) == len(header)), strict=True)
     widths = [max(len(cell) for cell in column) for column in columns]
     widths[0] = max(len(line[0]) for line in lines)

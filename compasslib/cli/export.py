@@ -1,4 +1,4 @@
-"""``compass export``: a mooring's corrected record in the form that others read, whole or not at all."""
+"""``compass export``: a mooring's corrected record as CSV, MATLAB, PD0 or OceanSITES, whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 import itertools
 import shutil
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -55,27 +55,16 @@ def export(asked: Namespace) -> int:
     """
     source = results.mooring_folder(asked.cruise, asked.mooring) / "corrected.nc"
     into = Path(asked.into or Path(asked.cruise) / "export")
-    for file in FORMS[asked.to](asked, source, into):
-        print(file)
+    if asked.to == "pd0":
+        files = _export_pd0(asked, source, into)
+    else:
+        name = oceansites_name(source) if asked.to == "oceansites" else f"{source.parent.resolve().name}.{asked.to}"
+        files = _available_files(into, name)
+        files += [_note_path(files[0])] if asked.to == "csv" else []
+        forms: dict[str, Callable[..., None]] = {"csv": write_csv, "mat": write_mat, "oceansites": write_oceansites}
+        forms[asked.to](source, *files)
+    print(*files, sep="\n")
     return 0
-
-
-def _export_csv(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    (table,) = _available_files(into, f"{source.parent.resolve().name}.csv")
-    write_csv(source, table, _note_path(table))
-    return [table, _note_path(table)]
-
-
-def _export_mat(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    (file,) = _available_files(into, f"{source.parent.resolve().name}.mat")
-    write_mat(source, file)
-    return [file]
-
-
-def _export_oceansites(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    (file,) = _available_files(into, oceansites_name(source))
-    write_oceansites(source, file)
-    return [file]
 
 
 def _available_files(into: Path, *names: str) -> list[Path]:
@@ -107,7 +96,10 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     """Write each raw file with corrected headings, and beside it what it was and what became of it."""
     loaded = config.load_cruise(Path(asked.cruise))
     product = _Product(asked.mooring, source, plan.plan(loaded).moorings)
-    files = _available_files(into, *_corrected_names(asked.mooring, product.files))
+    paths = [Path(file) for file in product.files]
+    alike = len({path.name for path in paths}) < len(paths)  # numbered where two raw files have the same name
+    numbered = [(f"{k}_" if alike else "", path) for k, path in enumerate(paths, 1)]
+    files = _available_files(into, *(f"{asked.mooring}_{k}{x.stem}_corrected{x.suffix}" for k, x in numbered))
     targets = [*files, *map(_note_path, files)]
     flagged: list[str] = []
     with ExitStack() as whole:
@@ -120,15 +112,6 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
         product.refuse_missing()
     results.print_warnings(flagged)
     return targets
-
-
-def _corrected_names(mooring: str, files: Sequence[str]) -> list[str]:
-    """Name corrected files, numbered where two raw ones have the same name."""
-    paths = [Path(file) for file in files]
-    alike = len({path.name for path in paths}) < len(paths)
-    return [
-        f"{mooring}_{f'{k}_' if alike else ''}{path.stem}_corrected{path.suffix}" for k, path in enumerate(paths, 1)
-    ]
 
 
 class _Product:
@@ -207,14 +190,6 @@ class _Product:
             "doubtful_headings_of_the_mooring": doubtful,
             "bytes_of_the_original_left_out": left_out,
         }
-
-
-FORMS: dict[str, Callable[[Namespace, Path, Path], list[Path]]] = {
-    "csv": _export_csv,
-    "mat": _export_mat,
-    "pd0": _export_pd0,
-    "oceansites": _export_oceansites,
-}
 
 
 # The forms.

@@ -78,7 +78,14 @@ def init(asked: Namespace) -> int:
         InputError: nothing can be drafted, or a file is there already.
     """
     root = Path(asked.into)
-    given = _given(asked.files)
+    entries: list[Path] = []
+    for entry in map(Path, asked.files):
+        if not entry.exists():
+            raise InputError(
+                str(entry), expected="a file or a folder", found="nothing there", advice="correct the path"
+            )
+        entries += sorted(_below(entry)) if entry.is_dir() else [entry]
+    given = list(dict.fromkeys(entries))
     paths = [path for path in given if _inside(path, root).isprintable()]  # a YAML file can name no other
     place = Place(asked.latitude, asked.longitude, asked.water_depth)
     contents = _sorted(paths, root, asked.name, Contents(place))
@@ -94,20 +101,15 @@ def init(asked: Namespace) -> int:
         print_warnings(left)
         raise InputError(", ".join(asked.files), expected="exports of instruments", found="none", advice="name others")
     config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if moorings else "[]")}
-    _write(root, _links(paths, root), texts, {} if (root / "config/config.yaml").exists() else config)
-    _say(root, texts)
+    links = {root / _inside(path, root): Path(os.path.abspath(path)) for path in paths}
+    links = {link: path for link, path in links.items() if not os.path.lexists(link)}
+    _write(root, links, texts, {} if (root / "config/config.yaml").exists() else config)
+    for file, text in texts.items():
+        n = draft.decisions(text)
+        print(f"{root / file}: {n} DECIDE entr{'y' if n == 1 else 'ies'} to replace by a value")
+    print(f"then: compass check {root}")
     print_warnings(left)
     return 0
-
-
-def _given(files: Sequence[str]) -> list[Path]:
-    paths = []
-    for name in files:
-        path = Path(name)
-        if not path.exists():
-            raise InputError(name, expected="a file or a folder", found="nothing there", advice="correct the path")
-        paths += sorted(_below(path)) if path.is_dir() else [path]
-    return list(dict.fromkeys(paths))
 
 
 def _below(folder: Path) -> Iterable[Path]:
@@ -122,11 +124,6 @@ def _inside(path: Path, root: Path) -> str:
     if whole.is_relative_to(base):
         return whole.relative_to(base).as_posix()
     return f"raw/{_name(whole.parent.name)}/{whole.name}"
-
-
-def _links(paths: Iterable[Path], root: Path) -> dict[Path, Path]:
-    ends = {root / _inside(path, root): Path(os.path.abspath(path)) for path in paths}
-    return {link: path for link, path in ends.items() if not os.path.lexists(link)}
 
 
 def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Contents) -> Contents:
@@ -465,10 +462,3 @@ def _write(root: Path, links: Mapping[Path, Path], texts: Mapping[str, str], con
     for file, text in {**texts, **config}.items():
         (root / file).parent.mkdir(parents=True, exist_ok=True)
         (root / file).write_text(text, encoding="utf-8")
-
-
-def _say(root: Path, texts: Mapping[str, str]) -> None:
-    for file, text in texts.items():
-        n = draft.decisions(text)
-        print(f"{root / file}: " + (f"{n} value{'s' * (n != 1)} to decide" if n else "nothing to decide"))
-    print(f"then: compass check {root}")

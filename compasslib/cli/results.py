@@ -19,7 +19,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan
 from compasslib.report import explanation, mooring, sections
 from compasslib.report.explanation import diagnosis_caption
-from compasslib.report.sections import MooringResults, ReportedFinding
+from compasslib.report.sections import MooringResults
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 REQUIRED_KEYS = {
@@ -213,31 +213,20 @@ def _read_mooring(folder: Path) -> MooringResults:
 
 
 def explanation_lines(read: MooringResults) -> list[str]:
-    head = read.headings
-    facts = [
-        ("Method", mooring.describe_method(read.fit)),
-        *mooring.count_facts(head),
-        *mooring.uncertainty_facts(head),
-    ]
-    warnings = [warning for warning in read.row["warnings"].split(" | ") if warning]
     lines = [f"{read.name}: {read.diagnosis['verdict']}", *_wrap(mooring.summary_sentences(read))]
-    lines += ["", *_wrap(f"{name}: {value}" for name, value in facts)]
+    lines += ["", *_wrap(f"{name}: {value}" for name, value in mooring.measures(read))]
     for finding in explanation.report_findings(read.diagnosis, product=True):
-        lines += ["", *_finding_lines(finding)]
+        numbers = [": ".join(row) for row in finding.parameters.rows] if finding.parameters else []
+        named = [f"{name}: {value}" for name, value in finding.facts]
+        lines += ["", f"Finding: {finding.title}", *_wrap([finding.text, *named, *numbers])]
     if (figure := read.folder / "figures/diagnosis.png").exists():
-        lines += ["", f"Drawn in {figure}", *_wrap([diagnosis_caption(read.diagnosis)])]
+        lines += ["", f"Figure: {figure}", *_wrap([diagnosis_caption(read.diagnosis)])]
     for title, sentences in (
         ("Limits of this record", explanation.describe_limits(read.diagnosis)),
-        ("Warnings", warnings),
+        ("Warnings", read.warnings),
     ):
         lines += ["", title, *_wrap(sentences)] if sentences else []
     return lines
-
-
-def _finding_lines(finding: ReportedFinding) -> list[str]:
-    facts = [f"{name}: {value}" for name, value in finding.facts]
-    numbers = [": ".join(row) for row in finding.parameters.rows] if finding.parameters else []
-    return [f"Found: {finding.title}", *_wrap([finding.text, *facts, *numbers])]
 
 
 def _wrap(sentences: Iterable[str]) -> list[str]:
@@ -262,16 +251,14 @@ def verify(asked: Namespace) -> int:
         advice = "name the folder of a cruise"
         raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
     with chdir(asked.cruise):
-        return _clear(asked.yes) if asked.clear else _verify()
-
-
-def _verify() -> int:
-    try:
-        configured = _configured_files()
-    except InputError as error:  # an archive may stand without its raw files
+        if asked.clear:
+            return _clear(asked.yes)
         configured = None
-        print(f"what is configured no more cannot be told: {error}", file=sys.stderr)
-    verification.verify(Path(), configured, print)
+        try:
+            configured = _configured_files()
+        except InputError as error:  # an archive may stand without its raw files
+            print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
+        verification.verify(Path(), configured, print)
     return 0
 
 

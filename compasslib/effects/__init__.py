@@ -157,19 +157,14 @@ def all_effects() -> tuple[type[Effect], ...]:
     Raises:
         InputError: a name that is taken, or something else than an effect of the name that it is declared by.
     """
-    points = plugins.plugin_table(plugins.EFFECTS, SIDES)
-    return (*CATALOGUE, *(_of_plugin(name, point) for name, point in points.items()))
-
-
-def _of_plugin(name: str, point: plugins.EntryPoint) -> type[Effect]:
-    term = plugins.load_plugin(point)
-    if isinstance(term, type) and issubclass(term, Effect) and getattr(term, "name", "") == name:
-        return term
-    where, advice = (
-        f"{plugins.package_version(point)}: {point.value}",
-        "mend the plug-in; docs/howto/plugins.md shows one",
-    )
-    raise InputError(where, expected=f"an Effect whose name is {name!r}", found=repr(term), advice=advice)
+    effects = [*CATALOGUE]
+    for name, point in plugins.plugin_table(plugins.EFFECTS, SIDES).items():
+        term = plugins.load_plugin(point)
+        if not (isinstance(term, type) and issubclass(term, Effect) and getattr(term, "name", "") == name):
+            where, advice = f"{plugins.package_version(point)}: {point.value}", "see docs/howto/plugins.md"
+            raise InputError(where, expected=f"an Effect whose name is {name!r}", found=repr(term), advice=advice)
+        effects.append(term)
+    return tuple(effects)
 
 
 def side_of(effect: str) -> str:

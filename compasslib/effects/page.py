@@ -17,13 +17,8 @@ this order. *Side* says what an effect may change: only those of the compass ent
 
 def page() -> str:
     """Format the catalogue as Markdown, one section an effect."""
-    return "\n".join(
-        [HEAD, *(_section(name, list(forms)) for name, forms in groupby(CATALOGUE, lambda term: term.name))]
-    )
-
-
-def _section(name: str, forms: list[type[Effect]]) -> str:
-    return "\n".join([f"## {name}\n", *(_form(form) for form in forms)])
+    sections = groupby(CATALOGUE, lambda term: term.name)
+    return "\n".join([HEAD, *(text for name, forms in sections for text in (f"## {name}\n", *map(_form, forms)))])
 
 
 def _form(form: type[Effect]) -> str:
@@ -33,7 +28,7 @@ def _form(form: type[Effect]) -> str:
         f"* source: {form.literature}",
         *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
-        *(f"* told from {other} by: {how}" for other, how in form.separated_by.items()),
+        *(f"* distinguished from {other} by: {how}" for other, how in form.separated_by.items()),
     ]
     return lines[0] + "\n\n" + "\n".join(lines[1:]) + "\n"
 

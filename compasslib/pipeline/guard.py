@@ -10,7 +10,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -48,7 +48,10 @@ def enter(cruise: Path, project: Path) -> None:
     os.environ["PYTHONSAFEPATH"] = "1"  # theirs too: the folder that they start in is not searched for modules
     if cruise.resolve() != project.resolve():
         sys.path[:] = [path for path in sys.path if Path(path or ".").resolve() != cruise.resolve()]
-    _refuse_profiles(cruise, project)
+        for name in PROFILES:
+            if (cruise / name).is_file() or any((cruise / name).glob("*.yaml")):
+                expected = "no profile of Snakemake in a cruise folder, as settings are never taken from there"
+                raise InputError(str(cruise / name), expected=expected, found="one", advice="remove or rename it")
 
 
 def refuse_config(config: Mapping[str, object]) -> None:
@@ -111,7 +114,11 @@ def listing(paths: Iterable[str], begun: float) -> list[str]:
     ]
     warned = [line for _, _, log in ran for line in log if WARNING in line]
     killed = [_label(r) for _, r, log in ran if not r.exists() and not any(x.startswith("error: ") for x in log)]
-    lines = [f"Stages: {len(ran)}", *(f"  {label}: {_shortened(label, log)}" for label, log in said)]
+    lines = [f"Stages: {len(ran)}"]
+    for label, texts in said:
+        last = texts[-1] if texts else "nothing said"
+        name, _, what = last.partition(": ")  # the name stands in the label already
+        lines.append(f"  {label}: {what if name.split(' ')[0] == label.split(' ')[0] else last}")
     lines += [f"Warnings: {len(warned)}", *(f"  {line}" for line in warned)] if warned else []
     lines += [f"Killed: {len(killed)}", *(f"  {label}: {KILLED}" for label in killed)] if killed else []
     return lines if ran else []
@@ -123,13 +130,6 @@ def _label(record: Path) -> str:
     return stage if folder == RESULTS else f"{folder} {stage}"
 
 
-def _shortened(label: str, log: Sequence[str]) -> str:
-    """Take the last line of a job's log, without the name that stands before it already."""
-    last = log[-1] if log else "nothing said"
-    name, _, what = last.partition(": ")
-    return what if name.split(" ")[0] == label.split(" ")[0] else last
-
-
 def refuse_links(folders: Sequence[str]) -> None:
     """Refuse a link where the run writes: what it leads to is somebody else's.
 
@@ -139,7 +139,15 @@ def refuse_links(folders: Sequence[str]) -> None:
     Raises:
         InputError: at the first link.
     """
-    for path in _written(folders):
+    below = [f"{folder}/{name}" for folder in (RESULTS, *folders) for name in BELOW]
+    ours = [
+        SNAKEMAKES,
+        *map(str, Path(SNAKEMAKES).glob("*")),
+        RESULTS,
+        f"{RESULTS}/calibrations",
+        f"{RESULTS}/compasses",
+    ]
+    for path in [*ours, *folders, *below]:  # a file in them is replaced, whatever it is a link to
         if os.path.islink(path):
             advice = "put the cruise on the other disk and name it by --directory, or mount the disk there"
             raise InputError(path, expected="no link where results are written", found="one", advice=advice)
@@ -240,7 +248,11 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[s
 
 def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
     """List the raw files of each mooring of a demonstration, nothing elsewhere."""
-    return {name: _raw_files(cruise, name) for name in cruise.moorings if cruise.options.demonstration}
+    moorings = cruise.moorings.items() if cruise.options.demonstration else ()
+    return {
+        name: [file for each in mooring.instruments.values() for file in (*each.files, *each.pressure_files)]
+        for name, mooring in moorings
+    }
 
 
 def _may_write(name: str, raw: Sequence[str], known: KnownHashes) -> bool:
@@ -263,33 +275,5 @@ def _foreign(file: str, digest: str, ours: Sequence[str] | set[str]) -> bool:
     try:
         return not stat.S_ISREG(path.lstat().st_mode) or digest not in ours
     except FileNotFoundError:
-        return any(_other_case(place) for place in (path, *folders))
-
-
-def _other_case(path: Path) -> bool:
-    if path.exists() or not path.parent.is_dir():
-        return False
-    return path.name.casefold() in {other.casefold() for other in os.listdir(path.parent)}
-
-
-def _raw_files(cruise: Cruise, name: str) -> list[str]:
-    instruments = cruise.moorings[name].instruments.values()
-    return [file for instrument in instruments for file in (*instrument.files, *instrument.pressure_files)]
-
-
-def _written(folders: Sequence[str]) -> Iterator[str]:
-    """Give the folders that a run writes into; a file in them is replaced, whatever it is a link to."""
-    yield SNAKEMAKES
-    yield from (str(path) for path in Path(SNAKEMAKES).glob("*"))
-    yield from (RESULTS, f"{RESULTS}/calibrations", f"{RESULTS}/compasses")
-    yield from folders
-    yield from (f"{folder}/{below}" for folder in (RESULTS, *folders) for below in BELOW)
-
-
-def _refuse_profiles(cruise: Path, project: Path) -> None:
-    if cruise.resolve() == project.resolve():
-        return
-    for name in PROFILES:
-        if (cruise / name).is_file() or any((cruise / name).glob("*.yaml")):
-            expected = "no profile of Snakemake in a cruise folder, as settings are never taken from there"
-            raise InputError(str(cruise / name), expected=expected, found="one", advice="remove or rename it")
+        absent = [place for place in (path, *folders) if not place.exists() and place.parent.is_dir()]
+        return any(place.name.casefold() in map(str.casefold, os.listdir(place.parent)) for place in absent)

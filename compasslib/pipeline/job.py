@@ -16,6 +16,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, TextIO
 
+from compasslib.archive import provenance
 from compasslib.errors import InputError, Stopped
 from compasslib.pipeline import records
 from compasslib.pipeline.records import Record
@@ -107,7 +108,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say) -> Rec
         _on_screen(f"stopped: {kind} {name}: {reason['why']}")
         _clear(files["writes"])
         return records.stopped(made, reason)
-    made["wrote"] = records.hashes(records.flat(files["writes"]))
+    made["wrote"] = provenance.hashes(records.flat(files["writes"]))
     records.remember(looked_at | {path: (records.sign_one(path), known) for path, known in made["wrote"].items()})
     return made
 

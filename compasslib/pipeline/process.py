@@ -125,7 +125,12 @@ def _refuse_taken(folder: Path, results: Path) -> None:
 def _whole(folder: Path) -> Iterator[Path]:
     """Give a folder beside the wanted one that takes its place once the block has ended well."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    _clear_after_a_kill(folder)
+    for left in folder.parent.iterdir():  # of earlier runs for the same results that were killed
+        ours = left.name.startswith(f".{folder.name}{TEMPORARY}") and not left.is_symlink()
+        if ours and (left / MARK).is_file() and not (left / MARK).is_symlink():
+            with (left / MARK).open("r+") as stream, suppress(OSError):
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
+                shutil.rmtree(left, ignore_errors=True)
     beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}{TEMPORARY}", dir=folder.parent))
     try:
         with (beside / MARK).open("w") as mark:
@@ -137,14 +142,3 @@ def _whole(folder: Path) -> Iterator[Path]:
             beside.rename(folder)
     finally:
         shutil.rmtree(beside, ignore_errors=True)
-
-
-def _clear_after_a_kill(folder: Path) -> None:
-    """Remove temporary folders of earlier runs for the same results: their name, our mark, nobody's lock."""
-    for left in folder.parent.iterdir():
-        ours = left.name.startswith(f".{folder.name}{TEMPORARY}") and not left.is_symlink()
-        mark = left / MARK
-        if ours and mark.is_file() and not mark.is_symlink():
-            with mark.open("r+") as stream, suppress(OSError):
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
-                shutil.rmtree(left, ignore_errors=True)

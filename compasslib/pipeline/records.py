@@ -45,18 +45,14 @@ class KnownHashes:
     def sha256(self, path: str) -> str:
         """Hash a file (SHA-256), nothing where it cannot be read."""
         if path not in self.digests:
-            self.digests[path] = self._look_up(path)
+            self.digests[path] = ""
+            with suppress(OSError):
+                now = sign_one(path)
+                if path not in self.known or self.known[path][0] != now:
+                    self.known[path] = (now, provenance.sha256(path))
+                    self.fresh.append(path)
+                self.digests[path] = self.known[path][1]
         return self.digests[path]
-
-    def _look_up(self, path: str) -> str:
-        try:
-            now = sign_one(path)
-            if path not in self.known or self.known[path][0] != now:
-                self.known[path] = (now, provenance.sha256(path))
-                self.fresh.append(path)
-        except OSError:
-            return ""
-        return self.known[path][1]
 
     def keep(self) -> None:
         """Write down what was hashed; all of it anew where most lines are of times gone by."""
@@ -232,7 +228,7 @@ def stopped(record: Record, why: Mapping[str, Any]) -> Record:
     path = f"{FOLDERS[kind]}/{name}/stopped.json"
     if kind != "compass":
         write_json(path, why)
-    return record | {"wrote": hashes([path] if kind != "compass" else []), "stopped": dict(why)}
+    return record | {"wrote": provenance.hashes([path] if kind != "compass" else []), "stopped": dict(why)}
 
 
 def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
@@ -243,10 +239,6 @@ def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
             kind, name = next(iter(record["of"].items()))
             gathered["compasses" if kind == "compass" else f"{kind}s"].setdefault(name, record["stopped"]["why"])
     return gathered
-
-
-def hashes(paths: Iterable[str]) -> dict[str, str]:
-    return provenance.hashes(paths)
 
 
 def stale(paths: Iterable[str], known: KnownHashes) -> list[str]:
@@ -296,15 +288,10 @@ def simulated(name: str) -> dict[str, set[str]]:
     """Collect the hashes of raw files that the simulation of one mooring provably wrote, by path."""
     wrote: dict[str, set[str]] = {}
     for path in (Path(f"{RESULTS}/{name}/logs/simulate.json"), Path(SIMULATED) / f"{name}.json"):
-        for file, digest in _wrote(path).items():
-            wrote.setdefault(file, set()).add(digest)
+        with suppress(OSError, ValueError, TypeError, KeyError):
+            for file, digest in dict(json.loads(path.read_bytes())["wrote"]).items():
+                wrote.setdefault(file, set()).add(digest)
     return wrote
-
-
-def _wrote(path: Path) -> dict[str, str]:
-    with suppress(OSError, ValueError, TypeError, KeyError):
-        return dict(json.loads(path.read_bytes())["wrote"])
-    return {}
 
 
 def compare(old: Path, new: Path) -> list[str]:
@@ -313,8 +300,11 @@ def compare(old: Path, new: Path) -> list[str]:
     for path in sorted((new / "logs").glob("*.json")):
         before, after = _any(old / "logs" / path.name), _any(path)
         role = f"{after['of']['role']}: " if "role" in after.get("of", {}) else ""
-        settings = _differing(before.get("parameters", {}), after.get("parameters", {})) if before and after else ()
-        differ |= dict.fromkeys(f"{role}{text}" for text in settings)
+        if before and after:
+            left, right = (dict(_leaves(side.get("parameters", {}))) for side in (before, after))
+            keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
+            texts = [f"{key} was {_short(left.get(key))}, is {_short(right.get(key))}" for key in keys]
+            differ |= dict.fromkeys(f"{role}{text}" for text in texts)
         was, now = before.get("read", {}), after.get("read", {})
         common = (file for file in sorted(was.keys() & now.keys()) if not file.startswith(f"{RESULTS}/"))
         differ |= dict.fromkeys(f"{role}{file} changed" for file in common if was[file] != now[file])
@@ -325,13 +315,6 @@ def _any(path: Path) -> dict[str, Any]:
     with suppress(OSError, ValueError, TypeError):
         return dict(json.loads(path.read_bytes()))
     return {}
-
-
-def _differing(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
-    before, after = dict(_leaves(old)), dict(_leaves(new))
-    for key in dict.fromkeys((*before, *after)):
-        if before.get(key) != after.get(key):
-            yield f"{key} was {_short(before.get(key))}, is {_short(after.get(key))}"
 
 
 def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:

@@ -295,8 +295,13 @@ def hash_code(modules: tuple[str, ...], also: str = "") -> str:
 
 def _described(mooring: Mooring) -> dict[str, Any]:
     roles = {"affected": [mooring.compromised], "reference": mooring.reference}
+    depths = {name: each.depth for name, each in mooring.instruments.items()}
     texts = {
-        role: ", ".join(_instrument_text(name, mooring.instruments[name]) for name in names) or "none"
+        role: ", ".join(
+            f"{name} ({mooring.instruments[name].format}{'' if depths[name] is None else f', {depths[name]:g} m'})"
+            for name in names
+        )
+        or "none"
         for role, names in roles.items()
     }
     return {
@@ -308,11 +313,6 @@ def _described(mooring: Mooring) -> dict[str, Any]:
         "instruments": texts,
         "roles": used_instruments(mooring),
     }
-
-
-def _instrument_text(name: str, instrument: Instrument) -> str:
-    depth = "" if instrument.depth is None else f", {instrument.depth:g} m"
-    return f"{name} ({instrument.format}{depth})"
 
 
 def used_instruments(mooring: Mooring) -> list[str]:

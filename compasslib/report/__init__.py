@@ -1,7 +1,7 @@
 """results/report.html: the whole cruise on one page that needs no network, no server and no other file.
 
-What stands on it is gathered from the results (``mooring``, ``calibration``), turned into plain texts (``section``) and
-set by the templates beside this file, which escape every text.
+Results are read (``sections``), put into sentences and tables (``mooring``, ``calibration``, ``explanation`` with the
+templates ``*.txt``) and set by the templates ``*.html``, which escape every text.
 
 Numbers as the page writes them, each with its uncertainty:
 
@@ -29,7 +29,6 @@ from compasslib.report import calibration, chart, mooring, words
 from compasslib.report.sections import (
     MAX_SECTIONS,
     Overview,
-    ReportSection,
     read_calibration,
     read_mooring,
     read_summary,
@@ -37,10 +36,9 @@ from compasslib.report.sections import (
 )
 
 MOORINGS = "All moorings; rms: direction of the current minus the reference's, on pairs held out from the fit"
-CALIBRATIONS = "All calibrations"
+CALIBRATIONS, COMPASSES = "All calibrations", "All compasses that several records share"
 NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
-NO_COMPASSES = Overview(calibration.COMPASS_CAPTION, calibration.COMPASS_HEADER, ())
-TEMPLATES = Path(__file__).resolve().parent / "templates"
+NO_COMPASSES = Overview(COMPASSES, (), ())
 
 
 @dataclass(frozen=True)
@@ -58,15 +56,19 @@ class Report:
     compasses: Overview = NO_COMPASSES
 
     def counts(self) -> str:
-        """Return the first sentences: how many there are, and what was found."""
-        parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"), (self.compasses, "shared compass"))
-        numbers = [words.plural(len(part.sections), noun) for part, noun in parts if part.sections]
+        """Count moorings by verdict, calibrations and shared compasses."""
         verdicts = [section.verdict for section in self.moorings.sections]
-        known = (*VERDICTS, STOPPED)
-        verdict_counts = [f"{verdicts.count(verdict)} {verdict}" for verdict in known if verdict in verdicts]
-        return f"{words.listed(numbers)}." + (
-            f" Of the moorings: {', '.join(verdict_counts)}." if verdict_counts else ""
-        )
+        known = [verdict for verdict in (*VERDICTS, STOPPED) if verdict in verdicts]
+        each = [f"{verdicts.count(verdict)} {verdict}" for verdict in known]
+        by_verdict = f", {'all ' * (len(verdicts) > 1)}{known[0]}" if len(known) == 1 else f" ({', '.join(each)})"
+        parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"), (self.compasses, "shared compass"))
+        numbers = [
+            words.plural(len(part.sections), noun, "shared compasses" if noun == "shared compass" else None)
+            + by_verdict * (noun == "mooring" and bool(known))
+            for part, noun in parts
+            if part.sections
+        ]
+        return f"{'; '.join(numbers)}."
 
 
 def gather(
@@ -78,7 +80,7 @@ def gather(
     compasses: Sequence[str] = (),
     stopped: Mapping[str, Mapping[str, str]] = NONE_STOPPED,
 ) -> Report:
-    """Return all that the page says.
+    """Compose all that the page says from the results.
 
     Args:
         root: folder of the results, in which the page will stand.
@@ -102,17 +104,19 @@ def gather(
         corrected = results.headings.corrected > 0
         stations.append(chart.Station(name, *place, corrected, *results.currents.mean))
     others = [calibration.calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
-    sections = [*_stopped("mooring", stopped["moorings"], mooring.HEADER), *sections]
-    others = [*_stopped("calibration", stopped["calibrations"], calibration.HEADER), *others]
+    headers = {part: words.cells(part, "overview")[0] for part in ("mooring", "calibration", "compass")}
+    for part, entries in (("mooring", sections), ("calibration", others)):
+        reasons = stopped[f"{part}s"].items()
+        entries[:0] = [stopped_section(part, name, why, headers[part]) for name, why in reasons]
     named = [str(attributes[key]) for key in ("project",) if key in attributes]
     return Report(
         title=": ".join(["Compass deviations corrected", *named]),
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
-        moorings=Overview(MOORINGS, mooring.HEADER, sections),
-        calibrations=Overview(CALIBRATIONS, calibration.HEADER, others),
+        moorings=Overview(MOORINGS, headers["mooring"], sections),
+        calibrations=Overview(CALIBRATIONS, headers["calibration"], others),
         compasses=Overview(
-            calibration.COMPASS_CAPTION,
-            calibration.COMPASS_HEADER,
+            COMPASSES,
+            headers["compass"],
             [calibration.compass_section(name, root, small=small) for name in compasses],
         ),
         software=provenance.software(),
@@ -126,11 +130,11 @@ def write(path: str | Path, report: Report) -> None:
     """Write the page; the same results give the same bytes."""
     import jinja2  # only where a page is made
 
-    loader = jinja2.FileSystemLoader(TEMPLATES)
+    loader = jinja2.FileSystemLoader(words.TEMPLATES)
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    style = (TEMPLATES / "style.css").read_text(encoding="utf-8")
+    style = (words.TEMPLATES / "style.css").read_text(encoding="utf-8")
     known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()  # the one style that a browser may use
     text = made.get_template("report.html").render(report=report, style=style, style_hash=known)
     with atomic_write(path) as temporary:
@@ -141,7 +145,3 @@ def log_line(path: str | Path, report: Report) -> str:
     """Format the job's line on the page."""
     size = Path(path).stat().st_size / 1e6
     return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
-
-
-def _stopped(part: str, reasons: Mapping[str, str], header: Sequence[str]) -> list[ReportSection]:
-    return [stopped_section(part, name, why, header) for name, why in reasons.items()]

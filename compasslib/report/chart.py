@@ -70,7 +70,7 @@ class Chart:
 
 
 def chart(stations: Sequence[Station]) -> Chart | None:
-    """Return the map of the moorings, a degree of longitude as long as it is there; None where there are none."""
+    """Lay out the map of the moorings, a degree of longitude as long as it is there; None where there are none."""
     if not stations:
         return None
     left, right, top, bottom = MARGIN
@@ -117,7 +117,7 @@ def _mark(station: Station, at: tuple[float, float], fastest: float) -> Mark:
 
 
 def _below(value: float) -> float:
-    """Return the largest of 1, 2, 5, 10, ... that is not above a value."""
+    """Round down to 1, 2, 5, 10, ..."""
     power = 10.0 ** math.floor(math.log10(value))
     return max(step * power for step in STEPS if step * power <= value * (1.0 + 1e-9))
 
@@ -125,7 +125,7 @@ def _below(value: float) -> float:
 def _ticks(
     centre: float, half: float, place: Callable[[float], float], sides: tuple[str, str]
 ) -> list[tuple[float, str]]:
-    """Return places and texts of round degrees along an axis."""
+    """Place round degrees along an axis, with their texts."""
     step = _below(2.0 * half / TICKS * 1.5)
     digits = max(-math.floor(math.log10(step)), 0)
     first = math.ceil((centre - half) / step)
@@ -156,7 +156,6 @@ def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
 
 
 def _around(label: Label) -> Box:
-    """Return the corners of a label."""
     left = label.x - ANCHORS[label.anchor] * LETTER * len(label.text)
     return left, label.y - LINE + 3.0, left + LETTER * len(label.text), label.y + 3.0
 

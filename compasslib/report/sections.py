@@ -18,6 +18,7 @@ from compasslib import angles
 from compasslib.archive import files, netcdf, summary
 from compasslib.archive.files import Picture, open_netcdf, read_json, read_variable
 from compasslib.records import PROBABLY_BAD
+from compasslib.report import words
 from compasslib.types import Floats
 
 
@@ -73,16 +74,23 @@ class ReportSection:
     cells: tuple[str, ...] = ()  # its row in the overview
 
 
+def table(template: str, block: str, **given: Any) -> tuple[ReportTable, ...]:
+    """Fill a table of a template: caption, header and rows; none where it has no row."""
+    filled = words.cells(template, block, **given)
+    return (ReportTable(" ".join(filled[0]), filled[1], tuple(filled[2:])),) if filled[2:] else ()
+
+
 def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> ReportSection:
-    """Return the section of a mooring or calibration that has no results."""
+    """Compose the section of a mooring or calibration that has no results."""
     known = {"Verdict": "stopped", "Warnings": "1"}
+    answer, to_do = words.paragraphs("mooring", "stopped", why=why)
     return ReportSection(
         name=name,
         anchor=f"{part}-{name}",
         verdict="stopped",
-        summary=(f"There are no results, as a file cannot be used: {why.rstrip('.')}.",),
+        summary=(answer,),
         facts=(),
-        to_do=("Mend or replace that file and run again; what is done already is not done twice.",),
+        to_do=(to_do,),
         links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
         cells=(name, *(known.get(column, "") for column in header[1:])),
     )
@@ -90,7 +98,7 @@ def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> Re
 
 @dataclass(frozen=True)
 class Overview:
-    """All moorings, compasses or calibrations, and the table that holds them against each other."""
+    """All moorings, compasses or calibrations, and the table that compares them."""
 
     caption: str
     header: tuple[str, ...]
@@ -98,7 +106,7 @@ class Overview:
 
     @property
     def table(self) -> ReportTable:
-        """Return one row each."""
+        """One row for each section."""
         return ReportTable(self.caption, self.header, tuple(section.cells for section in self.sections))
 
 
@@ -146,14 +154,36 @@ class MooringResults:
 
     @property
     def product(self) -> Mapping[str, Any]:
-        """Return the fit that the product was made by, which is the one in the figures."""
+        """The fit that the product was made by, which is the one in the figures."""
+        fit: Mapping[str, Any] = self.fit["applied"]["fit"] or self.fit
+        return fit
+
+    @property
+    def other_compass(self) -> bool:
+        """Whether the product is made by another compass than the configured fit's."""
         applied = self.fit["applied"]
-        block: Mapping[str, Any] = applied["fit"] or self.fit
-        return block
+        changed = applied["effects"] or applied["accounted_for"] or applied["method"] != self.fit["method"]
+        return bool(applied["fit"] and changed)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of all its stages."""
+        return tuple(warning for warning in self.row["warnings"].split(" | ") if warning)
+
+    @property
+    def depth(self) -> str:
+        """Depth of the currents that are shown."""
+        return f"{words.number(self.currents.depth_m, 0)}{words.SPACE}m"
+
+    @property
+    def averaging(self) -> str:
+        """The time over which these currents are averaged."""
+        hours = summary.averaging_hours(self.currents.recorded.time_s)
+        return words.plural(int(hours), "hour") if hours <= 24.0 else words.plural(int(hours / 24.0), "day")
 
 
 def read_summary(table: str | Path) -> dict[str, dict[str, str]]:
-    """Return the rows of summary.csv by mooring."""
+    """Read the rows of summary.csv by mooring."""
     with Path(table).open(newline="", encoding="utf-8") as stream:
         return {row["name"]: row for row in csv.DictReader(stream)}
 
@@ -189,14 +219,14 @@ def read_calibration(name: str, root: Path) -> CalibrationResults:
     """Read the files of one calibration."""
     folder = root / "calibrations" / name
     with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
-        read_summary = tuple(tuple(row) for row in csv.reader(stream))[1:]
+        rows = tuple(tuple(row) for row in csv.reader(stream))[1:]
     searched = folder / "diagnosis.json"
     diagnosis = read_json(searched) if searched.exists() else None
-    return CalibrationResults(name, folder, read_json(folder / "calibration.json"), read_summary, diagnosis)
+    return CalibrationResults(name, folder, read_json(folder / "calibration.json"), rows, diagnosis)
 
 
 def _summarize_headings(path: str | Path) -> HeadingSummary:
-    """Return the headings of a corrected.nc; its profiles are not read."""
+    """Summarize the headings of a corrected.nc; its profiles are not read."""
     with open_netcdf(path) as nc:
         recorded, corrected, sigma, deviation, declination = (
             read_variable(nc, name)
@@ -220,7 +250,7 @@ def _summarize_headings(path: str | Path) -> HeadingSummary:
 
 
 def heading_span(heading_deg: Floats) -> tuple[float, float]:
-    """Return the two headings between which nine in ten lie, clockwise, about their circular mean; NaN where none is.
+    """Find the two headings between which nine in ten lie, clockwise, about their circular mean; NaN where none is.
 
     Args:
         heading_deg: (n,) degrees, NaN left out.
@@ -244,11 +274,11 @@ MAX_SECTIONS = 50  # whose figures stand in the page whole; those of a thousand 
 NO_PICTURE: Picture = ("", (0, 0))
 TITLES = {
     "sticks": "Currents along time",
-    "progressive": "Progressive vectors",
-    "roses": "Directions before and after",
-    "diagnosis": "What the residual shows",
+    "progressive": "Progressive vector diagram",
+    "roses": "Direction frequencies before and after",
+    "diagnosis": "Residual of the fit",
     "deviation": "Deviation of the compass",
-    "scatter": "Direction against the reference",
+    "scatter": "Direction compared with the reference",
     "timeline": "Headings along time",
     "residuals": "Residuals of the curve",
     "certificate": "Certificate",
@@ -263,38 +293,33 @@ TITLES = {
 LINKED = ("certificate",)  # a page to keep with the instrument, whose numbers stand in the tables
 
 
-def collect_figures(
-    folder: Path, root: Path, captions: Mapping[str, Callable[[], str]], *, small: bool
-) -> dict[str, Figure]:
-    """Return the figures of one mooring or calibration by name, in the order of ``TITLES``, others after them.
+def collect_figures(folder: Path, root: Path, caption: Callable[[str], str], *, small: bool) -> dict[str, Figure]:
+    """Collect the figures of one mooring or calibration by name, in the order of ``TITLES``, others after them.
 
     Args:
         folder: its results; the figures are the PNG files of its folder ``figures``.
-        captions: what each figure shows, by its name.
+        caption: writes what a figure shows, by its name.
         small: whether the page has too many sections for whole pictures.
     """
     order = {name: k for k, name in enumerate(TITLES)}
     paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
     made = files.read_pictures(folder, small=small)
-    return {
-        path.stem: _caption_figure(path, root, captions.get(path.stem), _picture(path, made, small)) for path in paths
-    }
+    figures = {}
+    for path in paths:
+        name = path.stem
+        picture, size = made.get(name, NO_PICTURE)
+        if name not in made and name not in LINKED and not small:
+            picture, size = files.embed_png(path)
+        title = TITLES.get(name, name.replace("_", " ").capitalize())
+        figures[name] = Figure(title, caption(name), relative_link(path, root), picture, *size)
+    return figures
 
 
 def relative_link(path: Path, root: Path) -> str:
-    """Return the address of a file of the results from the page."""
+    """Give the address of a file of the results from the page."""
     return quote(path.relative_to(root).as_posix())
 
 
-def _picture(path: Path, made: Mapping[str, Picture], small: bool) -> Picture:
-    if path.stem in made:
-        return made[path.stem]
-    if path.stem in LINKED or small:
-        return NO_PICTURE
-    return files.embed_png(path)
-
-
-def _caption_figure(path: Path, root: Path, caption: Callable[[], str] | None, shown: Picture) -> Figure:
-    title = TITLES.get(path.stem, path.stem.replace("_", " ").capitalize())
-    picture, size = shown
-    return Figure(title, caption() if caption else "", relative_link(path, root), picture, *size)
+def links(folder: Path, root: Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
+    """Link the files of a folder that are there."""
+    return tuple((name, relative_link(folder / name, root)) for name in names if (folder / name).exists())

@@ -28,19 +28,19 @@ from compasslib.types import Floats
 KIND, NO_MODEL = "magnetometer", "none"
 SECTOR_DEG = 10.0
 NO_DIP = (
-    "Hard and soft iron are found, but what they do to the heading depends on the dip: log the tilts, or give "
+    "Hard and soft iron are determined, but their effect on the heading depends on the dip: log the tilts, or give "
     "latitude, longitude and date."
 )
 FOLDED = (
-    "The iron is stronger than the earth's horizontal field: a recorded heading has two correct ones and no table can "
-    "correct it; take hard_iron off the raw axes instead."
+    "The iron is stronger than the earth's horizontal field: two correct headings give the same reading and no table "
+    "can correct it; subtract hard_iron from the raw axes instead."
 )
 TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
 WEAK_FIELD_NT = 5000.0  # Le Menn et al. 2023, section 7
 MAX_RESIDUAL_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
 MAX_AXIS_RATIO = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
 TURNS = ("forward", "starboard", "vertical")
-OPEN_TURN = "an ellipsoid is the same however the sensor is turned; only tilts and a logged heading show it"
+OPEN_TURN = "an ellipsoid does not depend on how the sensor is turned; only tilts and a logged heading determine it"
 MAX_UNIT_ERROR = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
 NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
 UNIT_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
@@ -66,7 +66,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
     far = ellipsoid.find_outliers(choice)
     if far.any():
-        log = log.take(~far, f"{far.sum()} of {far.size} readings lie far off the fitted modulus and are left out.")
+        log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
         choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
     solved = iron.solve_iron(log, axes, choice, field)
     if solved is None:
@@ -234,18 +234,19 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
     weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
     too_weak = f"The horizontal field is under {WEAK_FIELD_NT:.0f} nT: no correction can be relied on"
     sentences_where = {
-        "The logged heading follows the corrected axes: it counts as correct and shows the mounting, A.": (
+        "The logged heading agrees with the corrected axes: it is taken as correct and gives the mounting, A.": (
             solved.logged_is_correct
         ),
-        "A is zero by convention: a magnetometer does not see how it is mounted about the vertical.": (
+        "A is zero by convention: a magnetometer does not observe how it is mounted about the vertical.": (
             not solved.logged_is_correct
         ),
-        "No tilts: the readings count as level, and the correction holds for a level instrument.": level and not tilted,
-        "Hard iron in x and y holds what the vertical field induces there; it changes with the dip.": level,
+        "No tilts: the readings are taken as level, and the correction is for a level instrument.": level
+        and not tilted,
+        "Hard iron in x and y includes what the vertical field induces there; it changes with the dip.": level,
         "Soft iron is not determined: hard iron and headings assume that there is none.": (
             "S11" in solved.choice.undetermined
         ),
-        "No tilts are logged: a magnetometer that stands askew in its instrument is not seen.": not (level or tilted),
+        "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
         f"{too_weak} (Le Menn et al. 2023, section 7).": weak,
     }
     texts = [sentence for sentence, holds in sentences_where.items() if holds]
@@ -256,19 +257,19 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
 
 
 def _misfits(solved: SolvedIron) -> list[str]:
-    """List what iron that is fixed to a compass does not make: its coefficients are suspect."""
+    """List residuals that iron fixed to a compass cannot cause: the coefficients are then doubtful."""
     residual, dimensions = _residuals(solved)["after"], 2 if solved.choice.level else 3
     strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
     texts = []
     if residual > MAX_RESIDUAL_PERCENT:
         texts.append(
-            f"the modulus still varies by {residual:.0f} % when hard and soft iron are taken off: iron that moved, "
-            "axes exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
+            f"the modulus varies by {residual:.0f} % after correction for hard and soft iron: iron that moved, axes "
+            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
         )
     if strengths[0] > MAX_AXIS_RATIO * strengths[-1]:
         texts.append(
-            f"one axis shows {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different units, "
-            "or one that is failing; the heading that the instrument logs may not have this error"
+            f"one axis measures {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different "
+            "units, or one that is failing; the logged heading may not have this error"
         )
     return texts
 
@@ -314,11 +315,11 @@ def _unit_warnings(modulus: float, strength_nT: float, what: str, columns: Mappi
     agreement = 10.0 ** round(log10(ratio)) / ratio if unit is None else 1.0 / (modulus * NANOTESLA[unit] / strength_nT)
     if abs(agreement - 1.0) < MAX_UNIT_ERROR:
         return []
-    text = f"The {what} field is {modulus:.4g} {unit or 'in the unit of the file'} without the iron that was found"
+    text = f"The corrected {what} field is {modulus:.4g} {unit or 'in the unit of the file'}"
     expected = f"IGRF has {strength_nT:.0f} nT at place and date"
     none = "No unit of a magnetic field (nT, µT, mG, G) makes"
     by = "The unit in the header does not make" if unit else none
     return [
-        f"{text}; {expected}. {by} the two agree: a wrong scale, unit, place or date, counts of the sensor's "
-        "own, or not the earth's field. Headings depend on ratios only and stand; hard_iron is in the file's unit."
+        f"{text}; {expected}. {by} the two agree: a wrong scale, unit, place or date, raw counts of the sensor, or not "
+        "the earth's field. Headings depend on ratios only and are not affected; hard_iron is in the file's unit."
     ]

@@ -37,7 +37,7 @@ COSINE_TOLERANCE = 2e-3  # rounding of a direction cosine
 GRAVITY_SHARE, LIKE_TILT = 0.02, 0.95
 MAX_SCATTER_DEG, ALIKE_DEG, MAX_SCATTER_RATIO = 40.0, 2.0, 0.9
 MAX_RESULTANT = 0.9  # mean resultant length above which logged headings say nothing on the axes
-COSINES = "The axes are direction cosines: the field's strength, which would show iron, is gone."
+COSINES = "The axes are direction cosines: the strength of the field, which reveals iron, is lost."
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
 HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}
@@ -118,7 +118,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     columns = {role: values[good] for role, values in columns.items()}
     warnings = list(delimited.table_notes(read))
     if not good.all():
-        warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are left out.")
+        warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are excluded.")
     z = columns.get("z")
     if z is not None and z.size and np.ptp(z) == 0.0:
         warnings.append(f"Column z is {z[0]:g} throughout: the sensor is stuck and the column is not used.")
@@ -127,10 +127,10 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if (pitch is None) != (roll is None):
         warnings.append("Only one of pitch and roll is there: tilts are not used.")
     elif pitch is not None and roll is not None and not (pitch.any() or roll.any()):
-        warnings.append("All tilts are zero: they count as not logged, and the readings as level.")
+        warnings.append("All tilts are zero: they are taken as not logged, and the readings as level.")
         pitch = roll = None
     if z is None and pitch is not None:
-        warnings.append("Without z the tilts cannot be compensated: the readings count as level.")
+        warnings.append("Without z the tilts cannot be compensated: the readings are taken as level.")
     if z is None or pitch is None or roll is None:
         pitch = roll = None
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
@@ -141,7 +141,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
         low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # of the range that holds 98 % of an axis
         middle, reach = (low + high) / 2.0, SPIKE_HALF_RANGES * (high - low) / 2.0
         spike = np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
-    return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and left out.") if spike.any() else log
+    return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and excluded.") if spike.any() else log
 
 
 def _select_columns(
@@ -295,11 +295,11 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
     keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
     columns = {role: values[keep, place] for role, place in PLACES.items() if role in allowed}
     tilts = [columns.get(role) for role in ("pitch_deg", "roll_deg")]
-    warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and left out."]
+    warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and excluded."]
     if any(tilt is None for tilt in tilts):
         tilts = [None, None]
     elif scans.damaged:
-        warnings.append(f"{scans.damaged} damaged rows are left out.")
+        warnings.append(f"{scans.damaged} damaged rows are excluded.")
     heading, z = columns.get("heading_deg"), columns.get("z")
     if heading is not None and np.isnan(heading).any():
         heading = None
@@ -347,23 +347,23 @@ def repair_counts(log: Log) -> Log:
     raw, warnings, out = np.array(log.raw, dtype=float), [], np.zeros(len(log.raw), dtype=bool)
     for k, name in enumerate("xyz"):
         turns, bits = _count_overflows(raw[:, k])
-        over = f"{np.count_nonzero(turns)} readings of {name} went over the end of their scale"
+        over = f"{np.count_nonzero(turns)} readings of {name} overflowed"
         if turns.any() and bits:
-            warnings.append(f"{over}, {bits} bits, and are put back.")
+            warnings.append(f"{over} ({bits} bits) and are unwrapped.")
             raw[:, k] += 2.0**bits * turns
         elif turns.any():
-            warnings.append(f"{over}, which is none of whole counts, and are left out.")
+            warnings.append(f"{over} a scale that is not one of whole counts, and are excluded.")
             out |= turns != 0.0
     log = replace(log, raw=raw).take(~out, *warnings)
     gone, why = np.zeros(len(log.raw), dtype=bool), []
     for text, flags in (
-        ("at the end of its scale: saturated", _find_saturated),
-        ("standing still: stuck", _find_stuck),
+        ("saturated", _find_saturated),
+        ("stuck", _find_stuck),
     ):
         for k, name in enumerate("xyz"):
             flagged = flags(log.raw, k)
             gone |= flagged
-            why += [f"{flagged.sum()} readings of {name} {text}, and left out."] if flagged.any() else []
+            why += [f"{flagged.sum()} readings of {name} are {text} and excluded."] if flagged.any() else []
     return log.take(~gone, *why)
 
 

@@ -286,13 +286,13 @@ def _refusal(swing: Swing) -> str:
         count = "one heading" if distinct == 1 else f"{distinct} headings"
         return f"{count} cannot carry the five coefficients: {REMEDY}"
     if len(observed) + len(swing.marks) <= TERMS:
-        return f"{len(observed)} observations leave nothing to tell the uncertainty from: {REMEDY}"
+        return f"{len(observed)} observations leave no degree of freedom for the uncertainty: {REMEDY}"
     gap = observations.widest_gap(observed.recorded_deg)
     if gap > observations.REFUSED_GAP_DEG:
         sectors = observations.count_sectors(observed.recorded_deg)
         return (
-            f"the headings cover {sectors} of 36 sectors and leave {gap:.0f}° without any: a circle's five "
-            f"coefficients cannot be told from so narrow an arc; {REMEDY}"
+            f"the headings cover {sectors} of 36 sectors and leave a gap of {gap:.0f}°: so narrow an arc does not "
+            f"determine five coefficients; {REMEDY}"
         )
     return ""
 
@@ -315,8 +315,8 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
     if largest >= SERIES_LIMIT_DEG:
         left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
         warnings.append(
-            f"deviations up to {largest:.0f}° are beyond what the five-term series is good for (about 20°): it leaves "
-            f"{left:.1f}° rms, the exact compass {by_exact:.1f}°"
+            f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
+            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°"
         )
     return tuple(warnings)
 
@@ -327,13 +327,13 @@ def _heading_warnings(swing: Swing, series: SwingFit) -> list[str]:
     rms = angles.rms(series.residuals[COURSE])
     if distinct < MIN_HEADINGS:
         warnings.append(
-            f"{distinct} headings carry at most {distinct} coefficients, {TERMS} of which are taken"
-            f"{': sin 4 of the heading is not seen at all' if distinct == 8 else ''}; "
+            f"{distinct} headings determine at most {distinct} coefficients, {TERMS} of which are fitted"
+            f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
             f"third and fourth harmonics cannot be tested. To test them, {REMEDY}"
         )
     if distinct < len(recorded) < 100:
         warnings.append(
-            f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading: they tell no more of it"
+            f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading and do not add to it"
         )
     if rms > STRUCTURE_DEG and not swing.observed.timed:
         warnings.append(_harmonic_warning(swing, series, rms))
@@ -353,8 +353,8 @@ def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:
         taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
         size[name] = angles.rms(taken)
     return (
-        f"the series leaves {rms:.2f}° rms; with the third harmonic of the heading {size['third']:.2f}° would be left, "
-        f"with the fourth {size['fourth']:.2f}°: there may be structure (sextantal, octantal deviation) beside it"
+        f"residual of the series {rms:.2f}° rms; with the third harmonic of the heading {size['third']:.2f}°, with the "
+        f"fourth {size['fourth']:.2f}°: sextantal or octantal deviation is possible"
     )
 
 
@@ -364,7 +364,7 @@ def _drift_warnings(swing: Swing, series: SwingFit) -> list[str]:
     warnings = []
     if not swing.has_speed:
         warnings.append(
-            f"no speeds were logged: a drift of up to {swing.widest_drift:.2f} of the ship's speed is assumed "
+            f"no speeds were logged: a drift up to {swing.widest_drift:.2f} of the ship's speed is assumed "
             "(drift_ratio)"
         )
     drift = model.separate_drift(swing, series)
@@ -372,8 +372,8 @@ def _drift_warnings(swing: Swing, series: SwingFit) -> list[str]:
         warnings.append(str(drift["text"]))
     if swing.has_speed and set_and_drift(series.parameters)[1] > swing.widest_drift:
         warnings.append(
-            f"the drift found is more than the {swing.widest_drift:g} kn that were allowed: "
-            "raise max_drift_kn if it may be"
+            f"the estimated drift exceeds the {swing.widest_drift:g} kn that are allowed: raise max_drift_kn if that "
+            "is possible"
         )
     return warnings
 
@@ -386,17 +386,19 @@ def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
     noise = series.noises[COURSE]
     if noise.n_effective < len(observed) / 2.0:
         warnings.append(
-            f"residuals of neighbouring samples are alike: {len(observed)} samples say as much as "
-            f"{noise.n_effective:.0f}"
+            f"residuals are autocorrelated; effective sample size {noise.n_effective:.0f} of {len(observed)}"
         )
     correlation = abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG])
     if correlation > 0.7:
-        warnings.append("the ship turned one way only, so that the course's delay looks like A: swing to both sides")
+        warnings.append(
+            "the ship turned one way only, so that the delay of the course cannot be separated from A: "
+            "swing to both sides"
+        )
     return warnings
 
 
 def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    """Say where A is minus the declination, once or twice: which of the two norths is then likely confused."""
+    """Warn where A is minus the declination, once or twice: magnetic and true north are then probably confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), ALIKE_DEG)
     if min(abs(constant), abs(declination)) <= max(DECLINATION_DEG, near):

@@ -437,11 +437,11 @@ def _describe_drift(swing: Swing, water: tuple[float, float, str], left: float, 
     ratio = f"speeds from {speed.min():.1f} to {speed.max():.1f} kn" if swing.has_speed else "no speeds"
     if left < MAX_PRIOR_SHARE:
         return (
-            f"With {ratio} the water is told from the compass: set {set_deg:.0f}°, drift {drift:.2f} {unit} "
-            f"(± {np.max(sigma[DRIFT]):.2f}). A steady leeway by wind would look the same."
+            f"With {ratio} the current is separated from the compass: set {set_deg:.0f}°, drift {drift:.2f} {unit} "
+            f"(± {np.max(sigma[DRIFT]):.2f}). A steady leeway by wind has the same signature."
         )
     return (
-        f"With {ratio} set and drift cannot be separated from B and C: to first order they are one function of the "
-        f"heading. B and C carry ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E do not suffer. A visual mark, the "
-        "sun, a log of the speed through the water, or each heading at two speeds would separate them."
+        f"With {ratio} set and drift cannot be separated from B and C: to first order they are the same function of "
+        f"the heading. B and C have ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E are not affected. A visual "
+        "mark, the sun, a log of the speed through the water, or each heading at two speeds would separate them."
     )

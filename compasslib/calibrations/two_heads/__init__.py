@@ -1,7 +1,7 @@
 """Two profilers on one rigid frame: the simulation is b's heading from a's, rigidly turned.
 
-The clocks come first, then the frame (by tilts), then the headings. The difference of two compasses does not tell
-which of them is wrong; its constant cannot be told from the mounting angle but by the tilts.
+The clocks come first, then the frame (by tilts), then the headings. The difference of two compasses does not show
+which of them is wrong; only the tilts separate its constant from the mounting angle.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ SIGMAS, MIN_CONSTANT_DEG = 2.0, 1.0
 MAX_INTERVAL_S = 600.0
 SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
 AMBIGUITY = (
-    "The difference of two compasses does not tell which of them is wrong: the coefficients are b's against a's and "
-    "are b's own only as far as a's compass is right.",
-    "A is 0 by definition: a constant error of either compass and the mounting angle look the same in the headings. "
-    "offset_deg holds both.",
+    "The difference of two compasses does not show which of them is wrong: the coefficients are those of b relative to "
+    "a, and of b alone only as far as a's compass is correct.",
+    "A is 0 by definition: the headings cannot separate a constant error of either compass from the mounting angle. "
+    "offset_deg includes both.",
 )
 
 
@@ -313,12 +313,12 @@ def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
     if series.refused:
         warnings += [
             series.refused,
-            "a refused term is not zero: what it may leak into the fitted ones and into offset_deg is in their "
-            "uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)",
+            "a refused term is not zero: its possible leakage into the fitted terms and into offset_deg is included in "
+            "their uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)",
         ]
     if series.terms == 1:
         where = frames.stretches_deg(series.covered)
-        warnings.append(f"offset_deg is the mean difference over {where}; elsewhere the difference may be another")
+        warnings.append(f"offset_deg is the mean difference over {where}; elsewhere the difference may differ")
     if frame.verdict != "rigid":
         warnings.append(frame.text)
     apart, sigma = fitted.constant_difference_deg
@@ -336,11 +336,11 @@ def _sampling_warnings(pairs: PairedHeads, clock: ClockDifference, series: Headi
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
     spikes = int(np.sum(~series.used))
     sentences = {
-        f"b's clock gains {gain} on a's; that was taken out": clock.drift_applied,
-        f"the differences follow each other: {series.n_effective:.0f} of {len(pairs)} count, and the uncertainty rests "
-        f"on {series.stretches} stretches": series.stretches == MIN_STRETCHES,
-        f"{spikes} of {len(pairs)} differences are spikes and were left out": spikes > 0,
-        "the heads sample too rarely for a clock error of seconds to be seen": step(pairs.time_s) > MAX_INTERVAL_S,
+        f"b's clock gains {gain} on a's; this is corrected": clock.drift_applied,
+        f"the differences are autocorrelated: effective sample size {series.n_effective:.0f} of {len(pairs)}; the "
+        f"uncertainty rests on {series.stretches} blocks": series.stretches == MIN_STRETCHES,
+        f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
+        "the heads sample too rarely to resolve a clock error of seconds": step(pairs.time_s) > MAX_INTERVAL_S,
     }
     return [sentence for sentence, holds in sentences.items() if holds]
 

@@ -156,25 +156,25 @@ def _verdict(
     if variation < MIN_VARIATION_DEG:
         return (
             "not testable",
-            f"The tilts vary by {variation:.2f}° rms only: they cannot tell whether the frame is rigid.",
+            f"The tilts vary by {variation:.2f}° rms only, too little to test whether the frame is rigid.",
         )
     if mirrored >= MIN_CORRELATION and mirrored > proper + 0.2:
         return "mirrored", (
-            "The tilts of b follow those of a mirrored: one head counts its roll the other way, or its orientation "
-            "(up or down) was mistaken. No mounting angle is taken from them."
+            "The tilts of b are those of a mirrored: one head counts its roll the other way, or its orientation (up or "
+            "down) is wrong. No mounting angle is derived from them."
         )
     if proper < MIN_CORRELATION or rms > MAX_RMS_DEG:
         return "not rigid", (
-            f"The tilts of b do not follow those of a by one rotation ({rms:.2f}° rms is left of {variation:.2f}°, "
-            f"correlation {proper:.2f}): the heads do not stand on one rigid frame, or a tilt sensor is broken."
+            f"The tilts of b are not those of a by one rotation (residual {rms:.2f}° of {variation:.2f}° rms, "
+            f"correlation {proper:.2f}): the heads are not on one rigid frame, or a tilt sensor is broken."
         )
     worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
     rotation = (
-        f"One rotation takes a's tilts to b's; {rms:.2f}° rms is left of {variation:.2f}° (worst stretch {worst:.2f}°)"
+        f"One rotation maps a's tilts to b's; residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
     )
     if rms <= RIGID_DEG and worst <= MAX_RMS_DEG:
-        return "rigid", rotation + ": the frame is rigid as far as inclinometers tell."
-    return "doubtful", rotation + ": more than two good inclinometers differ by."
+        return "rigid", rotation + ": the frame is rigid within the accuracy of inclinometers."
+    return "doubtful", rotation + ": larger than the difference of two good inclinometers."
 
 
 @dataclass(frozen=True)

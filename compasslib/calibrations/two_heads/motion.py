@@ -224,7 +224,7 @@ def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDif
         if correlation[name] >= min_correlation
     }
     if not use:
-        warning = "tilts and headings of the two heads hardly change together: the clocks are taken as they stand"
+        warning = "tilts and headings of the two heads hardly change together: the clocks are used uncorrected"
         return ClockDifference(middle_s=middle, warnings=(warning,), **correlations)
     alone = {name: _offset(*_solve_lag(signal, np.array([lag]), middle)) for name, signal in use.items()}
     signals = list(use.values())
@@ -235,8 +235,8 @@ def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDif
         if apart > DISAGREE_S and apart > DISAGREE_SIGMAS * float(np.hypot(tilts_sigma, headings_sigma)):
             signals = [use["tilts"]]
             warnings = (
-                f"b's clock is {tilts:+.3f} s from a's by the tilts and {headings:+.3f} s by the headings: "
-                "one compass lags behind its tilt sensors; the tilts' is used",
+                f"b's clock differs from a's by {tilts:+.3f} s according to the tilts and by {headings:+.3f} s "
+                "according to the headings: one compass lags behind its tilt sensors; the tilts are used",
             )
     return ClockDifference(
         **_offset_and_drift(signals, lag, middle, float(np.ptp(b.time_s))),
