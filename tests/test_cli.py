@@ -279,20 +279,20 @@ def test_explain_tells_findings_and_warnings(copied, capsys):
     told = capsys.readouterr().out
     for said in (
         "M1: ambiguous",
-        "Found: Heeling",
-        "Could also be: the tilt sensors are stuck, and the compass is compensated with their last values",
+        "Finding: Heeling",
+        "Alternatives: the tilt sensors are stuck, and the compass is compensated with their last values",
         "Size: 3.1° rms",
         "few pairs in spring",
     ):
         assert said in told, said
     assert "field down: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
-    assert "What would decide: A swing at a tilt." in told
+    assert "Decisive observation: A swing at a tilt." in told
     figure = copied / "figures/diagnosis.png"
-    assert "Drawn in" not in told
+    assert "Figure: " not in told
     figure.parent.mkdir()
     figure.touch()
     assert main(["explain", "M1", "--cruise", str(copied.parents[1])]) == 0
-    assert f"Drawn in {figure}" in capsys.readouterr().out
+    assert f"Figure: {figure}" in capsys.readouterr().out
 
 
 def rewrite(file: Path, **keys: object) -> None:

@@ -72,14 +72,9 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
     assert list(table) == ["BAD", "CARRIED", "GOOD"] and table["BAD"]["warnings"] in said[1]
     assert table["CARRIED"]["warnings"].startswith("it needs calibration bench, which was stopped: raw/cal/bench.csv")
     page = (copied / "results/report.html").read_text()
-    assert (
-        "Of the moorings: 1 insufficient, 2 stopped." in page
-        and page.count("raw/BAD/top.000: expected an RDI PD0 file") == 2
-    )
-    assert (
-        page.count("<title>BAD</title></path>") == page.count("<title>GOOD</title></circle>") == 1
-        and "A cross:" in page
-    )
+    assert "moorings (1 insufficient, 2 stopped)" in page
+    assert page.count("raw/BAD/top.000: expected an RDI PD0 file") == 2 and "Cross:" in page
+    assert page.count("<title>BAD</title></path>") == page.count("<title>GOOD</title></circle>") == 1
     failed = {
         one["name"]: one
         for one in page_of(copied)["@graph"]

@@ -248,14 +248,14 @@ def heeling(*alternatives: str) -> Found:
 def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
     (told,) = explanation.report_findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
     facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
-    assert (told.title, told.text, facts["Could also be"]) == (
+    assert (told.title, told.text, facts["Alternatives"]) == (
         *("Heeling", "It heels."),
         "the reading is not compensated for tilt (tilt uncompensated)",
     )
-    assert facts["Side"] == "the compass" and facts["Size"] == "3.1° rms"
+    assert facts["Side"] == "compass" and facts["Size"] == "3.1° rms"
     assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
     assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
-    assert facts["In the product"] == "yes"
+    assert facts["Applied to the product"] == "yes"
     assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
 
 
@@ -266,13 +266,13 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
     *_, last = explanation.report_findings(told, product=True)
     assert (last.title, last.text) == ("Unexplained", "Nothing fits.") and ("Size", "2.0° rms") in last.facts
     assert explanation.describe_limits(told)[:3] == (
-        "What would decide: A swing.",
-        "What would decide: Wider headings.",
+        "Decisive observation: A swing.",
+        "Decisive observation: Wider headings.",
         "Not testable: stuck tilt. No other sensor.",
     )
     assert explanation.describe_findings(told).replace(words.SPACE, " ") == (
-        "found beyond the fitted deviation: the compass tilts over iron along its own vertical (heeling, probability "
-        ">99 %); a mismatch of 2.0° rms that is unexplained"
+        "identified beyond the fitted deviation: the compass tilts over iron along its own vertical (heeling, "
+        "probability >99 %); an unexplained mismatch of 2.0° rms"
     )
 
 
@@ -335,7 +335,7 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
     assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
     assert section.first[0].title == "Difference of the two compasses"
     assert all("offset is" in figure.caption for figure in section.first[::2])
-    assert section.cells[-2] == "explained" and "In the product" not in dict(section.findings[0].facts)
+    assert section.cells[-2] == "explained" and "Applied to the product" not in dict(section.findings[0].facts)
 
 
 def test_a_large_fleet_has_small_pictures_of_its_currents(done, tmp_path, monkeypatch):
@@ -357,7 +357,7 @@ def test_a_mooring_that_was_stopped_has_its_reason_where_the_answers_stand(tmp_p
     made = written(
         tmp_path / "r.html", [stopped_section("mooring", "M", "raw/top.000: expected a PD0 file", ("", "Verdict"))]
     )
-    assert "M stopped There are no results" in " ".join(made.all("li")[0].text.split())
+    assert "M stopped No results" in " ".join(made.all("li")[0].text.split())
 
 
 def test_a_damaged_figure_is_one_line(done, tmp_path):
@@ -366,7 +366,7 @@ def test_a_damaged_figure_is_one_line(done, tmp_path):
     whole = (done / "results/M1/figures/scatter.png").read_bytes()
     (folder / "scatter.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; run the cruise again"):
-        sections.collect_figures(folder.parent, tmp_path, {}, small=False)
+        sections.collect_figures(folder.parent, tmp_path, str, small=False)
 
 
 @given(
