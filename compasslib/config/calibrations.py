@@ -104,20 +104,15 @@ class CalibrationFile(KindKey):
         return None not in (self.latitude, self.longitude, self.date_s)
 
     @model_validator(mode="after")
-    def _a_compass_is_somewhere(self) -> Self:
+    def _place_and_compass_go_together(self) -> Self:
         for name in ("compass", "sphere"):
             if getattr(self, name) is not None and self.kind not in SINGLE_COMPASS_KINDS:
-                expected = (
-                    f"this key only with kind {', '.join(SINGLE_COMPASS_KINDS[:-1])} or {SINGLE_COMPASS_KINDS[-1]}"
-                )
+                kinds = f"{', '.join(SINGLE_COMPASS_KINDS[:-1])} or {SINGLE_COMPASS_KINDS[-1]}"
+                expected = f"this key only with kind {kinds}"
                 raise problem(name, expected, f"it with kind {self.kind}", "delete it")
         if self.compass is not None and not self.placed:
             expected = f"latitude, longitude and date beside compass: {self.compass}, to carry its iron elsewhere"
             raise problem("compass", expected, "none", "add them")
-        return self
-
-    @model_validator(mode="after")
-    def _position_is_whole(self) -> Self:
         for first, other in (("latitude", "longitude"), ("longitude", "latitude")):
             if getattr(self, first) is None and getattr(self, other) is not None:
                 raise problem(first, f"{first} beside {other}", "nothing", f"add {first} or delete {other}")

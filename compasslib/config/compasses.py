@@ -50,29 +50,26 @@ def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -
     Raises:
         InputError: it was, or is.
     """
-    for role, compass in _compasses(mooring):
+    for role, entry in mooring.instruments.items():
+        if (compass := entry.compass) is None:
+            continue
+        where = f"{file}: instruments.{role}.compass"
         known = stays.setdefault(compass.lower(), [])
         for other in known:
-            _refuse_conflict(f"{file}: instruments.{role}.compass", compass, mooring, other)
+            if compass != other.compass:
+                expected, advice = "a name that no other has in other letters", "write both alike, or rename one"
+                actual = f"{shown(compass)}, and {other.where} has {other.compass}"
+                raise InputError(where, expected=expected, found=actual, advice=advice)
+            if other.where == f"calibration {mooring.name}":
+                expected = "another name of the mooring than of the compass's calibration"
+                actual, advice = f"{mooring.name} for both", "rename one of the two"
+                raise InputError(where, expected=expected, found=actual, advice=advice)
+            if other.begin_s < mooring.end_s and mooring.start_s < other.end_s:
+                span = iso(other.begin_s) + (f" to {iso(other.end_s)}" if other.end_s > other.begin_s else "")
+                expected = f"a compass that is in one place from {iso(mooring.start_s)} to {iso(mooring.end_s)}"
+                advice = "correct the dates, or give one of the two compasses another name"
+                raise InputError(where, expected=expected, found=f"{compass} at {other.where}, {span}", advice=advice)
         known.append(Deployment(compass, f"{name} ({role})", mooring.start_s, mooring.end_s))
-
-
-def _refuse_conflict(where: str, compass: str, mooring: Mooring, other: Deployment) -> None:
-    if compass != other.compass:
-        actual, advice = f"{shown(compass)}, and {other.where} has {other.compass}", "write both alike, or rename one"
-        raise InputError(where, expected="a name that no other has in other letters", found=actual, advice=advice)
-    if other.where == f"calibration {mooring.name}":
-        expected, advice = "another name of the mooring than of the compass's calibration", "rename one of the two"
-        raise InputError(where, expected=expected, found=f"{mooring.name} for both", advice=advice)
-    if other.begin_s < mooring.end_s and mooring.start_s < other.end_s:
-        span = iso(other.begin_s) + (f" to {iso(other.end_s)}" if other.end_s > other.begin_s else "")
-        expected = f"a compass that is in one place from {iso(mooring.start_s)} to {iso(mooring.end_s)}"
-        advice = "correct the dates, or give one of the two compasses another name"
-        raise InputError(where, expected=expected, found=f"{compass} at {other.where}, {span}", advice=advice)
-
-
-def _compasses(mooring: Mooring) -> list[tuple[str, str]]:
-    return [(role, entry.compass) for role, entry in mooring.instruments.items() if entry.compass is not None]
 
 
 def members(

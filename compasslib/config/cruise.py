@@ -70,7 +70,11 @@ def load_cruise(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> 
     stays = compasses.calibration_dates(calibrations)
     for name, mooring in list(moorings.items()):
         try:
-            _refuse_nowhere(mooring.fit.name, calibrations, files[name])
+            fitted = calibrations.get(mooring.fit.name or "")
+            if fitted is not None and not fitted.placed:
+                file, carry = f"{CALIBRATIONS}/{mooring.fit.name}.yaml", "to carry its coefficients to the mooring"
+                expected, where = f"latitude, longitude and date in {file}, {carry}", f"{files[name]}: fit.name"
+                raise InputError(where, expected=expected, found="none", advice="add them there")
             compasses.refuse_overlap(name, mooring, files[name], stays)
         except InputError as mistake:
             refuse(mistake)
@@ -97,8 +101,13 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
         mistakes = []
         if not open_keys:
             return checked
-    relevant = [each for each in mistakes if not _holds_any(each.where.removeprefix(f"{file}: "), open_keys)]
-    first, *others = [_refuse_undecided(file, open_keys)] * bool(open_keys) + relevant
+    places = {each: each.where.removeprefix(f"{file}: ") for each in mistakes}
+    relevant = [each for each in mistakes if not any(f"{key}.".startswith(f"{places[each]}.") for key in open_keys)]
+    if open_keys:
+        actual = f"{len(open_keys)} {DECIDE} {'entries' if len(open_keys) > 1 else 'entry'}"
+        advice = f"replace each {DECIDE} by a value: {', '.join(open_keys)}"
+        relevant.insert(0, InputError(file, expected="a value of every key", found=actual, advice=advice))
+    first, *others = relevant
     first.others = tuple(others)
     raise first
 
@@ -135,16 +144,6 @@ def decided(raw: Any) -> Any:
     return {key: decided(value) for key, value in raw.items() if value != DECIDE}
 
 
-def _holds_any(place: str, keys: Sequence[str]) -> bool:
-    return any(f"{key}.".startswith(f"{place}.") for key in keys)
-
-
-def _refuse_undecided(file: str, keys: Sequence[str]) -> InputError:
-    actual = f"{len(keys)} {DECIDE} {'entries' if len(keys) > 1 else 'entry'}"
-    advice = f"replace each {DECIDE} by a value: {', '.join(keys)}"
-    return InputError(file, expected="a value of every key", found=actual, advice=advice)
-
-
 def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
     where = f"{CONFIG}: moorings"
     if not isinstance(moorings, str):
@@ -160,14 +159,10 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
     names = [name for name in os.listdir(cruise / moorings) if name.endswith((".yaml", ".yml")) and name[0] != "."]
     if not names:
         raise InputError(where, expected=expected, found=f"none in {moorings}", advice=advice)
-    return [f"{moorings}/{_printable(name, moorings)}" for name in sorted(names)]
-
-
-def _printable(name: str, folder: str) -> str:
-    if not name.isprintable():
+    if bad := [name for name in sorted(names) if not name.isprintable()]:
         expected = "names in UTF-8 without control characters"
-        raise InputError(folder, expected=expected, found=shown(name), advice="rename the file")
-    return name
+        raise InputError(moorings, expected=expected, found=shown(bad[0]), advice="rename the file")
+    return [f"{moorings}/{name}" for name in sorted(names)]
 
 
 def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
@@ -215,14 +210,6 @@ def _calibration(file: str, place: RawFolder) -> CalibrationFile:
     return validate(MODELS[kind], raw, file, place)
 
 
-def _refuse_nowhere(name: str | None, calibrations: dict[str, CalibrationFile], file: str) -> None:
-    """Refuse a mooring's calibration without a place: its coefficients cannot be carried to the mooring's field."""
-    if name is None or name not in calibrations or calibrations[name].placed:
-        return
-    expected = f"latitude, longitude and date in {CALIBRATIONS}/{name}.yaml, to carry its coefficients to the mooring"
-    raise InputError(f"{file}: fit.name", expected=expected, found="none", advice="add them there")
-
-
 def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]:
     fit, diagnose = raw.get("fit"), raw.get("diagnose")
     # Method and name of a fit belong together; the switches of the diagnosis are each their own.
@@ -254,23 +241,16 @@ def _explained(model: type[BaseModel], error: ValidationError, file: str) -> lis
 def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
     place = [part for part in first["loc"] if part != "[key]"]
     if first["type"] == "extra_forbidden":
-        return _unknown_key(model, place, file)
+        allowed, unknown = list(allowed_keys(_walk(model, place[:-1])[1] or model)), str(place[-1])
+        advice = nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
+        expected, actual = f"a key out of {', '.join(allowed)}", f"the unknown {shown(unknown)}"
+        return InputError(f"{file}: {_dotted(place)}", expected=expected, found=actual, advice=advice)
     field, inner = _walk(model, place)
     sentence = _words(first, field, inner, _dotted(place).rpartition(".")[2])
     given = first.get("ctx", {}) if first["type"] == "cruise" else {}
     sentence |= {part: given[part] for part in sentence if given.get(part)}
     place += [given["key"]] if given.get("key") else []
     return InputError(f"{file}: {_dotted(place)}", **sentence)
-
-
-def _unknown_key(model: type[BaseModel], place: list[Any], file: str) -> InputError:
-    _, inner = _walk(model, place[:-1])
-    allowed, unknown = list(allowed_keys(inner or model)), str(place[-1])
-    advice = nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
-    expected = f"a key out of {', '.join(allowed)}"
-    return InputError(
-        f"{file}: {_dotted(place)}", expected=expected, found=f"the unknown {shown(unknown)}", advice=advice
-    )
 
 
 def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> dict[str, str]:
@@ -361,49 +341,37 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose one node, after a look at what it would be."""
         event = self.peek_event()
-        _refuse_extras(event)
+        plain = "write the value out in full"
+        if isinstance(event, yaml.AliasEvent):
+            raise _Refused(event.start_mark, "plain values without aliases", f"*{event.anchor}", plain)
+        if getattr(event, "anchor", None):
+            raise _Refused(event.start_mark, "plain values without anchors", f"&{event.anchor}", plain)
+        if getattr(event, "tag", None):
+            raise _Refused(event.start_mark, "plain values without tags", f"the tag {event.tag}", "delete the tag")
         self.depth += 1
         if self.depth > DEEPEST:
             mark, nested = event.start_mark, f"deeper nesting than {DEEPEST} levels"
             raise _Refused(mark, "mappings and lists a few levels deep", nested, "check the brackets and indentation")
-        node = super().compose_node(parent, index)
+        node: Any = super().compose_node(parent, index)
         self.depth -= 1
-        _refuse_control_characters(node)
+        # Double quotes can spell what the file itself may not hold.
+        match = _CONTROL.search(node.value) if isinstance(node, yaml.ScalarNode) else None
+        if match:
+            actual = f"the control character {ord(match[0]):#04x}"
+            raise _Refused(node.start_mark, "printable text", actual, "delete it")
         return node
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Construct a mapping whose keys are the texts that stand there, each of them once."""
         lines: dict[str, int] = {}
         for key, _ in node.value:
-            _refuse_key(key, lines)
+            if not isinstance(key, yaml.ScalarNode):
+                raise _Refused(key.start_mark, "a word as key", "a list or mapping", "check braces and colons")
+            if key.value in lines:
+                actual = f"{key.value!r} again, first in line {lines[key.value]}"
+                raise _Refused(key.start_mark, "every key once", actual, "delete one of the two")
             lines[key.value] = key.start_mark.line + 1
         return {key.value: self.construct_object(value, deep=True) for key, value in node.value}
-
-
-def _refuse_extras(event: Any) -> None:
-    plain = "write the value out in full"
-    if isinstance(event, yaml.AliasEvent):
-        raise _Refused(event.start_mark, "plain values without aliases", f"*{event.anchor}", plain)
-    if getattr(event, "anchor", None):
-        raise _Refused(event.start_mark, "plain values without anchors", f"&{event.anchor}", plain)
-    if getattr(event, "tag", None):
-        raise _Refused(event.start_mark, "plain values without tags", f"the tag {event.tag}", "delete the tag")
-
-
-def _refuse_control_characters(node: Any) -> None:
-    # Double quotes can spell what the file itself may not hold.
-    match = _CONTROL.search(node.value) if isinstance(node, yaml.ScalarNode) else None
-    if match:
-        actual = f"the control character {ord(match[0]):#04x}"
-        raise _Refused(node.start_mark, "printable text", actual, "delete it")
-
-
-def _refuse_key(key: Any, lines: dict[str, int]) -> None:
-    if not isinstance(key, yaml.ScalarNode):
-        raise _Refused(key.start_mark, "a word as key", "a list or mapping", "check braces and colons")
-    if key.value in lines:
-        actual = f"{key.value!r} again, first in line {lines[key.value]}"
-        raise _Refused(key.start_mark, "every key once", actual, "delete one of the two")
 
 
 def _number(loader: _Loader, node: Any) -> int | float | str:
@@ -466,21 +434,18 @@ def _parsed(text: str, name: str) -> Any:
     except _Refused as error:
         raise InputError(_place(name, error.mark), **error.words) from None
     except yaml.MarkedYAMLError as error:
-        raise _syntax_error(text, name, error) from None
+        mark: Any = error.problem_mark or error.context_mark
+        expected, what = "YAML", str(error.problem)
+        actual, advice = next(
+            (words for sign, *words in _SYNTAX if sign in what), (what, "check indentation and quotes")
+        )
+        if text[mark.index : mark.index + 1] == "\t":
+            expected, actual, advice = "spaces", "a tab", "replace the tab by spaces"
+        raise InputError(_place(name, mark), expected=expected, found=actual, advice=advice) from None
     except yaml.reader.ReaderError as error:
         where = f"{name}: line {text.count(chr(10), 0, error.position) + 1}"
         actual, advice = f"the control character {error.character:#04x}", "delete it"
         raise InputError(where, expected="printable text", found=actual, advice=advice) from None
-
-
-def _syntax_error(text: str, name: str, error: yaml.MarkedYAMLError) -> InputError:
-    mark: Any = error.problem_mark or error.context_mark
-    if text[mark.index : mark.index + 1] == "\t":
-        advice = "replace the tab by spaces"
-        return InputError(_place(name, mark), expected="spaces", found="a tab", advice=advice)
-    what = str(error.problem)
-    actual, advice = next((words for sign, *words in _SYNTAX if sign in what), (what, "check indentation and quotes"))
-    return InputError(_place(name, mark), expected="YAML", found=actual, advice=advice)
 
 
 def _place(name: str, mark: Any) -> str:

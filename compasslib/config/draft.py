@@ -10,12 +10,12 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import Any
 
 import yaml
 
 from compasslib.config.values import DECIDE
+from compasslib.records import iso_time
 
 CONFIG = """# Drafted by compass init; config/README.md of the pipeline has every key.
 moorings: {moorings}
@@ -153,18 +153,14 @@ def _window(instruments: Mapping[str, Drafted]) -> list[str]:
     spans = [each for each in submerged or instruments.values() if not math.isnan(each.start_s)]
     if not spans:
         return [_line("start", DECIDE, "UTC, in the water"), _line("end", DECIDE, "UTC")]
-    start = _time(math.ceil(min(each.start_s for each in spans)))
-    end = _time(math.floor(max(each.end_s for each in spans)))
+    start = iso_time(math.ceil(min(each.start_s for each in spans)))
+    end = iso_time(math.floor(max(each.end_s for each in spans)))
     if submerged:
         return [_line("start", start, "in the water, by pressure or depth"), _line("end", end)]
     return [
         _line("start", DECIDE, f"UTC, in the water; the first sample is of {start}"),
         _line("end", DECIDE, f"UTC; the last sample is of {end}"),
     ]
-
-
-def _time(seconds: float) -> str:
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 def _roles(roles: Roles) -> list[str]:

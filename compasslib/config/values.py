@@ -185,23 +185,21 @@ def time_s(value: Any) -> float:
     Args:
         value: ISO 8601 text, date or datetime.
     """
-    moment = value if isinstance(value, date) else _parse(value)
+    moment = value
+    if not isinstance(value, date):
+        if not isinstance(value, str) or not _TIME.fullmatch(value.strip()):
+            raise problem()
+        try:
+            moment = datetime.fromisoformat(re.sub(r" ?(UTC|z|Z)$", "Z", value.strip()))
+        except ValueError as error:  # a month 13, a day 31 in June
+            raise problem(advice=f"{error}; write a day and an hour that exist") from None
     if not isinstance(moment, datetime):
         moment = datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
     if not _EARLIEST <= moment < _LATEST:
         raise problem()
-    return moment.timestamp()
-
-
-def _parse(value: Any) -> datetime:
-    if not isinstance(value, str) or not _TIME.fullmatch(value.strip()):
-        raise problem()
-    try:
-        return datetime.fromisoformat(re.sub(r" ?(UTC|z|Z)$", "Z", value.strip()))
-    except ValueError as error:  # a month 13, a day 31 in June
-        raise problem(advice=f"{error}; write a day and an hour that exist") from None
+    return float(moment.timestamp())
 
 
 def delimiter(value: Any) -> str:
@@ -306,7 +304,12 @@ def check_table(headers: dict[str, str], depth: float | None) -> None:
         advice = "add depth: 120 to the instrument, or depth: depth_m to its columns"
         raise problem("columns", "a depth or pressure column where the instrument has no depth", "neither", advice)
     for roles in VELOCITY_SETS:
-        _check_whole(roles, headers)
+        absent = [role for role in roles if role not in headers]
+        # A heading may stand beside any velocity, so that alone it begins no set.
+        present = [role for role in roles if role in headers and role != "heading"]
+        if present and absent:
+            actual, advice = f"{' and '.join(present)} without it", f"add for example {absent[0]}: name_in_the_header"
+            raise problem(f"columns.{absent[0]}", f"{'+'.join(roles)} together", actual, advice)
     complete = ["+".join(roles) for roles in VELOCITY_SETS if set(roles) <= set(headers)]
     if len(complete) != 1:
         advice = "keep one of them" if complete else "add for example east: u_cm_s and north: v_cm_s"
@@ -332,15 +335,6 @@ def check_clock(headers: dict[str, str]) -> None:
         raise problem("columns.time", "the header of the time column", "nothing", "add for example time: time_utc")
 
 
-def _check_whole(roles: tuple[str, ...], headers: dict[str, str]) -> None:
-    missing = [role for role in roles if role not in headers]
-    # A heading may stand beside any velocity, so that alone it begins no set.
-    present = [role for role in roles if role in headers and role != "heading"]
-    if present and missing:
-        actual, advice = f"{' and '.join(present)} without it", f"add for example {missing[0]}: name_in_the_header"
-        raise problem(f"columns.{missing[0]}", f"{'+'.join(roles)} together", actual, advice)
-
-
 # Paths: inside the cruise folder, there, and globs written out.
 
 RESULTS = "results"
@@ -356,16 +350,13 @@ class RawFolder:
 
 def paths(value: Any) -> tuple[str, ...]:
     """Return one path or a list of them, inside the cruise folder and relative to it."""
-    listed = value if isinstance(value, list | tuple) else [value]
-    return tuple(_relative_path(text(path)) for path in listed)
-
-
-def _relative_path(path: str) -> str:
-    if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
-        inside = "copy or link the file into the cruise folder and write its path from there"
-        raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
-    _refuse_unusable(path)
-    return posixpath.normpath(path)
+    listed = [text(path) for path in (value if isinstance(value, list | tuple) else [value])]
+    for path in listed:
+        if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
+            inside = "copy or link the file into the cruise folder and write its path from there"
+            raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
+        _refuse_unusable(path)
+    return tuple(map(posixpath.normpath, listed))
 
 
 def _refuse_unusable(path: str) -> None:
@@ -391,19 +382,14 @@ def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
         raise problem(None, "at least one file", "an empty list")
     actual = [file for path in listed for file in ([path] if place is None else _expand_glob(path, place))]
     for file in actual:
-        _refuse_results(file, place)
+        inside = file.startswith(f"{RESULTS}/")
+        if place is not None and not inside:
+            results = os.path.realpath(place.root / RESULTS)
+            inside = os.path.realpath(place.root / file).startswith(f"{results}{os.sep}")
+        if inside:
+            apart = "copy it to another folder, for example raw"
+            raise problem(None, f"a file outside {RESULTS}/, which each run may write over", shown(file), apart)
     return tuple(dict.fromkeys(actual))
-
-
-def _refuse_results(file: str, place: RawFolder | None) -> None:
-    """Refuse a raw file that a run may write over, be it by way of a link."""
-    inside = file.startswith(f"{RESULTS}/")
-    if place is not None and not inside:
-        results = os.path.realpath(place.root / RESULTS)
-        inside = os.path.realpath(place.root / file).startswith(f"{results}{os.sep}")
-    if inside:
-        apart = "copy it to another folder, for example raw"
-        raise problem(None, f"a file outside {RESULTS}/, which each run may write over", shown(file), apart)
 
 
 def _expand_glob(path: str, place: RawFolder) -> list[str]:
@@ -416,7 +402,12 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
         )
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
-    files = _match_glob(place.root, path) if is_glob else []
+    # None of them hidden; ** does not go through links, which may lead in circles.
+    pattern = f"{path}/*" if path.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", path)
+    matches = [
+        match.relative_to(place.root) for match in (place.root.glob(pattern) if is_glob else ()) if match.is_file()
+    ]
+    files = sorted(str(match) for match in matches if not any(part.startswith(".") for part in match.parts))
     for file in files:
         _refuse_unusable(file)
     if not files:
@@ -427,10 +418,3 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
             None, "an existing file", actual, "put it there or correct the path, relative to the cruise folder"
         )
     return files
-
-
-def _match_glob(root: Path, pattern: str) -> list[str]:
-    """Return the files of a glob, none of them hidden; ``**`` does not go through links, which may lead in circles."""
-    pattern = f"{pattern}/*" if pattern.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", pattern)
-    actual = [path.relative_to(root) for path in root.glob(pattern) if path.is_file()]
-    return sorted(str(path) for path in actual if not any(part.startswith(".") for part in path.parts))

@@ -122,7 +122,9 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
     blocks = (("velocity", 0x0100), ("correlation", 0x0200), ("echo", 0x0300), ("percent_good", 0x0400))
     for block, identity in blocks:
         rows[block]["id"] = identity
-    rows["velocity"]["cells"] = _millimetres(ensembles.velocity_m_s)
+    known = np.isfinite(ensembles.velocity_m_s)
+    rounded = np.clip(np.rint(1000 * np.where(known, ensembles.velocity_m_s, 0.0)), -32767, 32767)
+    rows["velocity"]["cells"] = np.where(known, rounded, BAD_VELOCITY).astype(np.int16)
     for block in ("correlation", "echo", "percent_good"):
         rows[block]["cells"] = getattr(ensembles, block)
     octets = rows.view(np.uint8).reshape(rows.size, layout.itemsize)
@@ -174,7 +176,15 @@ def _fixed_leader(setup: Setup) -> NDArray[np.void]:
 
 
 def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> None:
-    clock = _clock(ensembles.time_s)
+    hundredths = np.rint(100 * ensembles.time_s).astype(np.int64)
+    instants = (hundredths // 100).astype("datetime64[s]")
+    months = instants.astype("datetime64[M]")
+    year = months.astype("datetime64[Y]").astype(np.int64) + 1970
+    month = months.astype(np.int64) % 12 + 1
+    day = (instants.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
+    second = hundredths // 100 % 86400
+    parts = (year // 100, year % 100, month, day, second // 3600, second // 60 % 60, second % 60, hundredths % 100)
+    clock = np.stack(parts, axis=-1).astype(np.uint8)
     leader["id"] = 0x0080
     leader["number"], leader["number_high"] = ensembles.number & 0xFFFF, ensembles.number >> 16
     leader["clock"], leader["clock_y2k"] = clock[:, 1:], clock
@@ -189,25 +199,6 @@ def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> Non
     leader["adc"][:, 1] = ensembles.supply_counts
     # Decapascals: thousandths of a dbar. An unsigned field, so that air reads as zero.
     leader["pressure_dapa"] = np.rint(1000 * np.maximum(ensembles.pressure_dbar, 0.0))
-
-
-def _clock(time_s: Floats) -> Counts:
-    """Return century, year, month, day, hour, minute, second, hundredths, (n, 8)."""
-    hundredths = np.rint(100 * time_s).astype(np.int64)
-    instants = (hundredths // 100).astype("datetime64[s]")
-    months = instants.astype("datetime64[M]")
-    year = months.astype("datetime64[Y]").astype(np.int64) + 1970
-    month = months.astype(np.int64) % 12 + 1
-    day = (instants.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
-    second = hundredths // 100 % 86400
-    parts = (year // 100, year % 100, month, day, second // 3600, second // 60 % 60, second % 60, hundredths % 100)
-    return np.stack(parts, axis=-1).astype(np.uint8)
-
-
-def _millimetres(velocity_m_s: Floats) -> NDArray[np.int16]:
-    known = np.isfinite(velocity_m_s)
-    rounded = np.clip(np.rint(1000 * np.where(known, velocity_m_s, 0.0)), -32767, 32767)
-    return np.where(known, rounded, BAD_VELOCITY).astype(np.int16)
 
 
 ABSORPTION_DB_M = {75: 0.025, 300: 0.065}
@@ -291,7 +282,7 @@ def _bin_depths(setup: Setup, stance: Stance) -> Floats:
 
 def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water) -> Floats:
     """Return the four recorded components, noise included, (n, m, 4)."""
-    noise = adcp.noise_m_s * _noise_growth(adcp.setup)
+    noise = adcp.noise_m_s * (1.0 + 1.5 * (ranges(adcp.setup) / ranges(adcp.setup)[-1]) ** 4)
     if adcp.setup.coordinates == "beam":
         return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
     depth = _bin_depths(adcp.setup, stance)
@@ -350,10 +341,6 @@ def _toward_head(setup: Setup, stance: Stance) -> Floats:
 def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
     """Return the tilts as two inclinometers give them: the pitch's is seen through the roll."""
     return np.rad2deg(np.arctan(np.tan(np.deg2rad(pitch_deg)) / np.cos(np.deg2rad(roll_deg)))), roll_deg
-
-
-def _noise_growth(setup: Setup) -> Floats:
-    return 1.0 + 1.5 * (ranges(setup) / ranges(setup)[-1]) ** 4
 
 
 def _normal(rng: np.random.Generator, stance: Stance, deviation: Floats) -> Floats:

@@ -55,7 +55,15 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     if isinstance(world.spec.deep, Adcp):
         _write_adcp(folder / "deep.000", world, "deep", world.spec.deep, deep_stance(world, world.spec.deep))
     else:
-        _write_profiler(folder, world, world.spec.deep)
+        spec, motion = world.spec, world.motion
+        schedule = profiler.plan(world.random("profiler"), world.spec.deep, motion, (DEPLOYED_S, RECOVERED_S))
+        scans = profiler.log(world.random("acm"), schedule, world.currents, motion, field=world.field)
+        meter = profiler.Acm(
+            world.spec.deep.serial, f"ML{world.spec.deep.serial}-01D", spec.latitude_deg, spec.longitude_deg
+        )
+        write = profiler.write_binary if world.spec.deep.binary else profiler.write_text
+        write(folder / _acm_file(world.spec.deep), meter, scans)
+        profiler.write_engineering(folder / "engineering.csv", schedule, motion, spec.latitude_deg)
 
 
 def raw_files(name: str) -> tuple[str, ...]:
@@ -170,16 +178,6 @@ def _write_adcp(path: Path, world: World, purpose: str, instrument: Adcp, stance
         instrument.setup,
         sounder.measure(rng, instrument, stance, world.currents, latitude_deg=world.spec.latitude_deg),
     )
-
-
-def _write_profiler(folder: Path, world: World, instrument: Profiler) -> None:
-    spec, motion = world.spec, world.motion
-    schedule = profiler.plan(world.random("profiler"), instrument, motion, (DEPLOYED_S, RECOVERED_S))
-    scans = profiler.log(world.random("acm"), schedule, world.currents, motion, field=world.field)
-    meter = profiler.Acm(instrument.serial, f"ML{instrument.serial}-01D", spec.latitude_deg, spec.longitude_deg)
-    write = profiler.write_binary if instrument.binary else profiler.write_text
-    write(folder / _acm_file(instrument), meter, scans)
-    profiler.write_engineering(folder / "engineering.csv", schedule, motion, spec.latitude_deg)
 
 
 def _write_truth(path: Path, world: World, stance: Stance) -> None:

@@ -58,7 +58,10 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
     bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
     made = Magnetometer(magnets, ball, places, axes, even=(bent[0], bent[1], bent[2]))
-    return _trimmed(rng, _as_strong(made, earth_nt, strength), earth_nt)
+    meter = _as_strong(made, earth_nt, strength)
+    matrix, added = response(meter)
+    vertical = added[2] + (matrix[2, 2] - 0.5 * (matrix[0, 0] + matrix[1, 1])) * earth_nt[1]
+    return replace(meter, trim_nt=(0.0, 0.0, float(vertical + rng.normal(0.0, 100.0))))
 
 
 def response(meter: Magnetometer) -> tuple[Floats, Floats]:
@@ -126,13 +129,3 @@ def _as_strong(meter: Magnetometer, earth_nt: tuple[float, float], strength: flo
     scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
     magnets = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in meter.magnets)
     return replace(meter, magnets=magnets)
-
-
-def _trimmed(rng: np.random.Generator, meter: Magnetometer, earth_nt: tuple[float, float]) -> Magnetometer:
-    """Return it with the vertical put right as far as a maker's calibration does: to a hundred nT or so.
-
-    What is left, with the earth's vertical field times how unlike the axes are, is the heeling error.
-    """
-    matrix, added = response(meter)
-    vertical = added[2] + (matrix[2, 2] - 0.5 * (matrix[0, 0] + matrix[1, 1])) * earth_nt[1]
-    return replace(meter, trim_nt=(0.0, 0.0, float(vertical + rng.normal(0.0, 100.0))))

@@ -81,7 +81,15 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
 
 def write_binary(path: Path, acm: Acm, scans: Scans) -> None:
     """Write the logger's own binary, one ``A*.DAT`` after another."""
-    records = _records(scans)
+    days = scans.time_s.astype("datetime64[s]").astype("datetime64[D]")
+    months = days.astype("datetime64[M]")
+    second = scans.time_s % 86400
+    records = np.zeros(scans.time_s.size, dtype=_RECORD)
+    records["clock"] = np.stack([second // 3600, second // 60 % 60, second % 60], axis=-1)
+    records["month"] = months.astype(np.int64) % 12 + 1
+    records["day"] = (days - months.astype("datetime64[D]")).astype(np.int64) + 1
+    records["year"] = months.astype(np.int64) // 12 + 1970
+    records["values"] = scans.values
     header = b"".join(struct.pack("<" + code, value) for _, code, value in _header_fields(acm))
     with path.open("wb") as file:
         for k, _, begin, end in _profiles(scans):
@@ -103,19 +111,6 @@ def _stamps(time_s: NDArray[np.int64]) -> NDArray[np.str_]:
     letters = letters[:, [5, 6, 4, 8, 9, 7, 0, 1, 2, 3, 10, *range(11, 19)]]
     letters[:, 10] = " "
     return np.ascontiguousarray(letters).view("U19").ravel()
-
-
-def _records(scans: Scans) -> NDArray[np.void]:
-    days = scans.time_s.astype("datetime64[s]").astype("datetime64[D]")
-    months = days.astype("datetime64[M]")
-    second = scans.time_s % 86400
-    records = np.zeros(scans.time_s.size, dtype=_RECORD)
-    records["clock"] = np.stack([second // 3600, second // 60 % 60, second % 60], axis=-1)
-    records["month"] = months.astype(np.int64) % 12 + 1
-    records["day"] = (days - months.astype("datetime64[D]")).astype(np.int64) + 1
-    records["year"] = months.astype(np.int64) // 12 + 1970
-    records["values"] = scans.values
-    return records
 
 
 def _tail(acm: Acm, scans: Scans, k: int) -> str:

@@ -236,7 +236,11 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
         ground.random("top"), _top(export.coordinates), top, ground.currents, latitude_deg=ground.latitude_deg
     ))  # fmt: skip
     stamped = replace(recorded, time_s=ground.stamp_s)
-    adcp.write(raw / "top.000", _top(export.coordinates).setup, _only(stamped, kept))
+    adcp.write(
+        raw / "top.000",
+        _top(export.coordinates).setup,
+        Ensembles(**{name: column[kept] for name, column in vars(stamped).items()}),
+    )
     _write_deep(ground, effects, raw, export)
     heading = top.heading_deg.copy()
     heading[_stuck(ground)] = np.nan
@@ -323,10 +327,6 @@ def _kept(ground: Ground) -> NDArray[np.bool_]:
     for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
         kept[begin : begin + length] = False
     return kept
-
-
-def _only(ensembles: Ensembles, kept: NDArray[np.bool_]) -> Ensembles:
-    return Ensembles(**{name: column[kept] for name, column in vars(ensembles).items()})
 
 
 def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:

@@ -63,8 +63,26 @@ def choose_branches(
     """
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
-        return _single(roots[:, 0], along)
-    evidence = _evidence(along, fit.noise.compass_deg)
+        root = roots[:, 0]
+        slope = np.maximum(np.abs(compass.slope(along.coefficients, root - along.north_deg)), 0.05)
+        return HeadingDecision(
+            heading_deg=angles.wrap360(root),
+            sigma_deg=PRECISION_DEG / slope,
+            probability=np.where(np.isfinite(root), 1.0, np.nan),
+            other_deg=np.full(root.shape, np.nan),
+        )
+    known = np.isfinite(along.reading_deg)
+    recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
+    if along.coefficients.ndim == 1:
+        rows = _rows(FINE.heading_deg, along.coefficients, FINE.heading_deg, fit.noise.compass_deg)[
+            FINE.bin_of(recorded)
+        ]
+    else:
+        towards = FINE.heading_deg - np.broadcast_to(along.north_deg, recorded.shape)[:, None]
+        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // CHUNK))
+        at = along.coefficients[:, :, None]
+        rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], fit.noise.compass_deg) for i in parts])
+    evidence = np.where(known[:, None], rows, 1.0 / 360.0)
     impossible = (
         evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY
     )  # its heading is that of the hours around, and no more
@@ -229,20 +247,6 @@ def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
     return likelier(*(replace(habit, leaps=leaps) for leaps in LEAP_SHARES))
 
 
-def _evidence(along: CompassSeries, compass_deg: float) -> Floats:
-    """Compute the likelihood of the recorded heading for each cell, (n, CELLS); flat where nothing was recorded."""
-    known = np.isfinite(along.reading_deg)
-    recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
-    if along.coefficients.ndim == 1:
-        rows = _rows(FINE.heading_deg, along.coefficients, FINE.heading_deg, compass_deg)[FINE.bin_of(recorded)]
-    else:
-        towards = FINE.heading_deg - np.broadcast_to(along.north_deg, recorded.shape)[:, None]
-        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // CHUNK))
-        at = along.coefficients[:, :, None]
-        rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], compass_deg) for i in parts])
-    return np.where(known[:, None], rows, 1.0 / 360.0)
-
-
 def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compass_deg: float) -> Floats:
     """Return the density of each recorded heading given each cell, (k, CELLS)."""
     offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, heading_deg))
@@ -275,14 +279,4 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDe
         sigma_deg=np.where(known, np.sqrt(variance), np.nan),
         probability=np.where(known, np.where(two, share, 1.0), np.nan),
         other_deg=np.where(two, other, np.nan),
-    )
-
-
-def _single(root: Floats, along: CompassSeries) -> HeadingDecision:
-    slope = np.maximum(np.abs(compass.slope(along.coefficients, root - along.north_deg)), 0.05)
-    return HeadingDecision(
-        heading_deg=angles.wrap360(root),
-        sigma_deg=PRECISION_DEG / slope,
-        probability=np.where(np.isfinite(root), 1.0, np.nan),
-        other_deg=np.full(root.shape, np.nan),
     )

@@ -429,10 +429,14 @@ def robust_covariance(
         information[:5, :5] += external.precision
     along_time = _jackknife(scores, information, pairs, effective)
     inverse = np.linalg.inv(information)
-    octant = _flow_octant(fit, pairs)
+    turn = np.nan_to_num(observed_deviation(pairs) - heading_residual(fit, pairs))
+    east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
+    towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
+    octant = np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
     sums = block_sums(scores, octant)
     across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
-    by_degree = _by_degree(fit, pairs)
+    left = np.nan_to_num(heading_residual(fit, pairs))
+    by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * _direction_sigma(fit, pairs) ** 2 + left**2)
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
     locked = inverse @ (scores.T @ (by_degree * _locked_veer(fit, pairs)))
     few = len(np.unique(blocks_by_span(pairs.time_s, BLOCK_S))) < MIN_BLOCKS
@@ -440,12 +444,6 @@ def robust_covariance(
         along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
     shown = along_time + positive_part(across - along_time)
     return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
-
-
-def _by_degree(fit: DeviationFit, pairs: Pairs) -> Floats:
-    """Differentiate each pair's log-likelihood by a degree of veer, (n,)."""
-    left = np.nan_to_num(heading_residual(fit, pairs))
-    return (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * _direction_sigma(fit, pairs) ** 2 + left**2)
 
 
 def _direction_sigma(fit: DeviationFit, pairs: Pairs) -> Floats:
@@ -482,14 +480,6 @@ def independent_pairs(pairs: Pairs, effective: float) -> float:
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:
     """Compute how many pairs count as one independent pair."""
     return len(pairs) / independent_pairs(pairs, effective)
-
-
-def _flow_octant(fit: DeviationFit, pairs: Pairs) -> NDArray[np.intp]:
-    """Return the octant of the flow's direction, from both instruments alike so that neither's noise decides it."""
-    turn = np.nan_to_num(observed_deviation(pairs) - heading_residual(fit, pairs))
-    east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
-    towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
-    return np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
 
 
 def positive_part(matrix: Floats) -> Floats:

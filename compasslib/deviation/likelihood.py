@@ -250,7 +250,7 @@ def pair_scores(parameters: Floats, data: BinnedSample, prior: Floats, grid: Hea
     pull = parts.near.offset / np.exp(2.0 * parameters[5])
     result = np.empty((len(data.row), 6))
     for j, by in enumerate([*_form_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
-        moved = _on_cells(parts, by, len(data.occupied))
+        moved = _sum_cells(parts.cell, parts.share * by[:, None], len(data.occupied))
         by_joint, by_marginal = data.scatter.times(moved) / parts.joint, moved.sum(axis=1) / parts.marginal
         result[data.order, j] = by_joint - by_marginal[data.row]
     return result
@@ -320,10 +320,6 @@ def _laid_out(
 
 def _sum_cells(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
     return np.bincount(cell.ravel(), share.ravel(), rows * CELLS).astype(float, copy=False).reshape(rows, CELLS)
-
-
-def _on_cells(parts: _Layout, weight: Floats, rows: int) -> Floats:
-    return _sum_cells(parts.cell, parts.share * weight[:, None], rows)
 
 
 def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:

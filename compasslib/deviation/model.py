@@ -215,7 +215,8 @@ def transfer_coefficients(
         away: field at the deployment.
     """
     given, semicircular = np.asarray(coefficients, dtype=float), np.isin(np.arange(5), SEMICIRCULAR)
-    as_hard, as_induced = _iron_ratios(home, away)
+    by_strength = home.horizontal_nT / away.horizontal_nT
+    as_hard, as_induced = by_strength, by_strength * away.vertical_nT / home.vertical_nT
     all_hard, all_induced = (np.where(semicircular, given * ratio, given) for ratio in (as_hard, as_induced))
     scale = np.where(semicircular, 0.5 * as_hard + 0.5 * as_induced, 1.0)
     spread = np.abs(all_hard - all_induced) / np.sqrt(12.0)
@@ -223,12 +224,6 @@ def transfer_coefficients(
     return TransferredCoefficients(
         given * scale, carried, all_hard, all_induced, _transfer_warning(all_hard, all_induced, away)
     )
-
-
-def _iron_ratios(home: FieldAtPlace, away: FieldAtPlace) -> tuple[float, float]:
-    """Compute the factors by which hard and induced parts of B and C change between the places."""
-    by_strength = home.horizontal_nT / away.horizontal_nT
-    return by_strength, by_strength * away.vertical_nT / home.vertical_nT
 
 
 def _transfer_warning(all_hard: Floats, all_induced: Floats, away: FieldAtPlace) -> str:

@@ -16,10 +16,10 @@ from compasslib import angles
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.records import EarthField, Pairs, Record
 from compasslib.statistics.resampling import blocks_by_span
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 HARMONICS = (1, 2)  # of the deviation
-BLOCK_S = 5 * 86400.0  # longer than eddies and tides remember
+BLOCK_S = 5 * DAY_S  # longer than eddies and tides remember
 FEWEST_BLOCKS = 12  # below these the scatter of the blocks is not known
 FOLDS = 8
 FASTEST = 2.0  # median speeds beyond which a direction gains no weight

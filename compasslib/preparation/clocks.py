@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.records import Record, take
-from compasslib.types import Bools, Floats
+from compasslib.types import HOUR_S, Bools, Floats
 
 Hours = NDArray[np.intp]
 
-HOUR_S, DAY_H = 3600.0, 24
+DAY_H = 24
 FARTHEST_H = 45 * DAY_H  # a wrong month, with days to spare
 DRIFT_H, BEGAN_H = 72, 5 * DAY_H  # the most that a clock is looked for to have drifted, and to be off where it begins
 SLOW_H = 36  # half of the running mean that is taken off: weeks of strong and of weak flow tell no hour
@@ -127,14 +127,18 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     if dense and not best.set_at and np.abs(best.hours).max() <= SEARCHED_H:
         return _unrelated(windows, best)
     if best is stated:
-        return (
-            _with_warning(windows, unsure, stated)
-            if _possible(windows, unsure, stated)
-            else _unrelated(windows, stated)
-        )
+        possible = _possible(windows, unsure, stated)
+        return _with_warning(windows, unsure, stated) if possible else _unrelated(windows, stated)
     inside = np.abs(best.hours).max() < windows.lags[-1]
-    proven = inside and _score(windows, best, stated) > SIGMAS and _unambiguous(windows, best)
-    return _to_correct(windows, best) if proven else _with_warning(windows, best, stated)
+    if not (inside and _score(windows, best, stated) > SIGMAS and _unambiguous(windows, best)):
+        return _with_warning(windows, best, stated)
+    nodes = _nodes(windows, best)
+    warning = (
+        f"by the speeds of the water the clock of the reference is {_in_words(best)} the affected one "
+        f"(correlation {windows.along(best).sum():.2f}); pairs were made after correcting it: check "
+        "clock_offset_seconds, time zone and date of both, as speeds do not show which of the two is wrong"
+    )
+    return ClockOffset(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (warning,))
 
 
 def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
@@ -270,17 +274,6 @@ def _with_warning(windows: LagWindows, best: LagPath, stated: LagPath) -> ClockO
     return ClockOffset(warnings=(warning,))
 
 
-def _to_correct(windows: LagWindows, best: LagPath) -> ClockOffset:
-    """Return a clock that the windows prove, to be put right."""
-    nodes = _nodes(windows, best)
-    warning = (
-        f"by the speeds of the water the clock of the reference is {_in_words(best)} the affected one "
-        f"(correlation {windows.along(best).sum():.2f}); pairs were made after correcting it: check "
-        "clock_offset_seconds, time zone and date of both, as speeds do not show which of the two is wrong"
-    )
-    return ClockOffset(tuple(time for time, _ in nodes), tuple(hours for _, hours in nodes), (warning,))
-
-
 def _in_words(path: LagPath) -> str:
     lags = [int(path.hours[0]), *(int(lag) for before, lag in itertools.pairwise(path.hours) if lag != before)]
     if len(lags) == 1:
@@ -295,23 +288,19 @@ def _nodes(windows: LagWindows, path: LagPath) -> list[tuple[float, float]]:
     ends = (windows.first_s, windows.first_s + HOUR_S * len(windows.upper))
     if not path.set_at:
         return [(ends[0], float(path.hours[0])), (ends[1], float(path.hours[-1]))]
-    nodes = [(ends[0], float(path.hours[0]))]
+    nodes, padded = [(ends[0], float(path.hours[0]))], np.pad(windows.lower, FARTHEST_H)
     for window in np.flatnonzero(np.diff(path.hours)) + 1:
         before, after = int(path.hours[window - 1]), int(path.hours[window])
-        at = windows.first_s + HOUR_S * _set_at(windows, int(windows.edges[window]), before, after)
+        # The hour within a week of the window's edge at which the change fits best.
+        edge = int(windows.edges[window])
+        hours = np.arange(max(edge - WEEK_H, 0), min(edge + WEEK_H, len(windows.upper)))
+        first, second = (windows.upper[hours] * padded[hours + FARTHEST_H + lag] for lag in (before, after))
+        at = windows.first_s + HOUR_S * (int(hours[int(np.argmax(np.cumsum(first - second)))]) + 1)
         nodes += [(at - 1.0, float(before)), (at, float(after))]
     return nodes
 
 
-def _set_at(windows: LagWindows, edge: int, before: int, after: int) -> int:
-    """Return the hour within a week of an edge at which a change of the lag fits best."""
-    hours = np.arange(max(edge - WEEK_H, 0), min(edge + WEEK_H, len(windows.upper)))
-    padded = np.pad(windows.lower, FARTHEST_H)
-    first, second = (windows.upper[hours] * padded[hours + FARTHEST_H + lag] for lag in (before, after))
-    return int(hours[int(np.argmax(np.cumsum(first - second)))]) + 1
-
-
-SLACK_S = 3600.0  # steps back within this, or within SLACK_STEPS, are jitter, and order in time mends them
+SLACK_S = HOUR_S  # steps back within this, or within SLACK_STEPS, are jitter, and order in time mends them
 SLACK_STEPS = 5.0
 CLASH_SHARE, MIN_RUN = 0.05, 3  # share and number of a run's samples in time that another run has: more are no accident
 SAME_SHARE = 0.9  # of those in common time, where they repeat the other run value by value, the run was read twice
@@ -329,7 +318,9 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     keep = finite.copy()
     keep[finite] = ~_outlying(time_s[finite])
     wild = int(np.sum(~keep))
-    runs = _split_runs(np.flatnonzero(keep), time_s)
+    index = np.flatnonzero(keep)
+    back = np.flatnonzero(np.diff(time_s[index]) < -_slack(time_s[index])) + 1  # by more than jitter
+    runs = sorted(np.split(index, back), key=lambda part: len(part) < MIN_RUN) if len(index) else []
     clashing = [run for k, run in enumerate(runs) if _clashes(run, runs, k, record)]
     for run in clashing:
         keep[run] = False
@@ -372,12 +363,6 @@ def _outlying(time_s: Floats) -> Bools:
     outlying[1:-1] = apart & (across >= 0) & (across <= 2.0 * slack)
     # Two in turn can both look so, as of two recordings sample by sample: then none of them is an accident.
     return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
-
-
-def _split_runs(index: NDArray[np.intp], time_s: Floats) -> list[NDArray[np.intp]]:
-    """Part samples where the clock goes back by more than jitter; those of few samples come last."""
-    back = np.flatnonzero(np.diff(time_s[index]) < -_slack(time_s[index])) + 1
-    return sorted(np.split(index, back), key=lambda run: len(run) < MIN_RUN) if len(index) else []
 
 
 def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record: Record) -> bool:

@@ -66,28 +66,31 @@ def apply_deployment(
     time_s = to_utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
-    record = _with_measured(_inside(record, start_s, end_s))
-    record = _unrotated(record, parse_applied_declination(declination_applied) or AppliedDeclination(0.0, 0.0))
-    depth, source = _depth(record, nominal_depth, latitude)
-    given = record.depth_m
-    record = _noted(replace(record, depth_m=depth), _depth_warnings(depth, source, nominal_depth, water_depth))
-    record = _noted(record, _unused_depth(given, source, nominal_depth))
-    missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
-    record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
-    record = flag_quality(record, water_depth, affected=affected)
-    record = check_orientation(record, water_depth)
-    return _flag_windows(_flag_boundaries(record, water_depth), exclude)
-
-
-def _unrotated(record: Record, inside: AppliedDeclination) -> Record:
-    """Return the record without the declination inside its velocities and headings."""
+    record = _inside(record, start_s, end_s)
+    read = {name: profile[:] for name, profile in record.profiles.items()}
+    measured = {name: ((x > 0) if x.dtype.kind != "f" else np.isfinite(x)).any() for name, x in read.items()}
+    record = replace(record, profiles={name: x for name, x in read.items() if measured[name]})
+    inside = parse_applied_declination(declination_applied) or AppliedDeclination(0.0, 0.0)
     if inside.velocity:
         east, north = angles.turn(record.east, record.north, -inside.velocity)
         record = replace(record, east=east, north=north)
     if inside.heading:
         known, turned = np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - inside.heading)
         record = replace(record, heading_deg=np.where(known, turned, np.nan))
-    return record
+    depth, source = _depth(record, nominal_depth, latitude)
+    given = record.depth_m
+    notes = _depth_warnings(given, depth, source, nominal_depth, water_depth)
+    record = _noted(replace(record, depth_m=depth), notes)
+    missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
+    record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
+    record = flag_quality(record, water_depth, affected=affected)
+    record = check_orientation(record, water_depth)
+    record = _flag_boundaries(record, water_depth)
+    bad = np.zeros(record.time_s.shape, dtype=bool)
+    for begin, end in exclude:
+        bad |= (record.time_s >= begin) & (record.time_s <= end)
+    record = flag_velocities(record, bad[:, None], BAD, "excluded", None)
+    return replace(record, heading_quality=np.where(bad, BAD, record.heading_quality).astype(np.int8))
 
 
 def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
@@ -159,18 +162,10 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
         notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
     if repeated:
         notes.append(f"{repeated} samples repeat a time and were left out")
-    return _noted(replace(take(record, _as_slice(place[first])), counts=counts), notes)
-
-
-def _with_measured(record: Record) -> Record:
-    """Return the record without profiles that hold nothing."""
-    read = ((name, profile[:]) for name, profile in record.profiles.items())
-    held = {name: values for name, values in read if _holds(values)}
-    return replace(record, profiles=held)
-
-
-def _holds(values: NDArray[Any]) -> bool:
-    return bool((np.isfinite(values) if values.dtype.kind == "f" else values > 0).any())
+    place = place[first]
+    unbroken = len(place) > 0 and place[-1] - place[0] == len(place) - 1
+    which = slice(int(place[0]), int(place[-1]) + 1) if unbroken and (np.diff(place) == 1).all() else place
+    return _noted(replace(take(record, which), counts=counts), notes)  # a slice copies no years of samples
 
 
 def _deduplicated(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -192,13 +187,6 @@ def _noted(record: Record, notes: Sequence[str]) -> Record:
     return replace(record, warnings=record.warnings + tuple(notes))
 
 
-def _as_slice(place: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-    """Return positions as a slice where they follow each other, so that years of samples are not copied."""
-    if not len(place) or place[-1] - place[0] != len(place) - 1 or (np.diff(place) != 1).any():
-        return place
-    return slice(int(place[0]), int(place[-1]) + 1)
-
-
 def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floats, str]:
     """Take the pressure where it varies, else the depth field where it varies, else the metadata.
 
@@ -208,7 +196,9 @@ def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floa
     several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
     of_bins = several and bool(np.isfinite(record.depth_m).all())
     if _varies(record.pressure_dbar):
-        return _filled(_depth_of(record.pressure_dbar, latitude)), "pressure"
+        import gsw  # 0.1 s: only records with a pressure sensor pay for it
+
+        return _filled(-gsw.z_from_p(record.pressure_dbar, latitude)), "pressure"
     if _varies(record.depth_m) or of_bins:
         return _filled(record.depth_m), "depth field"
     if nominal is not None:
@@ -230,43 +220,23 @@ def _filled(depth: Floats) -> Floats:
     return np.interp(position, position[known], depth[known])
 
 
-def _depth_of(pressure_dbar: Floats, latitude: float) -> Floats:
-    import gsw  # 0.1 s: only records with a pressure sensor pay for it
-
-    return -gsw.z_from_p(pressure_dbar, latitude)
-
-
-def _depth_warnings(depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
-    if not depth.size or not np.isfinite(depth).any():
-        return []
+def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
+    """Word what is odd about the depth that counts, and about the file's own where that does not."""
     notes = []
-    shallow = float(np.nanpercentile(depth, 5))
-    if nominal is not None and source != "metadata" and abs(shallow - nominal) > max(10.0, 0.2 * nominal):
-        notes.append(f"depth by the {source} starts at {shallow:.0f} m, the metadata say {nominal:.0f} m")
-    if np.nanmax(depth) > 1.05 * water_depth:
-        notes.append(f"depth by the {source} reaches {np.nanmax(depth):.0f} m, below the bottom at {water_depth:.0f} m")
-    return notes
-
-
-def _unused_depth(depth: Floats, source: str, nominal: float | None) -> list[str]:
-    """Say where a depth that does not vary, and therefore does not count, is not that of the metadata."""
-    known = depth[np.isfinite(depth)]
+    slack = np.inf if nominal is None else max(10.0, 0.2 * nominal)
+    if np.isfinite(depth).any():
+        shallow = float(np.nanpercentile(depth, 5))
+        if nominal is not None and source != "metadata" and abs(shallow - nominal) > slack:
+            notes.append(f"depth by the {source} starts at {shallow:.0f} m, the metadata say {nominal:.0f} m")
+        if (deepest := np.nanmax(depth)) > 1.05 * water_depth:
+            notes.append(f"depth by the {source} reaches {deepest:.0f} m, below the bottom at {water_depth:.0f} m")
+    known = given[np.isfinite(given)]
     if source != "metadata" or nominal is None or not known.size or not (known > 0.0).all():
-        return ["the depth in the file is not positive and was not used"] if known.size and (known < 0.0).any() else []
-    off = abs(float(np.median(known)) - nominal)
-    if off <= max(10.0, 0.2 * nominal):
-        return []
-    unused = f"the file's depth of {np.median(known):.0f} m never varies and was not used"
-    return [f"{unused}; the metadata say {nominal:.0f} m: correct whichever is wrong"]
-
-
-def _flag_windows(record: Record, windows: Sequence[tuple[float, float]]) -> Record:
-    bad = np.zeros(record.time_s.shape, dtype=bool)
-    for begin, end in windows:
-        bad |= (record.time_s >= begin) & (record.time_s <= end)
-    record = flag_velocities(record, bad[:, None], BAD, "excluded", None)
-    heading = np.where(bad, BAD, record.heading_quality).astype(np.int8)
-    return replace(record, heading_quality=heading)
+        return [*notes, *["the depth in the file is not positive and was not used"] * bool((known < 0.0).any())]
+    if abs(float(np.median(known)) - nominal) > slack:
+        unused = f"the file's depth of {np.median(known):.0f} m never varies and was not used"
+        notes.append(f"{unused}; the metadata say {nominal:.0f} m: correct whichever is wrong")
+    return notes
 
 
 def _flag_boundaries(record: Record, water_depth: float) -> Record:
@@ -319,14 +289,18 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
     Raises:
         InputError: a table cannot be read, or holds nothing at the record's times.
     """
-    read = {name: _covariate_at(record, name, settings) for name, settings in series.items()}
-    units = {name: str(settings["unit"] or "1") for name, settings in series.items()}
-    return replace(
-        record,
-        channels={**record.channels, **{name: values for name, (values, _) in read.items()}},
-        channel_units={**record.channel_units, **units},
-        warnings=(*record.warnings, *(f"{name}: {note}" for name, (_, notes) in read.items() for note in notes)),
-    )
+    channels, units, warnings = {**record.channels}, {**record.channel_units}, [*record.warnings]
+    for name, settings in series.items():
+        time_s, value, notes = table.read_series(settings)
+        at = interpolate_covariate(record.time_s, time_s, value)
+        if len(at) and not np.isfinite(at).any():
+            span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
+            expected = f"values of {name} while the mooring was deployed"
+            advice = "check times and columns, or delete the covariate"
+            raise InputError(", ".join(settings["files"]), expected=expected, found=span, advice=advice)
+        channels[name], units[name] = at, str(settings["unit"] or "1")
+        warnings += [f"{name}: {note}" for note in notes]
+    return replace(record, channels=channels, channel_units=units, warnings=tuple(warnings))
 
 
 def add_field_strength(record: Record) -> Record:
@@ -357,20 +331,6 @@ def add_field_strength(record: Record) -> Record:
         channel_units={**record.channel_units, FIELD_STRENGTH: "percent"},
         warnings=(*record.warnings, note),
     )
-
-
-def _covariate_at(record: Record, name: str, settings: Mapping[str, Any]) -> tuple[Floats, tuple[str, ...]]:
-    time_s, value, notes = table.read_series(settings)
-    at = interpolate_covariate(record.time_s, time_s, value)
-    if len(at) and not np.isfinite(at).any():
-        span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
-        raise InputError(
-            ", ".join(settings["files"]),
-            expected=f"values of {name} while the mooring was deployed",
-            found=span,
-            advice="check times and columns, or delete the covariate",
-        )
-    return at, notes
 
 
 def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:

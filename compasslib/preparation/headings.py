@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.records import PROBABLY_BAD, Record, iso_time
-from compasslib.types import Bools, Complexes, Floats
+from compasslib.types import DAY_S, Bools, Complexes, Floats
 
-WINDOW_S, FEWEST, FEWEST_WINDOWS = 5 * 86400.0, 40, 6
+WINDOW_S, FEWEST, FEWEST_WINDOWS = 5 * DAY_S, 40, 6
 FIRM, TURNED_DEG = 0.4, 60.0  # mean vector that has a direction, and how far that of two windows in a row may be off
 # A single window may be further off: of 553 of the demonstration cruise one is by 79 degrees and 0.81.
 ALONE, ALONE_DEG = 1.4, 110.0

@@ -116,7 +116,9 @@ def find_pairs(
     cell = _trusted_cell(upper.time_s, depth, lower, _sphere(upper, lower), rules)
     other = interpolate_series(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
     other_depth = interpolate_series(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
-    minutes = _minutes_to_nearest(cell.time_s, upper.time_s)
+    minutes = np.full(len(upper.time_s), np.nan)
+    if len(cell.time_s):
+        minutes = (cell.time_s[nearest_index(cell.time_s, upper.time_s)] - upper.time_s) / 60.0
     with np.errstate(invalid="ignore"):
         close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
@@ -205,9 +207,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
 def find_identical_velocities(pairs: Pairs) -> str:
     """Return why the two instruments of pairs are one, nothing where their velocities are not the same."""
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
-    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0:
-        return ""
-    if float(np.mean(np.abs(upper - lower) < EQUAL_M_S)) <= MOST_IDENTICAL:
+    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < EQUAL_M_S) <= MOST_IDENTICAL:
         return ""
     return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
 
@@ -224,28 +224,22 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
         return None
     velocity = np.where(known, predicted, mean)
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
-    notes = (
-        () if off < SURPRISE * max(prediction.expected_m_s, NOISE_M_S) else (_surprise(off, upper, depth_m, trusted),)
-    )
+    notes = []
+    if off >= SURPRISE * max(prediction.expected_m_s, NOISE_M_S):
+        shift = depth_shift_by_speed(upper, depth_m, np.abs(trusted))
+        side = "below" if shift > 0 else "above"
+        where = f"; they agree best with the water {abs(shift):.0f} m {side} it" if shift else ""
+        notes.append(
+            f"the speeds of the reference differ by {100.0 * off:.1f} cm/s rms from those predicted at its depth, "
+            f"far more than expected from the profile{where}: check depths, clocks and units of both"
+        )
     return replace(
         pairs,
         upper_east=velocity.real,
         upper_north=velocity.imag,
         expected_m_s=(prediction.published_m_s, prediction.expected_m_s),
         veer_deg=prediction.veer_deg,
-        warnings=pairs.warnings + notes,
-    )
-
-
-def _surprise(off_m_s: float, upper: Record, depth_m: Floats, trusted: Complexes) -> str:
-    """Say that the reference's speeds are not those of the water at their depth, and of which depth they are."""
-    shift = depth_shift_by_speed(upper, depth_m, np.abs(trusted))
-    where = (
-        f"; they agree best with the water {abs(shift):.0f} m {'below' if shift > 0 else 'above'} it" if shift else ""
-    )
-    return (
-        f"the speeds of the reference differ by {100.0 * off_m_s:.1f} cm/s rms from those predicted at its depth, "
-        f"far more than expected from the profile{where}: check depths, clocks and units of both"
+        warnings=(*pairs.warnings, *notes),
     )
 
 
@@ -256,10 +250,8 @@ def _gridded(upper: Record, rules: PairRules) -> Record:
 
 def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: PairRules) -> VelocitySeries:
     """Return the reference's cell nearest to the sphere, or to the affected bins; dense series averaged."""
-    if not len(lower.time_s):
-        return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     known = np.isfinite(depth)
-    if not known.any():
+    if not len(lower.time_s) or not known.any():
         return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
     wanted = np.interp(lower.time_s, time_s[known], depth[known])
     centre = wanted if rules.predict else sphere
@@ -298,12 +290,6 @@ def _sphere(upper: Record, lower: Record) -> Floats:
     return interpolate_series(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
 
 
-def _minutes_to_nearest(series_s: Floats, at_s: Floats) -> Floats:
-    if not len(series_s):
-        return np.full(len(at_s), np.nan)
-    return (series_s[nearest_index(series_s, at_s)] - at_s) / 60.0
-
-
 def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:
     velocity, other, depth, other_depth, minutes = (column[keep] for column in columns)
     declination = earthfield.declination_at(field, upper.time_s)
@@ -336,16 +322,8 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
     """Say why there is no pair."""
     if not trusted:
         return []
-    reasons = [
-        f"the {name} instrument {why}"
-        for name, why in zip(
-            ("affected", "reference"),
-            (_unusable(upper, heading=True), _unusable(trusted[0], heading=False)),
-            strict=True,
-        )
-        if why
-    ]
-    if reasons:
+    whys = {"affected": _unusable(upper, heading=True), "reference": _unusable(trusted[0], heading=False)}
+    if reasons := [f"the {name} instrument {why}" for name, why in whys.items() if why]:
         return reasons
     if upper.time_s[0] > trusted[0].time_s[-1] or trusted[0].time_s[0] > upper.time_s[-1]:
         return ["the two records do not overlap in time"]

@@ -28,9 +28,9 @@ from compasslib import angles
 from compasslib.preparation.gridding import nearest_index
 from compasslib.records import Pairs, Record, take
 from compasslib.statistics.least_squares import robust_width
-from compasslib.types import Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
-BLOCK_S = 10 * 86400.0
+BLOCK_S = 10 * DAY_S
 MIN_BLOCKS, MIN_COMMON_PAIRS = 5, 100  # that both must have at the same times before they are held against each other
 LEAST_DEG, SURE = 5.0, 4.0  # a difference of directions that is told, and its standard errors
 LEAST_NOISE_M_S = 0.002
@@ -197,7 +197,6 @@ def _flows(pairs: Pairs) -> tuple[Complexes, Complexes]:
     return pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
 
 
-HOUR_S = 3600.0
 # Difference that no two instruments keep under, and the same as a share of a table's last digit.
 ALIKE_M_S, ROUNDED = 2e-3, 0.5
 SMALL = 0.1  # of the scatter of the speeds: in still water two instruments may agree by having nothing to measure
@@ -236,7 +235,14 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
     if len(upper.time_s) < MIN_COMPARED or len(lower.time_s) < MIN_COMPARED:
         return ""
     for trusted in _near(upper, lower, bins):
-        met = _matched(trusted, upper.time_s, lower.time_s)
+        sample = np.flatnonzero(np.isfinite(trusted.velocity))
+        sample = sample[:: 1 + len(sample) // MAX_COMPARED]
+        wanted = lower.time_s[sample, None] - HOUR_S * LAGS_H
+        place = nearest_index(upper.time_s, wanted.ravel()).reshape(wanted.shape)
+        velocity = trusted.velocity[sample]
+        met = MatchedVelocities(
+            velocity, place, np.abs(upper.time_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity)
+        )
         for cells in _bin_averages(upper):
             shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
             if (shared or off_m > OFF_M) and (_same(cells, met) or (cells.bins.start == 0 and _averaged(cells, met))):
@@ -251,17 +257,6 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
     for run in [order, *([k] for k in order if len(order) > 1)]:
         yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
-
-
-def _matched(trusted: CellSeries, upper_s: Floats, lower_s: Floats) -> MatchedVelocities:
-    sample = np.flatnonzero(np.isfinite(trusted.velocity))
-    sample = sample[:: 1 + len(sample) // MAX_COMPARED]
-    wanted = lower_s[sample, None] - HOUR_S * LAGS_H
-    place = nearest_index(upper_s, wanted.ravel()).reshape(wanted.shape)
-    velocity = trusted.velocity[sample]
-    return MatchedVelocities(
-        velocity, place, np.abs(upper_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity)
-    )
 
 
 def _last_digit(velocity: Complexes) -> float:
@@ -323,7 +318,7 @@ def _reason(cells: CellSeries, shared: bool, off_m: float) -> str:
     )
 
 
-SLOW_S = 2 * 86400.0  # lag with which the shortest is compared
+SLOW_S = 2 * DAY_S  # lag with which the shortest is compared
 MIN_CHANGES = 50  # changes of which a mean square is taken
 MOST_REPEATED, EQUAL_M_S = 0.3, 1e-5  # share of values that repeat the one before, and how nearly
 # Ratio of the structure functions at the shortest lag over that at two days, and of the curvatures of both series.
@@ -337,7 +332,12 @@ def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
     Args:
         reference: its record inside the deployment.
     """
-    if (share := _share_repeated(reference)) > MOST_REPEATED:
+    change = np.maximum(np.abs(np.diff(reference.east, axis=0)), np.abs(np.diff(reference.north, axis=0)))
+    known = np.isfinite(change)
+    compared = known.any(axis=1)
+    repeated = np.where(known, change, 0.0).max(axis=1, initial=0.0) < EQUAL_M_S  # in all cells
+    share = float(repeated[compared].mean()) if compared.sum() >= MIN_CHANGES else 0.0
+    if share > MOST_REPEATED:
         return (f"{share:.0%} of the reference's velocities repeat the one before: it was sampled less often, or held",)
     if len(pairs) < MIN_CHANGES:
         return ()
@@ -356,7 +356,7 @@ def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
         return ()
     what = "averaged, filtered or interpolated" if contrast < 1.0 else "high-pass filtered, noisy or merged"
     return (
-        f"relative to changes over {slow * step_s / 3600.0:.0f} h, the reference's speed changes from one pair to the "
+        f"relative to changes over {slow * step_s / HOUR_S:.0f} h, the reference's speed changes from one pair to the "
         f"next {np.sqrt(contrast):.2g} times as much as the affected instrument's: it may have been {what}; use the "
         "reference as it was measured",
     )
@@ -378,12 +378,3 @@ def _curvature(speed: Floats) -> float:
     if np.isfinite(second).sum() < MIN_CHANGES:
         return np.nan
     return float(np.nanmedian(second) / max(float(np.nanmedian(first)), 1e-9))
-
-
-def _share_repeated(reference: Record) -> float:
-    """Compute the share of samples whose velocities are, in all cells, those of the sample before."""
-    change = np.maximum(np.abs(np.diff(reference.east, axis=0)), np.abs(np.diff(reference.north, axis=0)))
-    known = np.isfinite(change)
-    compared = known.any(axis=1)
-    repeated = np.where(known, change, 0.0).max(axis=1, initial=0.0) < EQUAL_M_S
-    return float(repeated[compared].mean()) if compared.sum() >= MIN_CHANGES else 0.0

@@ -20,7 +20,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
-from compasslib.types import Bools, Complexes, Floats
+from compasslib.types import DAY_S, Bools, Complexes, Floats
 
 NEAREST = 4  # bins that a prediction is made of
 LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere that the structure is learnt from; cells between two of them
@@ -30,8 +30,8 @@ STEP = 0.1  # cells; nearer distances to the reference share their weights
 LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # cells over which layers decorrelate
 POWERS = (1.0, 2.0)  # at short distance: layers that are rough, and sheared evenly
 CLEARLY = 0.5  # of the mean square
-BLOCK_S, SURE = 2 * 86400.0, 2.0  # speeds are alike from hour to hour; standard errors that are no chance
-VEER_S = 2 * 86400.0  # turning that lasts as long is followed
+BLOCK_S, SURE = 2 * DAY_S, 2.0  # speeds are alike from hour to hour; standard errors that are no chance
+VEER_S = 2 * DAY_S  # turning that lasts as long is followed
 MOST_WINDOWS = 8  # places in the profile that it is learnt from, those next to the reference
 HALF_A_CELL, LEAST_M_S = 0.51, 1e-6
 OUTWARD = 0.05  # cells by which bins half a cell off are looked for farther away, not nearer
@@ -104,12 +104,23 @@ def fit_structure(record: Record) -> StructureFunction | None:
     velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
     first, second = np.triu_indices(len(near), 1)
     cells = np.abs(range_m[near][first] - range_m[near][second]) / max(cell_m, 1e-3)
-    squared = [_squared(velocity[:, a] - velocity[:, b]) for a, b in zip(first, second, strict=True)]
-    half = np.array(squared) / 2.0
+    half = np.full(len(first), np.nan)
+    for k, (a, b) in enumerate(zip(first, second, strict=True)):
+        squares = np.abs((velocity[:, a] - velocity[:, b])[usable[:, near[a]] & usable[:, near[b]]]) ** 2
+        half[k] = float(np.mean(squares)) / 2.0 if len(squares) >= FEWEST else np.nan
     valid = np.isfinite(half) & (half > 0.0) & (cells <= REACH)
     if valid.sum() < 3 or cell_m <= 0.0:
         return None
-    return _fitted(cell_m, cells[valid], half[valid])
+    from scipy.optimize import nnls  # only where there is a profile
+
+    cells, half = cells[valid], half[valid]
+    shapes = [(length, power) for length in LENGTHS for power in POWERS]
+    columns = np.column_stack([np.ones_like(cells), *(_shape(cells, *shape) for shape in shapes)])
+    # Noise and layers, none of them negative, each difference by its share.
+    sizes = nnls(columns / half[:, None], np.ones_like(half))[0]
+    least = LEAST_NOISE * float(np.median(half[cells <= cells.min() + 0.5]))
+    parts = tuple((float(size), *shape) for size, shape in zip(sizes[1:], shapes, strict=True) if size > 0.0)
+    return StructureFunction(cell_m, max(float(sizes[0]), least), parts or ((least, LENGTHS[-1], POWERS[0]),))
 
 
 def predict_water(
@@ -274,24 +285,6 @@ def _windows(
         direction = velocity[:, target] / np.maximum(np.abs(velocity[:, target]), LEAST_M_S)
         predictions.append(np.where(usable[:, [target, *which]].all(axis=1), predicted * np.conj(direction), 0.0))
     return np.array(predictions)
-
-
-def _squared(difference: Complexes) -> float:
-    """Return the mean square of differences, NaN where there are too few."""
-    finite = np.abs(difference[np.isfinite(difference)]) ** 2
-    return float(np.mean(finite)) if len(finite) >= FEWEST else np.nan
-
-
-def _fitted(cell_m: float, cells: Floats, half: Floats) -> StructureFunction:
-    """Fit noise and layers, none of them negative, to half the squared differences, each by its share."""
-    from scipy.optimize import nnls  # only where there is a profile
-
-    shapes = [(length, power) for length in LENGTHS for power in POWERS]
-    columns = np.column_stack([np.ones_like(cells), *(_shape(cells, *shape) for shape in shapes)])
-    sizes = nnls(columns / half[:, None], np.ones_like(half))[0]
-    least = LEAST_NOISE * float(np.median(half[cells <= cells.min() + 0.5]))
-    parts = tuple((float(size), *shape) for size, shape in zip(sizes[1:], shapes, strict=True) if size > 0.0)
-    return StructureFunction(cell_m, max(float(sizes[0]), least), parts or ((least, LENGTHS[-1], POWERS[0]),))
 
 
 def _shape(cells: Floats, length: float, power: float) -> Floats:

@@ -99,22 +99,18 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
     Raises:
         InputError: a file that cannot be read.
     """
-    known = get_format(form)
-    keys = {key: settings.get(key) for key in known.keys}
-    if known.plugin:
-        return _read_by_plugin(form, known.plugin, paths, keys)
-    with detect.format_hints(form, paths, offered=FORMATS):
-        record: Record = import_module(f"compasslib.readers.{known.module}").read(paths, **keys)
-    return record
-
-
-def _read_by_plugin(form: str, plugin: str, paths: Sequence[Path], keys: Mapping[str, Any]) -> Record:
     from compasslib.records import Record
 
+    known = get_format(form)
+    keys = {key: settings.get(key) for key in known.keys}
+    if not known.plugin:
+        with detect.format_hints(form, paths, offered=FORMATS):
+            record: Record = import_module(f"compasslib.readers.{known.module}").read(paths, **keys)
+        return record
     point = plugins.plugin_table(plugins.READERS, FORMATS)[form]
     with plugins.plugin_errors(point, "a Record"):
         record = plugins.load_plugin(point)(paths, **keys)
     if not isinstance(record, Record):
         shown, advice = type(record).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
-        raise InputError(f"{plugin}: {point.value}", expected="a Record", found=shown, advice=advice)
-    return replace(record, warnings=(f"Read by {plugin}.", *record.warnings))
+        raise InputError(f"{known.plugin}: {point.value}", expected="a Record", found=shown, advice=advice)
+    return replace(record, warnings=(f"Read by {known.plugin}.", *record.warnings))

@@ -152,7 +152,14 @@ def parse_table(
     texts = {role: _column(path, lines, place, role) for role, place in places.items() if role not in timed}
     unknown = ""
     if FLAG in texts:
-        columns[FLAG], unknown = _parse_flags(f"{path.name}: column {headers[FLAG]}", texts.pop(FLAG), meanings)
+        cells = texts.pop(FLAG)
+        counts = Counter(cells)
+        known = {cell: NOT_CHECKED if not cell else flags.flag_of(cell, cell, meanings) for cell in counts}
+        codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
+        columns[FLAG] = np.array([codes[cell] for cell in cells], dtype=float)
+        nameless = {cell: counts[cell] for cell, flag in known.items() if flag is None}
+        where = f"{path.name}: column {headers[FLAG]}"
+        unknown = flags.describe_unknown_flags(where, nameless) if nameless else ""
     decimal, by_comma = _detect_decimal(path, texts, headers, layout)
     for role, cells in texts.items():
         columns[role], row = _parse_numbers(cells, decimal, layout.missing)
@@ -161,16 +168,6 @@ def parse_table(
             _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]), to_do)
     recognised = ["units below the header"] * has_units + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
     return Table(columns, len(lines.rows), lines.cut, (*lines.notes, *recognised), unknown)
-
-
-def _parse_flags(where: str, cells: Sequence[str], meanings: Mapping[str, int]) -> tuple[Floats, str]:
-    """Map cells with meanings or values to OceanSITES flags, and word the sentence about those that nobody knows."""
-    counts = Counter(cells)
-    known = {cell: NOT_CHECKED if not cell else flags.flag_of(cell, cell, meanings) for cell in counts}
-    unknown = {cell: counts[cell] for cell, flag in known.items() if flag is None}
-    codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
-    values = np.array([codes[cell] for cell in cells], dtype=float)
-    return values, flags.describe_unknown_flags(where, unknown) if unknown else ""
 
 
 def _advise_on_word(cell: str) -> str:
@@ -316,20 +313,19 @@ def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ende
     again = {k for k in filled[1:] if header[0] in listed[k][0] and _strip_quotes(listed[k]) == header}
     places = [k for k in filled[1:] if k not in again]
     rows = [listed[k] for k in places]
-    rows = _join_clocks(header, rows) if delimiter == " " else rows
-    cut = bool(rows) and not ended and _is_cut(rows[-1], rows[:-1], header)
+    if delimiter == " " and rows and all(len(row) == len(header) + 1 for row in rows):
+        k = next((k for k, cell in enumerate(rows[0]) if k and ":" in cell), 0)
+        if k and all(":" in row[k] for row in rows):  # date and clock are one cell
+            rows = [[*row[: k - 1], f"{row[k - 1]} {row[k]}", *row[k + 1 :]] for row in rows]
+
+    def decimals(row: list[str]) -> int:
+        return len(row[-1].strip().replace(",", ".").partition(".")[2])
+
+    # A last line without its end is cut where it lacks cells, or its last cell decimals that all others have.
+    usual = min((decimals(row) for row in rows[:-1] if row[-1].strip()), default=0)
+    cut = bool(rows) and not ended and (len(rows[-1]) < len(header) or decimals(rows[-1]) < usual)
     notes = (f"{len(again)} more header line{'s' * (len(again) > 1)}",) if again else ()
     return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in places], int(cut), notes)
-
-
-def _join_clocks(header: Sequence[str], rows: list[list[str]]) -> list[list[str]]:
-    """Join date and clock between blanks to one cell, where every row has one cell more than the header."""
-    if not rows or any(len(row) != len(header) + 1 for row in rows):
-        return rows
-    k = next((k for k, cell in enumerate(rows[0]) if k and ":" in cell), 0)
-    if not k or not all(":" in row[k] for row in rows):
-        return rows
-    return [[*row[: k - 1], f"{row[k - 1]} {row[k]}", *row[k + 1 :]] for row in rows]
 
 
 def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
@@ -463,14 +459,3 @@ def _times_as_numbers(cells: list[str], layout: Layout) -> Floats | None:
 
 def _refuse_line(path: Path, line: int | str, expected: str, shown: str, advice: str = MEND) -> None:
     raise InputError(f"{path}: line {line}", expected=expected, found=shown, advice=advice) from None
-
-
-def _is_cut(last: list[str], others: list[list[str]], header: list[str]) -> bool:
-    """Tell whether a last line without its end lacks cells, or its last cell decimals that all others have."""
-
-    def decimals(cell: str) -> int:
-        return len(cell.strip().replace(",", ".").partition(".")[2])
-
-    if len(last) < len(header) or not others:
-        return len(last) < len(header)
-    return decimals(last[-1]) < min((decimals(row[-1]) for row in others if row[-1].strip()), default=0)

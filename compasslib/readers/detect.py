@@ -171,11 +171,14 @@ def format_hints(
         raise
     except InputError as error:
         for path in paths:
-            if Path(path).is_file() and (other := _wrong_kind(form, path)):
+            kind = detect_kind(path) if Path(path).is_file() else None
+            if kind is None or kind.name == "an empty file" or (kind in (TABLE, PROSE) and form in TEXTS):
+                continue  # the reader's own words say more
+            if kind.form is None or READABLE.get(kind.form) != READABLE.get(form):
                 expected = READABLE.get(form, f"a file of format {form}")
-                to_do = advice or ELSEWHERE.get(other.form or "", other.advice)
-                to_do = f"write format: {other.form}" if other.form in offered else to_do
-                raise InputError(str(path), expected=expected, found=other.name, advice=to_do) from None
+                to_do = advice or ELSEWHERE.get(kind.form or "", kind.advice)
+                to_do = f"write format: {kind.form}" if kind.form in offered else to_do
+                raise InputError(str(path), expected=expected, found=kind.name, advice=to_do) from None
         if as_text := next((path for path in paths if form in BINARY and _copied_as_text(path)), None):
             shown = "one copied as text: a carriage return stands before every line feed"
             to_do = "copy it again from the instrument in binary mode"
@@ -193,15 +196,6 @@ def _copied_as_text(path: str | Path) -> bool:
     return feeds >= LINE_FEEDS and feeds == data.count(b"\r\n")
 
 
-def _wrong_kind(form: str, path: str | Path) -> Kind | None:
-    """Detect the kind of a file where another format, or none, reads it."""
-    kind = detect_kind(path)
-    if kind is None or kind.name == "an empty file" or (kind in (TABLE, PROSE) and form in TEXTS):
-        return None  # the reader's own words say more
-    same = kind.form is not None and READABLE.get(kind.form) == READABLE.get(form)
-    return None if same else kind
-
-
 def _kind_of_head(head: bytes) -> Kind | None:
     if kind := next((each for each in KINDS if each.holds.match(head)), None):
         return kind
@@ -213,7 +207,10 @@ def _kind_of_head(head: bytes) -> Kind | None:
         return None
     lines = [line for line in head.splitlines() if line.strip()]
     below = lines[len(lines) // 2 :]  # whatever stands above a table
-    return TABLE if 2 * sum(map(_is_row, below)) >= len(below) else PROSE
+    digits, letters = ([len(re.findall(pattern, line)) for line in below] for pattern in (rb"\d", rb"[A-Za-z]"))
+    parted = (bool(re.search(rb"\S[,;|\t ]+\S", line)) for line in below)
+    rows = sum(d > a and columns for d, a, columns in zip(digits, letters, parted, strict=True))
+    return TABLE if 2 * rows >= len(below) else PROSE
 
 
 def _hexadecimal(head: bytes) -> Kind | None:
@@ -234,12 +231,6 @@ def _hexadecimal(head: bytes) -> Kind | None:
 
 def _is_text(head: bytes) -> bool:
     return len(head.translate(None, _PLAIN)) <= (1.0 - TEXT_SHARE) * len(head)
-
-
-def _is_row(line: bytes) -> bool:
-    """Tell a row of numbers in columns from words."""
-    digits, letters = len(re.findall(rb"\d", line)), len(re.findall(rb"[A-Za-z]", line))
-    return digits > letters and bool(re.search(rb"\S[,;|\t ]+\S", line))
 
 
 def _kind_of_record(data: bytes) -> Kind | None:

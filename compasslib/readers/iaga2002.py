@@ -76,6 +76,12 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         "missing": int(np.sum(~np.isfinite(declination))),
     }
     headers = [file.header for file in files]
+    order_warnings = []
+    for file in files:
+        reported, letters = file.header.get("reported", "").upper(), "".join(file.values)
+        if reported != letters and sorted(reported) == sorted(letters):
+            text = f"the header reports {reported}, the line DATE has {letters}, which counts"
+            order_warnings.append(f"{file.path}: {text}")
     names = [_first(headers, label) for label in ("station name", "iaga code")]
     return FieldSeries(
         time_s=time_s,
@@ -88,7 +94,7 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         elevation_m=_number(_first(headers, "elevation")),
         definitive=all(header.get("data type", "").lower().startswith("definitive") for header in headers),
         counts=counts,
-        warnings=(*_warnings(counts), *(text for file in files for text in _order_warning(file))),
+        warnings=(*_warnings(counts), *order_warnings),
         files=tuple(str(file.path) for file in files),
         origin=np.repeat(np.arange(len(files)), [len(file.time_s) for file in files])[first],
     )
@@ -108,7 +114,14 @@ def _read_file(path: Path) -> _File:
     rows = [line for line in lines[begin + 1 :] if line.strip()]
     matches = [match.groups() for line in rows if (match := ROW.fullmatch(line))]
     numbers = np.array(matches, dtype=float).reshape(-1, 7 + len(letters))
-    time_s, sound = _instants(numbers[:, :7])
+    year, month, date, hour, minute, second, day_of_year = numbers[:, :7].T
+    sound = (month >= 1) & (month <= 12) & (date >= 1) & (date <= 31) & (hour <= 23) & (minute <= 59) & (second < 61)
+    months = np.where(sound, 12 * (year - 1970) + month - 1, 0).astype(int)
+    day = months.astype("datetime64[M]").astype("datetime64[D]").astype(int) + np.where(sound, date, 1).astype(int) - 1
+    began = (months // 12).astype("datetime64[Y]").astype("datetime64[D]").astype(int)
+    sound &= day - began + 1 == day_of_year  # refuses 30 February too: its day is another month's
+    sound &= day.astype("datetime64[D]").astype("datetime64[M]").astype(int) == months
+    time_s = DAY_S * day + HOUR_S * hour + 60.0 * minute + second
     lost = sum(bool(DATED.match(line)) for line in rows) - int(sound.sum())
     refuse_mostly_damaged(path, "rows", damaged=lost, whole=int(sound.sum()))
     if not sound.any():
@@ -185,40 +198,18 @@ def _refuse_contradiction(file: _File) -> None:
     known = np.isfinite(total + made)
     if not known.any() or (middle := float(np.median(total[known]))) < LEAST_F_NT:
         return
-    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle and not _lacks_baseline(file, middle):
+    if np.abs(np.median((made - total)[known])) > CONTRADICTION * middle:
+        declination, horizontal, _ = (column[np.isfinite(column)] for column in _field(file.values))
+        about_zero = len(declination) > 0 and abs(float(np.median(declination))) < NO_BASELINE_DEG
+        if about_zero or (len(horizontal) > 0 and float(np.median(horizontal)) < NO_BASELINE_SHARE * middle):
+            return
         expected = f"F as {', '.join(names)} make it, {np.median(made[known]):.0f} nT"
         advice = "a component has another unit, or stands in another's column"
         raise _error(file.path, expected, f"{middle:.0f} nT", advice)
 
 
-def _lacks_baseline(file: _File, total_nT: float) -> bool:
-    """Tell components that vary about zero in declination or in the horizontal field, beside a scalar F."""
-    declination, horizontal, _ = (column[np.isfinite(column)] for column in _field(file.values))
-    about_zero = len(declination) > 0 and abs(float(np.median(declination))) < NO_BASELINE_DEG
-    return about_zero or (len(horizontal) > 0 and float(np.median(horizontal)) < NO_BASELINE_SHARE * total_nT)
-
-
 def _within_a_turn(minutes: Floats) -> Bools:
     return ~((minutes < LEAST_MINUTES) | (minutes > LARGEST_MINUTES))
-
-
-def _order_warning(file: _File) -> list[str]:
-    reported, letters = file.header.get("reported", "").upper(), "".join(file.values)
-    if reported == letters or sorted(reported) != sorted(letters):
-        return []
-    return [f"{file.path}: the header reports {reported}, the line DATE has {letters}, which counts"]
-
-
-def _instants(cells: Floats) -> tuple[Floats, Bools]:
-    """Compute the instants of rows, and which rows have a date that exists and agrees with their day of the year."""
-    year, month, date, hour, minute, second, day_of_year = cells.T
-    ok = (month >= 1) & (month <= 12) & (date >= 1) & (date <= 31) & (hour <= 23) & (minute <= 59) & (second < 61)
-    months = np.where(ok, 12 * (year - 1970) + month - 1, 0).astype(int)
-    day = months.astype("datetime64[M]").astype("datetime64[D]").astype(int) + np.where(ok, date, 1).astype(int) - 1
-    began = (months // 12).astype("datetime64[Y]").astype("datetime64[D]").astype(int)
-    ok &= day - began + 1 == day_of_year  # refuses 30 February too: its day is another month's
-    ok &= day.astype("datetime64[D]").astype("datetime64[M]").astype(int) == months
-    return DAY_S * day + HOUR_S * hour + 60.0 * minute + second, ok
 
 
 def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:

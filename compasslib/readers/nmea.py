@@ -135,9 +135,12 @@ def _sort_sentences(
             counts["impossible"] += not possible
             values[kind] += [(line, value)] if np.isfinite(value) and possible else []
             counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(sentence.deviation) > 0.0)
-    possible_fixes = [fix for fix in fixes if _is_possible(fix)]
-    counts["impossible"] += len(fixes) - len(possible_fixes)
-    fixes = possible_fixes
+    for fix in [*fixes]:
+        # Nothing is no contradiction.
+        at, speed, latitude, longitude = np.nan_to_num([fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude])
+        if not (0 <= at <= 360 and 0 <= speed <= FASTEST_KN and abs(latitude) <= 90 and abs(longitude) <= 180):
+            counts["impossible"] += 1
+            fixes.remove(fix)
     counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
     fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
     return _add_times(fixes, clock), values
@@ -168,12 +171,6 @@ def _number(text: object) -> float:
         return float(str(text))
     except ValueError:
         return NAN
-
-
-def _is_possible(fix: _Fix) -> bool:
-    """Tell whether a fix's numbers can be what they stand for; none is no contradiction."""
-    course, speed, latitude, longitude = np.nan_to_num([fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude])
-    return bool(0 <= course <= 360 and 0 <= speed <= FASTEST_KN and abs(latitude) <= 90 and abs(longitude) <= 180)
 
 
 def _add_times(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
@@ -232,7 +229,12 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
         zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
     )
     for name, most in (("latitude", 90.0), ("longitude", 180.0)):
-        series[name] = _drop_outlying_places(series[name], near, most, counts)
+        known = near & np.isfinite(series[name])
+        if known.any():
+            turned = angles.difference(series[name], series[name][known][0]) if most == 180.0 else series[name]
+            astray = known & (np.abs(turned - np.median(turned[known])) > ASTRAY_DEG * most / 90.0)
+            counts["astray"] += int(astray.sum())
+            series[name] = np.where(astray, np.nan, series[name])
     series["heading_deg"] = angles.wrap360(value)
     series["true_heading_deg"] = _nearest(values["HDT"], line, time_s)[0]
     series["water_speed_kn"] = _nearest(values["VHW"], line, time_s)[0]
@@ -260,17 +262,6 @@ def _is_repeated(rows: Floats) -> Bools:
     repeated = np.ones(len(rows), dtype=bool)
     repeated[first] = False
     return repeated & back
-
-
-def _drop_outlying_places(values: Floats, near: Bools, most: float, counts: Counter[str]) -> Floats:
-    """Drop latitudes or longitudes far from the median of all, (n,); count them."""
-    known = near & np.isfinite(values)
-    if not known.any():
-        return values
-    turned = angles.difference(values, values[known][0]) if most == 180.0 else values
-    astray = known & (np.abs(turned - np.median(turned[known])) > ASTRAY_DEG * most / 90.0)
-    counts["astray"] += int(astray.sum())
-    return np.where(astray, np.nan, values)
 
 
 def _losses(counts: Counter[str]) -> tuple[str, ...]:

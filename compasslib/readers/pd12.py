@@ -59,13 +59,16 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     frames, counts = _frames(paths)
     heads = np.frombuffer(b"".join(frame[: HEADER.itemsize] for frame in frames), HEADER)
     _refuse(where, paths, heads, counts)
-    time_s = _times(heads)
+    names = ("year", "month", "day", "hour", "minute", "second", "hundredths")
+    time_s = civil_seconds(*(heads[name].astype(np.int64) for name in names), last_year=LAST_YEAR)
     dated = np.isfinite(time_s)
     frames, heads, time_s = [f for f, d in zip(frames, dated, strict=True) if d], heads[dated], time_s[dated]
     widest = int(heads["bins"].max(initial=1))
     refuse_large_arrays(where, 4 * 8 * len(heads) * widest, counts["bytes_total"], widest)
     east, north, up, error = _velocities(frames, heads)
-    counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": _lost(heads["number"])}
+    steps = np.diff(np.unique(heads["number"].astype(np.int64)))
+    lost = int((np.maximum(steps // (int(np.median(steps)) if len(steps) else 1), 1) - 1).sum())
+    counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": lost}
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
     known = np.isfinite(east + north)
     pitch, roll = from_hundredths(heads["pitch"]), from_hundredths(heads["roll"])
@@ -163,11 +166,6 @@ def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: 
         raise InputError(where, expected="all four velocities (command PO 1111)", found=shown, advice=advice)
 
 
-def _times(heads: NDArray[np.void]) -> Floats:
-    names = ("year", "month", "day", "hour", "minute", "second", "hundredths")
-    return civil_seconds(*(heads[name].astype(np.int64) for name in names), last_year=LAST_YEAR)
-
-
 def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
     """Decode east, north, up and error, (4, n, m) m/s, padded where ensembles have fewer bins than the longest."""
     flow = np.full((4, len(frames), int(heads["bins"].max(initial=1))), np.nan)
@@ -184,13 +182,6 @@ def _ranges(heads: NDArray[np.void], bins: int, bin_size: float, first_bin: floa
     stride = np.maximum(heads["components"] >> 4, 1)
     later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / stride
     return first_bin + bin_size * (later[:, None] + np.arange(bins))
-
-
-def _lost(numbers: NDArray[np.unsignedinteger]) -> int:
-    """Count the ensembles missing between two that are there, by the step that numbers usually make."""
-    steps = np.diff(np.unique(numbers.astype(np.int64)))
-    usual = int(np.median(steps)) if len(steps) else 1
-    return int((np.maximum(steps // usual, 1) - 1).sum())
 
 
 def _warnings(counts: dict[str, int]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
-from compasslib.readers.delimited import COLUMN_MAP, Layout, Table, read_table, table_notes
+from compasslib.readers.delimited import COLUMN_MAP, Layout, read_table, table_notes
 from compasslib.records import GOOD, MISSING, Record
 from compasslib.types import Bools, Floats
 
@@ -59,11 +59,21 @@ def read(
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
     known = vocabularies.parse_flag_settings(flags)
     files = [read_table(path, headers, COLUMN_MAP, Layout.from_settings(layout), known) for path in paths]
-    table, counts = _clean(*_concatenate(files))
+    # Listed in any order.
+    tables = sorted((file.columns for file in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
+    rows, cut = sum(file.rows for file in files), sum(file.cut for file in files)
+    joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
+    table, counts = _clean(joined, {"rows": rows + cut, "rows_cut": cut})
     table, counts["rows_sorted"] = _sort_rows(table)
     samples = _Grid(table.pop("time"))
     n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
-    east, north = (_spread(scale * x, samples, (n, m)) for x in _east_north(table))
+    if "east" in table:
+        components = table["east"], table["north"]
+    elif "speed" in table:
+        components = angles.components(table["speed"], table["direction"])
+    else:
+        components = angles.turn(-table["y"], table["x"], table["heading"])
+    east, north = (_spread(scale * x, samples, (n, m)) for x in components)
     quality = np.full((n, m), GOOD) if "flag" not in table else _spread(table["flag"], samples, (n, m))
     series = {role: values[samples.first] for role, values in table.items()}
     empty = np.full(n, np.nan)
@@ -86,14 +96,6 @@ def read(
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
         warnings=(*table_notes(files), *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key])),
     )
-
-
-def _concatenate(files: Sequence[Table]) -> tuple[dict[str, Floats], dict[str, int]]:
-    # Listed in any order.
-    tables = sorted((file.columns for file in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
-    rows, cut = sum(file.rows for file in files), sum(file.cut for file in files)
-    joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
-    return joined, {"rows": rows + cut, "rows_cut": cut}
 
 
 def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
@@ -135,7 +137,12 @@ def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
 def _fillers(table: Mapping[str, Floats]) -> Bools:
     """Find rows whose speed is a repeated number of nothing but nines, such as -99.9 or 9999, and no speed."""
     speeds = [table[role] for role in CURRENTS if role in table]
-    nines = [_is_nines(column) for column in speeds]
+    nines = []
+    for column in speeds:
+        distinct, where = np.unique(column, return_inverse=True)
+        texts = [f"{abs(x):g}" for x in distinct]
+        of_nines = [set(text.replace(".", "")) == {"9"} and len(text) > 2 for text in texts]
+        nines.append(np.array(of_nines, dtype=bool)[where.ravel()])
     alike = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
     filled = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
     for column, nine in zip(speeds, nines, strict=True):
@@ -172,12 +179,6 @@ def _is_too_frequent(column: Floats) -> Bools:
     frequent = (often & np.isfinite(distinct))[where.ravel()]
     begins = int(np.sum(frequent[1:] & ~frequent[:-1])) + int(frequent[:1].sum())
     return np.asarray(frequent & (frequent.sum() <= FROZEN_ROWS * begins))
-
-
-def _is_nines(column: Floats) -> Bools:
-    distinct, where = np.unique(column, return_inverse=True)
-    of_nines = [set(f"{abs(x):g}".replace(".", "")) == {"9"} and len(f"{abs(x):g}") > 2 for x in distinct]
-    return np.array(of_nines, dtype=bool)[where] if len(distinct) else np.zeros(0, dtype=bool)
 
 
 def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
@@ -217,14 +218,6 @@ def _ranges(table: Mapping[str, Floats], samples: _Grid, shape: tuple[int, int])
     if level is None or shape[1] == 1:
         return np.zeros(shape)
     return _spread(level - level[samples.first][samples.row], samples, shape)
-
-
-def _east_north(table: Mapping[str, Floats]) -> tuple[Floats, Floats]:
-    if "east" in table:
-        return table["east"], table["north"]
-    if "speed" in table:
-        return angles.components(table["speed"], table["direction"])
-    return angles.turn(-table["y"], table["x"], table["heading"])
 
 
 def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str, ...]]:

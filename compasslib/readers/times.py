@@ -102,7 +102,13 @@ def parse_times(
     """
     ahead_s = 0.0 if zone in (None, "UTC") else _offset_s(str(zone))
     if form is None and all(map(_ISO.fullmatch, cells)):
-        return _parse_iso(cells) - _refuse_mixed_zones(cells, ahead_s), ""
+        time_s = _parse_iso(cells)
+        row = next((k for k, cell in enumerate(cells) if cell.endswith("Z")), None)
+        if row is not None and ahead_s:
+            raise Unreadable(
+                row, repr(cells[row]), "times without a zone beside timezone", "correct or delete timezone"
+            )
+        return time_s - ahead_s, ""
     if form in SCALES:
         return _from_scale(str(form), cells, numbers()) - ahead_s, ""
     if form is not None:
@@ -112,14 +118,6 @@ def parse_times(
         scale = _detect_scale(cells, numbers())
         return _from_scale(scale, cells, numbers()) - ahead_s, f"times as {SCALES[scale][1]}"
     return _fields_to_seconds(cells, fields) - _zone_offset_s(cells, fields.zone_s, zone, ahead_s), note
-
-
-def _refuse_mixed_zones(cells: Sequence[str], ahead_s: float) -> float:
-    """Refuse a zone beside ISO times in UTC (Z); give how far the clock is ahead of UTC, s."""
-    row = next((k for k, cell in enumerate(cells) if cell.endswith("Z")), None)
-    if row is not None and ahead_s:
-        raise Unreadable(row, repr(cells[row]), "times without a zone beside timezone", "correct or delete timezone")
-    return ahead_s
 
 
 def _parse_iso(cells: Sequence[str]) -> Floats:

@@ -212,14 +212,24 @@ def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) 
         angles.wrap360(recorded),
     )
     dbar = companion.at(time_s)
-    ascending = _ascending(scans, dbar)
+    # Up and down by the pressure, else by the number: odd profiles climb, number 0 is the set-up dive.
+    numbers = np.array([block.number for block in scans.blocks])
+    ascending = np.where(numbers == UNKNOWN, np.nan, numbers % 2)
+    for profile, (begin, end) in enumerate(_limits(scans)):
+        known = dbar[begin:end][np.isfinite(dbar[begin:end])]
+        if len(known) and abs(known[-1] - known[0]) > TREND_DBAR:
+            ascending[profile] = float(known[-1] < known[0])
     return TimedScans(scans, time_s, heading, dbar, rate, ascending, tuple(notes))
 
 
 def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
     """Find time of the first scan and sample rate of the profiles whose scans carry no clock."""
     stated = [Start(block.number, block.on_s, block.off_s) for block in scans.blocks]
-    matched = _match_starts(stated, companion.starts)
+    # By number, in order where numbers tell nothing.
+    by_number = {start.number: start for start in companion.starts if start.number != UNKNOWN}
+    matched = [by_number.get(each.number, Start(UNKNOWN, np.nan, np.nan)) for each in stated]
+    if len(companion.starts) == len(stated) and not any(np.isfinite(each.on_s) for each in matched):
+        matched = list(companion.starts)
     starts = [a if np.isfinite(a.on_s) else b for a, b in zip(stated, matched, strict=True)]
     begin = np.array([start.on_s for start in starts]) + offset
     if not np.isfinite(begin).any():
@@ -243,36 +253,18 @@ def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> 
     return begin, np.where(np.isfinite(rate), rate, USUAL_HZ), notes
 
 
-def _match_starts(stated: Sequence[Start], starts: Sequence[Start]) -> list[Start]:
-    """Match the companion's starts to profiles: by number, in order where numbers tell nothing."""
-    unknown = Start(UNKNOWN, np.nan, np.nan)
-    by_number = {start.number: start for start in starts if start.number != UNKNOWN}
-    matched = [by_number.get(each.number, unknown) for each in stated]
-    if len(starts) == len(stated) and not any(np.isfinite(each.on_s) for each in matched):
-        return list(starts)
-    return matched
-
-
 def _limits(scans: Scans) -> list[tuple[int, int]]:
     ends = np.cumsum(np.bincount(scans.profile, minlength=len(scans.blocks)))
     return list(zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True))
 
 
-def _ascending(scans: Scans, pressure_dbar: Floats) -> Floats:
-    """Tell up from down by the pressure, else by the number: odd profiles climb, number 0 is the set-up dive."""
-    numbers = np.array([block.number for block in scans.blocks])
-    direction = np.where(numbers == UNKNOWN, np.nan, numbers % 2)
-    for profile, (begin, end) in enumerate(_limits(scans)):
-        part = pressure_dbar[begin:end]
-        known = part[np.isfinite(part)]
-        if len(known) and abs(known[-1] - known[0]) > TREND_DBAR:
-            direction[profile] = float(known[-1] < known[0])
-    return direction
-
-
 def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> Record:
     scans = series.scans
-    x, y = _velocities(series)
+    rate = series.rate_hz[scans.profile]
+    x, y = instrument_axes(scans.values[:, 6:] / 100.0)
+    # A turn away from an aliased heading is none.
+    joined = follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~is_aliased(scans)[:-1]
+    y = remove_swing(y, swing_rate(series.heading_deg, rate, joined))
     keep = np.isfinite(series.time_s) & ~is_aliased(scans)
     heading = series.heading_deg[keep]
     east, north = to_earth(x[keep], y[keep], heading)
@@ -305,15 +297,6 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
             *compared.warnings(),
         ),
     )
-
-
-def _velocities(series: TimedScans) -> tuple[Floats, Floats]:
-    """Compute (x, y) in the meter's axes without its swing, (r,) m/s each: along the heading, to port."""
-    scans, rate = series.scans, series.rate_hz[series.scans.profile]
-    x, y = instrument_axes(scans.values[:, 6:] / 100.0)
-    # A turn away from an aliased heading is none.
-    joined = follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~is_aliased(scans)[:-1]
-    return x, remove_swing(y, swing_rate(series.heading_deg, rate, joined))
 
 
 def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, int]:

@@ -8,21 +8,20 @@ and used only where no clocked sample is near. A table is CSV with a header line
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers.delimited import Layout, Lines, find_lines, parse_table, table_notes
+from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_lines, parse_table, table_notes
 from compasslib.readers.detect import detect_kind
 from compasslib.readers.files import read_bytes, refuse_mostly_damaged
-from compasslib.readers.mmp.rows import UNKNOWN, Form, ProfileBlock, Text, parse, parse_profiles
+from compasslib.readers.mmp.rows import UNKNOWN, Form, Text, parse, parse_profiles
 from compasslib.readers.mmp.scans import is_text
 from compasslib.readers.times import civil_seconds
 from compasslib.types import Floats
 
-DEFAULT_LAYOUT = Layout()
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
 PROFILES = ("profile", "profile_number")
@@ -97,7 +96,13 @@ def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> C
     """
     series = [_read_file(path, layout) for path in paths]
     clocked = _merge([each for each in series if each.clocked])
-    return _merge([each if each.clocked else _complement(each, clocked) for each in series])
+    known = {start.number for start in clocked.starts} - {UNKNOWN}
+    for k, each in enumerate(series):
+        if not each.clocked:  # samples without a clock of their own are used where those with one leave a gap
+            alone = clocked.distance_s(each.time_s) > BRIDGED_S
+            starts = () if not alone.all() else tuple(start for start in each.starts if start.number not in known)
+            series[k] = replace(each, time_s=each.time_s[alone], pressure_dbar=each.pressure_dbar[alone], starts=starts)
+    return _merge(series)
 
 
 def _merge(series: Sequence[_PressureSeries]) -> Companion:
@@ -111,14 +116,6 @@ def _merge(series: Sequence[_PressureSeries]) -> Companion:
     return Companion(time, pressure[known][first], tuple(starts), sum(each.damaged for each in series), notes)
 
 
-def _complement(series: _PressureSeries, clocked: Companion) -> _PressureSeries:
-    """Select samples without a clock of their own where those with one leave a gap."""
-    known = {start.number for start in clocked.starts} - {UNKNOWN}
-    alone = clocked.distance_s(series.time_s) > BRIDGED_S
-    starts = () if not alone.all() else tuple(start for start in series.starts if start.number not in known)
-    return _PressureSeries(series.time_s[alone], series.pressure_dbar[alone], starts, series.damaged, clocked=False)
-
-
 def _read_file(path: Path, layout: Layout) -> _PressureSeries:
     data = read_bytes(path)
     try:
@@ -126,7 +123,17 @@ def _read_file(path: Path, layout: Layout) -> _PressureSeries:
     except InputError:  # a binary file
         lines = None
     if lines:
-        return _parse_table(path, lines, layout)
+        table = parse_table(path, lines, _columns(lines.header), "correct the header", layout)
+        time_s, pressure = table.columns["time"], table.columns["pressure"]
+        number = np.full(table.rows, float(UNKNOWN))
+        step = np.diff(time_s)
+        new = np.append(True, step > _bridge(step))[: len(time_s)]  # after a pause
+        if "profile" in table.columns:
+            number = table.columns["profile"]
+            new = np.append(True, np.diff(number) != 0)[: len(number)]
+        begins = np.flatnonzero(new & np.isfinite(number))
+        starts = tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins)
+        return _PressureSeries(time_s, pressure, starts, damaged=table.cut, notes=table_notes([table]))
     if not is_text(data):
         advice, known = "unpack the profiler's binary files with the maker's unpacker", detect_kind(path)
         raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
@@ -164,14 +171,10 @@ def _parse_rows(path: Path, text: Text) -> _PressureSeries:
         spread = [block.on_s + half * (block.off_s - block.on_s) / len(half) for block, half in halves]
         time_s = np.concatenate(spread)
     dbar = text.values[:, DBAR_OF_E if stamped else DBAR_OF_C]
-    starts = tuple(_start(block, time_s) for block in profiles)
+    begins = [b.on_s if np.isfinite(b.on_s) else float(time_s[b.begin]) for b in profiles]
+    starts = tuple(Start(b.number, on_s, b.off_s) for b, on_s in zip(profiles, begins, strict=True))
     # Before its first reading the profiler writes zeros.
     return _PressureSeries(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
-
-
-def _start(block: ProfileBlock, time_s: Floats) -> Start:
-    on = block.on_s if np.isfinite(block.on_s) else float(time_s[block.begin])
-    return Start(block.number, on, block.off_s)
 
 
 def _columns(names: Sequence[str]) -> dict[str, str]:
@@ -182,20 +185,6 @@ def _columns(names: Sequence[str]) -> dict[str, str]:
     if {"date", "time"} <= set(header) and columns["time"] == header["time"]:
         columns |= {"date": header["date"], "clock": columns.pop("time")}
     return columns if "pressure" in columns and {"time", "clock"} & set(columns) else {}
-
-
-def _parse_table(path: Path, lines: Lines, layout: Layout) -> _PressureSeries:
-    table = parse_table(path, lines, _columns(lines.header), "correct the header", layout)
-    time_s, pressure = table.columns["time"], table.columns["pressure"]
-    number = np.full(table.rows, float(UNKNOWN))
-    step = np.diff(time_s)
-    new = np.append(True, step > _bridge(step))[: len(time_s)]  # after a pause
-    if "profile" in table.columns:
-        number = table.columns["profile"]
-        new = np.append(True, np.diff(number) != 0)[: len(number)]
-    begins = np.flatnonzero(new & np.isfinite(number))
-    starts = tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins)
-    return _PressureSeries(time_s, pressure, starts, damaged=table.cut, notes=table_notes([table]))
 
 
 def _bridge(step: Floats) -> float:

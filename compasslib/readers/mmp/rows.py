@@ -193,10 +193,15 @@ def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, in
     """
     statements, garbled = _statements(text)
     damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
-    groups, between = _groups(text, statements)
+    ends = [statement for statement in statements if statement.kind != "other"]
+    before = np.searchsorted([statement.offset for statement in ends], text.offset)
+    begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
+    marks = [0, *before[begins].tolist(), len(ends)]
+    between = [ends[a:b] for a, b in pairwise(marks)]
+    limits = [*begins.tolist(), len(before)]
     profiles: list[ProfileBlock] = []
     place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
-    for k, group in enumerate(groups):
+    for k, group in enumerate(pairwise(limits)):
         for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
             introduced = between[k] and piece.begin == group[0]
             start = between[k][-1].offset if introduced else int(text.offset[piece.begin]) if piece.begin else 0
@@ -326,17 +331,6 @@ def _stamp(words: bytes) -> float:
     except ValueError:
         return float("nan")
     return known.timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
-
-
-def _groups(text: Text, statements: Sequence[_Statement]) -> tuple[list[tuple[int, int]], list[list[_Statement]]]:
-    """Group rows between lines that end a profile, and the lines before, between and behind them."""
-    ends = [statement for statement in statements if statement.kind != "other"]
-    before = np.searchsorted([statement.offset for statement in ends], text.offset)
-    begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
-    marks = [0, *before[begins].tolist(), len(ends)]
-    between = [ends[a:b] for a, b in pairwise(marks)]
-    limits = [*begins.tolist(), len(before)]
-    return list(pairwise(limits)), between
 
 
 def _pieces(block: ProfileBlock, time_s: Floats) -> list[ProfileBlock]:

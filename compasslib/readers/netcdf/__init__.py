@@ -129,10 +129,14 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     turn = reference.resolve_north(
         file, reference.stated_north(file, water.variable, heading_variable), settings.reference, settings.declination
     )
-    east, northward = _turned(water, turn)
+    east, northward = water.east, water.north
+    if np.any(turn.velocity):
+        by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
+        east, northward = angles.turn(east, northward, -by)
     alignment = reference.heading_alignment(file, heading_variable, settings.alignment)
     heading = _series(file, "heading", n, heading_variable) + alignment
-    heading = np.full(n, np.nan) if turn.heading is None else _wrapped(heading - turn.heading)
+    heading = np.full(n, np.nan) if turn.heading is None else heading - turn.heading
+    heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
     bins = _bins(file, n, east.shape[1], settings.orientation)
     _refuse_rows(file, time_s, bins)
     quality = vocabularies.worst_flag([water.quality, time_flags[:, None]])
@@ -142,13 +146,16 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     backwards = bins.range_m.shape[1] > 1 and np.nanmedian(np.diff(bins.range_m, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
     flags.note_unlinked(file)
+    pitch = _measured(file, "tilt_x", n)
+    if file.text("inst_make") == "TRDI":  # what dolfyn keeps is the sensor's, which hangs inside the roll
+        pitch = true_pitch(pitch, _series(file, "tilt_y", n))
     return Record(
         time_s=time_s,
         east=east[:, order],
         north=northward[:, order],
         bin_range_m=np.broadcast_to(bins.range_m[:, order], east.shape),
         heading_deg=heading,
-        pitch_deg=_pitch(file, n),
+        pitch_deg=pitch,
         roll_deg=_measured(file, "tilt_y", n),
         pressure_dbar=_pressure(file, n),
         depth_m=bins.depth_m,
@@ -163,7 +170,13 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         velocity_bias_deg=float(np.median(turn.velocity)),
         serial_number=str(file.attribute(*SERIAL_NUMBERS, f"SerialNum{file.suffix}") or ""),
         profiles=_profiles(file, east.shape, order),
-        counts=_counts(east, quality, heading, n),
+        counts={
+            "samples": n,
+            "velocities": int(np.isfinite(east).sum()),
+            "velocities_missing": int((quality == MISSING).sum()),
+            "velocities_flagged": int(((quality > 2) & (quality != MISSING)).sum()),
+            "heading_missing": int(np.isnan(heading).sum()),
+        },
         warnings=tuple(f"{path.name}: {note}" for note in file.notes),
     )
 
@@ -285,17 +298,6 @@ def _all_components(file: File, role: str) -> netCDF4.Variable | None:
     return fitting[0] if fitting else None
 
 
-def _turned(water: _Currents, turn: reference.Turn) -> tuple[Floats, Floats]:
-    if not np.any(turn.velocity):
-        return water.east, water.north
-    by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
-    return angles.turn(water.east, water.north, -by)
-
-
-def _wrapped(heading: Floats) -> Floats:
-    return np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
-
-
 def _series(file: File, role: str, n: int, variable: netCDF4.Variable | None = None) -> Floats:
     variable = find(file, role, (file.time,)) if variable is None else variable
     return np.full(n, np.nan) if variable is None else np.broadcast_to(values(file, role, variable), n).astype(float)
@@ -310,12 +312,6 @@ def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None =
         return series
     file.note(f"{variable.name}: {int(bad.sum())} values are flagged and count as missing.")
     return np.where(bad, np.nan, series)
-
-
-def _pitch(file: File, n: int) -> Floats:
-    """Read the pitch; what dolfyn keeps of a TRDI is the sensor's, which hangs inside the roll."""
-    pitch = _measured(file, "tilt_x", n)
-    return true_pitch(pitch, _series(file, "tilt_y", n)) if file.text("inst_make") == "TRDI" else pitch
 
 
 def _pressure(file: File, n: int) -> Floats:
@@ -353,18 +349,6 @@ def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
         scalar = file.nc.variables.get("NOMINAL_DEPTH")
         nominal = file.attribute(*NOMINAL) if scalar is None or scalar.size != 1 else float(scalar[...].item())
         depth = depth if nominal is None else np.full(len(depth), float(nominal))
-    return _bins_by_depth(file, below, depth, orientation)
-
-
-def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
-    if not np.isfinite(places).any(axis=0).all():
-        advice = "name another variable in columns"
-        raise file.refuse(variable.name, "a number for every bin", "bins without any", advice)
-    return places
-
-
-def _bins_by_depth(file: File, below: Floats, depth: Floats, orientation: str | None) -> _Bins:
-    """Locate bins by their depths: ranges from the instrument's depth, else from that of the bin nearest to it."""
     if np.isfinite(depth).any():
         instrument = depth[:, None] if len(below) == len(depth) else np.full((1, 1), np.nanmedian(depth))
         above = float(np.nanmedian(instrument - below))
@@ -373,6 +357,13 @@ def _bins_by_depth(file: File, below: Floats, depth: Floats, orientation: str | 
     looks_up = _looks_up(file, orientation, None)
     nearest = np.nanmax(below, axis=1) if looks_up else np.nanmin(below, axis=1)
     return _Bins(np.abs(nearest[:, None] - below), looks_up, np.broadcast_to(nearest, len(depth)).astype(float))
+
+
+def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
+    if not np.isfinite(places).any(axis=0).all():
+        advice = "name another variable in columns"
+        raise file.refuse(variable.name, "a number for every bin", "bins without any", advice)
+    return places
 
 
 def _looks_up(file: File, orientation: str | None, by_sign: str | None) -> bool:
@@ -392,16 +383,6 @@ def _beam_angle(file: File, bins: int) -> float:
     return float(np.asarray(angle).ravel()[0]) if angle is not None else 0.0
 
 
-def _counts(east: Floats, quality: Flags, heading: Floats, n: int) -> dict[str, int]:
-    return {
-        "samples": n,
-        "velocities": int(np.isfinite(east).sum()),
-        "velocities_missing": int((quality == MISSING).sum()),
-        "velocities_flagged": int(((quality > 2) & (quality != MISSING)).sum()),
-        "heading_missing": int(np.isnan(heading).sum()),
-    }
-
-
 def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDArray[Any]]:
     """Read the profiles of a record: upward and error velocity, echo, correlation and percent good.
 
@@ -415,8 +396,12 @@ def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDA
     profiles: dict[str, NDArray[Any]] = {
         key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None
     }
-    counts = {key: _beam_counts(file, names) for key, names in COUNTS.items()}
-    profiles |= {key: _pack(values) for key, values in counts.items() if values is not None}
+    for key, names in COUNTS.items():
+        counts = _beam_counts(file, names)
+        if counts is not None:  # the bytes that they were; -1 where missing
+            missing = ~((counts >= 0) & (counts <= LARGEST))
+            whole = np.where(missing, -1, np.rint(counts)).astype(np.int16)
+            profiles[key] = whole if missing.any() else whole.astype(np.uint8)
     return {key: values[:, order] for key, values in profiles.items() if values.shape[:2] == shape}
 
 
@@ -443,13 +428,6 @@ def _beam_counts(file: File, names: tuple[str, ...]) -> Floats | None:
         if len(each) == len(several):
             return each[0] if len(each) == 1 else np.stack(each, axis=-1)
     return None
-
-
-def _pack(values: Floats) -> NDArray[Any]:
-    """Convert counts to the bytes that they were; -1 where missing."""
-    missing = ~((values >= 0) & (values <= LARGEST))
-    whole = np.where(missing, -1, np.rint(values)).astype(np.int16)
-    return whole if missing.any() else whole.astype(np.uint8)
 
 
 def _arranged(file: File, variable: netCDF4.Variable, *last: str) -> Floats | None:

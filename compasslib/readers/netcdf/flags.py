@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial, reduce
 from operator import or_
 from typing import Any
@@ -25,15 +24,8 @@ SUFFIXES = ("_SEADATANET_QC", "_quality_control", "_quality_flag", "_QC", "_flag
 STATED = ("flag_values", "flag_masks", "flag_meanings")
 ROLLUP = "aggregate_quality_flag"  # CF's name of the one that sums up the others
 TESTS = "_TESTS"  # of this program's own product: which tests failed, beside the flag that counts
+_Meaning = tuple[int, tuple[str, ...]]  # of a value: its flag, and the words in it that nobody knows
 NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "references", "long_name", "comment")
-
-
-@dataclass(frozen=True)
-class _Known:
-    """The meaning of a value of a flag variable, and the words in it that nobody knows."""
-
-    flag: int
-    unknown: tuple[str, ...] = ()
 
 
 def read_flags(file: File, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Flags | None:
@@ -127,9 +119,8 @@ def _decode(file: File, quality: netCDF4.Variable) -> Flags:
         if _is_empty(quality, value):
             empty += n
             continue
-        known = meaning(value)
-        codes[k] = known.flag
-        unknown.update(dict.fromkeys(known.unknown, n))
+        codes[k], nameless = meaning(value)
+        unknown.update(dict.fromkeys(nameless, n))
     if empty:
         file.note(f"{quality.name}: {empty} flags were never written; they count as not checked.")
     if unknown:
@@ -150,7 +141,7 @@ def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
     return is_fill and _label(value) not in _listed(getattr(quality, "flag_values", None))
 
 
-def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Known]:
+def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Meaning]:
     """Choose the function that interprets a value, by the form in which the variable states it."""
     words = [word for word in re.split(r"[\s,;]+", file.text("flag_meanings", quality).strip()) if word]
     values, masks = (_listed(file.attribute(name, variable=quality)) for name in ("flag_values", "flag_masks"))
@@ -187,19 +178,19 @@ def _label(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Known:
+def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Meaning:
     label = _label(value)
     word = words.get(label, "")
     flag = vocabularies.flag_of(label, word, file.meanings)
-    return _Known(PROBABLY_BAD, (word or label,)) if flag is None else _Known(flag)
+    return (PROBABLY_BAD, (word or label,)) if flag is None else (flag, ())
 
 
 def _by_masks(
     file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], value: Any
-) -> _Known:
+) -> _Meaning:
     """Interpret a field of bits: of the conditions that hold, the worst counts."""
     if (whole := file.meanings.get(_label(value))) is not None:
-        return _Known(whole)
+        return whole, ()
     number, *fields = (int(text) % 2**bits for text in (_label(value), *masks))
     states = [int(text) % 2**bits for text in values] or fields
     flag_of = {w: vocabularies.flag_of(mask, w, file.meanings) for w, mask in zip(words, masks, strict=True)}
@@ -213,4 +204,4 @@ def _by_masks(
     if not holding and not unknown and {GOOD, PROBABLY_GOOD} & {*flag_of.values()}:
         unknown.append(_label(value))  # one condition is that a value is good, and it does not hold
     known = [flag for word in holding if (flag := flag_of[word]) is not None] or [NOT_CHECKED]
-    return _Known(int(vocabularies.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown))
+    return int(vocabularies.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown)

@@ -69,10 +69,19 @@ def resolve_north(file: File, north: North, reference: str, applied: AppliedDecl
         InputError: the two contradict each other, or neither tells.
     """
     if applied is not None:
-        return _apply_stated(file, north, reference, applied)
+        if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
+            said = "direction_reference: true" if reference == TRUE else north.why
+            advice = "delete one of the two" if reference == TRUE else "delete declination_applied"
+            raise file.refuse("directions", f"no declination_applied beside {said}", str(applied), advice)
+        if north.degrees is not None and np.any(np.abs(north.degrees - applied.velocity) > SAME_DEG):
+            reason = f"although {north.why} says {_shown(north.degrees)}"
+            file.notes.append(f"declination_applied of {applied} degrees was taken out of the directions, {reason}.")
+        if applied.differs:
+            return Turn(np.asarray(applied.velocity), np.asarray(applied.heading))
+        magnetic = north.heading_degrees is not None and north.word == TRUE and not np.any(north.heading_degrees)
+        return Turn(np.asarray(applied.velocity), np.asarray(0.0 if magnetic else applied.heading))
     if reference == TRUE:
         return _keep_true(file, north)
-    zero = np.zeros(())
     if north.degrees is not None and np.any(north.degrees):
         file.notes.append(f"{north.why}: {_shown(north.degrees)} of declination were taken out of the directions.")
     if north.word == TRUE and north.degrees is None:
@@ -80,11 +89,14 @@ def resolve_north(file: File, north: North, reference: str, applied: AppliedDecl
             "directions", "magnetic north, as direction_reference says", f"true north by {north.why}", WHICH
         )
     if not north.word:
-        _refuse_unclear_declination(file)
+        for name in ("magnetic_variation", "magnetic_variation_at_site", "magnetic_declination"):
+            if stated := _number(file.attribute(name)):
+                advice = f"write declination_applied: {stated:g} where the directions hold it, 0 where they do not"
+                raise file.refuse(name, "a word whether it was applied", f"{stated:g} degrees without one", advice)
         file.notes.append(
             "The file does not say which north its directions count from; direction_reference: magnetic counts."
         )
-    degrees = zero if north.degrees is None else north.degrees
+    degrees = np.zeros(()) if north.degrees is None else north.degrees
     return Turn(degrees, degrees if north.heading_degrees is None else north.heading_degrees)
 
 
@@ -114,20 +126,6 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
         added = f"heading_alignment of {stated or 0.0:g} degrees was added to the headings"
         file.note(f"{added}; {name} is {degrees:g} degrees.")
     return stated or 0.0
-
-
-def _apply_stated(file: File, north: North, reference: str, applied: AppliedDeclination) -> Turn:
-    if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
-        said = "direction_reference: true" if reference == TRUE else north.why
-        advice = "delete one of the two" if reference == TRUE else "delete declination_applied"
-        raise file.refuse("directions", f"no declination_applied beside {said}", str(applied), advice)
-    if north.degrees is not None and np.any(np.abs(north.degrees - applied.velocity) > SAME_DEG):
-        reason = f"although {north.why} says {_shown(north.degrees)}"
-        file.notes.append(f"declination_applied of {applied} degrees was taken out of the directions, {reason}.")
-    if applied.differs:
-        return Turn(np.asarray(applied.velocity), np.asarray(applied.heading))
-    magnetic = north.heading_degrees is not None and north.word == TRUE and not np.any(north.heading_degrees)
-    return Turn(np.asarray(applied.velocity), np.asarray(0.0 if magnetic else applied.heading))
 
 
 def _keep_true(file: File, north: North) -> Turn:
@@ -164,14 +162,6 @@ def _velocity_north(file: File, east: netCDF4.Variable) -> tuple[str, Floats | N
         why = "standard_name" if "true north" not in words else "reference"
         return TRUE, degrees, f"{east.name}'s {why}" + (f" and {series.name}" if series is not None else "")
     return "", None, ""
-
-
-def _refuse_unclear_declination(file: File) -> None:
-    """Refuse a declination that stands in the file without a word whether its directions hold it."""
-    for name in ("magnetic_variation", "magnetic_variation_at_site", "magnetic_declination"):
-        if degrees := _number(file.attribute(name)):
-            advice = f"write declination_applied: {degrees:g} where the directions hold it, 0 where they do not"
-            raise file.refuse(name, "a word whether it was applied", f"{degrees:g} degrees without one", advice)
 
 
 def _words(file: File, variable: netCDF4.Variable) -> str:

@@ -64,7 +64,15 @@ def read(
     heading = angles.wrap360(whole.heading_deg - inside.heading)
     east, north, upward = _turn_to_earth(whole, heading, looks_up, inside.velocity)
     up = bool(np.mean(looks_up) > 0.5)
-    counts = _counts(files, whole, heading, up)
+    counts = whole.counts | {
+        "samples": len(heading),
+        "records": sum(len(packets.kind) for packets, _ in files),
+        "damaged": sum(packets.damaged for packets, _ in files),
+        "bytes_skipped": sum(packets.bytes_skipped for packets, _ in files),
+        "bytes_total": sum(packets.data.size for packets, _ in files),
+        "orientation_disagrees": int(np.sum(whole.looks_up != up)),
+        "heading_missing": int(np.isnan(heading).sum()),
+    }
     field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
     return Record(
         time_s=whole.time_s,
@@ -103,17 +111,13 @@ def _read_file(path: Path) -> tuple[Packets, Samples]:
         shown = f"{len(dated)} with impossible dates"
         raise InputError(str(path), expected="samples with velocities", found=shown, advice=advice)
     good = samples if dated.all() else take(samples, dated)
-    counts = {"bad_dates": int(np.sum(~dated)), "lost": _count_lost(good, packets.skipped)}
-    return packets, replace(good, counts=samples.counts | counts)
-
-
-def _count_lost(samples: Samples, skipped: Sequence[tuple[int, int]]) -> int:
-    """Estimate how many samples are missing where bytes were skipped, by the steps of time across."""
-    steps = np.diff(samples.time_s)
-    after = np.searchsorted(samples.offset, [first for first, _ in skipped])
-    across = steps[np.unique(after[(after > 0) & (after < len(samples.offset))]) - 1]
+    # Samples that are missing where bytes were skipped, by the steps of time across.
+    steps = np.diff(good.time_s)
+    after = np.searchsorted(good.offset, [first for first, _ in packets.skipped])
+    across = steps[np.unique(after[(after > 0) & (after < len(good.offset))]) - 1]
     usual = float(np.median(steps)) if len(steps) else 0.0
-    return int(np.maximum(np.rint(across / usual) - 1, 0).sum()) if usual > 0.0 else 0
+    lost = int(np.maximum(np.rint(across / usual) - 1, 0).sum()) if usual > 0.0 else 0
+    return packets, replace(good, counts=samples.counts | {"bad_dates": int(np.sum(~dated)), "lost": lost})
 
 
 def _concatenate(where: str, parts: Sequence[Samples]) -> Samples:
@@ -144,18 +148,6 @@ def _turn_to_earth(
     level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # of forward, starboard and down
     forward, starboard, down = np.moveaxis(level @ np.stack([x, side * y, side * z], axis=1), 1, 0)
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
-
-
-def _counts(files: Sequence[tuple[Packets, Samples]], whole: Samples, heading_deg: Floats, up: bool) -> dict[str, int]:
-    return whole.counts | {
-        "samples": len(heading_deg),
-        "records": sum(len(packets.kind) for packets, _ in files),
-        "damaged": sum(packets.damaged for packets, _ in files),
-        "bytes_skipped": sum(packets.bytes_skipped for packets, _ in files),
-        "bytes_total": sum(packets.data.size for packets, _ in files),
-        "orientation_disagrees": int(np.sum(whole.looks_up != up)),
-        "heading_missing": int(np.isnan(heading_deg).sum()),
-    }
 
 
 def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:

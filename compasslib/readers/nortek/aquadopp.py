@@ -74,9 +74,8 @@ def decode(packets: Packets) -> Samples:
     serial = hardware[4:12].tobytes().decode("ascii", "replace").strip(" \0") if hardware.size >= 18 else ""
     return Samples(
         offset=packets.start[mine],
-        **_decode_sensors(sensors, has_pressure=bool(head[4] & 1)),
+        **_decode_sensors(sensors, velocity, has_pressure=bool(head[4] & 1)),
         velocity=velocity,
-        **_quality(sensors, velocity),
         bin_range_m=(0.0,) if kind in POINT else _ranges(packets, user, head, cells),
         recorded=recorded,
         beam_angle_deg=0.0 if kind in POINT else SLANT_DEG,
@@ -143,11 +142,17 @@ def _velocity(rows: Bytes, status: Bytes) -> Floats:
     return np.moveaxis(velocity, 1, 2)
 
 
-def _decode_sensors(sensors: Any, *, has_pressure: bool) -> dict[str, Any]:
+def _decode_sensors(sensors: Any, velocity: Floats, *, has_pressure: bool) -> dict[str, Any]:
+    minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
+    century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
+    # The instrument itself calls wrong: failed measurements and compasses, tilts beyond their sensor.
+    error, beyond = sensors["error"], (sensors["status"] & TILTED_BEYOND) > 0
+    failed, no_compass = ((error & bits) > 0 for bits in (SAMPLE_FAILED, COMPASS_FAILED))
+    flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
     heading = sensors["heading"] / 10.0
     pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
     return {
-        "time_s": _seconds(_BCD[sensors["clock"]]),
+        "time_s": civil_seconds(century + year, month, day, hour, minute, second),
         "heading_deg": np.where(heading < 360.0, heading, np.nan),
         "pitch_deg": sensors["pitch"] / 10.0,
         "roll_deg": sensors["roll"] / 10.0,
@@ -156,22 +161,6 @@ def _decode_sensors(sensors: Any, *, has_pressure: bool) -> dict[str, Any]:
         "supply_voltage": sensors["battery"] / 10.0,
         "looks_up": (sensors["status"] & DOWN) == 0,
         "sideways": np.zeros(len(sensors), dtype=bool),
-    }
-
-
-def _seconds(clock: Any) -> Floats:
-    """Seconds since 1970 of minute, second, day, hour, year, month; NaN where impossible."""
-    minute, second, day, hour, year, month = clock.astype(np.int64).T
-    century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
-    return civil_seconds(century + year, month, day, hour, minute, second)
-
-
-def _quality(sensors: Any, velocity: Floats) -> dict[str, Any]:
-    """Flag what the instrument itself calls wrong: failed measurements and compasses, tilts beyond their sensor."""
-    error, beyond = sensors["error"], (sensors["status"] & TILTED_BEYOND) > 0
-    failed, no_compass = ((error & bits) > 0 for bits in (SAMPLE_FAILED, COMPASS_FAILED))
-    flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
-    return {
         "quality": np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
         "heading_quality": np.where(no_compass | beyond, BAD, GOOD).astype(np.int8),
     }

@@ -100,7 +100,10 @@ def find_packets(path: str | Path) -> Packets:
 def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     """Find where A5 stands, records that may overlap, and whether they are the Signature's."""
     marks = np.flatnonzero(data == SYNC)
-    sums = _running_sums(data)
+    sums = np.zeros(data.size + 1, dtype=np.uint16)
+    for parity in (0, 1):
+        words = data[parity : parity + (data.size - parity) // 2 * 2].view("<u2")
+        np.cumsum(words, dtype=np.uint16, out=sums[parity + 2 :: 2])
     records = _find_signature(data, marks, sums)
     return (marks, records, True) if len(records[0]) else (marks, _find_older(data, marks, sums), False)
 
@@ -108,15 +111,6 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
 def word(data: Bytes, at: Places) -> NDArray[np.uint16]:
     """Read the 16-bit words at some places."""
     return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
-
-
-def _running_sums(data: Bytes) -> NDArray[np.uint16]:
-    """Sum every second word modulo 65,536, so that those of any stretch of words are a difference of two."""
-    sums = np.zeros(data.size + 1, dtype=np.uint16)
-    for parity in (0, 1):
-        words = data[parity : parity + (data.size - parity) // 2 * 2].view("<u2")
-        np.cumsum(words, dtype=np.uint16, out=sums[parity + 2 :: 2])
-    return sums
 
 
 def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Columns:

@@ -28,7 +28,7 @@ from compasslib.readers.nortek.packets import (
     by_beam,
 )
 from compasslib.readers.times import civil_seconds
-from compasslib.records import BAD, GOOD, MISSING, Flags
+from compasslib.records import BAD, GOOD, MISSING
 from compasslib.types import Floats
 
 BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0
@@ -71,11 +71,6 @@ class _Layout:
     coordinates: int
     configuration: int
 
-    @property
-    def bytes_needed(self) -> int:
-        each = 2 + bool(self.configuration & AMPLITUDE) + bool(self.configuration & CORRELATION)
-        return self.offset + each * self.beams * self.cells
-
 
 def decode(packets: Packets) -> Samples:
     """Decode the samples of a Signature.
@@ -83,7 +78,9 @@ def decode(packets: Packets) -> Samples:
     Raises:
         InputError: no velocities of data format 3, beams without their matrix, or other than three or four beams.
     """
-    text = _text(packets)
+    at = np.flatnonzero(packets.kind == TEXT)
+    texts = (packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes().decode("latin-1") for k in at)
+    text = "\n".join(texts)
     kind = next((kind for kind in (AVERAGE, BURST) if (packets.kind == kind).any()), None)
     if kind is None:
         there = ", ".join(f"{k:02X}" for k in np.unique(packets.kind).tolist())
@@ -96,12 +93,19 @@ def decode(packets: Packets) -> Samples:
     raw = _velocity(rows, layout, head["scale"])
     velocity = _in_axes(packets, raw, layout, _matrix(text, SECTIONS[kind]))
     others = int(np.sum((packets.kind != kind) & (packets.kind != TEXT)))
+    profiles = _profiles(rows, layout)
+    bad = np.zeros(velocity.shape[:2], dtype=bool)
+    if "correlation" in profiles:
+        bad |= profiles["correlation"].min(axis=2) < LEAST_CORRELATION
+    if "percent_good" in profiles:
+        bad |= profiles["percent_good"] < LEAST_PERCENT_GOOD
+    flags = np.where(np.isnan(velocity).any(axis=-1), MISSING, np.where(bad, BAD, GOOD)).astype(np.int8)
     counts = {"other_configurations": len(of_kind) - len(mine), "other_kinds": others}
     return Samples(
         offset=packets.start[mine],
         **_sensors(head),
         velocity=velocity,
-        quality=_quality(rows, layout, velocity),
+        quality=flags,
         bin_range_m=_ranges(head[0], layout.cells),
         recorded=layout.coordinates,
         beam_angle_deg=_setting(text, "BEAMCFGLIST", "THETA", USUAL_SLANT_DEG),
@@ -110,16 +114,10 @@ def decode(packets: Packets) -> Samples:
         average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
         up=raw[..., 2:].mean(axis=-1) if layout.coordinates == EARTH else None,
-        profiles=_profiles(rows, layout),
+        profiles=profiles,
         counts=counts,
         notes=tuple(_notes(packets, kind, counts, "GETUSER," in text)),
     )
-
-
-def _text(packets: Packets) -> str:
-    at = np.flatnonzero(packets.kind == TEXT)
-    parts = [packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes() for k in at]
-    return "\n".join(part.decode("latin-1") for part in parts)
 
 
 def _setting(text: str, section: str, name: str, usual: float) -> float:
@@ -155,7 +153,9 @@ def _layout(packets: Packets, rows: Bytes, head: Any) -> _Layout:
     layout = _Layout(int(head["offset"]), bits & 1023, bits >> 12, bits >> 10 & 3, int(head["configuration"]))
     expected = f"velocities in data format {FORMAT} of three or four beams"
     shown = f"data format {head['format']}, {layout.beams} beams, {layout.cells} cells"
-    fits = layout.bytes_needed <= rows.shape[1] and layout.offset >= _HEAD.itemsize
+    each = 2 + bool(layout.configuration & AMPLITUDE) + bool(layout.configuration & CORRELATION)
+    needed = layout.offset + each * layout.beams * layout.cells
+    fits = needed <= rows.shape[1] and layout.offset >= _HEAD.itemsize
     whole = bool(layout.configuration & VELOCITY) and layout.cells > 0 and layout.coordinates <= BEAM and fits
     if head["format"] != FORMAT or layout.beams not in (3, 4) or not whole:
         advice = "export its velocities, or give them as a table"
@@ -212,17 +212,6 @@ def _ranges(head: Any, cells: int) -> tuple[float, ...]:
     """Compute the middles of the cells: the blanking and as many cells as their number."""
     blanking = float(head["blanking"]) / (100.0 if head["status"] & CENTIMETRES else 1000.0)
     return tuple((blanking + float(head["cell"]) / 1000.0 * (1.0 + np.arange(cells))).tolist())
-
-
-def _quality(rows: Bytes, layout: _Layout, velocity: Floats) -> Flags:
-    bad = np.zeros(velocity.shape[:2], dtype=bool)
-    profiles = _profiles(rows, layout)
-    if "correlation" in profiles:
-        bad |= profiles["correlation"].min(axis=2) < LEAST_CORRELATION
-    if "percent_good" in profiles:
-        bad |= profiles["percent_good"] < LEAST_PERCENT_GOOD
-    flags = np.where(bad, BAD, GOOD)
-    return np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8)
 
 
 def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:

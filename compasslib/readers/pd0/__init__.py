@@ -164,7 +164,11 @@ def _decode_chunks(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator
 def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
     dropped = sum((chunk.dropped for chunk in chunks), DroppedCounts())
     count = sum(len(chunk.ensembles) for chunk in chunks)
-    checks.refuse_columns(str(path), dropped.not_of_four_beams, count)
+    misfits = dropped.not_of_four_beams
+    if misfits > checks.STRAY * (misfits + count):  # more than by damage
+        expected = "blocks of four columns, as many rows as the leader tells cells"
+        shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
+        raise InputError(str(path), expected=expected, found=shown, advice=checks.FOUR)
     if count:
         return
     with Path(path).open("rb") as file:

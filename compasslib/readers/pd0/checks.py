@@ -55,9 +55,16 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
     beams, count = Counter(leaders.beams.tolist()).most_common(1)[0]
     if beams != BEAMS:
         raise InputError(where, expected="4 beams", found=f"{beams} in {count} ensembles", advice=FOUR)
-    kinds = Counter(_number_kinds(leaders).tolist())
+    number = _number_kinds(leaders)
+    kinds = Counter(number.tolist())
     if len(kinds) > 1 and kinds.most_common(2)[1][1] > STRAY * len(leaders):
-        shown = " and ".join(f"{count} {_describe_kind(leaders, kind)}" for kind, count in kinds.most_common(3))
+        described = []
+        for kind, count in kinds.most_common(3):
+            k = int(np.flatnonzero(number == kind)[0])
+            cells = f"{leaders.cells[k]} cells of {leaders.cell_m[k]:g} m"
+            facing = "up" if leaders.looks_up[k] else "down"
+            described.append(f"{count} of {leaders.frequency_khz[k]:g} kHz with {cells} looking {facing}")
+        shown = " and ".join(described)
         raise InputError(where, expected="ensembles of one instrument", found=shown, advice=ADVICE)
     back = int(np.sum((np.diff(leaders.number) < 0) & (np.diff(leaders.time_s) > 0)))
     if back > max(FEWEST_BACK, STRAY * len(leaders)):
@@ -68,14 +75,6 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
         expected = "headings from 0 to 359.99 degrees, stored as hundredths"
         shown = f"{beyond} of {len(leaders)} of 360 degrees and more, as of gradians or another unit"
         raise InputError(where, expected=expected, found=shown, advice="take the file as the instrument recorded it")
-
-
-def refuse_columns(where: str, misfits: int, count: int) -> None:
-    """Refuse a file of which more blocks than by damage do not hold four columns for the cells of their leader."""
-    if misfits > STRAY * (misfits + count):
-        expected = "blocks of four columns, as many rows as the leader tells cells"
-        shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
-        raise InputError(where, expected=expected, found=shown, advice=FOUR)
 
 
 def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int) -> None:
@@ -160,7 +159,10 @@ def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
     """Flag ensembles that hardly belong to the others, (n,); count them and word sentences on them."""
     kinds = _number_kinds(leaders)
     other = kinds != np.bincount(kinds).argmax()
-    jumped = _follows_jump(leaders.time_s, leaders.number)
+    steps = np.diff(leaders.time_s)
+    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    jumps = (np.diff(leaders.number) == 1) & (steps > max(JUMP_S, JUMP_STEPS * usual))
+    jumped = np.append(False, np.cumsum(jumps) > 0) & (0 < jumps.sum() <= MOST_JUMPS)
     flags = np.where(other, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
     notes = []
     if other.any():
@@ -171,15 +173,6 @@ def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
             "after that were flagged, as their time is not known."
         )
     return flags, {"other_instrument": int(other.sum()), "after_clock_jump": int(jumped.sum())}, notes
-
-
-def _follows_jump(time_s: Floats, number: NDArray[np.int64]) -> Bools:
-    steps = np.diff(time_s)
-    if not len(steps):
-        return np.zeros(len(time_s), dtype=bool)
-    jumps = (np.diff(number) == 1) & (steps > max(JUMP_S, JUMP_STEPS * float(np.median(np.abs(steps)))))
-    few = 0 < jumps.sum() <= MOST_JUMPS
-    return np.append(False, np.cumsum(jumps) > 0) & few
 
 
 def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
@@ -199,13 +192,6 @@ def _number_rows(rows: Floats) -> NDArray[np.int64]:
     new = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
     _, number = np.unique(rows[new], axis=0, return_inverse=True)
     return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
-
-
-def _describe_kind(leaders: Ensembles, kind: int) -> str:
-    first = int(np.flatnonzero(_number_kinds(leaders) == kind)[0])
-    facing = "up" if leaders.looks_up[first] else "down"
-    khz, cells, size = leaders.frequency_khz[first], leaders.cells[first], leaders.cell_m[first]
-    return f"of {khz:g} kHz with {cells} cells of {size:g} m looking {facing}"
 
 
 @dataclass(frozen=True)

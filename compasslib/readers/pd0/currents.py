@@ -8,7 +8,7 @@ known answers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,9 +32,8 @@ class Settings:
     """Settings of a recording by the metadata; None leaves it to the file."""
 
     orientation: str | None = None  # up | down
-    declination_applied: AppliedDeclination | None = (
-        None  # inside recorded headings and earth velocities, instead of EB
-    )
+    # Degrees inside recorded headings and earth velocities, instead of EB.
+    declination_applied: AppliedDeclination | None = None
     heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
     serial_number: str | None = None
 
@@ -78,11 +77,11 @@ def compute_currents(ensembles: Ensembles, settings: Settings) -> Currents:
     """Compute the currents of ensembles in any mixture of coordinates."""
     codes = np.unique(ensembles.coordinates)
     if len(codes) == 1:
-        return _TURNS[int(codes[0])](ensembles, settings)
+        return _turn(ensembles, settings, int(codes[0]))
     whole, count = np.full((4, *ensembles.velocity.shape[:2]), np.nan), 0
     for code in codes:
         mine = ensembles.coordinates == code
-        part = _TURNS[int(code)](select(ensembles, mine), settings)
+        part = _turn(select(ensembles, mine), settings, int(code))
         whole[:, mine] = part.east, part.north, part.up, part.error
         count += part.three_beam
     return Currents(whole[0], whole[1], whole[2], whole[3], count)
@@ -194,12 +193,30 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
     return values.reshape(values.shape + (1,) * (like.ndim - values.ndim)) if values.ndim else values
 
 
-def _from_beams(ensembles: Ensembles, settings: Settings) -> Currents:
-    beams, solved = fill_missing_beam(ensembles.velocity)
-    angle, convex = ensembles.beam_angle_deg[:, None], ensembles.convex[:, None]
-    *xyz, error = beams_to_instrument(beams, angle, convex)
-    turned = _turn_with_tilts(ensembles, settings, xyz, magnetic_heading(ensembles, settings))
-    return Currents(*turned, np.where(solved, np.nan, error), int(solved.sum()))
+def _turn(ensembles: Ensembles, settings: Settings, code: int) -> Currents:
+    """Turn ensembles of one kind of coordinates."""
+    heading = magnetic_heading(ensembles, settings)
+    if code == BEAM:
+        beams, solved = fill_missing_beam(ensembles.velocity)
+        *xyz, error = beams_to_instrument(beams, ensembles.beam_angle_deg[:, None], ensembles.convex[:, None])
+        turned = _turn_with_tilts(ensembles, settings, xyz, heading)
+        return Currents(*turned, np.where(solved, np.nan, error), int(solved.sum()))
+    x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
+    if code == INSTRUMENT:
+        turned = _turn_with_tilts(ensembles, settings, (x, y, z), heading)
+    elif code == SHIP:  # by the recorded heading only, as EA has turned these axes to where the heading points
+        heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings))
+        turned = *ship_to_earth(x, y, heading), z
+        if not ensembles.tilts_used.all():
+            tilted, level = _turn_with_tilts(ensembles, settings, (x, y, z), heading), ensembles.tilts_used[:, None]
+            east, north, up = (np.where(level, a, b) for a, b in zip(turned, tilted, strict=True))
+            turned = east, north, up
+    else:  # back by the heading bias, which the instrument turned its velocities by as well
+        bias = velocity_bias(ensembles, settings)
+        turned = *(angles.turn(x, y, -bias[:, None]) if bias.any() else (x.copy(), y.copy())), z
+    # The instrument's own solutions from three beams have no error velocity.
+    missing = np.isnan(ensembles.velocity)
+    return Currents(*turned, error, int(np.sum(missing[..., 3] & ~missing[..., 0])))
 
 
 def _turn_with_tilts(
@@ -207,42 +224,3 @@ def _turn_with_tilts(
 ) -> tuple[Floats, Floats, Floats]:
     up = looks_up(ensembles, settings)
     return instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
-
-
-def _from_instrument(ensembles: Ensembles, settings: Settings) -> Currents:
-    *xyz, error = np.moveaxis(ensembles.velocity, -1, 0)
-    turned = _turn_with_tilts(ensembles, settings, xyz, magnetic_heading(ensembles, settings))
-    return Currents(*turned, error, _count_three_beam(ensembles))
-
-
-def _count_three_beam(ensembles: Ensembles) -> int:
-    """Count the instrument's own solutions from three beams, which have no error velocity."""
-    missing = np.isnan(ensembles.velocity)
-    return int(np.sum(missing[..., 3] & ~missing[..., 0]))
-
-
-def _from_ship(ensembles: Ensembles, settings: Settings) -> Currents:
-    """Turn by the recorded heading only, as EA has turned these axes to where the heading points."""
-    x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
-    heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings))
-    turned = [*ship_to_earth(x, y, heading), z]
-    if not ensembles.tilts_used.all():
-        tilted, level = _turn_with_tilts(ensembles, settings, (x, y, z), heading), ensembles.tilts_used[:, None]
-        turned = [np.where(level, a, b) for a, b in zip(turned, tilted, strict=True)]
-    return Currents(turned[0], turned[1], turned[2], error, _count_three_beam(ensembles))
-
-
-def _from_earth(ensembles: Ensembles, settings: Settings) -> Currents:
-    """Turn back by the heading bias, which the instrument turned its velocities by as well."""
-    bias = velocity_bias(ensembles, settings)
-    east, north, up, error = np.moveaxis(ensembles.velocity, -1, 0)
-    east, north = angles.turn(east, north, -bias[:, None]) if bias.any() else (east.copy(), north.copy())
-    return Currents(east, north, up, error, _count_three_beam(ensembles))
-
-
-_TURNS: dict[int, Callable[[Ensembles, Settings], Currents]] = {
-    BEAM: _from_beams,
-    INSTRUMENT: _from_instrument,
-    SHIP: _from_ship,
-    EARTH: _from_earth,
-}

@@ -331,10 +331,14 @@ def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
     leader, length = _leader(rows, layout, VARIABLE_LEADERS, _VARIABLE)
     fixed, _ = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     heading = leader["heading"] / 100.0
+    newer = leader["century"] > 0  # the clock that knows its century, else that of two digits
+    clock = np.where(newer[:, None], leader["clock_2000"], leader["clock"]).astype(np.int64)
+    two_digits = clock[:, 0] + np.where(clock[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
+    year = np.where(newer, 100 * leader["century"].astype(np.int64) + clock[:, 0], two_digits)
     has_pressure = ((fixed["sensors"] & 0x20) > 0) & (length >= _PRESSURE_STOP)
     return {
         "number": leader["number"] + 65536 * leader["number_high"].astype(np.int64),
-        "time_s": _clock_seconds(leader["clock"], leader["clock_2000"], leader["century"]),
+        "time_s": civil_seconds(year, *clock[:, 1:].T, last_year=LAST_YEAR),
         "heading_deg": np.where(heading < 360.0, heading, np.nan),
         "beyond_circle": (heading >= 360.0) & (leader["heading"] != NO_HEADING),
         "tilt1_deg": from_hundredths(leader["tilt1"]),
@@ -352,15 +356,6 @@ def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
 def from_hundredths(counts: NDArray[np.int16]) -> Floats:
     """Convert counts of hundredths, NaN where nothing was measured."""
     return np.where(counts == MISSING_COUNT, np.nan, counts / 100.0)
-
-
-def _clock_seconds(clock: Bytes, clock_2000: Bytes, century: Bytes) -> Floats:
-    """Convert the clock that knows its century, else that of two digits, to seconds since 1970, NaN if impossible."""
-    newer = century > 0
-    c = np.where(newer[:, None], clock_2000, clock).astype(np.int64)
-    two_digits = c[:, 0] + np.where(c[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
-    year = np.where(newer, 100 * century.astype(np.int64) + c[:, 0], two_digits)
-    return civil_seconds(year, *c[:, 1:].T, last_year=LAST_YEAR)
 
 
 _NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), VELOCITY: (124, 124)})

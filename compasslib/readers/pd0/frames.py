@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 from compasslib.readers import files
-from compasslib.types import Bools
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Places: TypeAlias = NDArray[np.int64]
@@ -228,15 +227,13 @@ def _layout(signature: bytes) -> Layout | None:
         identifier = int.from_bytes(signature[size + 2 * place : size + 2 * place + 2], "little")
         blocks.setdefault(identifier, (start, next(stop for stop in stops if stop > start)))
     columns = _columns(header)
-    if columns is None or not _has_leaders(blocks, offsets[0]):
+    if columns is None:
+        return None
+    fixed = [b - a for i, (a, b) in blocks.items() if i in FIXED_LEADERS and a == offsets[0]]
+    variable = [b - a for i, (a, b) in blocks.items() if i in VARIABLE_LEADERS]
+    if max(fixed, default=0) < SHORTEST_FIXED or max(variable, default=0) < SHORTEST_VARIABLE:
         return None
     return Layout(signature, columns, length, signature[-1], blocks)
-
-
-def _has_leaders(blocks: dict[int, tuple[int, int]], first: int) -> bool:
-    fixed = [b - a for i, (a, b) in blocks.items() if i in FIXED_LEADERS and a == first]
-    variable = [b - a for i, (a, b) in blocks.items() if i in VARIABLE_LEADERS]
-    return max(fixed, default=0) >= SHORTEST_FIXED and max(variable, default=0) >= SHORTEST_VARIABLE
 
 
 def _count_run(data: Bytes, start: int, layout: Layout) -> int:
@@ -247,20 +244,16 @@ def _count_run(data: Bytes, start: int, layout: Layout) -> int:
     while done < most:
         at = start + done * stride
         rows = data[at : at + min(step, most - done) * stride].reshape(-1, stride)
-        good = _are_good(rows, layout)
+        length = layout.length
+        sums = rows[:, :length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
+        stored = rows[:, length] + rows[:, length + 1].astype(np.uint16) * np.uint16(256)
+        same = rows[:, layout.columns] == np.frombuffer(layout.signature, dtype=np.uint8)
+        good = np.asarray((sums == stored) & same.all(axis=1))
         if not good.all():
             return done + int(good.argmin())
         done += len(rows)
         step = max(1, min(8 * step, _WINDOW // stride))
     return done
-
-
-def _are_good(rows: Bytes, layout: Layout) -> Bools:
-    length = layout.length
-    sums = rows[:, :length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
-    stored = rows[:, length] + rows[:, length + 1].astype(np.uint16) * np.uint16(256)
-    same = rows[:, layout.columns] == np.frombuffer(layout.signature, dtype=np.uint8)
-    return np.asarray((sums == stored) & same.all(axis=1))
 
 
 def _find_candidates(whole_data: Bytes, begin: int, last: bool) -> _Candidates:
@@ -299,17 +292,14 @@ def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) ->
 
 def _describe_skipped(data: Bytes, candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
     first, end = np.searchsorted(candidates.failed, [start, stop])
-    failed = int(np.sum(_has_table(data, candidates.failed[first:end])))
+    # Of the failed those count whose table of offsets leads to a fixed leader right behind it.
+    at = candidates.failed[first:end]
+    leader = 6 + 2 * data[at + 5].astype(np.int64)
+    fits = (_pair(data, at + 6) == leader) & (leader + 2 <= _pair(data, at + 2))
+    failed = int(np.sum(fits & np.isin(_pair(data, at + np.where(fits, leader, 0)), FIXED_LEADERS)))
     reason = NO_ENSEMBLE
     if first < end and candidates.failed[first] == start:
         reason = CHECKSUM
     elif start in candidates.cut:
         reason = PAST_THE_END
     return Skipped(offset + start, stop - start, reason, int(end - first), failed)
-
-
-def _has_table(data: Bytes, at: Places) -> Bools:
-    """Tell places whose table of offsets leads to a fixed leader right behind it."""
-    leader = 6 + 2 * data[at + 5].astype(np.int64)
-    fits = (_pair(data, at + 6) == leader) & (leader + 2 <= _pair(data, at + 2))
-    return fits & np.isin(_pair(data, at + np.where(fits, leader, 0)), FIXED_LEADERS)
