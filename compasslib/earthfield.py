@@ -19,15 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.records import EarthField
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
-DAY_S = 86400.0
 NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of five years
 DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up by a chart some years old
 RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # of a mistake, from what it would give
 RADIUS_KM = 6371.2  # of the sphere that the coefficients belong to
 EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
+BEYOND = f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last"
 NEAREST_POLE = 1e-9  # least sine of the colatitude: east has no meaning at the pole itself
 
 
@@ -92,7 +92,7 @@ def field_along(
         source="metadata",
         warnings=(
             *_disagreement("declination", declination, model, DISAGREEMENT_DEG),
-            *_beyond(covered, nodes),
+            *(() if np.array_equal(covered, nodes) else (BEYOND,)),
             *warnings,
         ),
     )
@@ -190,12 +190,6 @@ def recognize_mistake(degrees: float, model: float) -> str:
         if abs(degrees - value) <= max(RECOGNISED_DEG, RECOGNISED_SHARE * abs(value)) and abs(model) > RECOGNISED_DEG
     }
     return min(near, key=lambda text: near[text]) if near else ""
-
-
-def _beyond(covered: Floats, nodes: Floats) -> tuple[str, ...]:
-    if np.array_equal(covered, nodes):
-        return ()
-    return (f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last",)
 
 
 @cache

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compasslib.demo import magnetometer, planting, sealed
+from compasslib.demo import magnetometer, sealed
 from compasslib.demo.effects import scaled
 from compasslib.demo.magnetometer import Ball, Magnet, Magnetometer
-from tests.world import observatory
+from tests.world import observatory, planting
 
 PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
 

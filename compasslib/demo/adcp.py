@@ -246,7 +246,9 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
     """
     setup, n = adcp.setup, stance.time_s.size
     moving = _spoil(rng, setup, stance, _velocity(rng, adcp, stance, water))
-    good = _share_good(setup, stance)
+    # The share of pings that give a velocity: fading with range, little from beyond the surface.
+    good = np.broadcast_to(1.0 - 0.3 * (ranges(setup) / ranges(setup)[-1]) ** 6, (n, setup.cells))
+    good = np.where(ranges(setup) > stance.depth_m[:, None], 0.1, good) if setup.looks_up else good
     wet = stance.in_water[:, None, None]
     pitch, roll = inclinometers(*stance.sensed_tilt_deg)
     deck_roll = np.where(stance.time_s < stance.time_s[n // 2], -52.0, 61.0) + rng.normal(0.0, 0.05, n)
@@ -347,14 +349,6 @@ def _normal(rng: np.random.Generator, stance: Stance, deviation: Floats) -> Floa
     deviation = deviation if deviation.ndim == 2 else np.repeat(deviation[:, None], 4, axis=1)
     drawn = rng.standard_normal((stance.time_s.size, *deviation.shape), dtype=np.float32)
     return np.asarray(drawn * deviation)
-
-
-def _share_good(setup: Setup, stance: Stance) -> Floats:
-    """Return the share of pings that give a velocity, (n, m): fading with range, little from beyond the surface."""
-    share = 1.0 - 0.3 * (ranges(setup) / ranges(setup)[-1]) ** 6
-    if not setup.looks_up:
-        return np.broadcast_to(share, (stance.time_s.size, setup.cells))
-    return np.where(ranges(setup) > stance.depth_m[:, None], 0.1, share)
 
 
 def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Floats) -> Floats:

@@ -55,14 +55,12 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     if isinstance(world.spec.deep, Adcp):
         _write_adcp(folder / "deep.000", world, "deep", world.spec.deep, deep_stance(world, world.spec.deep))
     else:
-        spec, motion = world.spec, world.motion
-        schedule = profiler.plan(world.random("profiler"), world.spec.deep, motion, (DEPLOYED_S, RECOVERED_S))
+        spec, motion, deep = world.spec, world.motion, world.spec.deep
+        schedule = profiler.plan(world.random("profiler"), deep, motion, (DEPLOYED_S, RECOVERED_S))
         scans = profiler.log(world.random("acm"), schedule, world.currents, motion, field=world.field)
-        meter = profiler.Acm(
-            world.spec.deep.serial, f"ML{world.spec.deep.serial}-01D", spec.latitude_deg, spec.longitude_deg
-        )
-        write = profiler.write_binary if world.spec.deep.binary else profiler.write_text
-        write(folder / _acm_file(world.spec.deep), meter, scans)
+        meter = profiler.Acm(deep.serial, f"ML{deep.serial}-01D", spec.latitude_deg, spec.longitude_deg)
+        write = profiler.write_binary if deep.binary else profiler.write_text
+        write(folder / _acm_file(deep), meter, scans)
         profiler.write_engineering(folder / "engineering.csv", schedule, motion, spec.latitude_deg)
 
 
@@ -117,7 +115,11 @@ def deep_stance(world: World, instrument: Adcp) -> Stance:
         heading = 180.0 + red_noise(rng, time.size, memory=100.0, deviation=150.0)
     else:
         depth = sphere + DEEP_BELOW_SPHERE_M
-        heading = np.interp(time, motion.time_s, _hanging_heading(rng, world))
+        below = motion.sphere_depth_m + DEEP_BELOW_SPHERE_M
+        flow = water.velocity(world.currents, motion.time_s, below)
+        rest = direction(flow) - world.field.at(motion.time_s)[0] + 75.0
+        hanging = mooring.wake_heading(rng, rest, np.abs(flow), wobble_deg=25.0)
+        heading = np.interp(time, motion.time_s, hanging)
     pitch, roll = (mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2))
     return _stance(rng, time, depth, (heading, pitch, roll), iron=Iron(), field=world.field)
 
@@ -129,14 +131,6 @@ def _acm_file(instrument: Profiler) -> str:
 def _hourly(instrument: Adcp) -> Floats:
     hours = round((RECOVERED_S - DEPLOYED_S + 2 * ON_DECK_S) / HOUR_S)
     return DEPLOYED_S - ON_DECK_S + HOUR_S * np.arange(hours + 1, dtype=float) + instrument.sample_s
-
-
-def _hanging_heading(rng: np.random.Generator, world: World) -> Floats:
-    motion = world.motion
-    below = motion.sphere_depth_m + DEEP_BELOW_SPHERE_M
-    flow = water.velocity(world.currents, motion.time_s, below)
-    rest = direction(flow) - world.field.at(motion.time_s)[0] + 75.0
-    return mooring.wake_heading(rng, rest, np.abs(flow), wobble_deg=25.0)
 
 
 def _stance(
@@ -172,12 +166,9 @@ def _stance(
 
 
 def _write_adcp(path: Path, world: World, purpose: str, instrument: Adcp, stance: Stance) -> None:
-    rng = world.random(purpose)
-    adcp.write(
-        path,
-        instrument.setup,
-        sounder.measure(rng, instrument, stance, world.currents, latitude_deg=world.spec.latitude_deg),
-    )
+    rng, latitude_deg = world.random(purpose), world.spec.latitude_deg
+    measured = sounder.measure(rng, instrument, stance, world.currents, latitude_deg=latitude_deg)
+    adcp.write(path, instrument.setup, measured)
 
 
 def _write_truth(path: Path, world: World, stance: Stance) -> None:

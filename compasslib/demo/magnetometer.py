@@ -66,8 +66,15 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
 
 def response(meter: Magnetometer) -> tuple[Floats, Floats]:
     """Return the linear response: what the earth's field is multiplied by, (3, 3), what is added, (3,) nT."""
-    added = np.array([_magnets_at(meter, place) for place in meter.places_m])
-    soft = np.array([np.eye(3) + _ball_at(meter.ball, place) for place in meter.places_m])
+    added, soft = np.zeros((3, 3)), np.zeros((3, 3, 3))
+    for k, place in enumerate(meter.places_m):
+        fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
+        added[k] = sum(fields, np.zeros(3))
+        # A ball of high permeability adds a dipole along the field of the earth.
+        away = place - np.array(meter.ball.place_m)
+        distance = float(np.linalg.norm(away))
+        unit = away / distance
+        soft[k] = np.eye(3) + (meter.ball.radius_m / distance) ** 3 * (3.0 * np.outer(unit, unit) - np.eye(3))
     matrix = np.einsum("ij,ijk->ik", meter.axes, soft)
     return matrix, np.einsum("ij,ij->i", meter.axes, added) - np.array(meter.trim_nt)
 
@@ -97,19 +104,6 @@ def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
     distance = float(np.linalg.norm(away_m))
     unit = away_m / distance
     return np.asarray(NT_M3_PER_A_M2 * (3.0 * unit * (moment_a_m2 @ unit) - moment_a_m2) / distance**3)
-
-
-def _magnets_at(meter: Magnetometer, place: Floats) -> Floats:
-    fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
-    return sum(fields, np.zeros(3))
-
-
-def _ball_at(ball: Ball, place: Floats) -> Floats:
-    """Return the field that a ball of high permeability adds, per field of the earth, (3, 3)."""
-    away = place - np.array(ball.place_m)
-    distance = float(np.linalg.norm(away))
-    unit = away / distance
-    return np.asarray((ball.radius_m / distance) ** 3 * (3.0 * np.outer(unit, unit) - np.eye(3)))
 
 
 def _place(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[float, float, float]:

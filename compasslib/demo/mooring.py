@@ -77,7 +77,10 @@ def blow_down(rig: Rig, water: Water) -> Floats:
     for _ in range(ITERATIONS):
         flow = sea.velocity(water, hours, depth)
         # Half of the newest slope: the full step overshoots where the line leans most.
-        upright = 0.5 * upright + 0.5 * _cosine_of_lean(flow, upright, net_n, length)
+        sphere = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * np.abs(flow[:, :1]) * flow[:, :1]
+        wire = 0.5 * SEAWATER_KG_M3 * WIRE_DRAG_M * length * np.abs(flow) * flow * upright**2
+        drag = sphere + np.cumsum(wire, axis=1) - 0.5 * wire  # of all that is above
+        upright = 0.5 * upright + 0.5 * (1.0 / np.hypot(1.0, np.abs(drag) / net_n))
         depth = water.water_depth_m - length * (np.cumsum(upright[:, ::-1], axis=1)[:, ::-1] - 0.5 * upright)
     return np.interp(water.time_s, hours, depth[:, 0] - 0.5 * length * upright[:, 0])
 
@@ -107,13 +110,6 @@ def pressure(depth_m: Floats, latitude_deg: float) -> Floats:
     """Return the pressure at a depth, dbar (Saunders 1981, J. Phys. Oceanogr. 11, 573, inverted)."""
     first = 1.0 - (5.92 + 5.25 * np.sin(np.deg2rad(latitude_deg)) ** 2) * 1e-3
     return np.asarray((first - np.sqrt(first**2 - 8.84e-6 * depth_m)) / 4.42e-6)
-
-
-def _cosine_of_lean(flow: np.ndarray, upright: Floats, net_n: Floats, length: float) -> Floats:
-    sphere = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * np.abs(flow[:, :1]) * flow[:, :1]
-    wire = 0.5 * SEAWATER_KG_M3 * WIRE_DRAG_M * length * np.abs(flow) * flow * upright**2
-    above = sphere + np.cumsum(wire, axis=1) - 0.5 * wire
-    return 1.0 / np.hypot(1.0, np.abs(above) / net_n)
 
 
 def _tilt(rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: Floats) -> tuple[Floats, Floats]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib.demo import adcp, compass, magnetometer, mooring
 from compasslib.demo import water as sea
@@ -231,7 +230,10 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
     """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, and return the truth."""
     raw.mkdir(parents=True, exist_ok=True)
     top = _top_stance(ground, effects)
-    kept = _kept(ground)
+    rng, count = ground.random("gaps"), ground.stamp_s.size
+    kept = np.ones(count, dtype=bool)
+    for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
+        kept[begin : begin + length] = False
     recorded = _as_logged(ground, top, adcp.measure(
         ground.random("top"), _top(export.coordinates), top, ground.currents, latitude_deg=ground.latitude_deg
     ))  # fmt: skip
@@ -318,15 +320,6 @@ def _as_logged(ground: Ground, stance: Stance, recorded: Ensembles) -> Ensembles
         temperature_c=warm + rng.normal(0.0, TEMPERATURE_NOISE_K, count),
         supply_counts=np.rint(volts + rng.normal(0.0, SOURCE_NOISE_COUNTS, count)).astype(np.uint8),
     )
-
-
-def _kept(ground: Ground) -> NDArray[np.bool_]:
-    """Return which ensembles are in the file: a few gaps of hours to days, (n,)."""
-    rng, count = ground.random("gaps"), ground.stamp_s.size
-    kept = np.ones(count, dtype=bool)
-    for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
-        kept[begin : begin + length] = False
-    return kept
 
 
 def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:

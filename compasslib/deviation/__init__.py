@@ -96,25 +96,15 @@ def find_implausibility(fit: DeviationFit, record: Record) -> str:
         fit: the model, perhaps without coefficients.
         record: the affected instrument.
     """
-    return _soft_without_measure(fit) or _impossible(fit, record)
-
-
-def _soft_without_measure(fit: DeviationFit) -> str:
-    if not fit.fitted or fit.method != "exact":
-        return ""
-    soft = fit.coefficients[3:5]
-    size = float(np.hypot(*soft))
-    sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
-    if size - SURE_SIGMAS * sigma < MAX_SOFT_IRON:
-        return ""
-    return (
-        f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that all "
-        "headings are flagged doubtful; check columns, signs and directions of both instruments"
-    )
-
-
-def _impossible(fit: DeviationFit, record: Record) -> str:
-    """Say where the readings are none of the model's compass."""
+    if fit.fitted and fit.method == "exact":
+        soft = fit.coefficients[3:5]
+        size = float(np.hypot(*soft))
+        sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
+        if size - SURE_SIGMAS * sigma >= MAX_SOFT_IRON:
+            return (
+                f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that "
+                "all headings are flagged doubtful; check columns, signs and directions of both instruments"
+            )
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size) or fit.method == "von_appen":

@@ -9,7 +9,7 @@ where it overlaps. Forward and backward passes give the distribution of the head
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -74,18 +74,15 @@ def choose_branches(
     known = np.isfinite(along.reading_deg)
     recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
     if along.coefficients.ndim == 1:
-        rows = _rows(FINE.heading_deg, along.coefficients, FINE.heading_deg, fit.noise.compass_deg)[
-            FINE.bin_of(recorded)
-        ]
+        table = _rows(FINE.heading_deg, along.coefficients, FINE.heading_deg, fit.noise.compass_deg)
+        rows = table[FINE.bin_of(recorded)]
     else:
         towards = FINE.heading_deg - np.broadcast_to(along.north_deg, recorded.shape)[:, None]
         parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // CHUNK))
         at = along.coefficients[:, :, None]
         rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], fit.noise.compass_deg) for i in parts])
     evidence = np.where(known[:, None], rows, 1.0 / 360.0)
-    impossible = (
-        evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY
-    )  # its heading is that of the hours around, and no more
+    impossible = evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY  # its heading is that of the hours around
     evidence[overlap] *= scatter**SHARED_NOISE
     moves = _water_turns(readings.time_s, readings.water)
     posterior = forward_backward(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
@@ -206,16 +203,6 @@ def _kernels(moves: WaterTurns, habits: Sequence[MotionModel], stationary: Float
     return _Kernels(spectrum.astype(np.complex64), floor, draw, stationary, leaps)
 
 
-def _forward(evidence: Floats, kernels: _Kernels) -> Iterator[tuple[Floats, Floats]]:
-    """Give at each sample the distribution of the hidden heading so far, (h, CELLS), and its likelihood, (h,)."""
-    state = np.broadcast_to(kernels.stationary, (kernels.leaps.shape[1], CELLS))
-    for t in range(len(evidence)):
-        state = (kernels.ahead(t - 1, state) if t else state) * evidence[t]
-        mass = state.sum(axis=1)
-        state = state / mass[:, None]
-        yield state, mass
-
-
 def _water_turns(time_s: Floats, water: Complexes) -> WaterTurns:
     if len(time_s) < 2:
         return WaterTurns(*np.zeros((3, 0)))
@@ -237,7 +224,12 @@ def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
 
     @cache  # often the width that came first stays, and the water's changes are asked twice
     def likelier(*habits: MotionModel) -> MotionModel:
-        masses = np.array([mass for _, mass in _forward(middle, _kernels(part, habits, density))])
+        kernels, masses = _kernels(part, habits, density), []
+        state = np.broadcast_to(kernels.stationary, (len(habits), CELLS))
+        for t in range(len(middle)):
+            state = (kernels.ahead(t - 1, state) if t else state) * middle[t]
+            masses.append(state.sum(axis=1))
+            state = state / masses[-1][:, None]
         return habits[int(np.argmax(np.log(masses).sum(axis=0)))]
 
     habit = MotionModel(STEP_WIDTHS_DEG[3], WATER_CHANGES[-1], LEAP_SHARES[0])

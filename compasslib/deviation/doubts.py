@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.deviation.model import DeviationFit, heading_residual, observed_heading, pair_speeds
 from compasslib.records import Pairs, iso_time
-from compasslib.types import Bools, Floats
+from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
 
@@ -70,7 +70,7 @@ def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Flo
     return doubted, np.minimum(np.sqrt(variance), UNIFORM_SIGMA_DEG)
 
 
-WINDOW_S, MIN_WINDOW_PAIRS = 5 * 86400.0, 40  # of a window: several days of water, and enough pairs for four numbers
+WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days of water, and enough pairs for four numbers
 MIN_WINDOWS = 6  # from which the others tell what is usual
 # Robust standard deviations beyond which a window is far off the others: turn, dependence, log scatter, share lost.
 # Real water between two depths turned for five days by 28°, and with the heading by 30° (eh2): 6 of them.
@@ -128,7 +128,10 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     residual = heading_residual(fit, pairs)
     heading = observed_heading(pairs) - np.nan_to_num(residual)
     residuals = Residuals(residual, fit.noise.width_deg(*pair_speeds(pairs)), heading)
-    windows = _described(pairs.time_s, residuals)
+    parts = _cut(pairs.time_s)
+    first, last = (np.array([selected[k] for selected in parts]) for k in (0, -1))
+    features = np.array([_features(selected, residuals) for selected in parts])
+    windows = Windows(first, last, features, np.array([residuals.rms_deg(selected) for selected in parts]))
     far = _far_windows(windows)
     usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
     return (*_by_index(pairs.time_s, residuals), *_doubts(pairs, windows, far, usual))
@@ -153,7 +156,7 @@ def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
         scattered = scatter - usual > INDEX_LOG_SCATTER and excess > INDEX_RMS_DEG
         if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period holds the shorter one
             worst = max(turn, excess)
-            day = f"those of {k * step_s / 3600.0:02.0f}:00 UTC" if abs(period * step_s - 86400.0) < 1.0 else ""
+            day = f"those of {k * step_s / HOUR_S:02.0f}:00 UTC" if abs(period * step_s - DAY_S) < 1.0 else ""
             why = (
                 f"of the hours paired with the reference, {day or f'one in {period}'} differ by {rms:.0f}° rms and the "
                 f"others by {usual_rms:.0f}°: two recordings may have been put together in one instrument's file, or "
@@ -172,13 +175,6 @@ def _turn_and_scatter(selected: Bools, residuals: Residuals) -> tuple[float, flo
     scatter = np.clip(angles.difference(residual, turn) / width, -CLIP, CLIP)
     size = float(np.sqrt(np.mean(scatter**2) + 1e-6))
     return turn, size / float(np.sqrt(np.sum(1.0 / width**2))), float(np.log(size))
-
-
-def _described(time_s: Floats, residuals: Residuals) -> Windows:
-    parts = _cut(time_s)
-    features = [_features(selected, residuals) for selected in parts]
-    first, last = (np.array([selected[k] for selected in parts]) for k in (0, -1))
-    return Windows(first, last, np.array(features), np.array([residuals.rms_deg(selected) for selected in parts]))
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
@@ -225,16 +221,9 @@ def _far_windows(windows: Windows) -> Bools:
         off[:, 4] > LEAST_LOST,
     ])  # fmt: skip
     departure = np.column_stack([np.abs(z[:, 0]), np.hypot(z[:, 1], z[:, 2]), z[:, 3], z[:, 4]]) / FAR_SIGMAS
-    return _grown(*(np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS)))
-
-
-def _grown(far: Bools, near: Bools) -> Bools:
-    """Return the windows that are far off, with those beside them that are nearly so: a stretch begins in a window."""
-    for _ in range(len(far)):
-        grown = far | (near & (np.append(far[1:], False) | np.append(False, far[:-1])))
-        if (grown == far).all():
-            break
-        far = grown
+    far, near = (np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS))
+    for _ in range(len(far)):  # a stretch begins in a window: those beside it that are nearly far off belong to it
+        far = far | (near & (np.append(far[1:], False) | np.append(False, far[:-1])))
     return far
 
 

@@ -49,7 +49,7 @@ from compasslib.records import Pairs
 from compasslib.statistics.least_squares import minimize_bfgs, robust_width
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, block_sums, blocks_by_span
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
@@ -82,7 +82,12 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     if len(pairs) < MIN_PAIRS:
         return unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
-    state = _maximised(overlap, EXACT, near)
+    state = _refined(_start(overlap, EXACT) if near is None else _at(near), overlap)
+    if near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
+        # More soft iron than an instrument has stands for something else: where a compass is two-valued, for readings
+        # that are all turned by one angle.
+        turned = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
+        state = min([state, *turned], key=lambda each: each.loss)
     if prior is None or near is None:
         return _described(state, pairs, overlap)
     counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
@@ -123,26 +128,15 @@ def held_out_scores(
     return scores
 
 
-def _maximised(overlap: Overlap, form: CurveForm, near: DeviationFit | None) -> OptimizerState:
-    state = _refined(_start(overlap, form) if near is None else _at(near), overlap, form)
-    soft = float(np.hypot(*state.parameters[3:5]))
-    if near is not None or form is not EXACT or soft < MAX_SOFT_IRON:
-        return state
-    # More soft iron than an instrument has stands for something else: where a compass is two-valued, for readings that
-    # are all turned by one angle.
-    turned = [_refined(_start_turned(overlap, angle, form), overlap, form) for angle in TURNS_DEG]
-    return min([state, *turned], key=lambda each: each.loss)
-
-
-def _refined(state: OptimizerState, overlap: Overlap, form: CurveForm) -> OptimizerState:
+def _refined(state: OptimizerState, overlap: Overlap) -> OptimizerState:
     for _ in range(ROUNDS):
-        state = _improve(state, overlap, FINE, form)
+        state = _improve(state, overlap, FINE, EXACT)
     return state
 
 
-def _start_turned(overlap: Overlap, angle_deg: float, form: CurveForm) -> OptimizerState:
+def _start_turned(overlap: Overlap, angle_deg: float) -> OptimizerState:
     """Start from readings that an angle was added to: q e^{i angle} is q with other coefficients, up to a factor."""
-    start = _start(replace(overlap, recorded_deg=angles.wrap360(overlap.recorded_deg - angle_deg)), form)
+    start = _start(replace(overlap, recorded_deg=angles.wrap360(overlap.recorded_deg - angle_deg)), EXACT)
     turn = angles.phasor(angle_deg) / float(angles.sin_cos(angle_deg)[1])
     a, b, c, d, e = start.parameters[:5]
     u, p, v = (1.0 - 1j * a) * turn, (b - 1j * c) * turn, (d - 1j * e) * turn
@@ -236,7 +230,10 @@ def _improve(
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, external=external)
     prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
-    return OptimizerState(parameters, _fit_noise(state.noise, overlap, parameters, prior, form), prior, loss)
+    few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
+    given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
+    scatter = ScatterData(given, few.squared_chord, few.upper_speed, few.lower_speed)
+    return OptimizerState(parameters, fit_scatter(scatter, state.noise), prior, loss)
 
 
 def _described(
@@ -268,27 +265,6 @@ def _iron(strength: float, towards_deg: float) -> Floats:
     return np.array([0.0, float(forward), float(starboard), 0.0, 0.0, np.log(START_COMPASS_DEG)])
 
 
-def _penalised(
-    parameters: Floats,
-    data: BinnedSample,
-    prior: Floats,
-    grid: HeadingGrid,
-    prior_width: Floats,
-    external: CoefficientPrior | None,
-) -> tuple[float, Floats]:
-    """Return minus the log-likelihood and the priors' part, with gradient."""
-    value, slopes = log_likelihood_and_gradient(parameters, data, prior, grid)
-    pull = (parameters - PRIOR_CENTRE) / prior_width
-    loss, slopes = -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
-    if external is not None:
-        off = parameters[:5] - external.mean
-        loss, slopes[:5] = (
-            loss + 0.5 * float(off @ external.precision @ off),
-            slopes[:5] + external.precision @ off,
-        )
-    return loss, slopes
-
-
 def _maximise(
     parameters: Floats,
     data: BinnedSample,
@@ -299,7 +275,14 @@ def _maximise(
     external: CoefficientPrior | None = None,
 ) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        return _penalised(at, data, prior, grid, prior_width, external)
+        value, slopes = log_likelihood_and_gradient(at, data, prior, grid)
+        pull = (at - PRIOR_CENTRE) / prior_width
+        minus, slopes = -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
+        if external is not None:
+            off = at[:5] - external.mean
+            minus += 0.5 * float(off @ external.precision @ off)
+            slopes[:5] += external.precision @ off
+        return minus, slopes
 
     scores = pair_scores(parameters, data, prior, grid)
     curvature = scores.T @ scores + np.diag(prior_width**-2.0)
@@ -319,15 +302,6 @@ def smooth_density(mass: Floats) -> Floats:
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))
     smooth = np.maximum(smooth, 0.0) / smooth.sum()
     return (1.0 - PRIOR_FLOOR) * smooth + PRIOR_FLOOR / len(mass)
-
-
-def _fit_noise(
-    near: ScatterNoise, overlap: Overlap, parameters: Floats, prior: Floats, form: CurveForm
-) -> ScatterNoise:
-    """Fit floor, slow part and outliers of the scatter with the compass held."""
-    few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
-    given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
-    return fit_scatter(ScatterData(given, few.squared_chord, few.upper_speed, few.lower_speed), near)
 
 
 @dataclass(frozen=True)
@@ -388,7 +362,7 @@ def _scatter_noise(x: Floats) -> ScatterNoise:
     return ScatterNoise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
 
 
-BLOCK_S = 5 * 86400.0  # longer than the memory of the currents' veer
+BLOCK_S = 5 * DAY_S  # longer than the memory of the currents' veer
 MIN_BLOCKS = 12
 # Independent pairs in time, and by water that is passed through, as a lowered instrument does: days show hardly any of
 # the veer's own memory, which takes itself for its mean.
@@ -427,53 +401,40 @@ def robust_covariance(
     information = scores.T @ scores + np.diag(precision)
     if external is not None:
         information[:5, :5] += external.precision
-    along_time = _jackknife(scores, information, pairs, effective)
+    # The information is the scores' outer product: it stays positive where the record hardly determines a coefficient.
     inverse = np.linalg.inv(information)
-    turn = np.nan_to_num(observed_deviation(pairs) - heading_residual(fit, pairs))
+    block = blocks_by_span(pairs.time_s, BLOCK_S)
+    few = len(np.unique(block)) < MIN_BLOCKS
+    if few:
+        along_time = np.asarray(inverse * len(pairs) / independent_pairs(pairs, effective))
+    else:
+        along_time = block_jackknife(scores, scores, block, information)
+    residual = heading_residual(fit, pairs)
+    turn = np.nan_to_num(observed_deviation(pairs) - residual)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
     towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
     octant = np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
     sums = block_sums(scores, octant)
     across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
-    left = np.nan_to_num(heading_residual(fit, pairs))
-    by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * _direction_sigma(fit, pairs) ** 2 + left**2)
+    left = np.nan_to_num(residual)
+    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
+    by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * width**2 + left**2)
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
-    locked = inverse @ (scores.T @ (by_degree * _locked_veer(fit, pairs)))
-    few = len(np.unique(blocks_by_span(pairs.time_s, BLOCK_S))) < MIN_BLOCKS
+    # Veer in step with the heading at each pair, one standard deviation.
+    heading, weight = angles.wrap360(observed_heading(pairs) - left), width**-2.0
+    excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
+    excursion = excursion - np.average(excursion, weights=weight)
+    excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
+    locked = inverse @ (scores.T @ (by_degree * (WAKE_LOCKED_VEER * robust_width(left) * excursion)))
     if external is not None and not few:  # with few, the inverse holds it already
         along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
     shown = along_time + positive_part(across - along_time)
     return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
 
 
-def _direction_sigma(fit: DeviationFit, pairs: Pairs) -> Floats:
-    return fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
-
-
-def _locked_veer(fit: DeviationFit, pairs: Pairs) -> Floats:
-    """Return veer in step with the heading at each pair, one standard deviation, degrees, (n,)."""
-    left, weight = np.nan_to_num(heading_residual(fit, pairs)), _direction_sigma(fit, pairs) ** -2.0
-    heading = angles.wrap360(observed_heading(pairs) - left)
-    excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
-    excursion = excursion - np.average(excursion, weights=weight)
-    excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
-    return WAKE_LOCKED_VEER * robust_width(left) * excursion
-
-
-def _jackknife(scores: Floats, information: Floats, pairs: Pairs, effective: float) -> Floats:
-    """Return the covariance by leaving out each block of days, or by how many pairs count where there are few.
-
-    The information is the scores' outer product: it stays positive where the record hardly determines a coefficient.
-    """
-    block = blocks_by_span(pairs.time_s, BLOCK_S)
-    if len(np.unique(block)) < MIN_BLOCKS:
-        return np.asarray(np.linalg.inv(information) * len(pairs) / independent_pairs(pairs, effective))
-    return block_jackknife(scores, scores, block, information)
-
-
 def independent_pairs(pairs: Pairs, effective: float) -> float:
     """Count the independent pairs, less the five fitted coefficients."""
-    apart = MAX_PER_DAY * float(np.ptp(pairs.time_s)) / 86400.0 + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
+    apart = MAX_PER_DAY * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
     return max(min(effective, apart) - 5.0, 3.0)
 
 

@@ -209,30 +209,20 @@ def log_likelihood(parameters: Floats, data: BinnedSample, prior: Floats, grid: 
 
 
 def pair_log_likelihoods(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
-    """Return each pair's log-likelihood, in the order of the pairs, (n,).
-
-    Args:
-        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        prior: pi on the cells, (CELLS,), sums to 1.
-    """
-    parts = _parts(parameters, data, prior, grid)
+    """Compute each pair's log-likelihood, in the order of the pairs, (n,); arguments as for ``log_likelihood``."""
+    parts, joint = _parts(parameters, data, prior, grid)
     result = np.empty(len(data.row))
-    result[data.order] = np.log(parts.joint) - np.log(parts.marginal[data.row])
+    result[data.order] = np.log(joint) - np.log(parts.marginal[data.row])
     return result
 
 
 def log_likelihood_and_gradient(
     parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid
 ) -> tuple[float, Floats]:
-    """Return the log-likelihood and its gradient by A..E and log(compass noise).
-
-    Args:
-        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        prior: pi on the cells, (CELLS,), sums to 1.
-    """
-    parts = _parts(parameters, data, prior, grid)
-    total = float(np.sum(np.log(parts.joint) - np.log(parts.marginal[data.row])))
-    pull = data.scatter.summed(1.0 / parts.joint) - (np.bincount(data.row) / parts.marginal)[:, None]
+    """Compute the log-likelihood and its gradient by A..E and log(compass noise), (6,); arguments as before."""
+    parts, joint = _parts(parameters, data, prior, grid)
+    total = float(np.sum(np.log(joint) - np.log(parts.marginal[data.row])))
+    pull = data.scatter.summed(1.0 / joint) - (np.bincount(data.row) / parts.marginal)[:, None]
     towards = np.sum(pull.take(parts.cell) * parts.share, axis=1)
     pull = towards * parts.near.offset / np.exp(2.0 * parameters[5])
     by_width = float(np.sum(pull * parts.near.offset) - np.sum(towards))
@@ -240,44 +230,27 @@ def log_likelihood_and_gradient(
 
 
 def pair_scores(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
-    """Return each pair's gradient by A..E and log(compass noise), in the order of the pairs, (n, 6).
-
-    Args:
-        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        prior: pi on the cells, (CELLS,), sums to 1.
-    """
-    parts = _parts(parameters, data, prior, grid)
+    """Compute each pair's gradient by A..E and log(compass noise), in the order of the pairs, (n, 6)."""
+    parts, joint = _parts(parameters, data, prior, grid)
     pull = parts.near.offset / np.exp(2.0 * parameters[5])
     result = np.empty((len(data.row), 6))
     for j, by in enumerate([*_form_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
         moved = _sum_cells(parts.cell, parts.share * by[:, None], len(data.occupied))
-        by_joint, by_marginal = data.scatter.times(moved) / parts.joint, moved.sum(axis=1) / parts.marginal
+        by_joint, by_marginal = data.scatter.times(moved) / joint, moved.sum(axis=1) / parts.marginal
         result[data.order, j] = by_joint - by_marginal[data.row]
     return result
 
 
 def heading_occupancy(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
-    """Sum the posterior of the pairs' correct headings in each cell, (CELLS,).
-
-    Args:
-        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        prior: pi on the cells, (CELLS,), sums to 1.
-    """
-    parts = _parts(parameters, data, prior, grid)
-    return np.asarray(np.sum(parts.given * data.scatter.summed(1.0 / parts.joint), axis=0))
+    """Sum the posterior of the pairs' correct headings in each cell, (CELLS,)."""
+    parts, joint = _parts(parameters, data, prior, grid)
+    return np.asarray(np.sum(parts.given * data.scatter.summed(1.0 / joint), axis=0))
 
 
 def heading_given_reading(
     parameters: Floats, recorded_deg: Floats, prior: Floats, grid: HeadingGrid, form: CurveForm
 ) -> Floats:
-    """Return the distribution of the correct heading on the cells for each recorded one, (n, CELLS).
-
-    Args:
-        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        recorded_deg: recorded headings, (n,), degrees.
-        prior: pi on the cells, (CELLS,), sums to 1.
-        form: the curve that is held against them.
-    """
+    """Compute the distribution of the correct heading on the cells for each recorded one, (n, CELLS)."""
     occupied, row = np.unique(grid.bin_of(recorded_deg), return_inverse=True)
     given = _laid_out(parameters, occupied, prior, grid, form).given
     return np.asarray((given / given.sum(axis=1, keepdims=True))[row])
@@ -292,14 +265,10 @@ class _Layout:
     marginal: Floats  # (occupied,)
 
 
-@dataclass(frozen=True)
-class _Parts(_Layout):
-    joint: Floats  # (n,) as the sample is sorted
-
-
-def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> _Parts:
+def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> tuple[_Layout, Floats]:
+    """Lay out the sample, and compute each pair's joint density, (n,), as the sample is sorted."""
     laid = _laid_out(parameters, data.occupied, prior, grid, data.form)
-    return _Parts(**vars(laid), joint=data.scatter.times(laid.given))
+    return laid, data.scatter.times(laid.given)
 
 
 def _laid_out(

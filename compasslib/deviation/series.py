@@ -16,7 +16,7 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
 STEP_DEG = 0.25  # of the lookup table
-STARTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried
+STARTS_DEG = (30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried beside none
 
 
 def series_design(heading_deg: ArrayLike) -> Floats:
@@ -55,7 +55,7 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     residual = angles.wrap180(deviation - columns @ coefficients)
     effective = effective_sample_size(residual, pairs.time_s)
     variance = float(np.mean(residual**2)) * len(pairs) / max(effective - 5.0, 1.0)
-    lookup = inverse_table(coefficients)
+    (gamma, _), folds = inverse_table(coefficients), series_folds(coefficients)
     return DeviationFit(
         method="von_appen",
         coefficients=coefficients,
@@ -63,10 +63,8 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
         n_pairs=len(pairs),
         n_effective=effective,
         residual_rms_deg=angles.rms(residual),
-        recorded_range_deg=(0.0, 360.0)
-        if not series_folds(coefficients)
-        else (float(lookup[0][0]), float(lookup[0][-1])),
-        folded=series_folds(coefficients),
+        recorded_range_deg=(float(gamma[0]), float(gamma[-1])) if folds else (0.0, 360.0),
+        folded=folds,
     )
 
 
@@ -148,16 +146,11 @@ def multistart_least_squares(columns: Floats, deviation: Floats) -> Floats:
         columns: of eq. (1) at the correct headings, (n, 5).
         deviation: beta - gamma, (n,), degrees.
     """
-    starts = [np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in _eight_directions(r)]
+    eight = [tuple(map(float, angles.sin_cos(direction))) for direction in range(0, 360, 45)]
+    starts = [np.zeros(5), *(np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in eight)]
     solver = np.linalg.pinv(columns)
     solved = [_descend(solver, columns, deviation, start) for start in starts]
     return min(solved, key=lambda k: float(np.sum(angles.wrap180(deviation - columns @ k) ** 2)))
-
-
-def _eight_directions(amplitude: float) -> list[tuple[float, float]]:
-    if amplitude == 0.0:
-        return [(0.0, 1.0)]
-    return [tuple(float(x) for x in angles.sin_cos(direction)) for direction in range(0, 360, 45)]  # type: ignore[misc]
 
 
 def _descend(solver: Floats, columns: Floats, deviation: Floats, start: Floats) -> Floats:

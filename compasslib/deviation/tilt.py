@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib import angles, compass
 from compasslib.deviation.exact import PRIOR_WIDTH, pairs_per_independent, robust_covariance, scores_at
-from compasslib.deviation.model import CoefficientPrior, DeviationFit, nearest_root, observed_heading
+from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading
 from compasslib.records import Pairs, Readings
 from compasslib.types import Floats
 
@@ -88,7 +88,11 @@ def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFi
     at = np.append(level.coefficients, 0.0)
     value, scores = _scores(at, pairs, level, dip_ratio)
     precision = np.append(PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
-    external, prior_precision, expected = _scaled_prior(pairs, level)
+    external, prior_precision, expected = None, np.zeros((6, 6)), np.zeros(6)
+    if level.prior is not None:  # scaled to the pairs' repetition
+        counted = pairs_per_independent(pairs, level.n_effective)
+        external = replace(level.prior, precision=counted * level.prior.precision)
+        prior_precision[:5, :5], expected[:5] = external.precision, external.mean
     for _ in range(MAX_STEPS):
         pull = scores.sum(axis=0) - precision * at - prior_precision @ (at - expected)
         step = np.linalg.solve(scores.T @ scores + np.diag(precision) + prior_precision, pull)
@@ -103,17 +107,6 @@ def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFi
     levelled = _levelled(at, pairs, dip_ratio)
     covariance = robust_covariance(scores, precision, fitted, levelled, level.n_effective, external)
     return replace(fitted, covariance=covariance)
-
-
-def _scaled_prior(pairs: Pairs, level: DeviationFit) -> tuple[CoefficientPrior | None, Floats, Floats]:
-    """Scale the prior to the pairs' repetition; also its precision and mean with K, (6, 6) and (6,)."""
-    prior_precision, expected = np.zeros((6, 6)), np.zeros(6)
-    if level.prior is None:
-        return None, prior_precision, expected
-    counted = pairs_per_independent(pairs, level.n_effective)
-    external = replace(level.prior, precision=counted * level.prior.precision)
-    prior_precision[:5, :5], expected[:5] = external.precision, external.mean
-    return external, prior_precision, expected
 
 
 def _scores(at: Floats, pairs: Pairs, level: DeviationFit, dip_ratio: float) -> tuple[float, Floats]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.types import DAY_S, Bools, Floats
+from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 Ints = NDArray[np.int64]
 
@@ -168,7 +168,7 @@ def parse_origin(text: str, calendar: str) -> float:
     except ValueError:
         raise unreadable from None
     ahead_s = 60.0 * (60 * hours + minutes) * (-1.0 if "-" in (match["zone"] or "") else 1.0)
-    return (day - JULIAN_DAY_1970) * DAY_S + 3600.0 * clock[0] + 60.0 * clock[1] + clock[2] - ahead_s
+    return (day - JULIAN_DAY_1970) * DAY_S + HOUR_S * clock[0] + 60.0 * clock[1] + clock[2] - ahead_s
 
 
 # Numbers that are times.
@@ -334,7 +334,7 @@ def _fields_to_seconds(cells: Sequence[str], at: _Fields) -> Floats:
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise Unreadable(row, repr(cells[row]))
-    clock_us = np.round((at.hour * 3600.0 + at.minute * 60.0 + at.second) * 1e6)
+    clock_us = np.round((at.hour * HOUR_S + at.minute * 60.0 + at.second) * 1e6)
     return (days.astype("datetime64[us]").astype(np.int64) + clock_us) / 1e6
 
 

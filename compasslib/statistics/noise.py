@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from compasslib.statistics.least_squares import HUBER_CLIP, robust_width
 from compasslib.statistics.resampling import block_sums
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 
-def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float = 5 * 86400.0) -> float:
+def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float = 5 * DAY_S) -> float:
     """Return n over the integral of the residual's autocorrelation, which real currents make much less than n.
 
     Args:

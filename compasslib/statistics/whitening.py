@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.statistics.least_squares import HUBER_CLIP, SIGMA_PER_MAD, robust_width
 from compasslib.statistics.noise import lagged_sums
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly correlation; no more lags than the record can carry
 RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
@@ -25,7 +25,7 @@ ANYWHERE_DEG = SIGMA_PER_MAD * 90.0  # robust width of directions that point any
 CHUNK = 32  # samples filtered at once: speed only
 MAX_MEMORY = 512  # samples over which a filter's memory is followed
 MIN_DIRECTION = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
-TREND_S, TREND_LENGTHS = 10 * 86400.0, 10  # least spacing of the knots of what is slow, and in lengths of the filter
+TREND_S, TREND_LENGTHS = 10 * DAY_S, 10  # least spacing of the knots of what is slow, and in lengths of the filter
 NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
 
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from compasslib.demo import demonstration, planting, sealed
+from compasslib.demo import demonstration, sealed
 from compasslib.demo.sealed import DEEP_SAMPLE_S, Export, Ground, Wish
+from tests.world import planting
 
 PUBLISHED, SERIES = "EG4", "EG4_SERIES"  # with what is found applied, and the published product alone
 

@@ -23,11 +23,11 @@ from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Dropped
 from compasslib.readers.pd0.frames import Places, Skipped
 from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
-from compasslib.types import Bools, Floats
+from compasslib.types import DAY_S, Bools, Floats
 
 STRAY = 0.01  # share of another instrument's ensembles that may be damage that met its checksum
 FEWEST_BACK = 10  # numbers may fall back where a recording begins anew
-JUMP_S, JUMP_STEPS, MOST_JUMPS = 86400.0, 20.0, 3  # longer, and rarer, than the pauses between bursts
+JUMP_S, JUMP_STEPS, MOST_JUMPS = DAY_S, 20.0, 3  # longer, and rarer, than the pauses between bursts
 ADVICE = "give each recording as a file of its own"
 BEAMS = 4
 FEWEST_CELLS, MOST = 100, 0.5
