@@ -16,7 +16,7 @@ DEGREE = np.pi / 180.0  # in radians: the derivative of a sine by degrees
 
 
 def wrap360(angle_deg: ArrayLike) -> Floats:
-    """Return the angle in [0, 360)."""
+    """Wrap an angle to [0, 360)."""
     angle = np.asarray(angle_deg, dtype=float)
     wrapped = angle - 360.0 * np.floor(angle / 360.0)  # three times as fast as np.mod
     # Rounding can leave the interval by a hair at either end, which is north.
@@ -24,52 +24,51 @@ def wrap360(angle_deg: ArrayLike) -> Floats:
 
 
 def wrap180(angle_deg: ArrayLike) -> Floats:
-    """Return the angle in [-180, 180)."""
+    """Wrap an angle to [-180, 180)."""
     return wrap360(np.asarray(angle_deg, dtype=float) + 180.0) - 180.0
 
 
 def difference(a_deg: ArrayLike, b_deg: ArrayLike) -> Floats:
-    """Return a - b in [-180, 180)."""
+    """Compute a - b in [-180, 180)."""
     return wrap180(np.asarray(a_deg, dtype=float) - np.asarray(b_deg, dtype=float))
 
 
 def phasor(angle_deg: ArrayLike) -> NDArray[np.complex128]:
-    """Return e^{i angle}."""
+    """Compute e^{i angle}."""
     return np.exp(1j * np.deg2rad(np.asarray(angle_deg, dtype=float)))
 
 
 def argument(z: ArrayLike) -> Floats:
-    """Return arg z in [0, 360)."""
+    """Compute arg z in [0, 360)."""
     return wrap360(np.rad2deg(np.angle(np.asarray(z, dtype=complex))))
 
 
 def sin_cos(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
-    """Return sine and cosine."""
     radians = np.deg2rad(np.asarray(angle_deg, dtype=float))
     return np.sin(radians), np.cos(radians)
 
 
 def direction(east: ArrayLike, north: ArrayLike) -> Floats:
-    """Return the direction towards which a vector points, degrees in [0, 360); NaN for the zero vector."""
+    """Compute the direction towards which a vector points, degrees in [0, 360); NaN for the zero vector."""
     east, north = np.asarray(east, dtype=float), np.asarray(north, dtype=float)
     towards = wrap360(np.rad2deg(np.arctan2(east, north)))
     return np.where((east == 0) & (north == 0), np.nan, towards)
 
 
 def chord(angle_deg: ArrayLike) -> Floats:
-    """Return the chord under an angle, scaled so that a small angle's chord is the angle itself, degrees."""
+    """Compute the chord under an angle, scaled so that a small angle's chord is the angle itself, degrees."""
     return 2.0 * sin_cos(np.asarray(angle_deg, dtype=float) / 2.0)[0] / DEGREE
 
 
 def components(speed: ArrayLike, towards_deg: ArrayLike) -> tuple[Floats, Floats]:
-    """Return (east, north) of a vector given by its length and the direction towards which it points."""
+    """Compute (east, north) of a vector given by its length and the direction towards which it points."""
     sine, cosine = sin_cos(towards_deg)
     length = np.asarray(speed, dtype=float)
     return length * sine, length * cosine
 
 
 def turn(east: ArrayLike, north: ArrayLike, by_deg: ArrayLike) -> tuple[Floats, Floats]:
-    """Return (east, north) of a vector turned clockwise, its length unchanged."""
+    """Turn a vector (east, north) clockwise, its length unchanged."""
     sine, cosine = sin_cos(by_deg)
     east, north = np.asarray(east, dtype=float), np.asarray(north, dtype=float)
     return east * cosine + north * sine, north * cosine - east * sine
@@ -81,7 +80,7 @@ def turned_share(angle_deg: ArrayLike) -> Floats:
 
 
 def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
-    """Return the circular mean in [0, 360), NaN angles left out; NaN where nothing is left.
+    """Compute the circular mean in [0, 360), NaN angles left out; NaN where nothing is left.
 
     Args:
         weights: of the same shape; equal where absent.
@@ -91,7 +90,7 @@ def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | Non
 
 
 def resultant_length(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
-    """Return the mean resultant length, 1 where all angles agree and 0 where they cancel; NaN angles left out.
+    """Compute the mean resultant length, 1 where all angles agree and 0 where they cancel; NaN angles left out.
 
     Args:
         weights: of the same shape; equal where absent.
@@ -101,7 +100,7 @@ def resultant_length(angle_deg: ArrayLike, weights: ArrayLike | None = None, axi
 
 
 def rms(difference_deg: ArrayLike) -> float:
-    """Return the root mean square of differences, wrapped to [-180, 180), NaN left out; NaN where nothing is left."""
+    """Compute the root mean square of differences, wrapped to [-180, 180), NaN left out; NaN where nothing is left."""
     wrapped = wrap180(difference_deg)
     finite = wrapped[np.isfinite(wrapped)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")

@@ -32,7 +32,7 @@ NEAREST_POLE = 1e-9  # least sine of the colatitude: east has no meaning at the 
 
 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Return declination (degrees east), horizontal and downward field (nT) at sea level.
+    """Compute declination (degrees east), horizontal and downward field (nT) at sea level.
 
     Args:
         time_s: UTC seconds since 1970, shape (k,).
@@ -62,7 +62,7 @@ def field_along(
     declination: float | None = None,
     applied: Mapping[str, float] | None = None,
 ) -> EarthField:
-    """Return the field over a deployment; a given declination overrides the model's and is compared with it.
+    """Compute the field over a deployment; a given declination overrides the model's and is compared with it.
 
     Args:
         start_s: first instant, UTC seconds since 1970.
@@ -99,38 +99,30 @@ def field_along(
 
 
 def covered_by_igrf(time_s: ArrayLike) -> Floats:
-    """Return times, those that the model does not cover replaced by the nearest that it does, (k,).
-
-    Args:
-        time_s: UTC seconds since 1970.
-    """
+    """Replace times that the model does not cover by the nearest that it does, (k,)."""
     ends = [datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (FIRST_YEAR, LAST_YEAR)]
     return np.clip(np.atleast_1d(np.asarray(time_s, dtype=float)), ends[0], ends[1] - 1.0)
 
 
 def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
-    """Return the declination to use at given times, degrees east.
-
-    Args:
-        time_s: UTC seconds since 1970, shape (n,).
-    """
+    """Interpolate the declination to use to given times, degrees east."""
     return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
 
 
 def dip_ratio(field: EarthField) -> float:
-    """Return Z/H, the mean over the deployment."""
+    """Compute Z/H, the mean over the deployment."""
     return float(np.mean(field.vertical_nT / field.horizontal_nT))
 
 
 def field_from_json(content: Mapping[str, Any]) -> EarthField:
-    """Return the field that field.json holds."""
+    """Read the field of a field.json."""
     texts: dict[str, Any] = {"source": content["source"], "warnings": tuple(content["warnings"])}
     series: dict[str, Any] = {key: np.array(value) for key, value in content.items() if key not in texts}
     return EarthField(**series, **texts)
 
 
 def describe_field(name: str, field: EarthField) -> str:
-    """Return the log line of the job that computes the field of a mooring."""
+    """Word the log line of the job that computes the field of a mooring."""
     first, last = field.declination_deg[[0, -1]]
     horizontal = field.horizontal_nT.mean()
     line = f"{name}: declination {first:+.2f} to {last:+.2f} degrees ({field.source}), H {horizontal:.0f} nT"
@@ -138,7 +130,7 @@ def describe_field(name: str, field: EarthField) -> str:
 
 
 def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the field to the east, north and down at sea level, (k,) nT each.
+    """Compute the field to the east, north and down at sea level, (k,) nT each.
 
     The potential's gradient in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1), turned by
     the angle between the sphere's vertical and the ellipsoid's.
@@ -176,7 +168,7 @@ def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float
 
 
 def recognize_mistake(degrees: float, model: float) -> str:
-    """Return which mistake makes the one number of the other, or nothing."""
+    """Say which mistake makes the one number of the other, or nothing."""
     mistakes = {
         ", which has the other sign": -model,
         ", which it looks like in minutes of arc": 60.0 * model,
@@ -194,7 +186,7 @@ def recognize_mistake(degrees: float, model: float) -> str:
 
 @cache
 def _coefficients() -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Return days since 1970 of the epochs, degree and order (negative for sines) of each row, and the rows, nT."""
+    """Read days since 1970 of the epochs, degree and order (negative for sines) of each row, and the rows, nT."""
     spec = find_spec("ppigrf")
     folder = Path(str(spec.origin)).parent if spec else Path()
     lines = (folder / "IGRF14.shc").read_text(encoding="ascii").splitlines()
@@ -206,7 +198,7 @@ def _coefficients() -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], Floats]
 
 
 def _on_the_sphere(latitude: float) -> tuple[float, float]:
-    """Return geocentric latitude (degrees) and distance from the centre (km) of a place on the ellipsoid."""
+    """Compute geocentric latitude (degrees) and distance from the centre (km) of a place on the ellipsoid."""
     sine, cosine = angles.sin_cos(latitude)
     squashed = (1.0 - FLATTENING) ** 2
     normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
@@ -215,7 +207,7 @@ def _on_the_sphere(latitude: float) -> tuple[float, float]:
 
 
 def _legendre(colatitude_deg: float, degrees: int) -> tuple[Floats, Floats]:
-    """Return Schmidt's quasi-normalised functions and their derivatives by the colatitude, (degrees + 1,) * 2 each.
+    """Compute Schmidt's quasi-normalised functions and their derivatives by the colatitude, (degrees + 1,) * 2 each.
 
     Recursions of Langel (in Jacobs, Geomagnetism, vol. 1, 1987, eq. 27).
     """
@@ -249,7 +241,7 @@ class AppliedDeclination(NamedTuple):
 
 
 def parse_applied_declination(stated: float | Mapping[str, float] | None) -> AppliedDeclination | None:
-    """Return ``declination_applied`` of a mooring file, one number for both or one for each; None where it has none."""
+    """Parse ``declination_applied`` of a mooring file, one number for both or one for each; None where it has none."""
     if stated is None:
         return None
     if isinstance(stated, Mapping):

@@ -36,7 +36,7 @@ class Rows(Protocol):
     """An array, or what gives its rows when they are asked for."""
 
     def __getitem__(self, which: Any, /) -> Any:
-        """Return some of the rows."""
+        """Take some of the rows."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Record:
     warnings: tuple[str, ...] = ()  # sentences for the report
 
     def bin_depth_m(self) -> Floats:
-        """Return the depth of every bin at every sample, (n, m) metres, blow-down followed."""
+        """Compute the depth of every bin at every sample, (n, m) metres, blow-down followed."""
         return self.depth_m[:, None] + (-1.0 if self.looks_up else 1.0) * self.bin_range_m
 
 
@@ -178,11 +178,7 @@ class FieldSeries:
 
 
 def take(series: Series, which: NDArray[Any] | slice) -> Series:
-    """Return some of the samples of any record whose arrays run along them.
-
-    Args:
-        which: positions, a mask or a slice.
-    """
+    """Take some of the samples of any record whose arrays run along them, by positions, a mask or a slice."""
     columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
     for several in _BY_NAME:
         if shown := getattr(series, several, None):
@@ -191,7 +187,7 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
 
 
 def join_records(records: Sequence[Record]) -> Record:
-    """Return the records of one instrument's files as one, in order of their first times, counts added up.
+    """Join the records of one instrument's files, in order of their first times, counts added up.
 
     Raises:
         InputError: they do not have the same bins, orientation and north.
@@ -221,9 +217,5 @@ def join_records(records: Sequence[Record]) -> Record:
 
 
 def iso_time(time_s: float) -> str:
-    """Return an instant as ISO 8601.
-
-    Args:
-        time_s: UTC seconds since 1970.
-    """
+    """Write UTC seconds since 1970 as ISO 8601."""
     return datetime.fromtimestamp(round(time_s), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -33,7 +33,6 @@ SINGLE_COMPASS_KINDS = ("platform", "swing", "magnetometer")  # kinds that tell 
 
 
 def _csv(value: Any) -> Any:
-    """Return the one word for comma-separated files; in a mooring file they are called table."""
     return "csv" if value == "table" else value
 
 
@@ -274,11 +273,7 @@ def settings(file: CalibrationFile) -> dict[str, Any]:
 
 
 def check_comparisons(files: dict[str, CalibrationFile]) -> tuple[str, str] | None:
-    """Return the first calibration whose comparison leads nowhere or in a circle, and what was found.
-
-    Args:
-        files: all calibrations by name.
-    """
+    """Find the first calibration whose comparison leads nowhere or in a circle, and describe it."""
     for name, file in files.items():
         visited, other = [name], file.compare_with
         while other is not None:

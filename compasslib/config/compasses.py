@@ -31,7 +31,7 @@ Deployments = dict[str, list[Deployment]]  # by the compass's name in small lett
 
 
 def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployments:
-    """Return when each compass was calibrated."""
+    """List when each compass was calibrated."""
     actual: Deployments = {}
     for name, entry in calibrations.items():
         if entry.compass is not None and entry.date_s is not None:
@@ -75,7 +75,7 @@ def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -
 def members(
     moorings: Mapping[str, Mooring], calibrations: Mapping[str, CalibrationFile]
 ) -> dict[str, tuple[list[str], list[str]]]:
-    """Return the moorings whose affected compass it is, and the calibrations, of each compass, in their orders."""
+    """List the moorings whose affected compass it is, and the calibrations, of each compass, in their orders."""
     actual: dict[str, tuple[list[str], list[str]]] = {}
     for name, mooring in moorings.items():
         if (compass := mooring.instruments[mooring.compromised].compass) is not None:
@@ -87,7 +87,7 @@ def members(
 
 
 def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
-    """Return a line for each serial number that several moorings' affected instruments carry without ``compass``."""
+    """Word a line for each serial number that several moorings' affected instruments carry without ``compass``."""
     numbers: dict[str, list[str]] = {}
     for name, mooring in moorings.items():
         instrument = mooring.instruments[mooring.compromised]

@@ -84,7 +84,7 @@ def load_cruise(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> 
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
-    """Return the model of a mapping.
+    """Validate a mapping by its model.
 
     Args:
         place: where raw files are looked for; not looked for where absent.
@@ -273,7 +273,7 @@ def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> 
 
 
 def _walk(model: type[BaseModel], place: Sequence[Any]) -> tuple[Any, type[BaseModel] | None]:
-    """Return the field at a place and the model below it, if any; the names that a user gives are stepped over."""
+    """Find the field at a place and the model below it, if any; the names that a user gives are stepped over."""
     field: Any = None
     inner: type[BaseModel] | None = model
     named = False
@@ -394,7 +394,7 @@ _Loader.add_constructor(_FLOAT, _number)
 
 
 def read(root: Path, name: str, example: str) -> dict[str, Any]:
-    """Return the mapping that a YAML file holds; dates in it are texts.
+    """Read the mapping of a YAML file; dates in it are texts.
 
     Args:
         name: path of the file, relative to it; messages begin with it.

@@ -82,7 +82,7 @@ _ATTRIBUTES_WORDS = "a mapping of names to texts or numbers"
 
 
 def key(expected: str, example: str, default: Any = ..., advice: str | None = None, **limits: Any) -> Any:
-    """Return a field with the words that its error message needs.
+    """Make a field with the words that its error message needs.
 
     Args:
         expected: what may stand there, to be read after "expected".
@@ -111,7 +111,7 @@ CLOCK_HEADER = key("the header of a column (the time of day, where the date stan
 
 
 def allowed_keys(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the fields of a model by the key that stands in the YAML file, those of any table last."""
+    """List the fields of a model by the key that stands in the YAML file, those of any table last."""
     named = sorted(model.model_fields.items(), key=lambda item: item[0] in TABLE_KEYS)
     return {field.alias or name: field for name, field in named}
 
@@ -240,7 +240,7 @@ class Columns(Section):
     scale: Number = key("a factor to m/s above 0, at most 1000", "0.01", 1.0, gt=0, le=1000)
 
     def headers(self) -> dict[str, str]:
-        """Return the headers that are given, by role."""
+        """Select the headers that are given, by role."""
         return {role: header for role, header in self if isinstance(header, str)}
 
     @model_validator(mode="after")
@@ -410,12 +410,10 @@ class Mooring(Section):
 
     @property
     def start(self) -> datetime:
-        """Return the start of the deployment, UTC."""
         return datetime.fromtimestamp(self.start_s, UTC)
 
     @property
     def end(self) -> datetime:
-        """Return the end of the deployment, UTC."""
         return datetime.fromtimestamp(self.end_s, UTC)
 
     @model_validator(mode="after")

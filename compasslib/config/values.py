@@ -62,7 +62,7 @@ _SHOWN = 60  # characters of a value that a message repeats
 def problem(
     key: str | None = None, expected: str | None = None, actual: str | None = None, advice: str | None = None
 ) -> PydanticCustomError:
-    """Return the error of a value; what is left out is taken from the field that holds it.
+    """Make the error of a value; what is left out is taken from the field that holds it.
 
     Args:
         key: key below the place where the error is raised.
@@ -72,7 +72,7 @@ def problem(
 
 
 def shown(value: object) -> str:
-    """Return a value as a message repeats it, in the words of YAML."""
+    """Write a value as a message repeats it, in the words of YAML."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -85,7 +85,7 @@ def shown(value: object) -> str:
 
 
 def number(value: Any) -> float:
-    """Return a finite number; texts, truth values, NaN and infinities are refused."""
+    """Check a finite number; texts, truth values, NaN and infinities are refused."""
     # YAML 1.1 reads 1e-2, without a point, as a text.
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
         value = float(value)
@@ -110,7 +110,7 @@ def _advice_for_text(text: str) -> str | None:
 
 
 def count(value: Any) -> int:
-    """Return a whole number."""
+    """Check a whole number."""
     whole = number(value)
     if not whole.is_integer():
         raise problem()
@@ -118,7 +118,7 @@ def count(value: Any) -> int:
 
 
 def switch(value: Any) -> bool:
-    """Return a truth value; the words yes, no, on and off count as YAML 1.1 reads them."""
+    """Check a truth value; the words yes, no, on and off count as YAML 1.1 reads them."""
     words = {"yes": True, "on": True, "no": False, "off": False}
     if isinstance(value, str) and value.lower() in words:
         return words[value.lower()]
@@ -129,7 +129,7 @@ def switch(value: Any) -> bool:
 
 
 def text(value: Any) -> str:
-    """Return a text that is not empty."""
+    """Check a text that is not empty."""
     if isinstance(value, bool | int | float):
         raise problem(advice=f"write it in quotes: '{shown(value)}'")
     if not isinstance(value, str) or not value.strip():
@@ -138,7 +138,7 @@ def text(value: Any) -> str:
 
 
 def name(value: Any) -> str:
-    """Return a name that can be a folder's."""
+    """Check a name that can be a folder's."""
     if not _NAME.fullmatch(text(value)):
         raise problem(expected=NAME_WORDS, advice="write for example EG4")
     if match := _REPEATED.search(value):
@@ -148,29 +148,25 @@ def name(value: Any) -> str:
 
 
 def nearest(word: str, allowed: Sequence[str]) -> str | None:
-    """Return the advice to write the allowed word that is most like another, None where none is."""
+    """Advise to write the allowed word that is most like another, None where none is."""
     near = difflib.get_close_matches(word, allowed, 1)
     return f"write {near[0]}" if near else None
 
 
 def names(value: Any) -> Any:
-    """Return a list of names, of a single one too."""
+    """Turn one name or a list into a tuple."""
     if value is None:
         return ()
     return tuple(value) if isinstance(value, list) else (value,)
 
 
 def unquoted_true(value: Any) -> Any:
-    """Return the word that is meant where ``direction_reference: true`` is read as a truth value."""
+    """Turn ``direction_reference: true``, which is read as a truth value, into the word."""
     return "true" if value is True else value
 
 
 def declination(value: Any) -> float | Literal["auto"]:
-    """Return ``auto`` or a declination.
-
-    Args:
-        value: what the YAML reader gave, degrees east.
-    """
+    """Check ``auto`` or a declination, degrees east."""
     if value == "auto":
         return "auto"
     degrees = number(value)
@@ -180,11 +176,7 @@ def declination(value: Any) -> float | Literal["auto"]:
 
 
 def time_s(value: Any) -> float:
-    """Return UTC seconds since 1970 of a date (its midnight) or time; without a zone it is UTC.
-
-    Args:
-        value: ISO 8601 text, date or datetime.
-    """
+    """Parse a date (its midnight) or an ISO 8601 time, UTC without a zone, to UTC seconds since 1970."""
     moment = value
     if not isinstance(value, date):
         if not isinstance(value, str) or not _TIME.fullmatch(value.strip()):
@@ -203,12 +195,12 @@ def time_s(value: Any) -> float:
 
 
 def delimiter(value: Any) -> str:
-    """Return the character between the cells of a table, given as it is or by its name."""
+    """Look up the character between the cells of a table, given as it is or by its name."""
     return _character(value, {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "})
 
 
 def decimal(value: Any) -> str:
-    """Return the character before a number's decimals, given as it is or by its name."""
+    """Look up the character before a number's decimals, given as it is or by its name."""
     return _character(value, {"point": ".", "comma": ","})
 
 
@@ -231,7 +223,7 @@ def time_format(value: Any) -> str:
 
 
 def zone(value: Any) -> str:
-    """Return UTC, or an offset from it as +02:00."""
+    """Parse UTC, or an offset from it as +02:00."""
     given = text(value).strip()
     match = re.fullmatch(r"([+-])(\d\d):?([0-5]\d)?", given)
     if given.upper() in ("UTC", "Z", "GMT"):
@@ -242,7 +234,7 @@ def zone(value: Any) -> str:
 
 
 def declination_applied(value: Any) -> float | dict[str, float]:
-    """Return degrees that the directions of a file hold, one number or one for headings and one for velocities."""
+    """Check degrees that the directions of a file hold, one number or one for headings and one for velocities."""
     parts = dict(value) if isinstance(value, dict) else {"": value}
     if isinstance(value, dict) and {*parts} != {"heading", "velocity"}:
         given = ", ".join(map(str, parts)) or "an empty mapping"
@@ -254,7 +246,7 @@ def declination_applied(value: Any) -> float | dict[str, float]:
 
 
 def missing(value: Any) -> tuple[str, ...]:
-    """Return the words and numbers that stand for nothing in a table, of a single one too."""
+    """Check the words and numbers that stand for nothing in a table, a single one too."""
     listed = value if isinstance(value, list | tuple) else [value]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in listed):
         raise problem()
@@ -262,16 +254,12 @@ def missing(value: Any) -> tuple[str, ...]:
 
 
 def iso(seconds: float) -> str:
-    """Return a time as it is written in YAML.
-
-    Args:
-        seconds: UTC seconds since 1970.
-    """
+    """Write UTC seconds since 1970 as a time in YAML."""
     return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
 
 
 def attributes(value: Any) -> dict[str, str | int | float]:
-    """Return attributes for the archive, empty ones left out."""
+    """Check attributes for the archive, empty ones left out."""
     if not isinstance(value, dict):
         raise problem()
     for attribute, content in value.items():
@@ -288,7 +276,7 @@ def attributes(value: Any) -> dict[str, str | int | float]:
 
 
 def stated(attribute: str) -> bool:
-    """Return whether the product states an attribute itself; in whatever case, as two that differ by it mislead."""
+    """Tell whether the product states an attribute itself; in whatever case, as two that differ by it mislead."""
     return attribute.lower() in _STATED
 
 
@@ -349,7 +337,7 @@ class RawFolder:
 
 
 def paths(value: Any) -> tuple[str, ...]:
-    """Return one path or a list of them, inside the cruise folder and relative to it."""
+    """Check one path or a list of them, inside the cruise folder and relative to it."""
     listed = [text(path) for path in (value if isinstance(value, list | tuple) else [value])]
     for path in listed:
         if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
@@ -367,12 +355,12 @@ def _refuse_unusable(path: str) -> None:
 
 
 def mooring_paths(value: Any) -> str | tuple[str, ...]:
-    """Return a folder as a text or mooring files as a tuple."""
+    """Check a folder, a text, or mooring files, a tuple."""
     return paths(value) if isinstance(value, list | tuple) else paths(value)[0]
 
 
 def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
-    """Return existing raw files, globs expanded and sorted; only checked for form where no place is given.
+    """Find existing raw files, globs expanded and sorted; only checked for form where no place is given.
 
     Args:
         info: its context is a ``RawFolder`` or None.

@@ -107,11 +107,7 @@ def write(path: Path, setup: Setup, ensembles: Ensembles) -> None:
 
 
 def encode(setup: Setup, ensembles: Ensembles) -> Counts:
-    """Return the bytes of the ensembles, one row each, checksum included.
-
-    Args:
-        ensembles: what it recorded, n ensembles.
-    """
+    """Encode the ensembles, one row of bytes each, checksum included."""
     layout = _layout(setup.cells)
     rows = np.zeros(ensembles.time_s.size, dtype=layout)
     rows["header"] = _header(layout)
@@ -234,12 +230,12 @@ class Stance:
 
 
 def ranges(setup: Setup) -> Floats:
-    """Return the distance of each bin from the transducer along the vertical, metres, (m,)."""
+    """Compute the distance of each bin from the transducer along the vertical, metres, (m,)."""
     return setup.first_bin_m + setup.cell_m * np.arange(setup.cells, dtype=float)
 
 
 def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, *, latitude_deg: float) -> Ensembles:
-    """Return what the instrument records.
+    """Simulate what the instrument records.
 
     Args:
         latitude_deg: degrees north, for the pressure.
@@ -273,7 +269,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
 
 
 def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
-    """Return the current in the mean of the first bins as the beams have it, true east + i north, m/s, (n,)."""
+    """Average the current over the first bins as the beams have it, true east + i north, m/s, (n,)."""
     depth = _bin_depths(setup, stance)[:, :bins]
     return _flawed(stance, sea.velocity(water, stance.time_s, depth)).mean(axis=1)
 
@@ -283,7 +279,6 @@ def _bin_depths(setup: Setup, stance: Stance) -> Floats:
 
 
 def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water) -> Floats:
-    """Return the four recorded components, noise included, (n, m, 4)."""
     noise = adcp.noise_m_s * (1.0 + 1.5 * (ranges(adcp.setup) / ranges(adcp.setup)[-1]) ** 4)
     if adcp.setup.coordinates == "beam":
         return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
@@ -299,14 +294,13 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
 
 
 def _flawed(stance: Stance, flow: Complexes) -> Complexes:
-    """Return true currents as beams of unequal gain, with a constant velocity beside, have them."""
     true_heading = (stance.heading_deg + stance.declination_deg)[:, None]
     body = clockwise(flow, -true_heading)  # starboard + i forward
     return clockwise(by_beams(body, stance.gain, stance.bias_m_s), true_heading)
 
 
 def by_beams(body: Complexes, gain: float, bias_m_s: complex) -> Complexes:
-    """Return what beams of unequal gain measure of a current in the body, with a constant velocity beside.
+    """Simulate what beams of unequal gain measure of a current in the body, with a constant velocity beside.
 
     Args:
         body: starboard + i forward, m/s; so the bias.
@@ -316,7 +310,7 @@ def by_beams(body: Complexes, gain: float, bias_m_s: complex) -> Complexes:
 
 
 def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
-    """Return the speed along each beam, positive towards the head, every beam at its own depth."""
+    """Compute the speed along each beam, positive towards the head, every beam at its own depth."""
     head = _toward_head(setup, stance)
     slant = ranges(setup) / np.cos(SPREAD)
     # Away from the head is up where the unit vector towards it points down.
@@ -326,7 +320,7 @@ def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
 
 
 def _toward_head(setup: Setup, stance: Stance) -> Floats:
-    """Return the unit vectors of the four beams towards the head: magnetic east, north, up by beam, (n, 3, 4)."""
+    """Compute the unit vectors of the four beams towards the head: magnetic east, north, up by beam, (n, 3, 4)."""
     s, c = np.sin(SPREAD), np.cos(SPREAD)
     beams = np.array([[s, -s, 0, 0], [0, 0, -s, s], [c, c, c, c]])
     turn, (pitch, roll) = np.deg2rad(stance.heading_deg), np.deg2rad(stance.tilt_deg)
@@ -341,7 +335,7 @@ def _toward_head(setup: Setup, stance: Stance) -> Floats:
 
 
 def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
-    """Return the tilts as two inclinometers give them: the pitch's is seen through the roll."""
+    """Turn tilts to those that two inclinometers give: the pitch's is seen through the roll."""
     return np.rad2deg(np.arctan(np.tan(np.deg2rad(pitch_deg)) / np.cos(np.deg2rad(roll_deg)))), roll_deg
 
 
@@ -352,7 +346,7 @@ def _normal(rng: np.random.Generator, stance: Stance, deviation: Floats) -> Floa
 
 
 def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Floats) -> Floats:
-    """Return velocities with those near and beyond the surface as an up-looker gives them."""
+    """Spoil velocities near and beyond the surface, as an up-looker does."""
     if not setup.looks_up:
         return velocity
     height = stance.depth_m[:, None]
@@ -368,7 +362,7 @@ def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Flo
 
 
 def _echo(setup: Setup, stance: Stance) -> Floats:
-    """Return the mean echo intensity in counts, (n, m), with the surface's own echo."""
+    """Simulate the mean echo intensity in counts, (n, m), with the surface's own echo."""
     away = ranges(setup)
     loss_db = 20 * np.log10(away / away[0]) + 2 * ABSORPTION_DB_M[setup.kilohertz] * (away - away[0])
     counts = np.maximum(190.0 - loss_db / DB_PER_COUNT, 42.0)
@@ -384,7 +378,7 @@ def _scatter(rng: np.random.Generator, mean: Floats, deviation: float) -> NDArra
 
 
 def _percent_good(rng: np.random.Generator, setup: Setup, share: Floats) -> NDArray[np.uint8]:
-    """Return the four percentages: by beam, or three-beam, rejected, too few beams and four-beam solutions."""
+    """Simulate the four percentages: by beam, or three-beam, rejected, too few beams and four-beam solutions."""
     percent = np.clip(100 * share - np.abs(rng.normal(0.0, 1.0, share.shape)), 0, 100)
     if setup.coordinates == "beam":
         return np.repeat(percent[..., None], 4, axis=-1).astype(np.uint8)
@@ -400,6 +394,5 @@ def _temperature(rng: np.random.Generator, stance: Stance) -> Floats:
 
 
 def _supply(rng: np.random.Generator, n: int) -> NDArray[np.uint8]:
-    """Return the transmit voltage in counts: a battery that falls slowly, faster towards its end."""
     used = np.linspace(0.0, 1.0, n)
     return np.rint(166.0 - 14.0 * used - 9.0 * used**6 + rng.normal(0.0, 0.6, n)).astype(np.uint8)

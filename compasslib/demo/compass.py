@@ -33,18 +33,14 @@ class Field:
     vertical_nt: Floats  # (k,) down positive
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return declination in degrees, horizontal and vertical field in nT, each in the shape of the instants.
-
-        Args:
-            time_s: UTC seconds since 1970, any shape.
-        """
+        """Interpolate declination (degrees), horizontal and vertical field (nT) to times of any shape."""
         nodes = (self.declination_deg, self.horizontal_nt, self.vertical_nt)
         declination, horizontal, vertical = (np.interp(time_s, self.time_s, node) for node in nodes)
         return np.asarray(declination), np.asarray(horizontal), np.asarray(vertical)
 
 
 def earth_field(latitude_deg: float, longitude_deg: float, span_s: tuple[float, float]) -> Field:
-    """Return the IGRF field over a span of time, at nodes a month apart.
+    """Compute the IGRF field over a span of time, at nodes a month apart.
 
     Args:
         longitude_deg: degrees east.
@@ -66,7 +62,7 @@ def recorded_heading(
     sensed_tilt_deg: tuple[ArrayLike, ArrayLike] | None = None,
     iron: Iron,
 ) -> Floats:
-    """Return the heading that the compass gives, before its noise, degrees in [0, 360).
+    """Compute the heading that the compass gives, before its noise, degrees in [0, 360).
 
     The field at the sensor is S C^T F + b with C = Rz(heading) Ry(pitch) Rx(roll); the instrument levels it with the
     tilts that its own sensor gives and takes the angle of the horizontal part.
@@ -87,7 +83,7 @@ def recorded_heading(
 
 
 def tilting(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
-    """Return Ry(pitch) Rx(roll), (n, 3, 3)."""
+    """Compute Ry(pitch) Rx(roll), (n, 3, 3)."""
     pitch, roll = np.broadcast_arrays(np.deg2rad(pitch_deg), np.deg2rad(roll_deg))
     sp, cp, sr, cr = np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
     zero = np.zeros_like(cp)

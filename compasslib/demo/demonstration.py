@@ -33,7 +33,6 @@ class World:
     motion: Motion
 
     def random(self, purpose: str) -> np.random.Generator:
-        """Return the generator of one purpose on this mooring."""
         return stream(self.seed, self.spec.name, purpose)
 
 
@@ -65,11 +64,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
 
 
 def raw_files(name: str) -> tuple[str, ...]:
-    """Return the files of one mooring, relative to the cruise's folder of raw files.
-
-    Args:
-        name: EG1 to EG7.
-    """
+    """List the files of one mooring, EG1 to EG7, relative to the cruise's folder of raw files."""
     deep = spec_of(name).deep
     if isinstance(deep, Adcp):
         return f"{name}/top.000", f"{name}/deep.000"
@@ -77,16 +72,10 @@ def raw_files(name: str) -> tuple[str, ...]:
 
 
 def spec_of(name: str) -> MooringSpec:
-    """Return the specification of a mooring.
-
-    Args:
-        name: EG1 to EG7.
-    """
     return {spec.name: spec for spec in MOORINGS}[name]
 
 
 def make_world(spec: MooringSpec, seed: int) -> World:
-    """Return field, currents and motion of one mooring."""
     field = compass.earth_field(spec.latitude_deg, spec.longitude_deg, SPAN_S)
     site = (spec.latitude_deg, spec.water_depth_m)
     currents = water.make_water(seed, spec.name, spec.climate, site=site, span_s=SPAN_S)
@@ -96,7 +85,7 @@ def make_world(spec: MooringSpec, seed: int) -> World:
 
 
 def top_stance(world: World) -> Stance:
-    """Return how the upper ADCP stands, its heading recorded beside the sphere's iron."""
+    """Simulate how the upper ADCP stands, its heading recorded beside the sphere's iron."""
     time, motion = _hourly(world.spec.top), world.motion
     depth, heading, pitch, roll = (
         np.interp(time, motion.time_s, series)
@@ -107,7 +96,7 @@ def top_stance(world: World) -> Stance:
 
 
 def deep_stance(world: World, instrument: Adcp) -> Stance:
-    """Return how the lower ADCP stands: on the bottom, where it turns slowly, or hanging under the sphere."""
+    """Simulate how the lower ADCP stands: on the bottom, where it turns slowly, or hanging under the sphere."""
     motion, rng, time = world.motion, world.random("deep compass"), _hourly(instrument)
     sphere = np.interp(time, motion.time_s, motion.sphere_depth_m)
     if world.spec.deep_depth_m:
@@ -142,7 +131,6 @@ def _stance(
     iron: Iron,
     field: Field,
 ) -> Stance:
-    """Return a stance with its compass read; its attitude heading, pitch and roll."""
     in_water = (time_s >= DEPLOYED_S) & (time_s <= RECOVERED_S)
     declination, *strength = field.at(time_s)
     heading, *tilt = attitude_deg
@@ -235,7 +223,6 @@ def _rig(buoyancy_n: float, *, offset: float, wobble: float, rest: tuple[float, 
 
 
 def _iron(*, hard_nt: tuple[float, float, float], soft_percent: tuple[tuple[float, float, float], ...]) -> Iron:
-    """Return iron from its hard part and its soft part's excess over the unit matrix."""
     return Iron(hard_nt, tuple((*row,) for row in (np.eye(3) + 0.01 * np.array(soft_percent)).tolist()))
 
 

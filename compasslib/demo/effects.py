@@ -42,11 +42,7 @@ class Effect:
 
 
 def scaled(effect: Effect, size: float) -> Effect:
-    """Return an effect so many times as large.
-
-    Args:
-        size: factor.
-    """
+    """Scale an effect by a factor."""
     plain, trusted = effect.reading, effect.trusted
     return replace(
         effect,
@@ -61,18 +57,10 @@ def scaled(effect: Effect, size: float) -> Effect:
 
 
 def total(effects: Sequence[Effect], part: str, empty: Floats) -> Floats:
-    """Return the sum of one part of several effects.
-
-    Args:
-        empty: the sum of none.
-    """
+    """Sum one part of several effects, ``empty`` where there is none."""
     return sum((getattr(one, part) for one in effects if getattr(one, part) is not None), empty)
 
 
 def steps(time_s: Floats, date_s: float) -> NDArray[np.bool_]:
-    """Return whether an ensemble lies on or after a date, (n,).
-
-    Args:
-        time_s: UTC seconds, (n,).
-    """
+    """Tell whether an ensemble lies on or after a date, (n,)."""
     return np.asarray(time_s >= date_s)

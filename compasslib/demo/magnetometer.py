@@ -46,7 +46,7 @@ class Magnetometer:
 
 
 def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
-    """Return a magnetometer whose hard iron is a given share of the horizontal field.
+    """Build a magnetometer whose hard iron is a given share of the horizontal field.
 
     Args:
         earth_nt: horizontal and vertical field.
@@ -65,7 +65,7 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
 
 
 def response(meter: Magnetometer) -> tuple[Floats, Floats]:
-    """Return the linear response: what the earth's field is multiplied by, (3, 3), what is added, (3,) nT."""
+    """Compute the linear response: what the earth's field is multiplied by, (3, 3), what is added, (3,) nT."""
     added, soft = np.zeros((3, 3)), np.zeros((3, 3, 3))
     for k, place in enumerate(meter.places_m):
         fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
@@ -80,7 +80,7 @@ def response(meter: Magnetometer) -> tuple[Floats, Floats]:
 
 
 def felt(meter: Magnetometer, body_nt: Floats, beside_nt: Floats | None = None, *, stepped: bool = True) -> Floats:
-    """Return what the sensors give, (..., 3) nT.
+    """Simulate what the sensors give, (..., 3) nT.
 
     Args:
         body_nt: earth's field in the body frame, (..., 3).
@@ -95,7 +95,7 @@ def felt(meter: Magnetometer, body_nt: Floats, beside_nt: Floats | None = None, 
 
 
 def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
-    """Return the field of a dipole, (3,) nT.
+    """Compute the field of a dipole, (3,) nT.
 
     Args:
         moment_a_m2: its moment, (3,).
@@ -118,7 +118,7 @@ def _magnet(rng: np.random.Generator) -> Magnet:
 
 
 def _as_strong(meter: Magnetometer, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
-    """Return it with the magnets' moments scaled so that the horizontal part is as strong as wanted."""
+    """Scale the magnets' moments so that the horizontal part is as strong as wanted."""
     _, added = response(meter)
     scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
     magnets = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in meter.magnets)

@@ -48,7 +48,7 @@ class Motion:
 
 
 def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg: float) -> Motion:
-    """Return how the sphere moves.
+    """Simulate how the sphere moves.
 
     Args:
         declination_deg: east positive; headings are magnetic.
@@ -67,7 +67,7 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
 
 
 def blow_down(rig: Rig, water: Water) -> Floats:
-    """Return the depth of the sphere along the water's time axis, metres below the mean surface, shape (g,)."""
+    """Compute the depth of the sphere along the water's time axis, metres below the mean surface, shape (g,)."""
     hours = water.time_s[::6]
     length = (water.water_depth_m - NOMINAL_M) / SEGMENTS
     along = length * (np.arange(SEGMENTS, dtype=float) + 0.5)
@@ -86,7 +86,7 @@ def blow_down(rig: Rig, water: Water) -> Floats:
 
 
 def wake_heading(rng: np.random.Generator, rest_deg: Floats, speed_m_s: Floats, *, wobble_deg: float) -> Floats:
-    """Return the heading of a body turned into its own wake, degrees, not wrapped, shape (g,).
+    """Simulate the heading of a body turned into its own wake, degrees, not wrapped, shape (g,).
 
     The restoring moment grows with the speed: at 25 cm/s the memory is three hours, in still water the body is free
     and drifts round the circle.
@@ -107,13 +107,13 @@ def wake_heading(rng: np.random.Generator, rest_deg: Floats, speed_m_s: Floats, 
 
 
 def pressure(depth_m: Floats, latitude_deg: float) -> Floats:
-    """Return the pressure at a depth, dbar (Saunders 1981, J. Phys. Oceanogr. 11, 573, inverted)."""
+    """Compute the pressure at a depth, dbar (Saunders 1981, J. Phys. Oceanogr. 11, 573, inverted)."""
     first = 1.0 - (5.92 + 5.25 * np.sin(np.deg2rad(latitude_deg)) ** 2) * 1e-3
     return np.asarray((first - np.sqrt(first**2 - 8.84e-6 * depth_m)) / 4.42e-6)
 
 
 def _tilt(rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: Floats) -> tuple[Floats, Floats]:
-    """Return pitch and roll: rest, the lean of the sphere downstream, and a wobble; never above STEEPEST_DEG."""
+    """Simulate pitch and roll: rest, the lean of the sphere downstream, and a wobble; never above STEEPEST_DEG."""
     drag_n = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * speed_m_s**2
     lean_deg = np.rad2deg(np.arctan(drag_n / rig.buoyancy_n))
     relative = np.deg2rad(relative_deg)

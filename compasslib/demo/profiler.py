@@ -98,14 +98,13 @@ def write_binary(path: Path, acm: Acm, scans: Scans) -> None:
 
 
 def _profiles(scans: Scans) -> list[tuple[int, int, int, int]]:
-    """Return position, number, first scan and end of each profile."""
+    """List position, number, first scan and end of each profile."""
     ends = np.cumsum(scans.size)
     begins = ends - scans.size
     return list(zip(range(ends.size), scans.number.tolist(), begins.tolist(), ends.tolist(), strict=True))
 
 
 def _stamps(time_s: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Return MM-DD-YYYY HH:MM:SS."""
     iso = np.datetime_as_string(time_s.astype("datetime64[s]")).astype("U19")
     letters = iso.view("U1").reshape(iso.size, 19)
     letters = letters[:, [5, 6, 4, 8, 9, 7, 0, 1, 2, 3, 10, *range(11, 19)]]
@@ -135,7 +134,7 @@ def _shown(name: str, code: str, value: float | int | bytes) -> str:
 
 
 def _header_fields(acm: Acm) -> list[tuple[str, str, float | int | bytes]]:
-    """Return name, struct code and value in the order of the file; 279 bytes, nameless ones fill gaps."""
+    """List name, struct code and value in the order of the file; 279 bytes, nameless ones fill gaps."""
     unity = [(f"T{row}{column}", "f", 0.0002 * (row == column)) for column in (1, 2, 3) for row in (1, 2, 3)]
     zeros = ("tilt_temp0", "K9", "sal", "dbar")
     ks = (0.49, 0.30, 0.0, 0.0, 0.49, 0.30, 0.0, 0.0)
@@ -190,7 +189,7 @@ class Plan:
 
 
 def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: tuple[float, float]) -> Plan:
-    """Return the profiles: up with odd numbers, down with even ones, none that passes the top while it is stuck.
+    """Plan the profiles: up with odd numbers, down with even ones, none that passes the top while it is stuck.
 
     Args:
         motion: how the sphere moves; its depth decides where the profiler sticks.
@@ -210,7 +209,7 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
 
 
 def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, *, field: Field) -> Scans:
-    """Return what the current meter logs."""
+    """Simulate what the current meter logs."""
     count = schedule.number.size
     profile = np.repeat(np.arange(count), schedule.scans)
     first = np.cumsum(schedule.scans) - schedule.scans
@@ -244,7 +243,7 @@ def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: 
 
 
 def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) -> Floats:
-    """Return the depth at which each profile finds the profiler jammed, NaN where it is free."""
+    """Draw the depth at which each profile finds the profiler jammed, NaN where it is free."""
     drawn = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
     depth, stuck = nan, []
     for blown, here in zip(blown_m.tolist(), drawn.tolist(), strict=True):
@@ -257,7 +256,7 @@ def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) ->
 
 
 def _position(schedule: Plan, profile: NDArray[np.intp], time_s: Floats, sphere_m: Floats) -> tuple[Floats, Floats]:
-    """Return depth in metres and its rate of change in m/s."""
+    """Compute depth in metres and its rate of change in m/s."""
     away = np.where(schedule.ascending, -1.0, 1.0)[profile]
     since = away * (time_s - schedule.top_s[profile])
     running = np.isnan(schedule.stuck_m)[profile]
@@ -269,7 +268,7 @@ def _position(schedule: Plan, profile: NDArray[np.intp], time_s: Floats, sphere_
 def _swing(
     rng: np.random.Generator, flow: Complexes, time_s: Floats, profile: NDArray[np.intp], first: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
-    """Return the heading, into the flow and swinging about it, degrees, and its rate of change, radians a second."""
+    """Simulate the heading, into the flow and swinging about it, degrees, and its rate of change, radians a second."""
     mean = np.add.reduceat(flow, first)
     middle = direction(mean) + 180.0 + rng.normal(0.0, 15.0, first.size)
     angular = 2 * np.pi / rng.uniform(60.0, 100.0, first.size)
@@ -282,7 +281,7 @@ def _swing(
 def _compass(
     rng: np.random.Generator, heading_deg: Floats, profile: NDArray[np.intp], field: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, ...]:
-    """Return heading, tilts in degrees and the field's direction cosines, which obey the logger's levelling rule.
+    """Simulate heading, tilts in degrees and the field's direction cosines, which obey the logger's levelling rule.
 
     x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = atan2(y, x), with z upwards.
     """
@@ -309,7 +308,7 @@ def _paths(
     turning: Floats,
     ascending: NDArray[np.bool_],
 ) -> tuple[Floats, ...]:
-    """Return VPAB, VPCD, VPEF, VPGH in cm/s of the magnetic flow, the meter's own motion in them."""
+    """Compute VPAB, VPCD, VPEF, VPGH in cm/s of the magnetic flow, the meter's own motion in them."""
     frame = flow * np.exp(-1j * np.deg2rad(90.0 - heading_deg))
     noise = rng.normal(0.0, 0.6, (4, heading_deg.size))
     x, y = 100 * frame.real, 100 * (frame.imag + LEVER_M * turning)

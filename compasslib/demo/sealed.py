@@ -36,7 +36,7 @@ class Reading:
 
 
 def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Reading:
-    """Return the readings of the affected compass.
+    """Simulate the readings of the affected compass.
 
     Args:
         effects: what is planted in it, at the same ensembles.
@@ -83,7 +83,6 @@ def _compass(
     tilts: tuple[Floats, tuple[Floats, Floats]],
     stepped: bool,
 ) -> Floats:
-    """Return the reading at every ping, (n, k), not wrapped."""
     wobble, sensed = tilts
     heading, pitch, roll = _attitude(ground, times)
     _, horizontal, vertical = ground.field.at(times)
@@ -136,12 +135,11 @@ class Ground:
     stamp_s: Floats  # (n,) full hours of the deployment
 
     def random(self, purpose: str) -> np.random.Generator:
-        """Return the generator of one purpose on this mooring."""
         return stream(self.seed, self.name, purpose)
 
 
 def make(seed: int, name: str, wish: Wish) -> Ground:
-    """Return a mooring."""
+    """Draw a mooring."""
     rng = stream(seed, name, "ground")
     latitude, longitude = float(rng.uniform(52.0, 68.0)), float(rng.uniform(-45.0, 5.0))
     depth = float(rng.uniform(250.0, 700.0))
@@ -161,14 +159,14 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
 
 
 def circumstances(ground: Ground) -> Circumstances:
-    """Return in what the affected instrument stands at the full hours."""
+    """Interpolate in what the affected instrument stands to the full hours."""
     motion = ground.motion
     columns = motion.heading_deg, motion.pitch_deg, motion.roll_deg, ground.temperature_c
     return Circumstances(ground.stamp_s, *(np.interp(ground.stamp_s, motion.time_s, x) for x in columns))
 
 
 def trusted_heading(ground: Ground) -> Floats:
-    """Return the correct heading of the reference at the full hours: it turns by itself, degrees, (n,)."""
+    """Simulate the correct heading of the reference at the full hours: it turns by itself, degrees, (n,)."""
     rng = ground.random("deep heading")
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
 
@@ -176,7 +174,7 @@ def trusted_heading(ground: Ground) -> Floats:
 def _currents(
     seed: int, name: str, wish: Wish, *, site: tuple[float, float], span_s: tuple[float, float], along_deg: float
 ) -> Water:
-    """Return the water; what shears between the depths grows with the speed, as it does in real records."""
+    """Simulate the water; what shears between the depths grows with the speed, as it does in real records."""
     climate = replace(WIDE if wish.wide else NARROW, along_deg=along_deg)
     made = sea.make_water(seed, name, climate, site=site, span_s=span_s)
     speed = np.abs(made.surface + made.column)
@@ -196,7 +194,6 @@ def _temperature(rng: np.random.Generator, motion: Motion) -> Floats:
 
 
 def _supply(rng: np.random.Generator, time_s: Floats, temperature_c: Floats) -> Floats:
-    """Return the transmit voltage in counts: falling in a line, with an end of discharge."""
     used = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
     drain = rng.uniform(12.0, 22.0)
     warm = 0.4 * (temperature_c - temperature_c.mean())
@@ -267,7 +264,6 @@ def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
 
 
 def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
-    """Return how the reference hangs under the sphere: its compass is clean."""
     rng = ground.random("deep compass")
     time = ground.stamp_s + DEEP_SAMPLE_S
     sphere = np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m)
@@ -310,7 +306,6 @@ def _deep() -> Adcp:
 
 
 def _as_logged(ground: Ground, stance: Stance, recorded: Ensembles) -> Ensembles:
-    """Return the ensembles with the temperature and voltage of this mooring."""
     rng, grid = ground.random("logged"), ground.currents.time_s
     count = stance.time_s.size
     warm = np.interp(stance.time_s, grid, ground.temperature_c)

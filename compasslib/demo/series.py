@@ -15,16 +15,12 @@ DAY_S = 86400.0
 
 
 def stream(seed: int, mooring: str, purpose: str) -> np.random.Generator:
-    """Return the generator of one purpose on one mooring, so that nothing depends on what else is made or when.
-
-    Args:
-        seed: seed of the whole cruise, not negative.
-    """
+    """Seed the generator of one purpose on one mooring, so that nothing depends on what else is made or when."""
     return np.random.default_rng([seed, int.from_bytes(f"{mooring}/{purpose}".encode(), "big")])
 
 
 def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation: float) -> Floats:
-    """Return a stationary first-order autoregressive series, shape (count,).
+    """Draw a stationary first-order autoregressive series, shape (count,).
 
     Args:
         memory: steps after which the correlation has fallen to 1/e.
@@ -37,7 +33,7 @@ def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation:
 
 
 def red_vector(rng: np.random.Generator, count: int, *, memory: float, deviation: float) -> Complexes:
-    """Return east + i north with independent red components, shape (count,).
+    """Draw east + i north with independent red components, shape (count,).
 
     Args:
         memory: steps after which the correlation has fallen to 1/e.
@@ -48,48 +44,27 @@ def red_vector(rng: np.random.Generator, count: int, *, memory: float, deviation
 
 
 def white_vector(rng: np.random.Generator, shape: int | tuple[int, ...], deviation: float) -> Complexes:
-    """Return east + i north with independent normal components.
-
-    Args:
-        deviation: standard deviation of each component.
-    """
+    """Draw east + i north with independent normal components."""
     return rng.normal(0.0, deviation, shape) + 1j * rng.normal(0.0, deviation, shape)
 
 
 def towards(direction_deg: ArrayLike) -> Complexes:
-    """Return the unit vector east + i north of a direction.
-
-    Args:
-        direction_deg: degrees clockwise from north, any shape.
-    """
+    """Compute the unit vector east + i north of a direction, degrees clockwise from north."""
     return np.asarray(1j * np.exp(-1j * np.deg2rad(np.asarray(direction_deg, dtype=float))))
 
 
 def direction(velocity: Complexes) -> Floats:
-    """Return the direction towards which a vector points, degrees clockwise from north in [0, 360).
-
-    Args:
-        velocity: east + i north, any shape.
-    """
+    """Compute the direction towards which east + i north points, degrees clockwise from north in [0, 360)."""
     return circle(90.0 - np.rad2deg(np.angle(velocity)))
 
 
 def circle(angle_deg: ArrayLike) -> Floats:
-    """Return the angle in [0, 360).
-
-    Args:
-        angle_deg: degrees, any shape.
-    """
+    """Wrap an angle to [0, 360)."""
     turned = np.asarray(np.mod(angle_deg, 360.0))
     # The remainder of a tiny negative angle rounds to the full circle.
     return np.where(turned < 360.0, turned, 0.0)
 
 
 def clockwise(velocity: ArrayLike, by_deg: ArrayLike) -> Complexes:
-    """Return east + i north turned clockwise.
-
-    Args:
-        velocity: east + i north, any shape.
-        by_deg: clockwise turn that broadcasts with it, degrees.
-    """
+    """Turn east + i north clockwise by degrees that broadcast with it."""
     return np.asarray(velocity * np.exp(-1j * np.deg2rad(np.asarray(by_deg, dtype=float))))

@@ -60,11 +60,7 @@ class Layers:
     sine: Complexes  # (k, g)
 
     def times(self, factor: Floats) -> Layers:
-        """Return larger or smaller ones.
-
-        Args:
-            factor: at each instant, (g,).
-        """
+        """Scale by a factor at each instant, (g,)."""
         return Layers(self.wavenumber, self.cosine * factor, self.sine * factor)
 
 
@@ -85,7 +81,7 @@ class Water:
 def make_water(
     seed: int, name: str, climate: Climate, *, site: tuple[float, float], span_s: tuple[float, float]
 ) -> Water:
-    """Return the currents of one mooring over a span of time.
+    """Simulate the currents of one mooring over a span of time.
 
     Args:
         site: latitude in degrees north, water depth in metres.
@@ -114,7 +110,7 @@ def make_water(
 
 
 def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
-    """Return the current, true east + i north in m/s, in the shape of the depths.
+    """Compute the current, true east + i north in m/s, in the shape of the depths.
 
     Args:
         time_s: instants, (n,).
@@ -134,17 +130,13 @@ def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
 
 
 def sea_level(time_s: ArrayLike) -> Floats:
-    """Return the height of the tide at the surface, metres.
-
-    Args:
-        time_s: instants, UTC seconds since 1970, any shape.
-    """
+    """Compute the height of the tide at the surface, metres."""
     turns = 2 * np.pi * np.asarray(time_s, dtype=float) / HOUR_S
     return np.asarray(0.7 * np.cos(turns / TIDES[0][0]) + 0.25 * np.cos(turns / TIDES[1][0]))
 
 
 def _layers(rng: np.random.Generator, shear_m_s: float, time_s: Floats) -> Layers:
-    """Return layers that differ by the shear at GAP_M."""
+    """Draw layers that differ by the shear at GAP_M."""
     edges = np.geomspace(SHORTEST_M, LONGEST_M, WAVES + 1)
     lengths = np.exp(rng.uniform(np.log(edges[:-1]), np.log(edges[1:])))
     wavenumber = 2.0 * np.pi / lengths
@@ -158,7 +150,7 @@ def _layers(rng: np.random.Generator, shear_m_s: float, time_s: Floats) -> Layer
 
 
 def _course(rng: np.random.Generator, time_s: Floats, memory_h: float) -> Complexes:
-    """Return the course of a layer in time, with a variance of one in each component."""
+    """Draw the course of a layer in time, with a variance of one in each component."""
     parts = ((HOURS_SHARE, memory_h * HOUR_S), (TIDE_SHARE, TIDE_MEMORY_S), (SLOW_SHARE, SLOW_MEMORY_S))
     hours, tide, slow = (
         red_vector(rng, time_s.size, memory=memory_s / STEP_S, deviation=np.sqrt(share)) for share, memory_s in parts
@@ -184,7 +176,7 @@ def _inertial(seed: int, name: str, speed_m_s: float, time_s: Floats, latitude_d
 
 
 def _cyclones(rng: np.random.Generator, speed_m_s: float, time_s: Floats) -> Complexes:
-    """Return the pulses of passing cyclones, along-slope real and to the left of it imaginary."""
+    """Draw the pulses of passing cyclones, along-slope real and to the left of it imaginary."""
     total = np.zeros(time_s.size, dtype=complex)
     passage_s = time_s[0] + rng.exponential(3 * DAY_S)
     while passage_s < time_s[-1]:

@@ -41,7 +41,6 @@ MOST_IMPOSSIBLE = 0.25  # readings that a model which holds cannot have recorded
 
 
 def _keep_calibration(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
-    """Return a calibration made elsewhere: pairs do not change it."""
     if near is None:
         raise ValueError("a calibration is carried to a mooring, not fitted there")
     return near
@@ -58,7 +57,7 @@ METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
 def fit_deviation(
     method: str, pairs: Pairs, near: DeviationFit | None = None, *, dip_ratio: float = 0.0
 ) -> DeviationFit:
-    """Return a deviation model fitted to overlapping measurements.
+    """Fit a deviation model to overlapping measurements.
 
     Args:
         method: ``exact`` or ``von_appen``; ``calibration`` returns ``near``.
@@ -70,12 +69,7 @@ def fit_deviation(
 
 
 def correctable_fraction(fit: DeviationFit, record: Record) -> float:
-    """Return the share of the recorded headings that the model can have recorded, 0 to 1.
-
-    Args:
-        fit: the model, perhaps without coefficients.
-        record: the affected instrument.
-    """
+    """Compute the share of the recorded headings that the model can have recorded, 0 to 1."""
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size):
@@ -87,14 +81,10 @@ def correctable_fraction(fit: DeviationFit, record: Record) -> float:
 
 
 def find_implausibility(fit: DeviationFit, record: Record) -> str:
-    """Return why a model cannot be that of the instrument, nothing where it can.
+    """Say why a model cannot be that of the instrument, nothing where it can.
 
     A reference whose components were exchanged or signed wrongly, or that is turned by a right angle, is water that no
     compass agrees with. What is fitted to it has soft iron without measure, or cannot record what was recorded.
-
-    Args:
-        fit: the model, perhaps without coefficients.
-        record: the affected instrument.
     """
     if fit.fitted and fit.method == "exact":
         soft = fit.coefficients[3:5]
@@ -121,12 +111,7 @@ def find_implausibility(fit: DeviationFit, record: Record) -> str:
 
 
 def deviation_json(fit: DeviationFit, record: Record) -> dict[str, Any]:
-    """Return deviation.json.
-
-    Args:
-        fit: the model, perhaps without coefficients.
-        record: the affected instrument.
-    """
+    """Compose deviation.json."""
     said = tuple(sentence for sentence in (find_implausibility(fit, record),) if sentence)
     fraction = correctable_fraction(fit, record)
     return fit.to_json() | {"correctable_fraction": fraction, "warnings": (*fit.warnings, *said)}

@@ -52,7 +52,7 @@ class HeadingDecision:
 def choose_branches(
     readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
 ) -> HeadingDecision:
-    """Return the heading at each sample of a compass that can fold.
+    """Choose the heading at each sample of a compass that can fold.
 
     Args:
         readings: what the compass recorded, n samples.
@@ -91,7 +91,7 @@ def choose_branches(
 
 
 def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingDecision:
-    """Return the decision with either of two headings left open where too few pairs show which branch is right.
+    """Leave either of two headings open where too few pairs show which branch is right.
 
     Args:
         decision: made with these pairs.
@@ -136,7 +136,7 @@ class MotionModel:
 
 
 def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, stationary: Floats) -> Floats:
-    """Return the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
+    """Compute the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
 
     Args:
         evidence: likelihood of what was seen at each sample, (n, CELLS).
@@ -173,7 +173,7 @@ class _Kernels:
         return np.maximum(stepped, 0.0) * self.draw + self.leaps[t] * self.stationary
 
     def both(self, t: int, state: Floats, s: int, message: Floats) -> tuple[Floats, Floats]:
-        """Return a state over interval t and a message back over interval s by the first habit, (CELLS,) each."""
+        """Carry a state over interval t and a message back over interval s by the first habit, (CELLS,) each."""
         begun = np.fft.rfft([state / self.norm[t, 0], message * self.draw])
         begun[0] *= self.spectrum[t, 0]
         begun[1] *= np.conj(self.spectrum[s, 0])
@@ -216,7 +216,7 @@ def _water_turns(time_s: Floats, water: Complexes) -> WaterTurns:
 
 
 def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
-    """Return the habit under which the record itself is likeliest, one trait after the other."""
+    """Choose the habit under which the record itself is likeliest, one trait after the other."""
     begin = max(0, (len(evidence) - LEARNING_SAMPLES) // 2)
     middle = evidence[begin : begin + LEARNING_SAMPLES]
     between = slice(begin, begin + len(middle) - 1)
@@ -240,7 +240,7 @@ def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
 
 
 def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compass_deg: float) -> Floats:
-    """Return the density of each recorded heading given each cell, (k, CELLS)."""
+    """Compute the density of each recorded heading given each cell, (k, CELLS)."""
     offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, heading_deg))
     hats = FINE.hats()
     return np.asarray(compass_noise_density(offset, compass_deg) @ (hats / hats.sum(axis=0)) + UNEXPLAINED_DENSITY)

@@ -35,7 +35,7 @@ class Doubt:
     why: str
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for deviation.json; the ends of a whole record are null."""
+        """Compose it for deviation.json; the ends of a whole record are null."""
         ends = {"from": self.from_s, "to": self.to_s}
         return {name: iso_time(when) if np.isfinite(when) else None for name, when in ends.items()} | {
             "sigma_deg": self.sigma_deg,
@@ -49,7 +49,7 @@ def doubt_whole_record(sigma_deg: float, why: str) -> Doubt:
 
 
 def doubts_from_json(content: Sequence[Mapping[str, Any]]) -> tuple[Doubt, ...]:
-    """Return the doubts that a deviation.json lists."""
+    """Read the doubts that a deviation.json lists."""
 
     def instant(text: str | None, absent: float) -> float:
         return absent if text is None else datetime.fromisoformat(text).timestamp()
@@ -61,7 +61,7 @@ def doubts_from_json(content: Sequence[Mapping[str, Any]]) -> tuple[Doubt, ...]:
 
 
 def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Floats]:
-    """Return which samples are doubted, and the standard deviation that the doubts add to each, (n,) degrees each."""
+    """Find the samples that are doubted, and the standard deviation that the doubts add, (n,) degrees."""
     doubted, variance = np.zeros(time_s.shape, dtype=bool), np.zeros(time_s.shape)
     for doubt in doubts:
         inside = (time_s >= doubt.from_s) & (time_s <= doubt.to_s)

@@ -74,7 +74,7 @@ POWER = (STUDENT_DOF + 1.0) / 2.0  # of Student's t: three
 
 
 def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
-    """Return the exact compass that best explains the overlap's directions given the recorded headings.
+    """Fit the exact compass that best explains the overlap's directions given the recorded headings.
 
     Args:
         near: a fit to start from, where the right fold is known already.
@@ -98,7 +98,7 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 
 
 def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
-    """Return where a fit starts of which other records tell the compass: its A is that of the pairs' middle."""
+    """Start a fit of which other records tell the compass: its A is that of the pairs' middle."""
     unscored = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
     off = heading_residual(unscored, pairs)
     turned = np.where(np.isfinite(off), angles.phasor(off), 0.0).sum()
@@ -110,7 +110,7 @@ def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
 def held_out_scores(
     form: CurveForm, pairs: Pairs, fold: NDArray[np.signedinteger], near: DeviationFit | None = None
 ) -> Floats:
-    """Return the log-likelihood of each pair under a form fitted to the other folds, (n,).
+    """Compute the log-likelihood of each pair under a form fitted to the other folds, (n,).
 
     Args:
         fold: number of the fold that each pair belongs to, (n,).
@@ -150,7 +150,7 @@ def _overlap(pairs: Pairs) -> Overlap:
 
 
 def scores_at(coefficients: Floats, pairs: Pairs, fit: DeviationFit) -> tuple[float, Floats]:
-    """Return the log-likelihood of other coefficients under a fit's scatter, and each pair's gradient by A..E, (n, 5).
+    """Compute the log-likelihood of other coefficients under a fit's scatter, and each pair's gradient by A..E, (n, 5).
 
     Args:
         coefficients: A..E of the exact compass, (5,).
@@ -292,7 +292,7 @@ def _maximise(
 
 
 def smooth_density(mass: Floats) -> Floats:
-    """Return a distribution of headings, smoothed and with a uniform floor, that sums to 1.
+    """Smooth a distribution of headings, with a uniform floor; it sums to 1.
 
     Args:
         mass: counts on the cells, (CELLS,), not all zero.
@@ -315,7 +315,7 @@ class ScatterData:
 
 
 def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
-    """Return the scatter under which the observed headings are likeliest; the compass's own noise is not in it.
+    """Fit the scatter under which the observed headings are likeliest; the compass's own noise is not in it.
 
     Args:
         near: where to start.
@@ -331,7 +331,7 @@ def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
 
 
 def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]:
-    """Return the log-likelihood and its gradient.
+    """Compute the log-likelihood and its gradient.
 
     With r = 1 / (1 + chord^2 / (FREEDOM width^2)) the density is r^POWER over its sum, and a relative change of the
     width moves the logarithm of r^POWER by 2 POWER (1 - r).
@@ -384,7 +384,7 @@ def robust_covariance(
     effective: float,
     external: CoefficientPrior | None = None,
 ) -> Floats:
-    """Return the covariance that holds for autocorrelated pairs and for water that veers by direction.
+    """Estimate the covariance that holds for autocorrelated pairs and for water that veers by direction.
 
     Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
     real water veers between two depths differently for each direction of flow, for months, which no block of days

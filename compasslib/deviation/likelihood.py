@@ -50,7 +50,7 @@ class CurveForm(Protocol):
         """Evaluate both sides of the curve's equation, which agree at the true heading, (k,) and (f,) degrees."""
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return the derivative by the coefficients of the second side less the first, (5, 1 or k, 1 or f) degrees."""
+        """Compute the derivative by the coefficients of the second side less the first, (5, 1 or k, 1 or f) degrees."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,11 @@ class ExactForm:
     name: str = "exact"
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Return the recorded heading and arg q."""
+        """Compute the recorded heading and arg q."""
         return recorded_deg, compass.recorded_heading(coefficients, heading_deg)
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return the derivative of arg q."""
+        """Compute the derivative of arg q."""
         return compass.gradient(coefficients, heading_deg)[:, None, :]
 
 
@@ -75,11 +75,11 @@ class SeriesInCorrect:
     name: str = "series_in_correct"
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Return the recorded heading, and the correct one minus the deviation there."""
+        """Compute the recorded heading, and the correct one minus the deviation there."""
         return recorded_deg, heading_deg - series_deviation(coefficients, heading_deg) / angles.DEGREE
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return minus the series' columns."""
+        """Compute minus the series' columns."""
         return -series_design(heading_deg).T[:, None, :] / angles.DEGREE
 
 
@@ -90,11 +90,11 @@ class SeriesInRecorded:
     name: str = "series_in_recorded"
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Return the recorded heading plus the deviation there, and the correct one."""
+        """Compute the recorded heading plus the deviation there, and the correct one."""
         return recorded_deg + series_deviation(coefficients, recorded_deg) / angles.DEGREE, heading_deg
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Return minus the series' columns."""
+        """Compute minus the series' columns."""
         return -series_design(recorded_deg).T[:, :, None] / angles.DEGREE
 
 
@@ -125,11 +125,11 @@ class HeadingGrid:
         return 360.0 / self.fine * np.arange(self.fine)
 
     def bin_of(self, recorded_deg: Floats) -> NDArray[np.intp]:
-        """Return the bin of recorded headings."""
+        """Find the bin of recorded headings."""
         return np.rint(recorded_deg * self.fine / 360.0).astype(np.intp) % self.fine
 
     def hats(self) -> Floats:
-        """Return cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
+        """Compute cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
 
         Splines instead of linear hats: kinks every cell would make the likelihood rough where it is flat.
         """
@@ -143,11 +143,7 @@ COARSE, FINE = HeadingGrid(360), HeadingGrid(720)
 
 
 def squared_chords(observed_deg: Floats) -> Floats:
-    """Return the squared chord between each observed heading and each cell's centre, (n, CELLS), square degrees.
-
-    Args:
-        observed_deg: observed headings, (n,), degrees.
-    """
+    """Compute the squared chord between each observed heading and each cell's centre, (n, CELLS), square degrees."""
     # The sine of a difference by products: n and CELLS sines instead of n times CELLS.
     sine, cosine = angles.sin_cos(observed_deg[:, None] / 2.0)
     towards = angles.sin_cos(CELL_CENTRES / 2.0)
@@ -155,7 +151,7 @@ def squared_chords(observed_deg: Floats) -> Floats:
 
 
 def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
-    """Return K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
+    """Compute K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
 
     Args:
         squared_chord: of the observed headings, (n, CELLS), square degrees.
@@ -175,7 +171,7 @@ def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -
 def bin_sample(
     recorded_deg: Floats, scatter_density: Floats, grid: HeadingGrid, form: CurveForm = EXACT
 ) -> BinnedSample:
-    """Return the pairs sorted by the recorded heading's bin.
+    """Sort the pairs by the recorded heading's bin.
 
     Args:
         recorded_deg: recorded headings, (n,), degrees.
@@ -189,7 +185,7 @@ def bin_sample(
 
 
 def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
-    """Return G, the density of recorded headings about what the curve predicts, per degree, of the offsets' shape.
+    """Compute G, the density of recorded headings about what the curve predicts, per degree, of the offsets' shape.
 
     Args:
         offset_deg: recorded minus predicted heading, degrees.
@@ -199,7 +195,7 @@ def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
 
 
 def log_likelihood(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> float:
-    """Return the log-likelihood.
+    """Compute the log-likelihood.
 
     Args:
         parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
@@ -292,7 +288,7 @@ def _sum_cells(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
 
 
 def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:
-    """Return minus the offset's derivative by A..E at the places laid out, (5, k) degrees."""
+    """Compute minus the offset's derivative by A..E at the places laid out, (5, k) degrees."""
     slopes = data.form.slopes(parameters[:5], grid.heading_deg[data.occupied], grid.heading_deg)
     _, rows, columns = slopes.shape  # one of them is 1: the form's slopes vary along the other
     return slopes.reshape(5, -1).T.take(parts.near.row if rows > columns else parts.near.column, axis=0).T
@@ -305,7 +301,7 @@ def _hats(grid: HeadingGrid) -> Floats:
 
 @cache
 def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
-    """Return the four cells that each fine heading shares out on, and its shares, (fine, 4) each."""
+    """Find the four cells that each fine heading shares out on, and its shares, (fine, 4) each."""
     hats = _hats(grid)
     first = np.arange(grid.fine) * CELLS // grid.fine
     cells = (first[:, None] + np.arange(-1, 3)) % CELLS
@@ -313,7 +309,7 @@ def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
 
 
 def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats) -> Floats:
-    """Return the scatter's width of each pair, never over a full turn, degrees.
+    """Compute the scatter's width of each pair, never over a full turn, degrees.
 
     Args:
         upper_speed: m/s, (n,).
@@ -337,7 +333,7 @@ class NearbyHeadings:
 
 
 def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> NearbyHeadings:
-    """Return all places where two sides differ by less than a reach.
+    """Find all places where two sides differ by less than a reach.
 
     Args:
         recorded_deg: one side, (r,), degrees.
@@ -364,19 +360,11 @@ class RowBlocks:
     first: Indices  # (g,) block of each group
 
     def times(self, vectors: Floats) -> Floats:
-        """Return each row times its group's vector, (n,).
-
-        Args:
-            vectors: one a group, (g, c).
-        """
+        """Multiply each row by its group's vector, (g, c); (n,)."""
         return np.asarray(np.matmul(self.rows, vectors[self.group][:, :, None]).ravel()[self.place])
 
     def summed(self, weights: Floats) -> Floats:
-        """Return each group's sum of its rows, weighted, (g, c).
-
-        Args:
-            weights: of the rows, (n,).
-        """
+        """Sum each group's rows, weighted by (n,); (g, c)."""
         laid = np.zeros(self.rows.shape[:2])
         laid.ravel()[self.place] = weights
         return np.add.reduceat(np.matmul(laid[:, None, :], self.rows)[:, 0, :], self.first, axis=0)

@@ -36,12 +36,7 @@ class ScatterNoise:
     compass_deg: float = 1.5  # noise of the recorded heading itself
 
     def width_deg(self, upper_speed: Floats, lower_speed: Floats) -> Floats:
-        """Return the width for each pair, (n,) degrees: slow water has no direction.
-
-        Args:
-            upper_speed: m/s, (n,).
-            lower_speed: m/s, (n,).
-        """
+        """Compute the width for each pair, (n,) degrees: slow water has no direction."""
         slow = self.slow_deg_m_s**2 * (1.0 / upper_speed**2 + 1.0 / lower_speed**2)
         return np.sqrt(self.floor_deg**2 + slow)
 
@@ -67,7 +62,7 @@ class DeviationFit:
     prior: CoefficientPrior | None = None  # what other records of the same compass told beforehand
 
     def to_json(self) -> dict[str, Any]:
-        """Return deviation.json's content but for the share that is correctable."""
+        """Compose it for deviation.json."""
         return {
             "method": self.method,
             "coefficients": dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None,
@@ -99,7 +94,7 @@ class DeviationFit:
 
 
 def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
-    """Return the fit that a deviation.json describes."""
+    """Read the fit that a deviation.json describes."""
     letters, span, rms = content["coefficients"], content["recorded_range_deg"], content["residual_rms_deg"]
     return DeviationFit(
         method=content["method"],
@@ -121,43 +116,38 @@ def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
 
 
 def unfitted(method: str, n_pairs: int) -> DeviationFit:
-    """Return the fit that says there was not enough to fit."""
+    """Make the fit that says there was not enough to fit."""
     why = "no overlapping pairs" if n_pairs == 0 else f"{n_pairs} overlapping pairs, at least {MIN_PAIRS} are needed"
     return DeviationFit(method=method, n_pairs=n_pairs, why=why)
 
 
 def observed_heading(pairs: Pairs) -> Floats:
-    """Return the correct heading as the overlap shows it, beta = D_bot - D_top + gamma (von Appen 2015, eq. 2)."""
+    """Compute the correct heading as the overlap shows it, beta = D_bot - D_top + gamma (von Appen 2015, eq. 2)."""
     return angles.wrap360(observed_deviation(pairs) + pairs.heading_deg)
 
 
 def observed_deviation(pairs: Pairs) -> Floats:
-    """Return the deviation as the overlap shows it, D_bot - D_top in [-180, 180) (von Appen 2015, eq. 3)."""
+    """Compute the deviation as the overlap shows it, D_bot - D_top in [-180, 180) (von Appen 2015, eq. 3)."""
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
 
 
 def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:
-    """Return of each pair of roots the one nearer to an observed heading, (n,) degrees, NaN without a root.
-
-    Args:
-        roots_deg: roots of a recorded heading, (n, 2), NaN where there is none.
-        observed_deg: observed headings, (n,).
-    """
+    """Select the root nearer to an observed heading, (n,) degrees, of (n, 2); NaN without a root."""
     off = np.abs(angles.difference(observed_deg[:, None], roots_deg))
     nearer = np.argmin(np.where(np.isfinite(off), off, np.inf), axis=1)
     return roots_deg[np.arange(len(roots_deg)), nearer]
 
 
 def heading_residual(fit: DeviationFit, pairs: Pairs) -> Floats:
-    """Return the observed heading minus the model's, the nearer of two roots, degrees; NaN without a root."""
+    """Compute the observed heading minus the model's, the nearer of two roots, degrees; NaN without a root."""
     roots = compass.inverse(fit.coefficients, pairs.heading_deg)
     observed = observed_heading(pairs)
     return angles.difference(observed, nearest_root(roots, observed))
 
 
 def pair_speeds(pairs: Pairs) -> tuple[Floats, Floats]:
-    """Return the speeds of the upper and the lower water, m/s."""
+    """Compute the speeds of the upper and the lower water, m/s."""
     return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
 
 
@@ -169,12 +159,12 @@ class CoefficientPrior:
     precision: Floats  # (5, 5)
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for deviation.json."""
+        """Compose it for deviation.json."""
         return {"mean": self.mean.tolist(), "precision": self.precision.tolist()}
 
 
 def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | None:
-    """Return the prior that a deviation.json holds, None where it holds none."""
+    """Read the prior that a deviation.json holds, None where it holds none."""
     return None if content is None else CoefficientPrior(np.array(content["mean"]), np.array(content["precision"]))
 
 
@@ -204,7 +194,7 @@ class TransferredCoefficients:
 def transfer_coefficients(
     coefficients: ArrayLike, covariance: ArrayLike, home: FieldAtPlace, away: FieldAtPlace
 ) -> TransferredCoefficients:
-    """Return coefficients calibrated at one place as they are at another.
+    """Transfer coefficients calibrated at one place to another.
 
     How much of B and C hard iron makes is unknown: the middle between all and none is taken, and half their distance is
     a uniform uncertainty.

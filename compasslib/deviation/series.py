@@ -20,11 +20,7 @@ STARTS_DEG = (30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part th
 
 
 def series_design(heading_deg: ArrayLike) -> Floats:
-    """Return the columns 1, sin, cos, sin 2, cos 2 of eq. (1), shape (n, 5).
-
-    Args:
-        heading_deg: headings, (n,), degrees.
-    """
+    """Compute the columns 1, sin, cos, sin 2, cos 2 of eq. (1), shape (n, 5)."""
     heading = np.asarray(heading_deg, dtype=float)
     sine, cosine = angles.sin_cos(heading)
     sine2, cosine2 = angles.sin_cos(2.0 * heading)
@@ -32,7 +28,7 @@ def series_design(heading_deg: ArrayLike) -> Floats:
 
 
 def series_deviation(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Return the deviation beta - gamma at correct headings, eq. (1), degrees.
+    """Compute the deviation beta - gamma at correct headings, eq. (1), degrees.
 
     Args:
         coefficients: A, B, C, D, E, degrees, (5,).
@@ -42,7 +38,7 @@ def series_deviation(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 
 
 def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
-    """Return the least-squares series through the scatter of deviation against correct heading.
+    """Fit the least-squares series to the scatter of deviation against correct heading.
 
     Args:
         near: not used; all starts are tried each time.
@@ -78,7 +74,7 @@ def series_folds(coefficients: ArrayLike) -> bool:
 
 
 def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Return d gamma / d beta of the series.
+    """Compute d gamma / d beta of the series.
 
     Args:
         coefficients: A, B, C, D, E, degrees, (5,).
@@ -91,7 +87,7 @@ def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 
 
 def inverse_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
-    """Return (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
+    """Tabulate (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
 
     Without a fold the region is the whole circle. With one it is the stretch around the least d gamma / d beta where
     the compass runs backwards (the green curves of the paper's Fig. 7).
@@ -114,7 +110,7 @@ def inverse_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
-    """Return the correct heading for each recorded one, NaN outside the inverted region.
+    """Invert the series for each recorded heading, NaN outside the inverted region.
 
     Args:
         coefficients: A, B, C, D, E, degrees, (5,).
@@ -129,18 +125,14 @@ def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
 
 
 def series_sigma(fit: DeviationFit, heading_deg: ArrayLike) -> Floats:
-    """Return the standard error of the inverted heading that the coefficients' covariance makes, degrees.
-
-    Args:
-        heading_deg: corrected headings, (n,), degrees.
-    """
+    """Compute the standard error of the inverted heading that the coefficients' covariance makes, degrees."""
     columns = series_design(heading_deg)
     variance = np.einsum("ni,ij,nj->n", columns, fit.covariance, columns)
     return np.sqrt(variance) / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), 0.05)
 
 
 def multistart_least_squares(columns: Floats, deviation: Floats) -> Floats:
-    """Return the coefficients with the least sum of squared, wrapped residuals over all starts, (5,) degrees.
+    """Find the coefficients with the least sum of squared, wrapped residuals over all starts, (5,) degrees.
 
     Args:
         columns: of eq. (1) at the correct headings, (n, 5).

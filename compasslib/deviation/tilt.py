@@ -25,7 +25,7 @@ HEELING_PRIOR = 0.5  # width of the weak prior of K: vertical iron of half the h
 
 
 def tilted_coefficients(level: Floats, heeling: float, dip_ratio: float, pitch_deg: Floats, roll_deg: Floats) -> Floats:
-    """Return A..E at each tilt, (5, n).
+    """Compute A..E at each tilt, (5, n).
 
     Args:
         level: A..E of the level compass, (5,).
@@ -47,7 +47,7 @@ def tilted_coefficients(level: Floats, heeling: float, dip_ratio: float, pitch_d
 
 
 def coefficients_along(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
-    """Return the coefficients of a fit at each sample, (5, n), or (5,) where it is level.
+    """Compute the coefficients of a fit at each sample, (5, n), or (5,) where it is level.
 
     Args:
         pitch_deg: forward up, (n,), degrees.
@@ -59,7 +59,7 @@ def coefficients_along(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -
 
 
 def tilt_jacobian(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
-    """Return the derivative of the coefficients at each tilt by A..E and K, (5, 6, n).
+    """Compute the derivative of the coefficients at each tilt by A..E and K, (5, 6, n).
 
     Args:
         fit: a compass with tilt.
@@ -78,7 +78,7 @@ def tilt_jacobian(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Flo
 
 
 def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFit:
-    """Return the compass with heeling that best explains the pairs, starting from the level one.
+    """Fit the compass with heeling that best explains the pairs, starting from the level one.
 
     Args:
         pairs: overlapping measurements with pitch and roll.
@@ -110,14 +110,14 @@ def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFi
 
 
 def _scores(at: Floats, pairs: Pairs, level: DeviationFit, dip_ratio: float) -> tuple[float, Floats]:
-    """Return the log-likelihood and each pair's gradient by A..E and K, (n, 6)."""
+    """Compute the log-likelihood and each pair's gradient by A..E and K, (n, 6)."""
     value, scores = scores_at(at[:5], _levelled(at, pairs, dip_ratio), level)
     trial = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
     return value, np.einsum("nj,jkn->nk", scores, tilt_jacobian(trial, pairs.pitch_deg, pairs.roll_deg))
 
 
 def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
-    """Return the pairs as a level compass would have recorded them, at the heading that the overlap favours."""
+    """Turn the pairs to what a level compass would have recorded, at the heading that the overlap favours."""
     tilted = tilted_coefficients(at[:5], at[5], dip_ratio, pairs.pitch_deg, pairs.roll_deg)
     heading = nearest_root(compass.inverse(tilted, pairs.heading_deg), observed_heading(pairs))
     moved = compass.recorded_heading(tilted, heading) - compass.recorded_heading(at[:5], heading)
@@ -144,16 +144,12 @@ class CompassSeries:
     others: tuple[CompassSeries, ...] = ()  # that may be it too
 
     def roots(self) -> Floats:
-        """Return the correct headings that the compass recorded as it did, (n, 2), NaN where there is none."""
+        """Find the correct headings that the compass recorded as it did, (n, 2), NaN where there is none."""
         roots = compass.inverse(self.coefficients, self.reading_deg)
         return roots + np.broadcast_to(self.north_deg, self.reading_deg.shape)[:, None]
 
     def sigma(self, heading_deg: Floats) -> Floats:
-        """Return the standard error that the parameters' covariance makes, (n,) degrees.
-
-        Args:
-            heading_deg: correct headings, (n,), degrees.
-        """
+        """Compute the standard error that the parameters' covariance makes at correct headings, (n,) degrees."""
         columns = self.sensitivity(heading_deg)
         return np.sqrt(np.einsum("ni,ij,nj->n", columns, self.covariance, columns))
 
@@ -168,7 +164,7 @@ class CompassAverage:
 
 
 def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
-    """Return the average of all compasses on the branch of a heading.
+    """Average all compasses on the branch of a heading.
 
     Args:
         heading_deg: correct headings by the likeliest compass, (n,), degrees, NaN where there is none.
@@ -191,7 +187,7 @@ def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
 
 
 def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
-    """Return a fitted exact compass along its own record.
+    """Evaluate a fitted exact compass along its own record.
 
     Args:
         fit: coefficients with covariance, level or with tilt.

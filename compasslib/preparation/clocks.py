@@ -60,7 +60,7 @@ class ClockOffset:
     one_recording: str = ""  # why both records are one, and no pair counts
 
     def align(self, record: Record) -> Record:
-        """Return the reference's record by the affected clock, without hours that a clock set back counted twice."""
+        """Put the reference's record on the affected clock, without hours that a clock set back counted twice."""
         if not any(self.ahead_h):
             return record
         time_s = record.time_s
@@ -90,20 +90,12 @@ class LagWindows:
     lags: Hours  # (k,)
 
     def along(self, path: LagPath) -> Floats:
-        """Return each window's product at its lag, (w,).
-
-        Args:
-            path: a lag for each window.
-        """
+        """Select each window's product at its lag, (w,)."""
         place = np.clip(path.hours - self.lags[0], 0, len(self.lags) - 1)
         return np.asarray(self.products[np.arange(len(place)), place])
 
     def best(self, allowed: NDArray[np.bool_]) -> LagPath:
-        """Return the best lag for all windows.
-
-        Args:
-            allowed: which may be, (k,).
-        """
+        """Find the best lag for all windows among those allowed, (k,)."""
         total = np.where(allowed, self.products.sum(axis=0), -np.inf)
         return LagPath(np.full(len(self.products), self.lags[int(np.argmax(total))]))
 
@@ -142,7 +134,7 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
 
 
 def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
-    """Return the products of both series, None where there is too little."""
+    """Compute the products of both series, None where there is too little."""
     first_s = float(min(upper.time_s[0], lower.time_s[0]))
     hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
     (x, measured), (y, there) = (_high_passed(series, first_s, hours) for series in (upper, lower))
@@ -158,7 +150,7 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
 
 
 def _high_passed(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Floats]:
-    """Return hourly speeds without their slow part, over their scatter of days, 0 where none; where there are any."""
+    """Compute hourly speeds without their slow part, over their scatter of days, 0 where none; where there are any."""
     known = np.isfinite(series.speed)
     slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
     count = np.bincount(slot, minlength=hours)
@@ -170,7 +162,7 @@ def _high_passed(series: SpeedSeries, first_s: float, hours: int) -> tuple[Float
 
 
 def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
-    """Return the mean of what is there within a reach of hours of each, (n,)."""
+    """Compute the mean of what is there within a reach of hours of each, (n,)."""
     reach = min(reach, len(x) - 1)
     sums = [
         np.concatenate([np.zeros(reach + 1), np.cumsum(y * there), np.full(reach, np.sum(y * there))])
@@ -181,7 +173,7 @@ def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
 
 
 def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
-    """Return the sums of a span of one series times the other -reach..reach hours later, (2 reach + 1,)."""
+    """Compute the sums of a span of one series times the other -reach..reach hours later, (2 reach + 1,)."""
     begin, end = span
     around = np.pad(y, reach)[begin : end + 2 * reach]
     size = 1 << (2 * len(around)).bit_length()
@@ -190,7 +182,7 @@ def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
 
 
 def _linear_drift(windows: LagWindows) -> LagPath:
-    """Return the best way of a clock that drifts evenly."""
+    """Find the best way of a clock that drifts evenly."""
     share = np.linspace(0.0, 1.0, len(windows.products))
     begin = np.flatnonzero(np.abs(windows.lags) <= BEGAN_H)
     best, most = begin[:1], -np.inf
@@ -204,7 +196,7 @@ def _linear_drift(windows: LagWindows) -> LagPath:
 
 
 def _stepwise(windows: LagWindows) -> LagPath:
-    """Return the best way through spans of ten days where each change costs (Viterbi, IEEE Trans. IT 13, 260)."""
+    """Find the best way through spans of ten days where each change costs (Viterbi, IEEE Trans. IT 13, 260)."""
     span = np.arange(len(windows.products)) // SPAN
     sums = np.array([windows.products[span == k].sum(axis=0) for k in range(span[-1] + 1)])
     cost, came = CHANGE * float(np.std(sums[:, np.abs(windows.lags) > windows.lags[-1] // 2])), []
@@ -220,7 +212,7 @@ def _stepwise(windows: LagWindows) -> LagPath:
 
 
 def _score(windows: LagWindows, path: LagPath, other: LagPath | None = None, part: Hours | None = None) -> float:
-    """Return the normal score by which (some) windows prefer one path to another, or to none (Wallace 1959)."""
+    """Compute the normal score by which (some) windows prefer one path to another, or to none (Wallace 1959)."""
     gain = windows.along(path)
     if other is not None:
         gain = np.where(path.hours != other.hours, gain - windows.along(other), np.nan)
@@ -284,7 +276,6 @@ def _in_words(path: LagPath) -> str:
 
 
 def _nodes(windows: LagWindows, path: LagPath) -> list[tuple[float, float]]:
-    """Return instants and hours between which the error is linear."""
     ends = (windows.first_s, windows.first_s + HOUR_S * len(windows.upper))
     if not path.set_at:
         return [(ends[0], float(path.hours[0])), (ends[1], float(path.hours[-1]))]
@@ -308,11 +299,7 @@ COVERED = 0.9  # of the deployment; a record that covers less is pointed at
 
 
 def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
-    """Return which samples have a valid time, (n,), counts of the others, and warnings about them.
-
-    Args:
-        record: samples in the order of the recording.
-    """
+    """Find samples with a valid time, (n,), count the others, and word warnings about them."""
     time_s = record.time_s
     finite = np.isfinite(time_s)
     keep = finite.copy()
@@ -329,7 +316,7 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
 
 
 def check_coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
-    """Return warnings where much lies outside the deployment, or much of the deployment has no sample.
+    """Warn where much lies outside the deployment, or much of the deployment has no sample.
 
     Args:
         time_s: UTC, (n,).
@@ -366,7 +353,7 @@ def _outlying(time_s: Floats) -> Bools:
 
 
 def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record: Record) -> bool:
-    """Return whether a run stands in time that runs before it have filled with other values."""
+    """Tell whether a run stands in time that runs before it have filled with other values."""
     if k == 0:
         return False
     before = np.sort(np.concatenate(runs[:k]))

@@ -47,7 +47,7 @@ def apply_deployment(
     exclude: Sequence[tuple[float, float]] = (),
     affected: bool = False,
 ) -> Record:
-    """Return the record inside the deployment, on UTC, its depth known, its unusable values flagged.
+    """Cut the record to the deployment, put it on UTC, find its depth, flag its unusable values.
 
     Args:
         record: what a reader gave, by the instrument's clock.
@@ -94,7 +94,7 @@ def apply_deployment(
 
 
 def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
-    """Return UTC of times by the instrument's clock, (n,) seconds since 1970.
+    """Convert times by the instrument's clock to UTC, (n,) seconds since 1970.
 
     Args:
         deployed: start and end, UTC.
@@ -106,21 +106,21 @@ def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift
 
 
 def describe_record(name: str, role: str, record: Record) -> str:
-    """Return the log line of the job that reads ``role``, the instrument."""
+    """Word the log line of the job that reads ``role``, the instrument."""
     counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
     line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
 
 
 def cell_length(record: Record) -> float:
-    """Return the distance between neighbouring bins, metres; 0 for a point meter."""
+    """Compute the distance between neighbouring bins, metres; 0 for a point meter."""
     shared_ranges = not record.bin_range_m.strides[0]  # one row that all samples share
     steps = np.diff(record.bin_range_m[:1] if shared_ranges else record.bin_range_m, axis=1)
     return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
 
 
 def check_orientation(record: Record, water_depth: float) -> Record:
-    """Return the record with samples counted whose echo shows surface or bottom, and a warning of a wrong orientation.
+    """Count the samples whose echo shows surface or bottom, and warn of a wrong orientation.
 
     There is none where no echo was recorded, where neither boundary is near enough to be heard, or where both stand at
     one distance.
@@ -169,7 +169,7 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
 
 
 def _deduplicated(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the samples without those that are there twice, time and values, as where two downloads overlap."""
+    """Drop samples that are there twice, time and values, as where two downloads overlap."""
     order = place[np.argsort(record.time_s[place], kind="stable")]
     later, before = order[1:], order[:-1]
     again = record.time_s[later] == record.time_s[before]
@@ -281,7 +281,7 @@ LONGEST_GAP = 3.0  # usual steps of the series over which it is read between two
 
 
 def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
-    """Return a record with other series at its times, missing where they do not reach.
+    """Interpolate other series to the record's times, missing where they do not reach.
 
     Args:
         series: the part of the mooring file of each, by name.
@@ -304,7 +304,7 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
 
 
 def add_field_strength(record: Record) -> Record:
-    """Return a record with the change of the field's strength, percent, where the instrument logged its magnetometer.
+    """Add the change of the field's strength, percent, where the instrument logged its magnetometer.
 
     What follows the heading, twice the heading or the tilts is taken off: it is iron and scales at the sensor, which a
     fit of the headings knows already. The axes themselves are the heading once more.
@@ -334,7 +334,7 @@ def add_field_strength(record: Record) -> Record:
 
 
 def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
-    """Return a series at other times, NaN outside of it and in its gaps, (n,).
+    """Interpolate a series to other times, NaN outside of it and in its gaps, (n,).
 
     Args:
         at_s: (n,) wanted.

@@ -72,9 +72,10 @@ class VelocitySeries:
 
 
 def widen_rules(rules: PairRules) -> PairRules:
-    """Return rules for what needs many pairs more than near ones: the clocks are compared by speeds.
+    """Widen the rules for what needs many pairs more than near ones: the clocks are compared by speeds.
 
-    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out."""
+    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out.
+    """
     return replace(rules, max_metres=WIDER * rules.max_metres, predict=False)
 
 
@@ -100,7 +101,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
 def find_pairs(
     upper: Record, trusted: Sequence[Record], field: EarthField, rules: PairRules, clocks: ClockOffset | None = None
 ) -> Pairs:
-    """Return the overlapping measurements on the grid, both to true north; none where there is no reference.
+    """Find the overlapping measurements on the grid, both to true north; none where there is no reference.
 
     Args:
         upper: the affected instrument inside the deployment.
@@ -139,7 +140,7 @@ def find_pairs(
 
 
 def describe_pairs(name: str, pairs: Pairs) -> str:
-    """Return the log line of the job that finds pairs."""
+    """Word the log line of the job that finds pairs."""
     line = f"{name}: no overlapping pairs"
     if len(pairs):
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
@@ -157,7 +158,7 @@ def describe_pairs(name: str, pairs: Pairs) -> str:
 
 
 def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complexes, Floats]:
-    """Return the mean of the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
+    """Average the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
 
     Args:
         record: of a profiler, or of one cell.
@@ -178,7 +179,7 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
 
 
 def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
-    """Return pairs with warnings of what is wrong with them.
+    """Check pairs, and warn of what is wrong with them.
 
     Args:
         upper: the affected instrument inside the deployment.
@@ -205,7 +206,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
 
 
 def find_identical_velocities(pairs: Pairs) -> str:
-    """Return why the two instruments of pairs are one, nothing where their velocities are not the same."""
+    """Say why the two instruments of pairs are one, nothing where their velocities are not the same."""
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < EQUAL_M_S) <= MOST_IDENTICAL:
         return ""
@@ -213,7 +214,7 @@ def find_identical_velocities(pairs: Pairs) -> str:
 
 
 def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
-    """Return pairs with the water at the reference's depth as the profile predicts it, None where it cannot."""
+    """Predict the water at the reference's depth from the profile, None where it cannot."""
     prediction = predict_water(upper, depth_m, bins)
     if prediction is None:
         return None
@@ -249,7 +250,7 @@ def _gridded(upper: Record, rules: PairRules) -> Record:
 
 
 def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: PairRules) -> VelocitySeries:
-    """Return the reference's cell nearest to the sphere, or to the affected bins; dense series averaged."""
+    """Select the reference's cell nearest to the sphere, or to the affected bins; dense series averaged."""
     known = np.isfinite(depth)
     if not len(lower.time_s) or not known.any():
         return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
@@ -276,7 +277,7 @@ def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
 
 
 def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
-    """Return the reference's compass's heading at given times, None where it logs none that varies."""
+    """Interpolate the reference's compass's heading to given times, None where it logs none that varies."""
     known = np.isfinite(lower.heading_deg) & (lower.heading_quality <= PROBABLY_GOOD)
     if not known.any() or not len(time_s):
         return None
@@ -286,7 +287,6 @@ def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None
 
 
 def _sphere(upper: Record, lower: Record) -> Floats:
-    """Return the depth of the affected instrument at the reference's times, (k,)."""
     return interpolate_series(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
 
 
@@ -371,6 +371,6 @@ def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floa
 
 
 def _spread(angle_deg: Floats) -> float:
-    """Return the standard deviation of angles that lie about one direction normally, radians."""
+    """Compute the standard deviation of angles that lie about one direction normally, radians."""
     length = min(max(float(angles.resultant_length(angle_deg)), 1e-12), 1.0)
     return float(np.sqrt(-2.0 * np.log(length)))

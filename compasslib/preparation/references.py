@@ -42,7 +42,7 @@ AVERAGED = (
 
 
 def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
-    """Return the pairs of all references that agree, by time, with what is to be said of the others.
+    """Join the pairs of all references that agree, by time, with what is to be said of the others.
 
     Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
     nobody can tell whose fault it is, and the first, which the mooring's file names first, stands alone.
@@ -70,7 +70,7 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
 
 def combine_references(pairs: Pairs) -> Pairs:
-    """Return pairs of which no two are of one time: those of several references become their weighted mean."""
+    """Combine pairs of one time: those of several references become their weighted mean."""
     if pairs.reference_index is None:
         return pairs
     if not len(pairs):
@@ -90,7 +90,7 @@ def combine_references(pairs: Pairs) -> Pairs:
 
 
 def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
-    """Return the errors of the published mean and of the prediction, rms over all pairs that have them."""
+    """Combine the errors of the published mean and of the prediction, rms over all pairs that have them."""
     known = [(len(pairs), pairs.expected_m_s) for pairs in each if pairs.expected_m_s is not None]
     if not known:
         return None
@@ -106,7 +106,7 @@ def _columns(pairs: Pairs) -> list[str]:
 
 
 def _weights(missed: Floats) -> Floats:
-    """Return the weight of each reference at each time, (t, k), not below 0, for the least noise together.
+    """Compute the weight of each reference at each time, (t, k), not below 0, for the least noise together.
 
     Args:
         missed: predicted minus trusted speed, (t, k), NaN where an instrument has no pair.
@@ -124,7 +124,7 @@ def _weights(missed: Floats) -> Floats:
 
 
 def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Return which references are used, and what is said of those that disagree."""
+    """Choose which references are used, and say which disagree."""
     count = len(each)
     off = {(a, b): _apart(each[a], each[b]) for a in range(count) for b in range(a + 1, count)}
     wrong = {pair: difference for pair, difference in off.items() if difference is not None}
@@ -226,7 +226,7 @@ class MatchedVelocities:
 
 
 def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
-    """Return why the reference's record is the affected one's own, nothing where it is not.
+    """Say why the reference's record is the affected one's own, nothing where it is not.
 
     Args:
         upper: the affected instrument on the grid of the pairs.
@@ -260,7 +260,7 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
 
 
 def _last_digit(velocity: Complexes) -> float:
-    """Return the step of a table's numbers, 0 where they have none that shows."""
+    """Find the step of a table's numbers, 0 where they have none that shows."""
     steps = []
     for x in (velocity.real, np.abs(velocity)):
         values = np.unique(np.round(x, 6))

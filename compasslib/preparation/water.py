@@ -47,12 +47,12 @@ class StructureFunction:
     parts: tuple[tuple[float, float, float], ...]  # (m/s)^2, length in cells, power
 
     def layers(self, distance_m: Floats) -> Floats:
-        """Return it without noise, (m/s)^2."""
+        """Compute it without noise, (m/s)^2."""
         cells = np.abs(distance_m) / self.cell_m
         return np.sum([size * _shape(cells, length, power) for size, length, power in self.parts], axis=0)
 
     def weights(self, away_m: Floats) -> Floats:
-        """Return the weights by which bins predict the water at a depth, (k,), which add up to 1.
+        """Compute the weights by which bins predict the water at a depth, (k,), which add up to 1.
 
         Args:
             away_m: of each bin from that depth, signed, (k,).
@@ -62,7 +62,7 @@ class StructureFunction:
         return solved[:-1]
 
     def variance(self, away_m: Floats, weights: Floats) -> float:
-        """Return the mean squared error of a weighted mean as a prediction, both components together, (m/s)^2.
+        """Compute the mean squared error of a weighted mean as a prediction, both components together, (m/s)^2.
 
         Args:
             away_m: of each bin from the depth that is predicted, signed, (k,).
@@ -72,7 +72,6 @@ class StructureFunction:
         return float(towards - weights @ self._between(away_m) @ weights)
 
     def _between(self, away_m: Floats) -> Floats:
-        """Return it between all bins, (k, k)."""
         return self.layers(away_m[:, None] - away_m) + self.noise * (1.0 - np.eye(len(away_m)))
 
 
@@ -87,7 +86,7 @@ class WaterPrediction:
 
 
 def usable_velocities(record: Record) -> Bools:
-    """Return which velocities may be used, (n, m)."""
+    """Tell which velocities may be used, (n, m)."""
     flagged = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
     return flagged & np.isfinite(record.east) & np.isfinite(record.north)
 
@@ -126,7 +125,7 @@ def fit_structure(record: Record) -> StructureFunction | None:
 def predict_water(
     record: Record, depth_m: Floats, bins: int, learnt: StructureFunction | None = None
 ) -> WaterPrediction | None:
-    """Return the water at given depths, None where the profile cannot tell.
+    """Predict the water at given depths, None where the profile cannot tell.
 
     Args:
         record: of the affected instrument.
@@ -219,7 +218,7 @@ def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
 def _predict_veer(
     record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], bins: int
 ) -> tuple[Floats, float]:
-    """Return by how much a prediction is turned at each sample, (n,), and how far it may still be for good, degrees.
+    """Predict by how much a prediction is turned at each sample, (n,), and how far it may still be for good, degrees.
 
     Where the profile is too short to show it over the whole distance, it is stated as it grows over a shorter one;
     where it is too short for as many bins, by what fewer would make of it.
@@ -261,7 +260,7 @@ def _predict_veer(
 def _windows(
     record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], count: int
 ) -> Complexes:
-    """Return predictions of bins from those beyond them, over the bins' directions, (k, n) m/s, 0 where one is bad.
+    """Predict bins from those beyond them, over the bins' directions, (k, n) m/s, 0 where one is bad.
 
     The bins that predict one lie from it as those next to the reference lie from the reference. Nearest comes first.
     """

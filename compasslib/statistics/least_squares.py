@@ -14,7 +14,7 @@ HUBER_CLIP = 2.5  # Huber's, in widths: of normal noise 1 in 80 is clipped, and 
 
 
 def robust_width(deviation: Floats) -> float:
-    """Return the standard deviation of normal noise with the same median absolute deviation.
+    """Estimate the standard deviation of normal noise with the same median absolute deviation.
 
     Args:
         deviation: from the centre, of any shape; signs do not matter.
@@ -33,7 +33,7 @@ POWELL_DAMPING = 0.2  # least curvature along a step, over the one so far
 def minimize_bfgs(
     loss: Loss, start: Floats, bounds: Floats, steps: int, hessian: Floats | None = None
 ) -> tuple[Floats, float]:
-    """Return where a function is least, and its value there.
+    """Minimize a function, and evaluate it there.
 
     Quasi-Newton steps (BFGS, damped after Powell, Lect. Notes Math. 630, 144, 1978), projected on the bounds
     (Bertsekas, SIAM J. Control Optim. 20, 221, 1982). SciPy's solvers cost half a second of imports, which is more than
@@ -76,14 +76,14 @@ def minimize_bfgs(
 
 
 def _even(gradient: Floats) -> Floats:
-    """Return the Hessian by which a first step down the gradient has a length of one."""
+    """Compute the Hessian by which a first step down the gradient has a length of one."""
     return np.eye(len(gradient)) * max(float(np.linalg.norm(gradient)), GRADIENT_TOLERANCE)
 
 
 def _line_search(
     loss: Loss, at: Floats, value: float, gradient: Floats, direction: Floats, bounds: Floats
 ) -> tuple[Floats, float, Floats]:
-    """Return the first point along a direction that satisfies Armijo's rule, or the start where none does."""
+    """Find the first point along a direction that satisfies Armijo's rule, or the start where none does."""
     length = 1.0
     for _ in range(MAX_HALVINGS):
         trial = np.clip(at + length * direction, *bounds.T)
@@ -96,7 +96,7 @@ def _line_search(
 
 
 def _updated(hessian: Floats, step: Floats, change: Floats) -> Floats:
-    """Return the Hessian by the change of the gradient along a step (BFGS with Powell's damping)."""
+    """Update the Hessian by the change of the gradient along a step (BFGS with Powell's damping)."""
     expected = hessian @ step
     before, now = float(step @ expected), float(step @ change)
     if before <= 0.0:
@@ -115,15 +115,15 @@ class GaussNewtonState(Protocol):
     """Where a fit stands."""
 
     def step(self) -> tuple[Floats, float]:
-        """Return the least-squares step, and how far it goes in about degrees."""
+        """Compute the least-squares step, and how far it goes in about degrees."""
         ...
 
     def moved(self, step: Floats) -> Self | None:
-        """Return the point a step away, None where there is none."""
+        """Go a step, None where there is no such point."""
         ...
 
     def misfit(self, other: Self) -> float:
-        """Return the misfit of another point over its own, both by its own widths."""
+        """Compute the misfit of another point over its own, both by its own widths."""
         ...
 
 
@@ -131,7 +131,7 @@ State = TypeVar("State", bound=GaussNewtonState)
 
 
 def gauss_newton(point: State, *, rounds: int, close: float, worse: float) -> State:
-    """Return the point that is reached.
+    """Iterate Gauss-Newton steps from a point.
 
     Args:
         rounds: points that are looked at, at most.

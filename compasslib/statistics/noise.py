@@ -22,7 +22,7 @@ from compasslib.types import DAY_S, Floats
 
 
 def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float = 5 * DAY_S) -> float:
-    """Return n over the integral of the residual's autocorrelation, which real currents make much less than n.
+    """Estimate n over the integral of the residual's autocorrelation, which real currents make much less than n.
 
     Args:
         residual: standardised residuals, (n,).
@@ -45,7 +45,7 @@ def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float 
 
 
 def lagged_sums(x: Floats, lags: int) -> Floats:
-    """Return the sums of a series times itself 0, 1, ... steps later, (lags + 1,).
+    """Compute the sums of a series times itself 0, 1, ... steps later, (lags + 1,).
 
     Args:
         x: the series, 0 where nothing was measured.
@@ -73,7 +73,7 @@ RANK_TOLERANCE = 1e-6  # of the largest direction
 
 
 def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
-    """Return minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none of too few data.
+    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none of few data.
 
     Args:
         residual: (n,).
@@ -96,17 +96,12 @@ def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
 
 
 def arma_correlation(phi: float, theta: float, lags: Ints) -> Floats:
-    """Return the correlation of an ARMA(1, 1) series.
-
-    Args:
-        phi: autoregressive coefficient.
-        theta: moving-average coefficient.
-    """
+    """Compute the correlation of an ARMA(1, 1) series with autoregressive phi and moving-average theta."""
     return np.where(lags == 0, 1.0, _first_lag(phi, theta) * phi ** np.maximum(lags - 1, 0))
 
 
 def arma_variance_ratio(law: tuple[float, float]) -> float:
-    """Return the variance of an ARMA(1, 1) series over that of its innovations.
+    """Compute the variance of an ARMA(1, 1) series over that of its innovations.
 
     Args:
         law: autoregressive and moving-average coefficient.
@@ -116,7 +111,7 @@ def arma_variance_ratio(law: tuple[float, float]) -> float:
 
 
 def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
-    """Return the innovations that an ARMA(1, 1) law makes of evenly sampled columns, (n, k).
+    """Compute the innovations that an ARMA(1, 1) law makes of evenly sampled columns, (n, k).
 
     The first sample is taken over its own variance, and foretells its own innovation.
 
@@ -135,7 +130,7 @@ def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
 
 
 def arma_low_frequency_power(phi: float, theta: float) -> float:
-    """Return the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
+    """Compute the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
     return 1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)
 
 
@@ -145,7 +140,7 @@ def lag_matrix(n: int) -> Ints:
 
 
 def span_basis(columns: Floats, least: float = 0.0) -> Floats:
-    """Return an orthonormal basis of what columns span, directions without length left out.
+    """Compute an orthonormal basis of what columns span, directions without length left out.
 
     Args:
         columns: (n, k).
@@ -156,7 +151,7 @@ def span_basis(columns: Floats, least: float = 0.0) -> Floats:
 
 
 def arma_draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Floats:
-    """Return draws of the noise, each by a model that is drawn too, (repeats, n) of unit variance.
+    """Draw draws of the noise, each by a model that is drawn too, (repeats, n) of unit variance.
 
     Args:
         residual: of the hypothesis, a stretch each, (n,).
@@ -175,7 +170,7 @@ def arma_draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Fl
 
 
 def arma_covariance(residual: Floats, columns: Floats) -> Floats:
-    """Return the covariance of least squares, averaged over the models by their likelihood, (k, k).
+    """Estimate the covariance of least squares, averaged over the models by their likelihood, (k, k).
 
     Args:
         residual: of the fit, (n,).
@@ -205,7 +200,7 @@ def arma_whitening_matrix(residual: Floats, columns: Floats) -> Floats:
 
 
 def arma_standard_errors(residual: Floats, columns: Floats, weights: Floats) -> Floats:
-    """Return the standard errors of weighted sums of stretches, (k,).
+    """Estimate the standard errors of weighted sums of stretches, (k,).
 
     Args:
         residual: of the fit, (n,).
@@ -227,18 +222,18 @@ def arma_effective_size(residual: Floats, columns: Floats) -> float:
 
 
 def _first_lag(phi: float, theta: float) -> float:
-    """Return the correlation of an ARMA(1, 1) series at lag one."""
+    """Compute the correlation of an ARMA(1, 1) series at lag one."""
     return (1.0 + phi * theta) * (phi + theta) / (1.0 + 2.0 * phi * theta + theta**2)
 
 
 def _noise_covariance(residual: Floats, columns: Floats) -> Floats:
-    """Return the covariance of the stretches, the mean over the models by their likelihood, (n, n)."""
+    """Estimate the covariance of the stretches, the mean over the models by their likelihood, (n, n)."""
     weight, each = _weighted_models(residual, columns)
     return np.asarray(np.tensordot(weight, np.stack(each), 1))
 
 
 def _weighted_models(residual: Floats, columns: Floats) -> tuple[Floats, list[Floats]]:
-    """Return the weight of each model, and the covariance of the stretches by it, (n, n) each."""
+    """Compute the weight of each model, and the covariance of the stretches by it, (n, n) each."""
     n, models = len(residual), arma_likelihoods(residual, columns)
     if not len(models):
         return np.ones(1), [np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)]
@@ -273,7 +268,7 @@ class SwingNoise:
 def estimate_swing_noise(
     residual: Floats, basis: Floats, *, speed_kn: Floats | None, blocks: Ints | None
 ) -> SwingNoise:
-    """Return the scatter, by restricted likelihood where residuals are correlated.
+    """Estimate the scatter, by restricted likelihood where residuals are correlated.
 
     Args:
         residual: (n,) of the present fit.
@@ -300,7 +295,7 @@ def estimate_swing_noise(
 
 
 def score_covariance(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Floats:
-    """Return the covariance of the sums of rows times residuals, (k, k), for rows over their scatter.
+    """Compute the covariance of the sums of rows times residuals, (k, k), for rows over their scatter.
 
     Args:
         rows: (n, k) in order of time, over the scatter.
@@ -313,11 +308,7 @@ def score_covariance(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Fl
 
 
 def clip_residuals(residual: Floats, noise: SwingNoise) -> Floats:
-    """Return residuals that count no more than a few standard deviations (Huber's pseudo-observations).
-
-    Args:
-        residual: (n,).
-    """
+    """Clip residuals, (n,), to a few standard deviations (Huber's pseudo-observations)."""
     if len(residual) < MIN_ROBUST:
         return residual
     bound = HUBER_CLIP * noise.sigma
@@ -325,7 +316,7 @@ def clip_residuals(residual: Floats, noise: SwingNoise) -> Floats:
 
 
 def _scatter_shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
-    """Return the scatter of each residual and the residuals clipped by it, the likeliest share of slowness taken."""
+    """Fit the scatter of each residual and clip the residuals by it, the likeliest share of slowness taken."""
     slowness = np.zeros(residual.shape) if speed_kn is None else 1.0 / np.maximum(speed_kn, 0.1)
     best, best_fit = np.inf, (residual, residual)
     for equal_kn in SLOW_KN if speed_kn is not None else SLOW_KN[:1]:

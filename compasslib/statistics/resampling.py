@@ -12,18 +12,18 @@ EVEN_BLOCKS = 10.0  # blocks of even noise that a group's own blocks are held ag
 
 
 def blocks_by_count(time_s: Floats, count: int) -> NDArray[np.intp]:
-    """Return which of some equal stretches of time each sample lies in, (n,)."""
+    """Number the equal stretches of time that samples lie in, (n,)."""
     share = (time_s - time_s[0]) / max(float(np.ptp(time_s)), 1e-9)
     return np.minimum((share * count).astype(np.intp), count - 1)
 
 
 def blocks_by_span(time_s: Floats, span_s: float) -> NDArray[np.intp]:
-    """Return which stretch of some length each sample lies in, counted from the first, (n,)."""
+    """Number the stretches of some length that samples lie in, counted from the first, (n,)."""
     return np.floor((time_s - time_s[0]) / span_s).astype(np.intp)
 
 
 def block_sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
-    """Return the sum of the rows of each block, (b, ...), those without any left out.
+    """Sum the rows of each block, (b, ...), those without any left out.
 
     Args:
         rows: (n, ...).
@@ -34,7 +34,7 @@ def block_sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
 
 
 def block_scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Floats:
-    """Return the score of each block, (b, k): their squares are a sandwich by clusters.
+    """Compute the score of each block, (b, k): their squares are a sandwich by clusters.
 
     The group's own fit is taken out of the residual (Liang and Zeger, Biometrika 73, 13, 1986).
 
@@ -47,7 +47,7 @@ def block_scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Fl
 
 
 def resample_blocks(series: Floats, length: int, repeats: int, seed: int) -> Floats:
-    """Return draws of a series' own noise: blocks of it from other places, turned at random, (repeats, n)."""
+    """Draw a series' own noise: blocks of it from other places, turned at random, (repeats, n)."""
     rng, n = np.random.default_rng(seed), len(series)
     count = -(-n // length)
     begin = rng.integers(0, n, (repeats, count))
@@ -75,7 +75,7 @@ def cluster_variance_inflation(
 
 
 def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information: Floats) -> Floats:
-    """Return the covariance of parameters by leaving out each block, by one Newton step from the whole fit.
+    """Estimate the covariance of parameters by leaving out each block, by one Newton step from the whole fit.
 
     It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself when
     there are few blocks.
@@ -93,7 +93,7 @@ def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], inform
 
 
 def student_factor(freedom: float) -> float:
-    """Return by how much a standard deviation from few residuals must grow for 1.96 of it to hold 95 %."""
+    """Compute by how much a standard deviation from few residuals must grow for 1.96 of it to hold 95 %."""
     from scipy.special import stdtrit
 
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL_95
@@ -119,5 +119,5 @@ def angle_resolution(angle_deg: Floats) -> Floats:
 
 
 def rounding_sigma(step: Floats) -> Floats:
-    """Return the standard error that steps leave, (n,): nobody knows whether they round down, up or to the nearest."""
+    """Compute the standard error that steps leave, (n,): nobody knows whether they round down, up or to the nearest."""
     return step / np.sqrt(3.0)

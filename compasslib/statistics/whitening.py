@@ -37,7 +37,7 @@ class LowRankNoise:
     keep: Floats  # (k,) of each direction's amplitude, so that it becomes white
 
     def whiten(self, filtered: Floats) -> Floats:
-        """Return filtered columns with these directions as quiet as all others, (n, k)."""
+        """Make these directions of filtered columns, (n, k), as quiet as all others."""
         basis = self.basis.astype(filtered.dtype)
         return filtered - basis @ ((1.0 - self.keep).astype(filtered.dtype)[:, None] * (basis.T @ filtered))
 
@@ -52,20 +52,12 @@ class Whitener:
     louder: LowRankNoise | None = None
 
     def __call__(self, columns_deg: Floats) -> Floats:
-        """Return columns divided by the widths and filtered, (n, k).
-
-        Args:
-            columns_deg: (n, k), degrees.
-        """
+        """Divide columns, (n, k) degrees, by the widths and filter them."""
         width = self.width_deg.astype(np.promote_types(columns_deg.dtype, np.float32))  # of float32 no copy in float64
         return self.filtered(columns_deg / width[:, None])
 
     def filtered(self, standard: Floats) -> Floats:
-        """Return columns filtered, (n, k).
-
-        Args:
-            standard: already divided by the widths, (n, k).
-        """
+        """Filter columns, (n, k), that are divided by the widths already."""
         lags, width = len(self.filter) - 1, standard.shape[1]
         chunks = -(-(int(self.slot[-1]) + 1) // CHUNK)
         grid = np.zeros((lags + chunks * CHUNK, width), dtype=standard.dtype)
@@ -79,7 +71,7 @@ class Whitener:
 
 
 def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
-    """Return the filter that takes the autocorrelation out of a residual.
+    """Fit the filter that takes the autocorrelation out of a residual.
 
     A real drift must not pass for the water's correlation. What changes over weeks counts with the power of its
     neighbours in frequency: were it taken out instead, the filter would leave half as much again of slow noise.
@@ -102,28 +94,27 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
 
 
 def trend_spacing_s(time_s: Floats) -> float:
-    """Return the spacing of the knots that follow what changes over weeks, seconds."""
+    """Compute the spacing of the knots that follow what changes over weeks, seconds."""
     return max(TREND_LENGTHS * filter_order(len(time_s)) * sampling_interval_s(time_s), TREND_S)
 
 
 def sampling_interval_s(time_s: Floats) -> float:
-    """Return the usual interval of samples, seconds."""
+    """Compute the usual interval of samples, seconds."""
     return float(np.median(np.diff(time_s)))
 
 
 def filter_order(samples: int) -> int:
-    """Return the number of lags of the filter of a record."""
     return min(ORDER, samples // SAMPLES_PER_LAG)
 
 
 def grid_positions(time_s: Floats) -> NDArray[np.intp]:
-    """Return the place of each sample on an even grid of the usual interval, (n,)."""
+    """Place each sample on an even grid of the usual interval, (n,)."""
     apart = np.maximum(np.rint(np.diff(time_s) / sampling_interval_s(time_s)).astype(np.intp), 1)
     return np.concatenate([[0], np.cumsum(np.minimum(apart, 10 * ORDER))]).astype(np.intp)
 
 
 def clip_standardized(residual_deg: Floats, width_deg: Floats) -> Floats:
-    """Return residuals over their widths, clipped, 0 where a sample does not count, (n,).
+    """Divide residuals by their widths and clip them, 0 where a sample does not count, (n,).
 
     Beyond a right angle they fall again, to 0 at the opposite: slow water that points the other way is on neither side,
     and must not leap from one to the other when a heading moves by a degree.
@@ -139,19 +130,14 @@ def clip_standardized(residual_deg: Floats, width_deg: Floats) -> Floats:
 
 
 def clip_response(residual_deg: Floats, width_deg: Floats) -> float:
-    """Return the share of a small shift that clipped residuals keep, each sample by what it tells.
-
-    Args:
-        residual_deg: (n,), degrees.
-        width_deg: (n,), degrees.
-    """
+    """Compute the share of a small shift that clipped residuals keep, each sample by what it tells."""
     weight = width_deg**-2.0
     falls = np.where(np.abs(angles.wrap180(np.where(weight > 0.0, residual_deg, 0.0))) > 90.0, -1.0, 1.0)
     return float(np.average(falls * (np.abs(clip_standardized(residual_deg, width_deg)) < HUBER_CLIP), weights=weight))
 
 
 def correlation_time(fitted: Whitener) -> float:
-    """Return in how many samples the correlation that a filter takes out falls to 1/e."""
+    """Compute in how many samples the correlation that a filter takes out falls to 1/e."""
     from scipy.signal import lfilter
 
     pulse = lfilter([1.0], fitted.filter, np.arange(MAX_MEMORY) == 0)
@@ -162,7 +148,7 @@ def correlation_time(fitted: Whitener) -> float:
 
 
 def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
-    """Return the robust width of the residual, which grows with slowness, (n,) degrees.
+    """Estimate the robust width of the residual, which grows with slowness, (n,) degrees.
 
     Args:
         residual_deg: (n,), degrees; NaN does not count and gets an infinite width.
@@ -181,18 +167,14 @@ def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
 
 
 def scaled_inverse(gram: Floats) -> Floats:
-    """Return the inverse of a matrix of products of columns of any units; directions that vanish are left out.
-
-    Args:
-        gram: symmetric, (k, k).
-    """
+    """Invert a symmetric matrix of products of columns of any units; directions that vanish are left out."""
     scale = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
     outer = np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)
 
 
 def orthonormal_basis(columns: Floats, least: float = 1e-5) -> Floats:
-    """Return an orthonormal basis of columns, those that hardly add anything left out, (n, k).
+    """Compute an orthonormal basis of columns, those that hardly add anything left out, (n, k).
 
     Args:
         columns: (n, k).
@@ -206,16 +188,12 @@ def orthonormal_basis(columns: Floats, least: float = 1e-5) -> Floats:
 
 
 def project_out(columns: Floats, basis: Floats) -> Floats:
-    """Return columns without what an orthonormal basis, (n, b), can take of them, (n, ...)."""
+    """Subtract from columns what an orthonormal basis, (n, b), can take of them, (n, ...)."""
     return columns - basis @ (basis.T @ columns)
 
 
 def whitened_basis(white: Floats) -> Floats:
-    """Return an orthonormal basis of whitened columns, float32, (n, at most k).
-
-    Args:
-        white: whitened columns, (n, k).
-    """
+    """Compute an orthonormal basis of whitened columns, (n, k), float32, (n, at most k)."""
     scale = np.linalg.norm(white, axis=0)
     unit = white[:, scale > 0] / scale[scale > 0]
     if unit.shape[1] < 2:
@@ -226,7 +204,7 @@ def whitened_basis(white: Floats) -> Floats:
 
 
 def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
-    """Return the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
+    """Compute the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
 
     Args:
         series: 0 where nothing was measured, (n,).
@@ -241,7 +219,7 @@ def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
 
 
 def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
-    """Return the width over that of the fastest or slowest bin where the water is beyond their middles, else 1, (n,).
+    """Compute the width over that of the fastest or slowest bin where the water is beyond their middles, else 1, (n,).
 
     Width squared is a floor and what grows with slowness squared, as the fit's noise has it; both by least squares over
     the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best. The
@@ -259,7 +237,7 @@ def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
 
 
 def _on_circle(width_deg: Floats) -> Floats:
-    """Return the width that a direction is worth: one that points anywhere tells nothing, however narrow it looks.
+    """Compute the width that a direction is worth: one that points anywhere tells nothing, however narrow it looks.
 
     Of a wrapped normal law it follows what the score of the mean direction knows within a fifth.
     """
