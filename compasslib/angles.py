@@ -90,12 +90,7 @@ def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | Non
 
 
 def resultant_length(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
-    """Compute the mean resultant length, 1 where all angles agree and 0 where they cancel; NaN angles left out.
-
-    Args:
-        weights: of the same shape; equal where absent.
-        axis: to average over; all of them where absent.
-    """
+    """Compute the mean resultant length, 1 where all angles agree and 0 where they cancel; NaN angles left out."""
     return np.abs(_resultant(angle_deg, weights, axis))
 
 

@@ -34,9 +34,6 @@ NEAREST_POLE = 1e-9  # least sine of the colatitude: east has no meaning at the 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Compute declination (degrees east), horizontal and downward field (nT) at sea level.
 
-    Args:
-        time_s: UTC seconds since 1970, shape (k,).
-
     Raises:
         InputError: a date lies outside the model.
     """
@@ -65,8 +62,6 @@ def field_along(
     """Compute the field over a deployment; a given declination overrides the model's and is compared with it.
 
     Args:
-        start_s: first instant, UTC seconds since 1970.
-        end_s: last instant, UTC seconds since 1970.
         declination: degrees east from the metadata, or None for the model's.
         applied: degrees that the files of instruments are said to hold already, by instrument.
 

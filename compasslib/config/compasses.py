@@ -44,7 +44,6 @@ def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -
     """Refuse a mooring whose compass was elsewhere at the time, or is confused with another by a name.
 
     Args:
-        file: of this mooring.
         stays: of what was looked at before; the mooring's are added.
 
     Raises:

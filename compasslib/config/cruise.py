@@ -398,7 +398,6 @@ def read(root: Path, name: str, example: str) -> dict[str, Any]:
 
     Args:
         name: path of the file, relative to it; messages begin with it.
-        example: a line that such a file may begin with.
 
     Raises:
         InputError: where the file is absent, too large, not UTF-8, not YAML, or no mapping.

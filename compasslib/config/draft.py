@@ -84,11 +84,7 @@ class Mooring:
 
 
 def mooring(name: str, drafted: Mooring, said: Place) -> str:
-    """Compose the text of config/moorings/NAME.yaml.
-
-    Args:
-        said: what the person knows.
-    """
+    """Compose the text of config/moorings/NAME.yaml."""
     affected_first = sorted(drafted.instruments, key=lambda each: each != drafted.roles.affected)
     instruments = {each: drafted.instruments[each] for each in affected_first}
     return "".join(
@@ -112,7 +108,6 @@ def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str])
 
     Args:
         keys: what the files tell; DECIDE where a person must say it, None where he may: these stand as comments.
-        comments: of these keys.
     """
     lines = [
         _line(key, value, comments.get(key, "")) if value is not None else f"# {key}: ...  # {comments[key]}\n"

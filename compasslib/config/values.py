@@ -281,12 +281,7 @@ def stated(attribute: str) -> bool:
 
 
 def check_table(headers: dict[str, str], depth: float | None) -> None:
-    """Refuse columns that do not tell time, depth and velocity.
-
-    Args:
-        headers: header of each role that is given.
-        depth: the instrument's nominal depth, m, if given.
-    """
+    """Refuse columns that do not tell time, depth and velocity."""
     check_clock(headers)
     if depth is None and not {"depth", "pressure"} & set(headers):
         advice = "add depth: 120 to the instrument, or depth: depth_m to its columns"
@@ -306,11 +301,7 @@ def check_table(headers: dict[str, str], depth: float | None) -> None:
 
 
 def check_clock(headers: dict[str, str]) -> None:
-    """Refuse columns that do not tell the time, by one column or by date and clock apart.
-
-    Args:
-        headers: header of each role that is given.
-    """
+    """Refuse columns that do not tell the time, by one column or by date and clock apart."""
     apart = {"date", "clock"} & set(headers)
     if "time" in headers and apart:
         expected, advice = "time, or date and clock apart", "keep one of the two ways"

@@ -235,11 +235,7 @@ def ranges(setup: Setup) -> Floats:
 
 
 def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, *, latitude_deg: float) -> Ensembles:
-    """Simulate what the instrument records.
-
-    Args:
-        latitude_deg: degrees north, for the pressure.
-    """
+    """Simulate what the instrument records."""
     setup, n = adcp.setup, stance.time_s.size
     moving = _spoil(rng, setup, stance, _velocity(rng, adcp, stance, water))
     # The share of pings that give a velocity: fading with range, little from beyond the surface.

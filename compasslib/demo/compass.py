@@ -40,12 +40,7 @@ class Field:
 
 
 def earth_field(latitude_deg: float, longitude_deg: float, span_s: tuple[float, float]) -> Field:
-    """Compute the IGRF field over a span of time, at nodes a month apart.
-
-    Args:
-        longitude_deg: degrees east.
-        span_s: first and last instant, UTC seconds since 1970.
-    """
+    """Compute the IGRF field over a span of time, at nodes a month apart."""
     import ppigrf  # half a second, most of it pandas: paid once, and only where a mooring is made
 
     nodes = np.linspace(*span_s, 2 + int((span_s[1] - span_s[0]) / (30 * DAY_S)))

@@ -40,7 +40,6 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     """Write one mooring's raw files and, elsewhere, the truth about its upper compass.
 
     Args:
-        name: EG1 to EG7.
         raw_dir: the cruise's folder of raw files; the mooring's stand in ``raw_dir/name``.
         seed: the same seed gives the same bytes, whichever other moorings are made.
     """

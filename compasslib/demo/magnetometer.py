@@ -49,7 +49,6 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     """Build a magnetometer whose hard iron is a given share of the horizontal field.
 
     Args:
-        earth_nt: horizontal and vertical field.
         strength: of the mean horizontal field of all iron, over the earth's.
     """
     places = rng.normal(0.0, 0.015, (3, 3))
@@ -85,7 +84,6 @@ def felt(meter: Magnetometer, body_nt: Floats, beside_nt: Floats | None = None, 
     Args:
         body_nt: earth's field in the body frame, (..., 3).
         beside_nt: the field at the sensors of what came beside the compass later, (..., 3).
-        stepped: whether the output comes in steps.
     """
     matrix, added = response(meter)
     raw = body_nt @ matrix.T + added + (0.0 if beside_nt is None else beside_nt)
@@ -98,7 +96,6 @@ def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
     """Compute the field of a dipole, (3,) nT.
 
     Args:
-        moment_a_m2: its moment, (3,).
         away_m: from it to the place, (3,).
     """
     distance = float(np.linalg.norm(away_m))

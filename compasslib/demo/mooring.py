@@ -93,7 +93,6 @@ def wake_heading(rng: np.random.Generator, rest_deg: Floats, speed_m_s: Floats, 
 
     Args:
         rest_deg: heading at which the moment vanishes, (g,).
-        speed_m_s: speed of the water, (g,).
         wobble_deg: standard deviation about it at 25 cm/s.
     """
     pull = np.minimum(speed_m_s / 0.25, 2.5) * sea.STEP_S / (3 * HOUR_S)

@@ -193,7 +193,6 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
 
     Args:
         motion: how the sphere moves; its depth decides where the profiler sticks.
-        span_s: the deployment, UTC seconds since 1970.
     """
     start = np.arange(span_s[0] + profiler.first_s, span_s[1] - 4 * HOUR_S, 12 * HOUR_S)
     number = np.arange(start.size) + 1

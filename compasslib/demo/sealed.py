@@ -40,7 +40,6 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
 
     Args:
         effects: what is planted in it, at the same ensembles.
-        time_s: true times of the ensembles, (n,).
         rng: source of randomness; without it one ping without noise and steps.
     """
     pings = 1 if rng is None else PINGS

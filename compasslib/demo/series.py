@@ -24,7 +24,6 @@ def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation:
 
     Args:
         memory: steps after which the correlation has fallen to 1/e.
-        deviation: standard deviation, in the unit of the result.
     """
     keep = float(np.exp(-1.0 / memory))
     kicks = rng.normal(0.0, deviation * np.sqrt(1.0 - keep**2), count)
@@ -37,7 +36,6 @@ def red_vector(rng: np.random.Generator, count: int, *, memory: float, deviation
 
     Args:
         memory: steps after which the correlation has fallen to 1/e.
-        deviation: standard deviation of each component.
     """
     east = red_noise(rng, count, memory=memory, deviation=deviation)
     return east + 1j * red_noise(rng, count, memory=memory, deviation=deviation)

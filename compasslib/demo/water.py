@@ -85,7 +85,6 @@ def make_water(
 
     Args:
         site: latitude in degrees north, water depth in metres.
-        span_s: first and last instant, UTC seconds since 1970.
     """
     latitude_deg, water_depth_m = site
     time_s = np.arange(span_s[0], span_s[1] + STEP_S, STEP_S)
@@ -113,7 +112,6 @@ def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
     """Compute the current, true east + i north in m/s, in the shape of the depths.
 
     Args:
-        time_s: instants, (n,).
         depth_m: depths below the surface, (n,) or (n, m, ...), metres.
     """
     lift = (slice(None), *(None,) * (depth_m.ndim - 1))

@@ -55,8 +55,6 @@ def choose_branches(
     """Choose the heading at each sample of a compass that can fold.
 
     Args:
-        readings: what the compass recorded, n samples.
-        along: the compass at each of them.
         fit: the fitted exact compass, for its noise and the headings' distribution.
         overlap: samples at which the reference overlaps, (k,).
         scatter: density of its observed heading on the cells, (k, CELLS).
@@ -94,7 +92,6 @@ def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingD
     """Leave either of two headings open where too few pairs show which branch is right.
 
     Args:
-        decision: made with these pairs.
         shown: pairs that show on which branch they are, see ``resolved``.
     """
     if shown >= min(FEWEST_SHOWN, SHARE_SHOWN * pairs):
@@ -110,7 +107,6 @@ def shows_branch(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
 
     Args:
         roots_deg: correct headings of each recorded one, (n, 2), NaN where there is none.
-        width_deg: scatter of the observed heading, (n,).
     """
     single = np.isfinite(roots_deg).sum(axis=1) == 1
     with np.errstate(invalid="ignore"):

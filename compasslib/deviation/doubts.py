@@ -121,7 +121,6 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
 
     Args:
         pairs: overlapping measurements as the compass of the fit would have recorded them.
-        fit: the exact compass.
     """
     if not fit.fitted or fit.method == "von_appen" or len(pairs) < MIN_WINDOWS * MIN_WINDOW_PAIRS:
         return ()

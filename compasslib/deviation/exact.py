@@ -150,11 +150,7 @@ def _overlap(pairs: Pairs) -> Overlap:
 
 
 def scores_at(coefficients: Floats, pairs: Pairs, fit: DeviationFit) -> tuple[float, Floats]:
-    """Compute the log-likelihood of other coefficients under a fit's scatter, and each pair's gradient by A..E, (n, 5).
-
-    Args:
-        coefficients: A..E of the exact compass, (5,).
-    """
+    """Compute the log-likelihood of other A..E under a fit's scatter, and each pair's gradient by them, (n, 5)."""
     data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
     parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
     value = log_likelihood(parameters, data, fit.heading_density, FINE)
@@ -315,11 +311,7 @@ class ScatterData:
 
 
 def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
-    """Fit the scatter under which the observed headings are likeliest; the compass's own noise is not in it.
-
-    Args:
-        near: where to start.
-    """
+    """Fit the scatter under which the observed headings are likeliest; the compass's own noise is not in it."""
 
     def loss(x: Floats) -> tuple[float, Floats]:
         value, slope = scatter_log_likelihood(x, data)
@@ -394,7 +386,6 @@ def robust_covariance(
     Args:
         scores: each pair's gradient of the log-likelihood, (n, p).
         precision: of the weak priors, (p,).
-        fit: coefficients and noise of the exact compass.
         external: of other records, times ``pairs_per_independent``.
     """
     scores = np.clip(scores, -MAX_SCORE, MAX_SCORE)

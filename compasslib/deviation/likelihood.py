@@ -155,7 +155,6 @@ def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -
 
     Args:
         squared_chord: of the observed headings, (n, CELLS), square degrees.
-        width_deg: width for each of them, (n,), degrees.
         outliers: share that says nothing.
     """
     ratio = squared_chord / (STUDENT_DOF * width_deg[:, None] ** 2)
@@ -174,7 +173,6 @@ def bin_sample(
     """Sort the pairs by the recorded heading's bin.
 
     Args:
-        recorded_deg: recorded headings, (n,), degrees.
         scatter_density: K, (n, CELLS).
         form: the curve that is held against them.
     """
@@ -189,7 +187,6 @@ def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
 
     Args:
         offset_deg: recorded minus predicted heading, degrees.
-        compass_deg: noise of the recorded heading, degrees.
     """
     return np.exp(-0.5 * (offset_deg / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
 
@@ -309,12 +306,7 @@ def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
 
 
 def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats) -> Floats:
-    """Compute the scatter's width of each pair, never over a full turn, degrees.
-
-    Args:
-        upper_speed: m/s, (n,).
-        lower_speed: m/s, (n,).
-    """
+    """Compute the scatter's width of each pair, never over a full turn, degrees."""
     return np.minimum(noise.width_deg(np.maximum(upper_speed, 1e-3), np.maximum(lower_speed, 1e-3)), 360.0)
 
 
@@ -374,7 +366,6 @@ def block_rows(matrix: Floats, begins: Indices) -> RowBlocks:
     """Lay out a matrix whose rows are sorted by group.
 
     Args:
-        matrix: (n, c).
         begins: first row of each group, (g,).
     """
     count = np.diff(np.append(begins, len(matrix)))

@@ -201,8 +201,6 @@ def transfer_coefficients(
 
     Args:
         coefficients: A..E of the exact compass at home, dimensionless, (5,).
-        covariance: their covariance, (5, 5).
-        away: field at the deployment.
     """
     given, semicircular = np.asarray(coefficients, dtype=float), np.isin(np.arange(5), SEMICIRCULAR)
     by_strength = home.horizontal_nT / away.horizontal_nT

@@ -1,7 +1,8 @@
 """The published method: Smith's series in the correct heading, inverted where the compass is most sluggish.
 
 Von Appen 2015, eqs. (1) to (4), section 4. Faithful, flaws included: the noisy lower direction stands in both axes of
-the scatter, and headings outside the inverted region are given up.
+the scatter, and headings outside the inverted region are given up. Coefficients are A, B, C, D, E of eq. (1) in degrees,
+(5,).
 """
 
 from __future__ import annotations
@@ -28,12 +29,7 @@ def series_design(heading_deg: ArrayLike) -> Floats:
 
 
 def series_deviation(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Compute the deviation beta - gamma at correct headings, eq. (1), degrees.
-
-    Args:
-        coefficients: A, B, C, D, E, degrees, (5,).
-        heading_deg: correct magnetic headings, degrees.
-    """
+    """Compute the deviation beta - gamma at correct headings, eq. (1), degrees."""
     return series_design(heading_deg) @ np.asarray(coefficients, dtype=float)
 
 
@@ -65,21 +61,12 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 
 
 def series_folds(coefficients: ArrayLike) -> bool:
-    """Tell whether d gamma / d beta turns negative somewhere, so that beta(gamma) is many-valued.
-
-    Args:
-        coefficients: A, B, C, D, E, degrees, (5,).
-    """
+    """Tell whether d gamma / d beta turns negative somewhere, so that beta(gamma) is many-valued."""
     return bool(np.min(series_slope(coefficients, np.arange(0.0, 360.0, STEP_DEG))) < 0.0)
 
 
 def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Compute d gamma / d beta of the series.
-
-    Args:
-        coefficients: A, B, C, D, E, degrees, (5,).
-        heading_deg: correct magnetic headings, degrees.
-    """
+    """Compute d gamma / d beta of the series."""
     _, b, c, d, e = np.asarray(coefficients, dtype=float)
     sine, cosine = angles.sin_cos(heading_deg)
     sine2, cosine2 = angles.sin_cos(2.0 * np.asarray(heading_deg, dtype=float))
@@ -91,9 +78,6 @@ def inverse_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
 
     Without a fold the region is the whole circle. With one it is the stretch around the least d gamma / d beta where
     the compass runs backwards (the green curves of the paper's Fig. 7).
-
-    Args:
-        coefficients: A, B, C, D, E, degrees, (5,).
     """
     grid = np.arange(0.0, 360.0, STEP_DEG)
     steepness = series_slope(coefficients, grid)
@@ -110,12 +94,7 @@ def inverse_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
-    """Invert the series for each recorded heading, NaN outside the inverted region.
-
-    Args:
-        coefficients: A, B, C, D, E, degrees, (5,).
-        recorded_deg: recorded headings, (n,), degrees.
-    """
+    """Invert the series for each recorded heading, NaN outside the inverted region."""
     gamma, beta = inverse_table(coefficients)
     recorded = np.asarray(recorded_deg, dtype=float)
     with np.errstate(invalid="ignore"):

@@ -47,25 +47,14 @@ def tilted_coefficients(level: Floats, heeling: float, dip_ratio: float, pitch_d
 
 
 def coefficients_along(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
-    """Compute the coefficients of a fit at each sample, (5, n), or (5,) where it is level.
-
-    Args:
-        pitch_deg: forward up, (n,), degrees.
-        roll_deg: starboard down, (n,), degrees.
-    """
+    """Compute the coefficients of a fit at each sample, (5, n), or (5,) where it is level."""
     if not fit.tilted:
         return fit.coefficients
     return tilted_coefficients(fit.coefficients, fit.heeling, fit.dip_ratio, pitch_deg, roll_deg)
 
 
 def tilt_jacobian(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
-    """Compute the derivative of the coefficients at each tilt by A..E and K, (5, 6, n).
-
-    Args:
-        fit: a compass with tilt.
-        pitch_deg: forward up, (n,), degrees.
-        roll_deg: starboard down, (n,), degrees.
-    """
+    """Compute the derivative of the coefficients at each tilt by A..E and K, (5, 6, n)."""
     at = np.append(fit.coefficients, fit.heeling)
     columns = []
     for unit in 1e-5 * np.eye(6):
@@ -81,9 +70,7 @@ def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFi
     """Fit the compass with heeling that best explains the pairs, starting from the level one.
 
     Args:
-        pairs: overlapping measurements with pitch and roll.
         level: the exact compass fitted without tilt.
-        dip_ratio: Z/H of the earth's field.
     """
     at = np.append(level.coefficients, 0.0)
     value, scores = _scores(at, pairs, level, dip_ratio)
@@ -187,11 +174,7 @@ def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
 
 
 def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
-    """Evaluate a fitted exact compass along its own record.
-
-    Args:
-        fit: coefficients with covariance, level or with tilt.
-    """
+    """Evaluate a fitted exact compass along its own record."""
     at = coefficients_along(fit, readings.pitch_deg, readings.roll_deg)
 
     def sensitivity(heading_deg: Floats) -> Floats:

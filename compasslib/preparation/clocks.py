@@ -316,12 +316,7 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
 
 
 def check_coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
-    """Warn where much lies outside the deployment, or much of the deployment has no sample.
-
-    Args:
-        time_s: UTC, (n,).
-        inside: which lie inside, (n,).
-    """
+    """Warn where much lies outside the deployment, or much of the deployment has no sample."""
     if not len(time_s):
         return ["there is no sample with a time"]
     outside = time_s[~inside]

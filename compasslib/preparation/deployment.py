@@ -51,8 +51,6 @@ def apply_deployment(
 
     Args:
         record: what a reader gave, by the instrument's clock.
-        start_s: deployed, UTC seconds since 1970.
-        water_depth: metres.
         latitude: degrees north, for the depth of a pressure.
         nominal_depth: depth of the transducer by the metadata, metres.
         direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
@@ -61,7 +59,6 @@ def apply_deployment(
         declination_applied: degrees that the export's directions already hold, of both or of headings and velocities
             apart, taken out.
         exclude: windows (from, to) known to be bad, UTC seconds.
-        affected: whether its compass is to be corrected.
     """
     time_s = to_utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
@@ -127,7 +124,6 @@ def check_orientation(record: Record, water_depth: float) -> Record:
 
     Args:
         record: n samples of a profiler inside the deployment, depth known.
-        water_depth: metres.
     """
     if record.echo_range_m is None or not len(record.time_s):
         return replace(record, echo_range_m=None)
@@ -334,13 +330,7 @@ def add_field_strength(record: Record) -> Record:
 
 
 def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
-    """Interpolate a series to other times, NaN outside of it and in its gaps, (n,).
-
-    Args:
-        at_s: (n,) wanted.
-        time_s: (k,) increasing.
-        value: (k,).
-    """
+    """Interpolate a series to other times, NaN outside of it and in its gaps, (n,)."""
     if len(time_s) < 2:
         return np.full(len(at_s), np.nan)
     steps = np.diff(time_s)

@@ -79,11 +79,7 @@ def _mean(direction: Complexes, weight: Floats) -> complex:
 
 
 def _far_windows(number: NDArray[np.intp], direction: Complexes, weight: Floats) -> Bools:
-    """Find the windows whose mean vector lies far from the record's, with those beside them, (w,).
-
-    Args:
-        number: of each sample's window.
-    """
+    """Find the windows whose mean vector lies far from the record's, with those beside them, (w,)."""
     size = int(number[-1]) + 1
     total = np.bincount(number, weight, size)
     mean = np.bincount(number, weight * direction.real, size) + 1j * np.bincount(number, weight * direction.imag, size)

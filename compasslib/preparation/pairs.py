@@ -101,12 +101,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
 def find_pairs(
     upper: Record, trusted: Sequence[Record], field: EarthField, rules: PairRules, clocks: ClockOffset | None = None
 ) -> Pairs:
-    """Find the overlapping measurements on the grid, both to true north; none where there is no reference.
-
-    Args:
-        upper: the affected instrument inside the deployment.
-        trusted: the reference inside the deployment, or nothing.
-    """
+    """Find the overlapping measurements on the grid, both to true north; none where there is no reference."""
     clocks = clocks or ClockOffset()
     recorded = upper
     upper = apply_heading_flags(upper, heading_outlier_flags(upper, upper.heading_deg))
@@ -180,10 +175,6 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
 
 def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
     """Check pairs, and warn of what is wrong with them.
-
-    Args:
-        upper: the affected instrument inside the deployment.
-        trusted: the reference, or nothing.
 
     Raises:
         InputError: both carry one serial number, or the velocities of one are in another frame than stated.

@@ -49,7 +49,6 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
     Args:
         each: by reference, perhaps none of some.
-        names: of the instruments.
     """
     if len(each) == 1:
         return each[0]
@@ -327,11 +326,7 @@ ROUGHENED = 3.0
 
 
 def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
-    """Compare how much both instruments' speeds change from one pair to the next and over two days.
-
-    Args:
-        reference: its record inside the deployment.
-    """
+    """Compare how much both instruments' speeds change from one pair to the next and over two days."""
     change = np.maximum(np.abs(np.diff(reference.east, axis=0)), np.abs(np.diff(reference.north, axis=0)))
     known = np.isfinite(change)
     compared = known.any(axis=1)

@@ -62,12 +62,7 @@ class StructureFunction:
         return solved[:-1]
 
     def variance(self, away_m: Floats, weights: Floats) -> float:
-        """Compute the mean squared error of a weighted mean as a prediction, both components together, (m/s)^2.
-
-        Args:
-            away_m: of each bin from the depth that is predicted, signed, (k,).
-            weights: (k,), which add up to 1.
-        """
+        """Compute the mean squared error of a weighted mean as a prediction, both components together, (m/s)^2."""
         towards = 2.0 * weights @ (self.layers(away_m) + self.noise)
         return float(towards - weights @ self._between(away_m) @ weights)
 
@@ -128,7 +123,6 @@ def predict_water(
     """Predict the water at given depths, None where the profile cannot tell.
 
     Args:
-        record: of the affected instrument.
         depth_m: of the reference's cell at each sample, (n,).
         bins: how many the published mean takes, for comparison.
         learnt: the record's structure, where it is known already.
@@ -169,9 +163,6 @@ def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> 
     """Estimate the depth shift at which the profile matches the reference's speeds clearly best, m, else 0.
 
     Only depths that the profile covers are tried, one cell after the other: beyond it a prediction is vague everywhere.
-
-    Args:
-        depth_m: of the reference's cell, (n,).
     """
     bins = record.bin_depth_m()
     away = np.median(bins, axis=0) - float(np.median(depth_m))
@@ -205,7 +196,6 @@ def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
 
     Args:
         depth_m: of the reference's cell at each sample, (n,).
-        bins: how many the mean takes.
     """
     away_m = np.median(record.bin_depth_m() - depth_m[:, None], axis=0)
     cells_m = np.diff(np.sort(away_m[np.isfinite(away_m)]))
@@ -226,7 +216,6 @@ def _predict_veer(
     Args:
         away_m: of each bin from the depth that is predicted, (m,).
         weights: of bins by their distances from the predicted depth.
-        bins: that the prediction is made of.
     """
     nothing = np.zeros(len(record.time_s))
     nearest_m = float(away_m[np.nanargmin(np.abs(away_m))])

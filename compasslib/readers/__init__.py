@@ -74,9 +74,6 @@ def format_names() -> tuple[str, ...]:
 def get_format(form: str) -> Format:
     """Look up a format; of a plug-in's ``read`` the keyword-only parameters are the keys of the instrument.
 
-    Args:
-        form: one of ``format_names``.
-
     Raises:
         InputError: a plug-in that cannot be imported.
     """

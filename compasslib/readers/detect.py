@@ -158,8 +158,6 @@ def format_hints(
     """Say, where a reader refuses its files, which of them is of another kind and what reads that.
 
     Args:
-        form: the format by which they are read.
-        offered: formats that may stand in its place.
         advice: what to do where the kind found is not among these; by the kind where empty.
 
     Raises:

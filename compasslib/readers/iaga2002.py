@@ -56,9 +56,6 @@ class _File:
 def read(paths: Sequence[str | Path]) -> FieldSeries:
     """Read the series of one observatory from its files, in the order of time, each instant once.
 
-    Args:
-        paths: IAGA-2002 files of one station, in any order.
-
     Raises:
         InputError: a file is not of this format, holds no rows or no declination, or is of another station.
     """

@@ -48,7 +48,6 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     """Read the ensembles of one instrument in the order of the files, each once.
 
     Args:
-        orientation: up or down.
         bin_size: metres from one bin that was sent to the next.
         first_bin: metres from the transducer to the middle of the first bin that was sent.
 

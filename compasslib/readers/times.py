@@ -92,7 +92,6 @@ def parse_times(
     """Parse cells as UTC seconds since 1970, (n,), and describe what was recognised, empty for ISO.
 
     Args:
-        cells: stripped.
         numbers: gives the same as numbers, None where they are none.
         form: a strptime format, or a scale: epoch, epoch_ms, datenum, decimal_year, excel.
         zone: of cells that name none, UTC or as +02:00.

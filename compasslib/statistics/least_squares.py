@@ -14,11 +14,7 @@ HUBER_CLIP = 2.5  # Huber's, in widths: of normal noise 1 in 80 is clipped, and 
 
 
 def robust_width(deviation: Floats) -> float:
-    """Estimate the standard deviation of normal noise with the same median absolute deviation.
-
-    Args:
-        deviation: from the centre, of any shape; signs do not matter.
-    """
+    """Estimate the standard deviation of normal noise with the same median absolute deviation."""
     return SIGMA_PER_MAD * float(np.median(np.abs(deviation)))
 
 
@@ -43,7 +39,6 @@ def minimize_bfgs(
         loss: gives value and gradient, (p,).
         start: (p,), brought within the bounds.
         bounds: least and greatest, (p, 2), infinite where there is none.
-        steps: at most.
         hessian: a first estimate, (p, p), positive definite.
     """
     at = np.clip(start, *bounds.T)

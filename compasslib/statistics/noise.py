@@ -25,7 +25,6 @@ def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float 
     """Estimate n over the integral of the residual's autocorrelation, which real currents make much less than n.
 
     Args:
-        residual: standardised residuals, (n,).
         longest_s: longest lag that is looked at, seconds.
     """
     n = len(residual)
@@ -49,7 +48,6 @@ def lagged_sums(x: Floats, lags: int) -> Floats:
 
     Args:
         x: the series, 0 where nothing was measured.
-        lags: the most steps.
     """
     size = 1 << (2 * len(x) - 1).bit_length()
     spectrum = np.fft.rfft(x, size)
@@ -76,7 +74,6 @@ def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
     """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none of few data.
 
     Args:
-        residual: (n,).
         columns: that the fit can take up, (n, k).
     """
     columns = span_basis(columns)
@@ -114,10 +111,6 @@ def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
     """Compute the innovations that an ARMA(1, 1) law makes of evenly sampled columns, (n, k).
 
     The first sample is taken over its own variance, and foretells its own innovation.
-
-    Args:
-        columns: (n, k).
-        law: autoregressive and moving-average coefficient.
     """
     from scipy.signal import lfilter
 
@@ -143,7 +136,6 @@ def span_basis(columns: Floats, least: float = 0.0) -> Floats:
     """Compute an orthonormal basis of what columns span, directions without length left out.
 
     Args:
-        columns: (n, k).
         least: length that a direction must have.
     """
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
@@ -190,12 +182,7 @@ def arma_covariance(residual: Floats, columns: Floats) -> Floats:
 
 
 def arma_whitening_matrix(residual: Floats, columns: Floats) -> Floats:
-    """Compute the whitening matrix of the mean covariance of the models, (n, n).
-
-    Args:
-        residual: of the fit, (n,).
-        columns: its derivatives, (n, c).
-    """
+    """Compute the whitening matrix of the mean covariance of the models, (n, n)."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(_noise_covariance(residual, columns))))
 
 
@@ -203,20 +190,13 @@ def arma_standard_errors(residual: Floats, columns: Floats, weights: Floats) -> 
     """Estimate the standard errors of weighted sums of stretches, (k,).
 
     Args:
-        residual: of the fit, (n,).
-        columns: its derivatives, (n, c).
         weights: (n, k).
     """
     return np.sqrt(np.einsum("nk,nm,mk->k", weights, _noise_covariance(residual, columns), weights))
 
 
 def arma_effective_size(residual: Floats, columns: Floats) -> float:
-    """Compute the effective sample size of a mean.
-
-    Args:
-        residual: of the fit, (n,).
-        columns: its derivatives, (n, k).
-    """
+    """Compute the effective sample size of a mean."""
     of_noise = _noise_covariance(residual, columns)
     return float(len(residual) * np.trace(of_noise) / of_noise.sum())
 

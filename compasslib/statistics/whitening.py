@@ -77,7 +77,6 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
     neighbours in frequency: were it taken out instead, the filter would leave half as much again of slow noise.
 
     Args:
-        residual_deg: (n,), degrees.
         width_deg: (n,), degrees, infinite where a sample does not count.
     """
     slot = grid_positions(time_s)
@@ -118,10 +117,6 @@ def clip_standardized(residual_deg: Floats, width_deg: Floats) -> Floats:
 
     Beyond a right angle they fall again, to 0 at the opposite: slow water that points the other way is on neither side,
     and must not leap from one to the other when a heading moves by a degree.
-
-    Args:
-        residual_deg: (n,), degrees.
-        width_deg: (n,), degrees.
     """
     known = np.isfinite(width_deg)
     near = angles.wrap180(np.where(known, residual_deg, 0.0))
@@ -208,7 +203,6 @@ def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
 
     Args:
         series: 0 where nothing was measured, (n,).
-        lags: the most steps.
     """
     size = 1 << (2 * len(series) - 1).bit_length()
     power = np.abs(np.fft.rfft(series, size)) ** 2

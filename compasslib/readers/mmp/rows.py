@@ -186,11 +186,7 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
 
 
 def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
-    """Divide rows into profiles; give each row's place in its profile, damaged ones counted, and count the damaged.
-
-    Args:
-        path: the file; its name numbers a single profile that nothing else does.
-    """
+    """Divide rows into profiles; give each row's place in its profile, damaged ones counted, and count the damaged."""
     statements, garbled = _statements(text)
     damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
     ends = [statement for statement in statements if statement.kind != "other"]

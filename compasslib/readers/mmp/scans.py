@@ -387,7 +387,6 @@ def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats
     """Add sub-seconds to the clock of whole seconds: scans that share one are spread over it, in their order.
 
     Args:
-        profile: (r,) of each scan.
         rate_hz: (r,) as the file names it, NaN where it does not.
     """
     if not len(clock_s):

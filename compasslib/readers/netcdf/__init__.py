@@ -98,7 +98,6 @@ def read(
         columns: role -> name of a variable, where names and standard names do not tell.
         orientation: up or down; the file's own word where None.
         declination_applied: degrees inside headings and velocities, instead of what the file says.
-        direction_reference: magnetic or true.
         heading_alignment: degrees added to headings; needed where the file tells a heading alignment EA that is not 0.
         flags: good, bad and unchecked -> meanings or values of flags that stand in no known vocabulary.
 
@@ -387,10 +386,6 @@ def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDA
     """Read the profiles of a record: upward and error velocity, echo, correlation and percent good.
 
     No heading depends on them, so that what is not clear is left out, and never refused.
-
-    Args:
-        shape: (n, m) of its velocities.
-        order: of its bins.
     """
     flows = {key: _velocity(file, key) for key in VELOCITIES}
     profiles: dict[str, NDArray[Any]] = {

@@ -103,9 +103,6 @@ def resolve_north(file: File, north: North, reference: str, applied: AppliedDecl
 def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
     """Find the degrees to add to headings for the instrument's heading alignment EA.
 
-    Args:
-        stated: ``heading_alignment`` of the mooring file.
-
     Raises:
         InputError: the file tells an EA and the mooring file does not say how to take it, or the other way round.
     """

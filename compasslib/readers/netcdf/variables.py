@@ -188,9 +188,6 @@ def spans(variable: netCDF4.Variable) -> set[str]:
 def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Floats:
     """Read a variable in our units and sign, (n,) or (n, m) by names of dimensions, missing as NaN.
 
-    Args:
-        part: a dimension and the place along it that is wanted.
-
     Raises:
         InputError: units that are not known.
     """

@@ -36,7 +36,6 @@ def read(
     """Read one record from files in order of their first times, currents turned by the recorded magnetic heading.
 
     Args:
-        paths: files of one instrument in one configuration.
         orientation: up or down; counts where samples disagree. Each sample's own word where None.
         declination_applied: degrees inside the recorded headings and earth velocities, instead of what the file tells.
         serial_number: the instrument's by the metadata, perhaps with letters around its digits.

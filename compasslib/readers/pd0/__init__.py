@@ -99,7 +99,6 @@ def read(
     """Read one record from files in order of their first times, currents turned by the recorded magnetic heading.
 
     Args:
-        paths: files of one instrument, by its own clock.
         orientation: up or down; counts where ensembles disagree. Each ensemble's own bit where None.
         declination_applied: degrees inside the recorded headings (and earth velocities), instead of the file's EB.
         heading_alignment: degrees added to the recorded heading to get that of beam 3; needed where EA is not 0.

@@ -169,7 +169,6 @@ def instrument_to_earth(
 
     Args:
         xyz: velocities in the instrument's axes, (n, m) or (n,), m/s.
-        heading_deg: of beam 3, (n,).
         looks_up: (n,) or one; the maker turns an up-looker by 180 degrees about its roll axis.
     """
     x, y, z = xyz
