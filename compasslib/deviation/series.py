@@ -1,8 +1,7 @@
 """The published method: Smith's series in the correct heading, inverted where the compass is most sluggish.
 
 Von Appen 2015, eqs. (1) to (4), section 4. Faithful, flaws included: the noisy lower direction stands in both axes of
-the scatter, and headings outside the inverted region are given up. Coefficients are A, B, C, D, E of eq. (1) in degrees,
-(5,).
+the scatter, and headings outside the inverted region are given up. Coefficients are A to E of eq. (1), degrees.
 """
 
 from __future__ import annotations
