@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from compasslib.demo import magnetometer, sealed
-from compasslib.demo.effects import scaled
 from compasslib.demo.magnetometer import Ball, Magnet, Magnetometer
 from tests.world import observatory, planting
 
@@ -22,7 +21,7 @@ def ground():
 
 @pytest.fixture(scope="module")
 def here(ground):
-    return sealed.circumstances(ground)
+    return planting.circumstances(ground)
 
 
 def rng():
@@ -93,7 +92,7 @@ def test_horizontal_iron_turns_by_its_part_across_the_field(ground, here):
 
 
 def test_a_slip_is_an_offset_from_its_date_on(ground, here):
-    slip = scaled(planting.heading_slip(rng(), here), 0.5)
+    slip = planting.scaled(planting.heading_slip(rng(), here), 0.5)
     off, _ = turned(ground, slip)
     later = ground.stamp_s >= slip.parameters["date_s"]
     assert off[later] == pytest.approx(0.5) and off[~later] == pytest.approx(0.0)

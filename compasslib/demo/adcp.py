@@ -337,8 +337,8 @@ def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
 
 def _normal(rng: np.random.Generator, stance: Stance, deviation: Floats) -> Floats:
     deviation = deviation if deviation.ndim == 2 else np.repeat(deviation[:, None], 4, axis=1)
-    drawn = rng.standard_normal((stance.time_s.size, *deviation.shape), dtype=np.float32)
-    return np.asarray(drawn * deviation)
+    noise = rng.standard_normal((stance.time_s.size, *deviation.shape), dtype=np.float32)
+    return np.asarray(noise * deviation)
 
 
 def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Floats) -> Floats:
@@ -369,8 +369,8 @@ def _echo(setup: Setup, stance: Stance) -> Floats:
 
 
 def _scatter(rng: np.random.Generator, mean: Floats, deviation: float) -> NDArray[np.uint8]:
-    drawn = rng.standard_normal((*mean.shape, 4), dtype=np.float32)
-    return np.clip(mean[..., None] + deviation * drawn, 0, 255).astype(np.uint8)
+    noise = rng.standard_normal((*mean.shape, 4), dtype=np.float32)
+    return np.clip(mean[..., None] + deviation * noise, 0, 255).astype(np.uint8)
 
 
 def _percent_good(rng: np.random.Generator, setup: Setup, share: Floats) -> NDArray[np.uint8]:

@@ -243,9 +243,9 @@ def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: 
 
 def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) -> Floats:
     """Draw the depth at which each profile finds the profiler jammed, NaN where it is free."""
-    drawn = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
+    depths = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
     depth, stuck = nan, []
-    for blown, here in zip(blown_m.tolist(), drawn.tolist(), strict=True):
+    for blown, here in zip(blown_m.tolist(), depths.tolist(), strict=True):
         if isnan(depth) and blown > STICKS_M:
             depth = here
         elif blown < FREES_M:

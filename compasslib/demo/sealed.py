@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from compasslib.demo import adcp, compass, magnetometer, mooring
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
 from compasslib.demo.compass import Field, tilting
-from compasslib.demo.effects import Circumstances, Effect, total
 from compasslib.demo.magnetometer import Magnetometer
 from compasslib.demo.mooring import Motion, Rig
 from compasslib.demo.series import DAY_S, HOUR_S, Floats, circle, clockwise, red_noise, stream, white_vector
@@ -23,6 +22,20 @@ TILT_STEP_DEG = 180.0 / 4096.0  # twelve bits over half a circle
 TILT_LAG_S, TILT_PASSES = 20.0, 0.75  # of a fast wobble only this share reaches the sensor
 WOBBLE_DEG = 0.35
 NOISE_DEG = 0.4  # of an ensemble's heading
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """An effect planted at the ensembles of one instrument, (n,); what it does not touch stays None or 0."""
+
+    name: str
+    parameters: dict[str, float] = field(default_factory=dict)
+    body_nt: Floats | None = None  # (n, 3) added in the body frame
+    reading: Callable[[Floats], Floats] | None = None  # added to readings (n, k), degrees
+    trusted: Callable[[Floats], Floats] | None = None  # added to the reference's compass's headings (n,), degrees
+    gain: float = 0.0  # of the reference's forward beam pair, beyond the other's
+    bias_m_s: complex = 0.0  # starboard + i forward, in what the reference measures
+    size: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +101,11 @@ def _compass(
     turn = np.deg2rad(heading)
     level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
     body = np.einsum("nkji,nkj->nki", tilting(pitch + wobble[0], roll + wobble[1]), level)
-    beside = total(effects, "body_nt", np.zeros((len(times), 3)))[:, None, :]
-    given = magnetometer.felt(ground.meter, body, beside, stepped=stepped)
+    iron = sum((effect.body_nt for effect in effects if effect.body_nt is not None), np.zeros((len(times), 3)))
+    given = magnetometer.felt(ground.meter, body, iron[:, None, :], stepped=stepped)
     levelled = np.einsum("nkij,nkj->nki", tilting(*sensed), given)
     gamma = np.rad2deg(np.arctan2(-levelled[..., 1], levelled[..., 0]))
-    added = [one.reading(gamma) for one in effects if one.reading is not None]
+    added = [effect.reading(gamma) for effect in effects if effect.reading is not None]
     return np.asarray(gamma + sum(added, np.zeros(gamma.shape)))
 
 
@@ -155,13 +168,6 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     return Ground(
         seed, name, wish, latitude, longitude, depth, field, currents, motion, meter, temperature, supply, stamps
     )  # fmt: skip
-
-
-def circumstances(ground: Ground) -> Circumstances:
-    """Interpolate in what the affected instrument stands to the full hours."""
-    motion = ground.motion
-    columns = motion.heading_deg, motion.pitch_deg, motion.roll_deg, ground.temperature_c
-    return Circumstances(ground.stamp_s, *(np.interp(ground.stamp_s, motion.time_s, x) for x in columns))
 
 
 def trusted_heading(ground: Ground) -> Floats:
@@ -227,9 +233,9 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
     raw.mkdir(parents=True, exist_ok=True)
     top = _top_stance(ground, effects)
     rng, count = ground.random("gaps"), ground.stamp_s.size
-    kept = np.ones(count, dtype=bool)
+    present = np.ones(count, dtype=bool)
     for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
-        kept[begin : begin + length] = False
+        present[begin : begin + length] = False
     recorded = _as_logged(ground, top, adcp.measure(
         ground.random("top"), _top(export.coordinates), top, ground.currents, latitude_deg=ground.latitude_deg
     ))  # fmt: skip
@@ -237,12 +243,12 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
     adcp.write(
         raw / "top.000",
         _top(export.coordinates).setup,
-        Ensembles(**{name: column[kept] for name, column in vars(stamped).items()}),
+        Ensembles(**{name: column[present] for name, column in vars(stamped).items()}),
     )
     _write_deep(ground, effects, raw, export)
     heading = top.heading_deg.copy()
     heading[_stuck(ground)] = np.nan
-    return Written(ground.stamp_s[kept], heading[kept], recorded.heading_deg[kept])
+    return Written(ground.stamp_s[present], heading[present], recorded.heading_deg[present])
 
 
 def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
@@ -268,7 +274,7 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
     sphere = np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m)
     heading = trusted_heading(ground)
     tilts = [mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2)]
-    wrong = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(time.size))
+    wrong = sum((effect.trusted(heading) for effect in effects if effect.trusted is not None), np.zeros(time.size))
     return Stance(
         time_s=time,
         depth_m=sphere + DEEP_BELOW_M,
@@ -278,8 +284,8 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
         sensed_tilt_deg=(tilts[0], tilts[1]),
         declination_deg=ground.field.at(time)[0],
         in_water=np.ones(time.size, dtype=bool),
-        gain=sum(one.gain for one in effects),
-        bias_m_s=sum(one.bias_m_s for one in effects),
+        gain=sum(effect.gain for effect in effects),
+        bias_m_s=sum(effect.bias_m_s for effect in effects),
     )
 
 

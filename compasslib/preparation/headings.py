@@ -27,7 +27,7 @@ SEQUENCE, DISTINCT = 12, 8  # readings in a row that are compared, and the diffe
 MIRRORED = 0.15  # by which the mirrored headings keep more to one side
 NEAR_BINS = 3  # whose mean velocity is the flow
 # Headings equal to the extreme one, the same over those equal to each of the next values, and how many of these.
-AT_LIMIT, CROWDED, BESIDE = 10, 10.0, 9
+AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
 
 
 def flag_altered(record: Record) -> Record:
@@ -42,7 +42,7 @@ def flag_altered(record: Record) -> Record:
     if np.count_nonzero(speed) < FEWEST_WINDOWS * FEWEST or np.ptp(record.time_s) < FEWEST_WINDOWS * WINDOW_S:
         return record
     weight = np.minimum(speed, np.median(speed[speed > 0.0]))  # slow flow has no direction
-    direction, mirrored = (_in_own_frame(flow, sign * record.heading_deg) for sign in (1.0, -1.0))
+    direction, mirrored = (_in_body_frame(flow, sign * record.heading_deg) for sign in (1.0, -1.0))
     if abs(_mean(mirrored, weight)) > abs(_mean(direction, weight)) + MIRRORED:
         note = (
             "the recorded headings turn with the flow where they are mirrored (counted anticlockwise), and not as they "
@@ -68,7 +68,7 @@ def _flow(record: Record) -> Complexes:
     return np.where(good, velocity, 0.0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)
 
 
-def _in_own_frame(flow: Complexes, heading_deg: Floats) -> Complexes:
+def _in_body_frame(flow: Complexes, heading_deg: Floats) -> Complexes:
     """Compute the unit vector of heading minus direction of flow, (n,), 0 where one is missing."""
     vector = angles.phasor(heading_deg - angles.direction(flow.real, flow.imag))
     return np.where(np.isfinite(vector), vector, 0.0)
@@ -95,11 +95,11 @@ def _far_windows(number: NDArray[np.intp], direction: Complexes, weight: Floats)
         enough & ((away > times * least) | (firm & (turned > degrees)))
         for times, degrees in ((ALONE, ALONE_DEG), (1.0, TURNED_DEG))
     )
-    far = sure | (far & _beside(far))
-    return np.asarray(far | _beside(far))
+    far = sure | (far & _adjacent(far))
+    return np.asarray(far | _adjacent(far))
 
 
-def _beside(windows: Bools) -> Bools:
+def _adjacent(windows: Bools) -> Bools:
     """Tell which windows have a selected one before or after them, (w,)."""
     return np.append(windows[1:], False) | np.append(False, windows[:-1])
 
@@ -141,7 +141,7 @@ def _flag_limits(record: Record) -> Record:
     for limit in (heading[known].min(), heading[known].max()):
         at = known & (heading == limit)
         values, counts = np.unique(heading[known & ~at], return_counts=True)
-        others = np.median(counts[np.argsort(np.abs(values - limit))[:BESIDE]]) if len(values) else np.inf
+        others = np.median(counts[np.argsort(np.abs(values - limit))[:COMPARED_VALUES]]) if len(values) else np.inf
         if at.sum() >= AT_LIMIT and at.sum() > CROWDED * others:
             note = f"{int(at.sum())} recorded headings are exactly {limit:g} degrees, the limit of all others"
             record = _flag(record, at, f"{note}: they were cut there, and are flagged doubtful")

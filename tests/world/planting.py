@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compasslib.demo import adcp, sealed
 from compasslib.demo import water as sea
-from compasslib.demo.effects import Circumstances, Effect, scaled, steps
-from compasslib.demo.sealed import Ground
+from compasslib.demo.sealed import Effect, Ground
 from compasslib.demo.series import Complexes, Floats, clockwise
 
 # Unit sizes beyond which nobody would believe the effect.
@@ -20,6 +19,40 @@ EVERY = 3  # hours: the size of an effect needs no more
 ITERATIONS = 12
 STEADIEST = 0.2  # slope of the recorded over the correct heading below which a deviation is not blown up further
 UNIT_NT = 200.0
+AS_THEY_ARE = ("date_s",)  # parameters that do not grow with the size
+
+
+@dataclass(frozen=True, eq=False)
+class Circumstances:
+    """In what an instrument stands at its ensembles; (n,) each."""
+
+    time_s: Floats  # true
+    heading_deg: Floats  # correct, magnetic
+    pitch_deg: Floats
+    roll_deg: Floats
+    temperature_c: Floats
+
+
+def circumstances(ground: Ground) -> Circumstances:
+    """Interpolate in what the affected instrument stands to the full hours."""
+    motion = ground.motion
+    columns = motion.heading_deg, motion.pitch_deg, motion.roll_deg, ground.temperature_c
+    return Circumstances(ground.stamp_s, *(np.interp(ground.stamp_s, motion.time_s, x) for x in columns))
+
+
+def scaled(effect: Effect, size: float) -> Effect:
+    """Scale an effect by a factor."""
+    plain, trusted = effect.reading, effect.trusted
+    return replace(
+        effect,
+        parameters={k: v if k in AS_THEY_ARE else size * v for k, v in effect.parameters.items()},
+        body_nt=None if effect.body_nt is None else size * effect.body_nt,
+        reading=None if plain is None else lambda gamma: size * plain(gamma),
+        trusted=None if trusted is None else lambda heading: size * trusted(heading),
+        gain=size * effect.gain,
+        bias_m_s=size * effect.bias_m_s,
+        size=size,
+    )
 
 
 def heeling(rng: np.random.Generator, here: Circumstances) -> Effect:
@@ -38,7 +71,7 @@ def temperature(rng: np.random.Generator, here: Circumstances) -> Effect:
 def heading_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
     """Return an instrument that turned in its clamp on one day."""
     date = _date(rng, here)
-    shift = steps(here.time_s, date).astype(float)[:, None]
+    shift = (here.time_s >= date).astype(float)[:, None]
     parameters = {"offset_deg": 1.0, "date_s": date}
     return Effect("heading_slip", parameters, reading=lambda gamma: shift * np.ones(gamma.shape))
 
@@ -60,7 +93,7 @@ def reference_deviation(rng: np.random.Generator, here: Circumstances) -> Effect
 def reference_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
     """Return a reference that turned in its clamp on one day."""
     date = _date(rng, here)
-    shift = steps(here.time_s, date).astype(float)
+    shift = (here.time_s >= date).astype(float)
     return Effect("reference_slip", {"offset_deg": 1.0, "date_s": date}, trusted=lambda heading: shift)
 
 
@@ -102,7 +135,7 @@ def plant(ground: Ground, wanted: Mapping[str, float]) -> tuple[Planted, ...]:
     Args:
         wanted: rms degrees by name.
     """
-    here = sealed.circumstances(ground)
+    here = circumstances(ground)
     return tuple(sized(ground, EFFECTS[name](ground.random(f"effect {name}"), here), x) for name, x in wanted.items())
 
 
