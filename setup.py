@@ -6,7 +6,7 @@ from pathlib import Path
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
-BESIDE = ("CHANGELOG.md", "requirements/run.txt")
+RELEASE_FILES = ("CHANGELOG.md", "requirements/run.txt")
 
 
 class BuildWithWorkflow(build_py):
@@ -16,7 +16,7 @@ class BuildWithWorkflow(build_py):
             into = Path(self.build_lib) / "compasslib/workflow"
             shutil.rmtree(into, ignore_errors=True)
             shutil.copytree("workflow", into, ignore=shutil.ignore_patterns("__pycache__", ".snakemake*"))
-            for name in BESIDE:
+            for name in RELEASE_FILES:
                 (into / name).parent.mkdir(exist_ok=True)
                 shutil.copy(name, into / name)
 

@@ -15,74 +15,27 @@ Iron with B = 0.3 turns the reading at 90 degrees by 17; the inverse in closed f
 >>> round(float(declination[0]), 1), round(float(horizontal[0]))
 (-4.5, 12314)
 
-``dir(compasslib)`` lists the public names. Each is imported when it is first used.
+``dir(compasslib)`` lists the public names, which stand in ``__init__.pyi``. Each is imported when it is first used.
 """
 
 import importlib
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from compasslib import angles, compass, earthfield
-    from compasslib.archive.attributes import Site
-    from compasslib.archive.files import read_json, write_json
-    from compasslib.archive.netcdf import read_corrected, read_pairs, read_record, write_corrected
-    from compasslib.calibrations import calibrate
-    from compasslib.calibrations.result import Calibration
-    from compasslib.config.cruise import load_cruise
-    from compasslib.deviation import fit_deviation
-    from compasslib.deviation.assessment import assess_correction
-    from compasslib.deviation.correction import correct
-    from compasslib.deviation.model import DeviationFit
-    from compasslib.earthfield import field_along, igrf
-    from compasslib.errors import InputError
-    from compasslib.inference.covariates import logged_series
-    from compasslib.inference.diagnosis import Diagnosis
-    from compasslib.inference.finding import Finding
-    from compasslib.inference.kinds.mooring import diagnose
-    from compasslib.pipeline.process import process_mooring
-    from compasslib.preparation.deployment import apply_deployment
-    from compasslib.preparation.pairs import PairRules, estimate_clock_offset, find_pairs
-    from compasslib.readers import read
-    from compasslib.readers.detect import detect_kind
-    from compasslib.records import CorrectedRecord, EarthField, Pairs, Record
+import re
+from pathlib import Path
+from typing import Any
 
 __version__ = "1.0.0"
 
-_PLACES = {  # module: its public names here; imported late, so that no job pays for what it does not use
-    "": "angles compass earthfield",
-    "archive.attributes": "Site",
-    "archive.files": "read_json write_json",
-    "archive.netcdf": "read_corrected read_pairs read_record write_corrected",
-    "calibrations": "calibrate",
-    "calibrations.result": "Calibration",
-    "config.cruise": "load_cruise",
-    "deviation": "fit_deviation",
-    "deviation.assessment": "assess_correction",
-    "deviation.correction": "correct",
-    "deviation.model": "DeviationFit",
-    "earthfield": "field_along igrf",
-    "errors": "InputError",
-    "inference.covariates": "logged_series",
-    "inference.diagnosis": "Diagnosis",
-    "inference.finding": "Finding",
-    "inference.kinds.mooring": "diagnose",
-    "pipeline.process": "process_mooring",
-    "preparation.deployment": "apply_deployment",
-    "preparation.pairs": "PairRules estimate_clock_offset find_pairs",
-    "readers": "read",
-    "readers.detect": "detect_kind",
-    "records": "CorrectedRecord EarthField Pairs Record",
-}
-_PLACE = {name: place for place, names in _PLACES.items() for name in names.split()}
-__all__ = sorted(_PLACE)
+_IMPORTS = re.findall(r"^from (\S+) import \w+ as (\w+)$", Path(__file__).with_suffix(".pyi").read_text(), re.MULTILINE)
+_MODULES = {name: module for module, name in _IMPORTS}
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _PLACE:
+    if name not in _MODULES:
         raise AttributeError(f"module 'compasslib' has no attribute {name!r}")
-    if not (place := _PLACE[name]):
+    if _MODULES[name] == __name__:
         return importlib.import_module(f"compasslib.{name}")
-    return getattr(importlib.import_module(f"compasslib.{place}"), name)
+    return getattr(importlib.import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -294,8 +294,8 @@ def test_the_wheel_works_without_the_checkout(installed, tmp_path):
     (tmp_path / "config/config.yaml").write_text("moorings: []\n")
     code = (
         "import compasslib, sys\n"
-        "from compasslib import report\nfrom compasslib.cli import main\n"
-        "print(report.TEMPLATES.is_dir(), compasslib.__file__)\nsys.exit(main(['check']))\n"
+        "from compasslib.report import words\nfrom compasslib.cli import main\n"
+        "print(words.TEMPLATES.is_dir(), compasslib.__file__)\nsys.exit(main(['check']))\n"
     )
     ran = run_installed(installed, tmp_path, code)
     assert ran.returncode == 0, ran.stderr

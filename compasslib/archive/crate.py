@@ -215,7 +215,7 @@ def _surroundings() -> Iterator[Entity]:
     for package in plugins.plugin_packages():
         name, version = package.rsplit(" ", 1)
         yield _tool(f"pkg:generic/{quote(name)}@{version}", name, version)
-    lock, packages = provenance.BESIDE / LOCK, list[str]()
+    lock, packages = provenance.RELEASE_FILES / LOCK, list[str]()
     if lock.is_file():
         known = provenance.sha256(lock)
         yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}

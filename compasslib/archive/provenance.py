@@ -21,11 +21,11 @@ if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
     from compasslib.inference.product import Product
     from compasslib.records import EarthField
 
-PACKAGE = Path(__file__).resolve().parents[1]
-PROJECT = PACKAGE.parent
+PACKAGE: Path = Path(__file__).resolve().parents[1]
+PROJECT: Path = PACKAGE.parent
 CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
-WORKFLOW = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # a wheel holds it, changelog and lock beside it
-BESIDE = PROJECT if CHECKOUT else WORKFLOW
+WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel with changelog and lock
+RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
 _OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")

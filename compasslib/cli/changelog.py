@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from compasslib.archive.provenance import BESIDE
+from compasslib.archive.provenance import RELEASE_FILES
 from compasslib.report import words
 
-CHANGELOG = BESIDE / "CHANGELOG.md"
+CHANGELOG = RELEASE_FILES / "CHANGELOG.md"
 KINDS_OF_CHANGE = (
     "headings",
     "flags",

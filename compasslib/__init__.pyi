@@ -1,0 +1,37 @@
+from compasslib import angles as angles
+from compasslib import compass as compass
+from compasslib import earthfield as earthfield
+from compasslib.archive.attributes import Site as Site
+from compasslib.archive.files import read_json as read_json
+from compasslib.archive.files import write_json as write_json
+from compasslib.archive.netcdf import read_corrected as read_corrected
+from compasslib.archive.netcdf import read_pairs as read_pairs
+from compasslib.archive.netcdf import read_record as read_record
+from compasslib.archive.netcdf import write_corrected as write_corrected
+from compasslib.calibrations import calibrate as calibrate
+from compasslib.calibrations.result import Calibration as Calibration
+from compasslib.config.cruise import load_cruise as load_cruise
+from compasslib.deviation import fit_deviation as fit_deviation
+from compasslib.deviation.assessment import assess_correction as assess_correction
+from compasslib.deviation.correction import correct as correct
+from compasslib.deviation.model import DeviationFit as DeviationFit
+from compasslib.earthfield import field_along as field_along
+from compasslib.earthfield import igrf as igrf
+from compasslib.errors import InputError as InputError
+from compasslib.inference.covariates import logged_series as logged_series
+from compasslib.inference.diagnosis import Diagnosis as Diagnosis
+from compasslib.inference.finding import Finding as Finding
+from compasslib.inference.kinds.mooring import diagnose as diagnose
+from compasslib.pipeline.process import process_mooring as process_mooring
+from compasslib.preparation.deployment import apply_deployment as apply_deployment
+from compasslib.preparation.pairs import PairRules as PairRules
+from compasslib.preparation.pairs import estimate_clock_offset as estimate_clock_offset
+from compasslib.preparation.pairs import find_pairs as find_pairs
+from compasslib.readers import read as read
+from compasslib.readers.detect import detect_kind as detect_kind
+from compasslib.records import CorrectedRecord as CorrectedRecord
+from compasslib.records import EarthField as EarthField
+from compasslib.records import Pairs as Pairs
+from compasslib.records import Record as Record
+
+__version__: str
