@@ -20,6 +20,7 @@ from compasslib.types import Bools, Floats
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
 BY_LEVEL = 0.75  # different times among runs of one time, below which a table lists one level after the other
+EVEN = 0.99  # share of steps in time that are alike: days and months taken for each other leave gaps
 UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
 FILL_SHARE, FEWEST_FILLS = 0.005, 10  # of the rows that hold one value
 FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as its neighbours, and chance: rounding gives neighbours alike
@@ -121,7 +122,8 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
 def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
     """Sort rows that are listed newest first, level by level, or in no order by time; count those of the last.
 
-    A few steps back are a clock that was set, and are left for the deployment to see.
+    A few steps back are a clock that was set, and are left for the deployment to see. Times that are evenly spaced once
+    they are sorted were read rightly, in whatever order, and are not counted.
     """
     steps = np.diff(table["time"])
     back = int((steps < 0.0).sum())
@@ -131,7 +133,10 @@ def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
     if not back or not (mixed or by_level):
         return table, 0
     order = np.argsort(table["time"], kind="stable")
-    return {role: column[order] for role, column in table.items()}, back if mixed and (steps > 0.0).any() else 0
+    spacing = np.diff(np.unique(table["time"]))
+    even = np.isclose(spacing, np.median(spacing), rtol=0.01).mean() > EVEN if len(spacing) else True
+    doubtful = mixed and (steps > 0.0).any() and not even
+    return {role: column[order] for role, column in table.items()}, back if doubtful else 0
 
 
 def _fillers(table: Mapping[str, Floats]) -> Bools:
