@@ -240,7 +240,7 @@ def test_broken_json_is_told_in_one_line(tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(
         InputError,
-        match=r"deviation\.json: expected a JSON file, found .*; run the cruise again, which makes it anew",
+        match=r"deviation\.json: expected a JSON file, found .*; run the cruise again, or restore it",
     ):
         read_json(path)
 

@@ -341,7 +341,7 @@ def test_what_is_taken_out_of_the_manifest_is_told(archive, kinds, name, line):
     assert any(shown.startswith(line) for shown in differing(archive))
 
 
-# ------------------------------------------------------------------------------ results of what is configured no more
+# ------------------------------------------------------------------------------ results of what is no longer configured
 @pytest.fixture
 def renamed(archive):
     """A cruise that was run as M1, and whose mooring and instrument were renamed and run again by name only."""
@@ -363,7 +363,7 @@ def tree(folder: Path) -> set[str]:
 def test_results_of_what_is_configured_no_more_are_named_listed_and_removed_when_asked(renamed, processed):
     code, said = verify(renamed)
     old = sum(path.is_file() for path in (renamed / "results/OLD").rglob("*"))
-    lines = ["configured no more: results/M1, 3 files", f"configured no more: results/OLD, {old} files"]
+    lines = ["no longer configured: results/M1, 3 files", f"no longer configured: results/OLD, {old} files"]
     assert code == 1 and said[:-1] == lines and "compass verify --clear shows and removes" in said[-1]
 
     (renamed / "results/OLD/notes.txt").write_text("mine")
@@ -372,7 +372,7 @@ def test_results_of_what_is_configured_no_more_are_named_listed_and_removed_when
     code, said = verify(renamed, "--clear")
     kept = [f"kept: results/OLD/{name}, which no job wrote as it is" for name in ("corrected.nc", "notes.txt")]
     assert code == 0 and tree(renamed) == before and said[-3:-1] == kept
-    assert said[-1] == f"{old + 2} files of what is configured no more; add --yes to remove them"
+    assert said[-1] == f"{old + 2} files of what is no longer configured; add --yes to remove them"
 
     code, removed = verify(renamed, "--clear", "--yes")
     assert code == 0 and [line.replace("would be ", "") for line in said[:-1]] == removed[:-1]
@@ -380,7 +380,7 @@ def test_results_of_what_is_configured_no_more_are_named_listed_and_removed_when
     assert tree(renamed) - tree(processed) - {".snakemake/compasslib.lock"} == left
     assert tree(processed) <= tree(renamed)
     shutil.rmtree(renamed / "results/OLD")
-    assert verify(renamed)[0] == 0 and verify(renamed, "--clear") == (0, ["0 files of what is configured no more"])
+    assert verify(renamed)[0] == 0 and verify(renamed, "--clear") == (0, ["0 files of what is no longer configured"])
 
 
 def test_nothing_is_cleared_while_the_configuration_cannot_be_read_or_a_run_is_under_way(renamed):
@@ -394,7 +394,7 @@ def test_nothing_is_cleared_while_the_configuration_cannot_be_read_or_a_run_is_u
     assert code == 1 and len(said) == 1 and "config/moorings/M1.yaml: instruments.top.files" in said[0]
     assert tree(renamed) | {"raw/M1/top.000"} == before
     code, said = verify(renamed)
-    assert "missing: raw/M1/top.000" in said and not any(line.startswith("configured no more:") for line in said)
+    assert "missing: raw/M1/top.000" in said and not any(line.startswith("no longer configured:") for line in said)
     assert any(
         line.startswith("cannot list results that are no longer configured: config/moorings/M1.yaml") for line in said
     )

@@ -343,22 +343,15 @@ def noisy(seed: int, *, both: bool) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 @pytest.mark.parametrize("both", [False, True])
 def test_one_speed_and_half_a_knot_end_within_what_is_stated(tmp_path, both):
-    """Six ordinary logs: no coefficient beyond three standard errors, no drift beyond what is allowed."""
+    """Six ordinary logs of a boat that turns one way, or to both sides, at 0.6 degrees a second."""
     for seed in range(6):
         truth, columns = noisy(seed, both=both)
         found = swing.calibrate([written(tmp_path, **columns)], SURE)
         assert np.all(np.abs(found.coefficients - truth) < 3.0 * sigmas(found))
         assert found.details["drift"]["drift_kn"] < 1.0
         assert found.residual_rms_deg < 3.0
-
-
-def test_noise_of_the_compass_is_no_delay(tmp_path):
-    """A boat that turns one way at 0.6 degrees a second: A's uncertainty holds a delay that nothing tells."""
-    for seed in range(6):
-        truth, columns = noisy(seed, both=False)
-        found = swing.calibrate([written(tmp_path, **columns)], SURE)
-        assert abs(found.coefficients[0] - truth[0]) < 2.5 * sigmas(found)[0]
-        assert sigmas(found)[0] > 1.0
+        if not both:  # noise of the compass is no delay: A's uncertainty holds one that nothing shows
+            assert abs(found.coefficients[0] - truth[0]) < 2.5 * sigmas(found)[0] and sigmas(found)[0] > 1.0
 
 
 def test_a_place_that_the_log_contradicts_and_numbers_beyond_a_circle_are_refused(tmp_path):

@@ -511,7 +511,7 @@ def test_what_cannot_be_told_of_versions_is_said(tmp_path):
     assert "versions are not known" in changelog.changelog_reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
     sides = "compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)"
     absent = changelog.changelog_reasons(*sides, {"headings"}, tmp_path / "none.md")
-    assert "not beside this installation" in absent[2]
+    assert "this installation has no changelog" in absent[2]
 
 
 def test_the_changelog_s_own_entries_can_be_read_and_begin_with_this_version():

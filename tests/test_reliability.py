@@ -449,7 +449,7 @@ def test_results_dated_in_the_future_wedge_nothing_and_raw_files_are_refused_in_
     (folder / wanted[0]).unlink()
     ran = snakemake(folder, *wanted)
     assert ran.returncode == 0 and "M1 overlap:" in ran.stderr, ran.stderr
-    assert "dated in the future and as recorded: dated anew" in ran.stderr
+    assert "dated in the future and as recorded: redated" in ran.stderr
     assert not [p for p in (folder / "results/M1/work").glob("*.nc") if p.stat().st_mtime > time.time()]
     assert "Nothing to be done" in snakemake(folder, *wanted).stderr
 

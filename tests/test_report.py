@@ -289,7 +289,7 @@ def test_every_effect_stands_in_the_answer_as_a_clause_of_physics_and_its_name_i
     assert explanation.candidate_names(several | {"alternatives_probability": {"pressure": 0.35}}) == [
         "a magnetic field along the instrument's vertical changing with the square of the tilt "
         f"(probability 60{words.SPACE}%)",
-        f"the iron beside the compass, or the compass, depends on pressure (pressure, probability 35{words.SPACE}%)",
+        f"the iron near the compass, or the compass, depends on pressure (pressure, probability 35{words.SPACE}%)",
     ]
 
 

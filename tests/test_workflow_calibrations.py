@@ -40,7 +40,7 @@ def at_brest(coefficients) -> np.ndarray:
 def done(tmp_path_factory):
     """A cruise whose moorings, with and without a trusted instrument, are corrected by a calibration at Brest."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1", "M2"), coefficients=AT_SEA, n=SAMPLES)
-    change(folder / "config/moorings/M2.yaml", fit={"method": "von_appen"})
+    change(folder / "config/moorings/M2.yaml", fit={"method": "von_appen"}, diagnose={"enabled": False})
     change(folder / "config/moorings/M1.yaml", fit={"method": "calibration", "name": "bench"})
     shutil.copy(folder / "config/moorings/M1.yaml", folder / "config/moorings/ALONE.yaml")
     change(folder / "config/moorings/ALONE.yaml", name="ALONE", reference=None)

@@ -71,7 +71,7 @@ def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, R
         file = waiting.pop()
         name = made_by.get(file)
         if name is None and (file[0] in wanted or file[0].startswith(f"{FOLDER}/")):
-            expected, advice = "the file that its job wrote", "move it away, and the next run makes it anew"
+            expected, advice = "the file that its job wrote", "move it away, and the next run recreates it"
             raise InputError(file[0], expected=expected, found="another, or no record of it", advice=advice)
         if name is not None and name not in traced:
             traced.add(name)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from compasslib.archive.variables import BEAM, BIN, FILL, Variable
 from compasslib.errors import InputError, TransientError
 
-RERUN = "run the cruise again, which makes it anew, or restore it from a copy"  # a result that cannot be read
+RERUN = "run the cruise again, or restore it from a copy"  # a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
 CHUNK = 4096  # samples
@@ -46,7 +46,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         os.replace(temporary, path)
     except (OSError, RuntimeError) as error:  # RuntimeError: netCDF's word for a full disk
         reason = getattr(error, "strerror", None) or str(error)
-        advice = "free some space or mend the permissions, and run again"
+        advice = "free some space or correct the permissions, and run again"
         raise TransientError(
             str(path), expected="room and the right to write it", found=reason, advice=advice
         ) from error

@@ -210,7 +210,7 @@ def processing(product: Product, field: EarthField, raw_files: Sequence[str]) ->
         raw_files: what was read, relative to the cruise folder.
     """
     suffix = f" with {', '.join(product.effects)}" if product.effects else ""
-    suffix += f" fitted beside {', '.join(product.accounted)}" if product.accounted else ""
+    suffix += f" fitted jointly with {', '.join(product.accounted)}" if product.accounted else ""
     made = origin(f"headings corrected, method {product.fit.method}{suffix},", raw_files)
     return made | {
         "method": product.fit.method,

@@ -1,4 +1,4 @@
-"""Verification of an archive: files against the manifest, and results of what is configured no more."""
+"""Verification of an archive: files against the manifest, and results of what is no longer configured."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from compasslib.archive import crate, provenance
 from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 
-FORMER = "configured no more: "
+FORMER = "no longer configured: "
 CONVENTIONS = "conventions.json"  # may be made by name after the manifest
 PROJECT_FOLDERS = ("bench", "proof")  # of the project's own benchmarks, beside its demonstration cruise
 # What a job leaves beside its results, which no manifest lists: log, record, reason why it stopped, processor time.
@@ -62,7 +62,7 @@ class Results:
 
     @cached_property
     def former(self) -> list[str]:
-        """Results of what is configured no more, as their jobs wrote them, and the logs and records of those jobs."""
+        """Results of what is no longer configured, as their jobs wrote them, and the logs and records of those jobs."""
         if self.configured is None:
             return []
         configured = frozenset(self.configured)
@@ -92,7 +92,7 @@ class Results:
         return [file for file in left if not self.as_written(file)]
 
     def clear(self) -> None:
-        """Delete the results of what is configured no more, and the folders that this leaves empty."""
+        """Delete the results of what is no longer configured, and the folders that this leaves empty."""
         folders = {folder for file in self.former for folder in PurePosixPath(file).parents[:-2]}
         for file in self.former:
             (self.root / file).unlink()
@@ -110,7 +110,7 @@ class Results:
 
 
 def differences(cruise: str | Path, configured: Collection[str] | None) -> list[str]:
-    """List what differs from the manifest, a line a file, and what is configured no more, a line a folder.
+    """List what differs from the manifest, a line a file, and what is no longer configured, a line a folder.
 
     Args:
         cruise: folder of the cruise; nothing in it is written to.
@@ -159,7 +159,7 @@ def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable
     if entries:
         advice = "restore them, or make run again if the change was meant"
         if any(line.startswith(FORMER) for line in entries):
-            advice += "; compass verify --clear shows and removes what is configured no more"
+            advice += "; compass verify --clear shows and removes what is no longer configured"
         raise InputError(crate.FILE, expected=files, found=f"{len(entries)} that differ", advice=advice)
     say(f"{crate.FILE}: {files}")
 

@@ -83,7 +83,7 @@ def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
         return ""
     return (
         f"it differs from the compass that the overlap with the reference shows by {size:.0f}° rms, more than the "
-        "uncertainty of both: it is of another compass, or the iron beside it changed"
+        "uncertainty of both: it is of another compass, or the iron near it changed"
     )
 
 

@@ -180,7 +180,7 @@ def calibrate_readings(
     fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
     reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve)
     if reduced and curves.max_leakage(observed) > MAX_LEAKAGE:
-        fits[ONE_CYCLE.name] = "a quadrantal deviation, which cannot be seen, would look like one cycle"
+        fits[ONE_CYCLE.name] = "an unobservable quadrantal deviation would look like one cycle"
     fitted = [curve for curve in fits.values() if isinstance(curve, FittedCurve)]
     empty = Calibration(
         kind=kind,

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed("error: out of memory; close other programs, or use a machine with more", FAILED)
     except SystemExit as error:  # from a package beside this one, perhaps with status 0
-        return _failed(f"error: a plug-in ended the program by SystemExit: {error}; mend or remove it", FAILED)
+        return _failed(f"error: a plug-in ended the program by SystemExit: {error}; correct or remove it", FAILED)
     except KeyboardInterrupt:
         return _failed("error: interrupted; no file is left half written", INTERRUPTED)
     return status

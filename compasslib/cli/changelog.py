@@ -76,7 +76,7 @@ def _matching_entries(old: str, new: str, changed: frozenset[str], changelog: Pa
     if len(known) < 2:
         return ["the versions are not known, so that no entry of the changelog can be named"]
     if not changelog.is_file():
-        return ["the changelog is not beside this installation; the checkout of the newer version has it"]
+        return ["this installation has no changelog; the checkout of the newer version has it"]
     low, high = sorted(_number(match[1]) for match in known)
     matching = []
     for entry in parse_changelog(changelog.read_text(encoding="utf-8")):

@@ -194,7 +194,7 @@ def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
     """Add a swing where a log holds magnetic headings and courses round the circle."""
     parsed = nmea.read_any(path)
     if parsed is None:
-        why = "no magnetic heading (HDG or HDM) beside a course (RMC or VTG)"
+        why = "no magnetic heading (HDG or HDM) with a course (RMC or VTG)"
         contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
         return
     columns, log = parsed

@@ -234,11 +234,11 @@ def _wrap(sentences: Iterable[str]) -> list[str]:
     return [line for sentence in sentences for line in wrapper.wrap(sentence)]
 
 
-# compass verify: a cruise's files against its manifest, and removal of what is configured no more.
+# compass verify: a cruise's files against its manifest, and removal of what is no longer configured.
 
 
 def verify(asked: Namespace) -> int:
-    """Print what differs from the manifest; with ``clear``, what is configured no more, and delete it where asked.
+    """Print what differs from the manifest; with ``clear``, what is no longer configured, and delete it where asked.
 
     Args:
         asked: ``cruise``, ``clear`` and ``yes``.
@@ -275,7 +275,9 @@ def _clear(confirmed: bool) -> int:
         results.clear()
     more = "; add --yes to remove them" if results.former and not confirmed else ""
     print(
-        *map(verification.escaped, lines), f"{len(results.former)} files of what is configured no more{more}", sep="\n"
+        *map(verification.escaped, lines),
+        f"{len(results.former)} files of what is no longer configured{more}",
+        sep="\n",
     )
     return 0
 

@@ -375,10 +375,10 @@ def compose_effect(
 
 # What is common enough to have a name.
 LARGEST_GAIN = 0.15  # of one beam pair over the other's: beyond it beams are broken, and no velocity is
-MOVES = "iron beside the compass moves as the instrument leans, a battery or a cable"
+MOVES = "iron near the compass moves as the instrument leans, a battery or a cable"
 Pressure = compose_effect(
     "field_horizontal", "depth", "linear", name="pressure",
-    words="the iron beside the compass, or the compass, depends on pressure",
+    words="the iron near the compass, or the compass, depends on pressure",
 )  # fmt: skip
 IronMovedByPitch = compose_effect("field_horizontal", "pitch", "linear", name="moving_iron", words=MOVES)
 IronMovedByRoll = compose_effect("field_horizontal", "roll", "linear", name="moving_iron", words=MOVES)

@@ -54,7 +54,7 @@ class HardIronStep(Effect):
     """A horizontal field in the body frame is there from a date on."""
 
     name: ClassVar[str] = "hard_iron_step"
-    words: ClassVar[str] = "the hard iron beside the compass changed in a step"
+    words: ClassVar[str] = "the hard iron near the compass changed in a step"
     separated_by: ClassVar[Mapping[str, str]] = {
         "heading_slip": "headings all round on both sides of the date, or the field modulus of the magnetometer",
         "compass_drift": "wider headings, or the field modulus of the magnetometer",
@@ -79,7 +79,7 @@ class HardIronDrift(Effect):
     """A horizontal field in the body frame grows with time."""
 
     name: ClassVar[str] = "hard_iron_drift"
-    words: ClassVar[str] = "the hard iron beside the compass drifts with time"
+    words: ClassVar[str] = "the hard iron near the compass drifts with time"
     separated_by: ClassVar[Mapping[str, str]] = {
         "compass_drift": "wider headings, or the field modulus of the magnetometer",
         "heading_slip": "wider headings, or the field modulus of the magnetometer",
@@ -101,7 +101,7 @@ class BatteryChange(Effect):
     """A horizontal field in the body frame is there from each jump of the supply voltage on; every jump has its own."""
 
     name: ClassVar[str] = "battery_change"
-    words: ClassVar[str] = "a battery was changed, and with it the iron beside the compass"
+    words: ClassVar[str] = "a battery was changed, and with it the iron near the compass"
     literature: ClassVar[str] = "Poisson's P and Q, a step with each battery; forward and starboard positive"
     needs: ClassVar[tuple[str, ...]] = ("battery_number",)
 

@@ -26,7 +26,9 @@ class SetAndDrift(Effect):
     """The water carries the ship; it keeps its set and drift."""
 
     name: ClassVar[str] = "water_drift"
-    words: ClassVar[str] = "the water carries the vessel sideways, so that its track over ground is not its heading"
+    words: ClassVar[str] = (
+        "the current carries the vessel sideways, so that its course over ground differs from its heading"
+    )
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "sextantal": "each heading at two speeds, or a log of the speed through the water",
@@ -41,8 +43,8 @@ class SetAndDrift(Effect):
     acts_on: ClassVar = "velocity"
     literature: ClassVar[str] = TRIANGLE
 
-    east_m_s: float = parameter("m/s", "water towards east", 0.05)
-    north_m_s: float = parameter("m/s", "water towards north", 0.05)
+    east_m_s: float = parameter("m/s", "current towards east", 0.05)
+    north_m_s: float = parameter("m/s", "current towards north", 0.05)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         return x + np.array([self.east_m_s, self.north_m_s])
@@ -58,8 +60,8 @@ class TidalSetAndDrift(Effect):
     acts_on: ClassVar = "velocity"
     literature: ClassVar[str] = TRIANGLE
 
-    east_m_s: float = parameter("m/s", "water towards east in the middle of the log", 0.05)
-    north_m_s: float = parameter("m/s", "water towards north in the middle of the log", 0.05)
+    east_m_s: float = parameter("m/s", "current towards east in the middle of the log", 0.05)
+    north_m_s: float = parameter("m/s", "current towards north in the middle of the log", 0.05)
     east_gain_m_s: float = parameter("m/s over the record", "gain towards east", 0.05)
     north_gain_m_s: float = parameter("m/s over the record", "gain towards north", 0.05)
 

@@ -18,7 +18,7 @@ class VeerWithSpeed(Proportional):
     """The directional shear between the two depths grows with the speed of the flow."""
 
     name: ClassVar[str] = "current_veer"
-    words: ClassVar[str] = "directional shear of the water between the two depths"
+    words: ClassVar[str] = "directional shear of the current between the two depths"
     shows_along: ClassVar[tuple[str, ...]] = ("speed", "separation", "depth")
     side: ClassVar = "water"
     acts_on: ClassVar = "water"

@@ -406,7 +406,7 @@ def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Effect], block: 
 
     Args:
         fitted: to start from.
-        terms: what is fitted beside the base.
+        terms: what is fitted jointly with the base.
         block: number of the stretch, (n,).
         folds: so many stretches after another are in different folds.
     """

@@ -137,7 +137,7 @@ ACTED_ON = {
     "lobe4": "the fourth harmonic of the compass's reading",
     "flow_gain": "the gain of one beam pair over the other's",
     "flow_offset": "a velocity that is added in the instrument's frame",
-    "flow_direction": "the directional shear of the water between the two depths",
+    "flow_direction": "the directional shear of the current between the two depths",
 }
 
 

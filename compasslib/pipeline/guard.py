@@ -174,7 +174,7 @@ def refuse_future(paths: Iterable[str], now: float) -> None:
             date = datetime.fromtimestamp(os.stat(path).st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
             present = datetime.fromtimestamp(now, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
             advice = (
-                f"set the clock of this machine if it is wrong, otherwise date the file anew: touch {shlex.quote(path)}"
+                f"set the clock of this machine if it is wrong, otherwise redate the file: touch {shlex.quote(path)}"
             )
             raise InputError(path, expected=f"a date of change before now, {present}", found=date, advice=advice)
 

@@ -102,7 +102,7 @@ def sign(paths: Iterable[str]) -> Signatures:
             signed[path] = (sign_one(path), provenance.sha256(path))
         except OSError as error:
             of_machine = path.startswith(f"{RESULTS}/") or error.errno in _MACHINE
-            expected, advice = "a file that can be read", "mend its permissions or the disk"
+            expected, advice = "a file that can be read", "correct its permissions or repair the disk"
             kind = TransientError if of_machine else InputError
             raise kind(path, expected=expected, found=error.strerror, advice=advice) from error
     return signed

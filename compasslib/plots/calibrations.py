@@ -65,14 +65,16 @@ def draw_figure(figure: str, path: str | Path, shown: Page) -> None:
 
 
 def draw_deviation(path: str | Path, shown: Page) -> None:
-    """Draw what was observed, the curve with its 95 % band, and the other curves that were tried."""
+    """Draw the readings, the curve with its 95 % band, and the other curves that were compared."""
     with page(path, 3.9) as figure:
         legend(figure, deviation_panel(figure.subplots(), shown), columns=1)
 
 
 def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
     """Draw points, band and curves into a panel and return what its legend explains."""
-    curves = {name: _curve(name, model, shown) for name, model in _models(shown.content).items()}
+    models = {name: model for name, model in shown.content.get("models", {}).items() if "coefficients" in model}
+    order = sorted(models, key=lambda name: name == shown.content["model"])  # the chosen one lies on top
+    curves = {name: _curve(name, models[name]["coefficients"], shown) for name in order}
     if not (curves or shown.table.heading_deg.size or "deviation_deg" in shown.points):
         empty(axes, "no readings")
         return []
@@ -88,7 +90,7 @@ def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
 
 
 def draw_residuals(path: str | Path, shown: Page) -> None:
-    """Draw what the curve leaves at each reading, with the expanded uncertainty beside it."""
+    """Draw the residual of each reading, with the expanded uncertainty."""
     with page(path, 2.6) as figure:
         axes = figure.subplots()
         off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
@@ -120,13 +122,6 @@ def draw_certificate(path: str | Path, shown: Page) -> None:
 
 def _model_name(content: Mapping[str, Any]) -> str:
     return MODELS.get(content["model"], str(content["model"]))
-
-
-def _models(content: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """Collect the coefficients of the fitted curves, the chosen one last so that it lies on top."""
-    models = {name: model for name, model in content.get("models", {}).items() if "coefficients" in model}
-    order = sorted(models, key=lambda name: name == content["model"])
-    return {name: models[name]["coefficients"] for name in order}
 
 
 def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[Floats, Floats]:
@@ -280,7 +275,10 @@ def sentence(text: str) -> str:
 
 def _about(content: Mapping[str, Any]) -> list[str]:
     place, field = content["place"], content["place"]["field"]
-    where = UNKNOWN if place["latitude"] is None else _position(place["latitude"], place["longitude"])
+    where = UNKNOWN
+    if place["latitude"] is not None:
+        north, east = place["latitude"], float(angles.wrap180(place["longitude"]))
+        where = f"{abs(north):.4f}° {'N' if north >= 0 else 'S'}, {abs(east):.4f}° {'E' if east >= 0 else 'W'}"
     strength = UNKNOWN if field is None else f"H {field['horizontal_nT']:.0f} nT, Z {field['vertical_nT']:.0f} nT"
     return [
         f"date        {place['date'] or UNKNOWN}",
@@ -290,12 +288,6 @@ def _about(content: Mapping[str, Any]) -> list[str]:
         f"model       {textwrap.shorten(_model_name(content), MODEL_CHARACTERS, placeholder=' …')}",
         f"residual    {_number(content['residual_rms_deg'], '.2f')}° rms",
     ]
-
-
-def _position(latitude: float, longitude: float) -> str:
-    east = float(angles.wrap180(longitude))
-    north_south, east_west = ("N" if latitude >= 0 else "S"), ("E" if east >= 0 else "W")
-    return f"{abs(latitude):.4f}° {north_south}, {abs(east):.4f}° {east_west}"
 
 
 def _coefficients(content: Mapping[str, Any]) -> list[str]:
@@ -357,23 +349,19 @@ MINUS = "\N{MINUS SIGN}"
 
 
 def draw_swing(path: str | Path, result: Calibration, name: str) -> None:
-    """Draw what was seen on a swing, the curve with its interval, and the limit of the norm."""
+    """Draw the readings of a swing, the curve with its interval, and the limit of ISO 25862."""
     with page(path, 3.2) as figure:
         _swing_curve(figure.subplots(), result)
         if result.table is not None:
             drift = result.details.get("drift")
             readings_label = "courses corrected for drift" if drift else "true headings"
-            legend(
-                figure,
-                (
-                    [
-                        Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=readings_label),
-                        Line2D([], [], color=BLUE, label="fitted series"),
-                        Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 % of the fit"),
-                        Line2D([], [], color=VERMILION, linewidth=0.8, linestyle="--", label="4° (ISO 25862)"),
-                    ]
-                ),
-            )
+            handles = [
+                Line2D([], [], color="#333333", marker="o", linestyle="", markersize=3, label=readings_label),
+                Line2D([], [], color=BLUE, label="fitted series"),
+                Patch(color=BLUE, alpha=0.2, linewidth=0, label="95 % of the fit"),
+                Line2D([], [], color=VERMILION, linewidth=0.8, linestyle="--", label="4° (ISO 25862)"),
+            ]
+            legend(figure, handles)
 
 
 def _swing_curve(axes: Axes, result: Calibration) -> None:

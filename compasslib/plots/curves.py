@@ -92,13 +92,27 @@ def curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> Devia
         headings_deg: correct headings at which the deviation is to be in [-180, 180) on average; all where empty.
     """
     beta = begin_deg + np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
-    deviation = _deviation(fit, beta)
+    if fit.method == "von_appen":
+        deviation = series_deviation(fit.coefficients, beta)
+    else:
+        deviation = angles.difference(beta, compass.recorded_heading(fit.coefficients, beta))
     deviation = deviation[0] + np.concatenate([[0.0], np.cumsum(angles.difference(deviation[1:], deviation[:-1]))])
     where = placed(headings_deg, begin_deg)
     there = np.interp(where[np.isfinite(where)], beta, deviation)
     level = np.median(there if there.size else deviation)
     deviation = deviation - (level - angles.wrap180(level))
-    return DeviationByHeading(beta, deviation, _sigma(fit, beta), _stretch(fit, beta))
+    sigma = np.full(beta.shape, np.nan)
+    if fit.covariance.size:
+        by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
+        sigma = np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
+    # The exact compass gives up no heading, but two of its headings may read the same.
+    if fit.method == "von_appen":
+        inverted = inverse_table(fit.coefficients)[1]
+        first, last = inverted.min(), inverted.max()
+        stretch = np.where(angles.wrap360(beta - first) <= last - first, INVERTED, GIVEN_UP)
+    else:
+        stretch = np.where(compass.slope(fit.coefficients, beta) >= 0.0, INVERTED, BACKWARDS)
+    return DeviationByHeading(beta, deviation, sigma, stretch)
 
 
 def inverse(fit: DeviationFit, recorded_deg: Floats) -> Floats:
@@ -146,25 +160,3 @@ def directions(pairs: Pairs, product: CorrectedRecord) -> tuple[Floats, Floats, 
 def usable_headings(product: CorrectedRecord) -> Floats:
     """Select the recorded headings, (n,) degrees, NaN where they are flagged bad."""
     return np.where(product.record.heading_quality < BAD, product.record.heading_deg, np.nan)
-
-
-def _deviation(fit: DeviationFit, beta: Floats) -> Floats:
-    if fit.method == "von_appen":
-        return series_deviation(fit.coefficients, beta)
-    return angles.difference(beta, compass.recorded_heading(fit.coefficients, beta))
-
-
-def _sigma(fit: DeviationFit, beta: Floats) -> Floats:
-    if not fit.covariance.size:
-        return np.full(beta.shape, np.nan)
-    by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
-    return np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
-
-
-def _stretch(fit: DeviationFit, beta: Floats) -> NDArray[np.int_]:
-    """Tell what becomes of each heading; the exact compass gives up none, but two of its headings may read the same."""
-    if fit.method == "von_appen":
-        inverted = inverse_table(fit.coefficients)[1]
-        first, last = inverted.min(), inverted.max()
-        return np.where(angles.wrap360(beta - first) <= last - first, INVERTED, GIVEN_UP)
-    return np.where(compass.slope(fit.coefficients, beta) >= 0.0, INVERTED, BACKWARDS)

@@ -12,11 +12,9 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap, LogNorm, to_rgb
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator
-from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
@@ -72,11 +70,12 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
             for axes in panels:
                 empty(axes)
             return
-        _draw_points(panels, beta, delta, _faded(*pair_speeds(pairs)))
-        _draw_identity(panels)
+        _draw_points(panels, beta, delta, pairs)
+        panels[0].axhline(0.0, color=BLACK, linewidth=0.7)  # of an iron-free compass
+        for axes in panels[1:]:
+            axes.axline((0.0, 0.0), slope=1.0, color=BLACK, linewidth=0.7)
         if curve is not None:
-            _draw_curve(panels, curve)
-            _draw_inverse(panels[2], fit, curve)
+            _draw_curve(panels, fit, curve)
         legend(figure, handles, columns=1)
 
 
@@ -96,57 +95,36 @@ def _deviation_axes(
     panels[2].set(xlabel=RECORDS, ylabel=CORRECT)
 
 
-def _faded(upper_speed: Floats, lower_speed: Floats) -> NDArray[np.floating]:
-    """Choose a colour for each pair, (n, 4): paler where there are many, and where the current is slow."""
-    if not len(upper_speed):
-        return np.zeros((0, 4))
-    slower = np.minimum(upper_speed, lower_speed)
-    clear = np.clip(np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)), 1e-6), 0.1, 1.0)
-    alpha = np.clip(15.0 / np.sqrt(len(slower)), 0.08, 0.8) * clear
-    return np.column_stack([np.tile(to_rgb("#333333"), (len(slower), 1)), alpha])
-
-
-def _draw_points(panels: Sequence[Axes], beta: Floats, delta: Floats, colours: Floats) -> None:
+def _draw_points(panels: Sequence[Axes], beta: Floats, delta: Floats, pairs: Pairs) -> None:
+    """Draw the pairs: paler where there are many, and where the current is slow."""
+    colours, slower = np.zeros((0, 4)), np.minimum(*pair_speeds(pairs))
+    if len(slower):
+        clear = np.clip(np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)), 1e-6), 0.1, 1.0)
+        alpha = np.clip(15.0 / np.sqrt(len(slower)), 0.08, 0.8) * clear
+        colours = np.column_stack([np.tile(to_rgb("#333333"), (len(slower), 1)), alpha])
     for axes, x, y in zip(panels, (beta, beta, beta - delta), (delta, beta - delta, beta), strict=True):
         axes.scatter(x, y, s=4.0, c=colours, linewidths=0)
 
 
-def _draw_identity(panels: Sequence[Axes]) -> None:
-    """Draw where an iron-free compass stands."""
-    panels[0].axhline(0.0, color=BLACK, linewidth=0.7)
-    for axes in panels[1:]:
-        axes.axline((0.0, 0.0), slope=1.0, color=BLACK, linewidth=0.7)
-
-
-def _draw_curve(panels: Sequence[Axes], curve: DeviationByHeading) -> None:
-    """Draw the curve with its 95 % band in the three panels."""
+def _draw_curve(panels: Sequence[Axes], fit: DeviationFit, curve: DeviationByHeading) -> None:
+    """Draw the curve with its 95 % band in the three panels, and marks of the inverse that it must meet."""
     half = np.minimum(1.96 * curve.sigma_deg, 180.0)
     beta, delta, gamma = curve.heading_deg, curve.deviation_deg, curve.recorded_deg
     panels[0].fill_between(beta, delta - half, delta + half, **BAND)
     panels[1].fill_between(beta, gamma - half, gamma + half, **BAND)
     panels[2].fill_betweenx(beta, gamma - half, gamma + half, **BAND)
     for stretch, colour in STRETCH_COLOURS.items():
-        _along(panels, curve, stretch, color=colour)
-
-
-def _along(panels: Sequence[Axes], curve: DeviationByHeading, stretch: int, **look: Any) -> None:
-    """Draw one kind of stretch of a curve as deviation, as recorded and as correct heading."""
-    here = curve.stretch == stretch
-    beta, delta, gamma = curve.heading_deg, curve.deviation_deg, np.where(here, curve.recorded_deg, np.nan)
-    panels[0].plot(beta, np.where(here, delta, np.nan), **look)
-    panels[1].plot(beta, gamma, **look)
-    panels[2].plot(gamma, beta, **look)
-
-
-def _draw_inverse(axes: Axes, fit: DeviationFit, curve: DeviationByHeading) -> None:
-    """Mark what the method's own inverse gives every few degrees, beside the curve that it must meet."""
+        here = curve.stretch == stretch
+        panels[0].plot(beta, np.where(here, delta, np.nan), color=colour)
+        panels[1].plot(beta, np.where(here, gamma, np.nan), color=colour)
+        panels[2].plot(np.where(here, gamma, np.nan), beta, color=colour)
     covered = curve.recorded_deg[curve.stretch != GIVEN_UP]
     low, high = float(covered.min()), float(covered.max())
     rings = int(np.clip((high - low) / 5.0, 4.0, 24.0))
     recorded = low + (high - low) * (np.arange(rings) + 0.5) / rings
-    beta = placed(curves.inverse(fit, recorded), curve.heading_deg[0])
-    gamma = nearest_turn(recorded[:, None], np.interp(beta, curve.heading_deg, curve.recorded_deg))
-    axes.plot(gamma.ravel(), beta.ravel(), **RING)
+    inverted = placed(curves.inverse(fit, recorded), curve.heading_deg[0])
+    nearest = nearest_turn(recorded[:, None], np.interp(inverted, curve.heading_deg, curve.recorded_deg))
+    panels[2].plot(nearest.ravel(), inverted.ravel(), **RING)
 
 
 def _deviation_handles(pairs: Pairs, fit: DeviationFit, curve: DeviationByHeading | None) -> list[Artist]:
@@ -186,13 +164,18 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
     begin = emptiest(lower)
     with page(path, 2.7) as figure:
         panels = figure.subplots(1, 2, sharey=True)
-        hexagon_panels = [
+        drawn = (
             _hexagons(panels[0], "recorded", (lower, upper), begin),
             _hexagons(panels[1], "corrected", (lower, corrected), begin),
-        ]
+        )
         panels[0].set_ylabel(f"Affected, towards {TRUE}")
         figure.supxlabel(f"Reference, towards {TRUE}", fontsize=8.0)
-        _count_bar(figure, panels, [hexagons for hexagons in hexagon_panels if hexagons is not None])
+        if counted := [hexagons for hexagons in drawn if hexagons is not None]:
+            most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
+            for hexagons in counted:  # the same colours for the same counts
+                hexagons.set_norm(LogNorm(1.0, most))
+            ticks, text = LogLocator(subs=(1.0, 2.0, 5.0)), FuncFormatter(lambda count, _: f"{count:g}")
+            figure.colorbar(counted[0], ax=panels, ticks=ticks, format=text, **BAR).minorticks_off()
 
 
 def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -> PolyCollection | None:
@@ -216,17 +199,6 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
         degrees(axis, limits)
     axes.set_aspect("equal")
     return hexagons
-
-
-def _count_bar(figure: Figure, panels: Sequence[Axes], counted: Sequence[PolyCollection]) -> None:
-    """Give all panels the same colours for the same counts."""
-    if not counted:
-        return
-    most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
-    for hexagons in counted:
-        hexagons.set_norm(LogNorm(1.0, most))
-    ticks, text = LogLocator(subs=(1.0, 2.0, 5.0)), FuncFormatter(lambda count, _: f"{count:g}")
-    figure.colorbar(counted[0], ax=panels, ticks=ticks, format=text, **BAR).minorticks_off()
 
 
 # A compass that several records share.

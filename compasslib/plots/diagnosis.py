@@ -1,7 +1,6 @@
-"""What the search for unmodelled effects found, of a mooring and of a calibration: where the residual shows it.
+"""The diagnosis of a mooring or of a calibration: the residual by covariate, before and after the identified effects.
 
-The residual is drawn along what drives it, before and after, with the curve of what was found between the two; then
-what the same does on days that were not fitted, and for a calibration how well each effect does alone.
+Below it the same on held-out data, and for a calibration the log evidence of each effect alone.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ MOST_POWERS = 3  # labelled on a logarithmic axis
 LOG_FROM = 10.0  # log evidence above which its axis is logarithmic
 NAMES = {
     "heading": "Recorded heading", "time": "", "separation": "Distance of the two layers",
-    "speed": "Speed of the upper water", "hour_of_day": "Hour of the day, UTC",
+    "speed": "Speed of the upper current", "hour_of_day": "Hour of the day, UTC",
 }  # fmt: skip
 NAMES_OF_CALIBRATIONS = {
-    "heading": "Heading", "time": "Time since the begin (h)", "reading": "Number of the reading",
+    "heading": "Heading", "time": "Time since the start (h)", "reading": "Number of the reading",
     "turn_rate": "Rate of turn",
 }  # fmt: skip
 BEFORE: dict[str, Any] = {"color": RECORDED, "marker": "o", "markersize": 3.0, "linestyle": ""}
@@ -42,22 +41,18 @@ BAND: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
 
 
 def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
-    """Draw a mooring's diagnosis.
-
-    Args:
-        found: content of diagnosis.json.
-    """
+    """Draw a mooring's diagnosis from the content of its diagnosis.json."""
     curves = displayed_residuals(diagnosis)[:MOST_PANELS]
     _draw(path, diagnosis, curves, (NAMES, UNITS), _simultaneous(sum(len(curve["centre"]) for curve in curves)))
 
 
 def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
-    """Draw a calibration's diagnosis, and its hypotheses.
-
-    Args:
-        found: content of diagnosis.json.
-    """
-    curves = [_since_the_begin(curve) for curve in displayed_residuals(diagnosis)[:MOST_PANELS]]
+    """Draw a calibration's diagnosis, and its hypotheses, from the content of its diagnosis.json."""
+    curves = []
+    for curve in displayed_residuals(diagnosis)[:MOST_PANELS]:
+        x = curve["centre"]
+        timed = curve["covariate"] == "time"
+        curves.append({**curve, "centre": [(time - x[0]) / HOUR_S for time in x]} if timed else curve)
     _draw(path, diagnosis, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), None)
 
 
@@ -92,14 +87,13 @@ def _draw(
             _held_out(panels.pop(0), proven, short)
         if ranked:
             _ranking(panels.pop(0), ranked, full, [entry["effect"] for entry in diagnosis["findings"]])
-        legend(figure, _handles(diagnosis["findings"], curves) if curves or proven else [])
-
-
-def _since_the_begin(curve: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Convert the times of a curve to hours since the first."""
-    if curve["covariate"] != "time":
-        return curve
-    return {**curve, "centre": [(time - curve["centre"][0]) / HOUR_S for time in curve["centre"]]}
+        handles = [Line2D([], [], **AFTER, label="residual of the fit")]
+        if diagnosis["findings"]:
+            handles = [Line2D([], [], **BEFORE, label="before")]
+            handles.append(Line2D([], [], **AFTER, label="after (effects included)"))
+            handles += [Line2D([], [], **EFFECT, label="identified effect")] if curves else []
+        noise = [Patch(**BAND, label="95 % range of noise")] if curves else []
+        legend(figure, [*handles, *noise] if curves or proven else [])
 
 
 def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | None) -> None:
@@ -112,7 +106,10 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
     if covariate == "time" and reach is not None:
         dates(axes, (x[0], x[-1]))
         x = x / 86400.0
-    half, (low, high) = (reach or _simultaneous(len(x))) * sigma, _extents(x)
+    half, step = (reach or _simultaneous(len(x))) * sigma, np.diff(x)
+    # A bin extends half-way to its neighbours, and less far into a gap.
+    reached, edge = np.minimum(step, GAP * np.median(step)) / 2.0, np.median(step) / 2.0
+    low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
     axes.bar(low, 2.0 * half, high - low, -half, align="edge", **BAND)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
@@ -129,14 +126,6 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
         axes.set_xlabel(label)
     if covariate == "heading":
         degrees(axes.xaxis, (0.0, 360.0))
-
-
-def _extents(centre: Floats) -> tuple[Floats, Floats]:
-    """Find where each bin begins and ends, (n,) each: half-way to its neighbours, and less far into a gap."""
-    step = np.diff(centre)
-    half = np.minimum(step, GAP * np.median(step)) / 2.0
-    edge = np.median(step) / 2.0
-    return centre - np.insert(half, 0, edge), centre + np.append(half, edge)
 
 
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
@@ -191,14 +180,3 @@ def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named:
     rows.name(axes)
     axes.set_xlabel("Log evidence of each effect alone")
     axes.set_xlim(0.0, max(LOG_FROM, 1.1 * most))
-
-
-def _handles(findings: Sequence[Mapping[str, Any]], curves: Sequence[Any]) -> list[Any]:
-    band = [Patch(**BAND, label="95 % range of noise")] if curves else []
-    if not findings:
-        return [Line2D([], [], **AFTER, label="residual of the fit"), *band]
-    handles = [
-        Line2D([], [], **BEFORE, label="fit alone"),
-        Line2D([], [], **AFTER, label="identified effects included"),
-    ]
-    return [*handles, *([Line2D([], [], **EFFECT, label="identified effect")] if curves else []), *band]

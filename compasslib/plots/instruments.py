@@ -59,7 +59,15 @@ def draw_magnetometer(path: str | Path, calibration: Calibration, name: str) -> 
         panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
         if calibration.details["field_is"] == "horizontal":
             _draw_level_plane(panels[0], calibration)
-            _draw_third_axis(panels[1], calibration)
+            points = calibration.points
+            if "z" in points:
+                panels[1].plot(
+                    points["recorded_deg"], points["z"], **DOT, color=RECORDED, alpha=_alpha(len(points["z"]))
+                )
+                degrees(panels[1].xaxis, (0.0, 360.0))
+                panels[1].set(xlabel="Recorded heading γ (°)", ylabel="z (file's unit)")
+            else:
+                empty(panels[1], "no z")
         else:
             _draw_plane(panels[0], calibration, ("x", "y"))
             _draw_plane(panels[1], calibration, ("x", "z"))
@@ -83,16 +91,6 @@ def _draw_level_plane(axes: Axes, calibration: Calibration) -> None:
     axes.set(xlabel="Forward (file's unit)", ylabel="Starboard (file's unit)")
 
 
-def _draw_third_axis(axes: Axes, calibration: Calibration) -> None:
-    points = calibration.points
-    if "z" not in points:
-        empty(axes, "no z")
-        return
-    axes.plot(points["recorded_deg"], points["z"], **DOT, color=RECORDED, alpha=_alpha(len(points["z"])))
-    degrees(axes.xaxis, (0.0, 360.0))
-    axes.set(xlabel="Recorded heading γ (°)", ylabel="z (file's unit)")
-
-
 def _square(axes: Axes) -> None:
     axes.axhline(0.0, color=BLACK, linewidth=0.4)
     axes.axvline(0.0, color=BLACK, linewidth=0.4)
@@ -100,23 +98,19 @@ def _square(axes: Axes) -> None:
 
 
 def _draw_plane(axes: Axes, calibration: Calibration, names: tuple[str, str]) -> None:
-    """Draw the readings in a plane, with the outline of the fitted ellipsoid and of the sphere it becomes."""
-    points = calibration.points
+    """Draw the readings in a plane, with the outlines of the ellipsoid b + F S u, |u| = 1, and of the sphere F u."""
+    points, details = calibration.points, calibration.details
     for ending, colour in (("", RECORDED), ("_corrected", CORRECTED)):
         axes.plot(*(points[k + ending] for k in names), **DOT, color=colour, alpha=_alpha(len(points["x"])))
-    for outline, colour in zip(_outlines(calibration.details, names), (VERMILION, BLACK), strict=True):
-        axes.plot(*outline, color=colour, linewidth=1.0)
-    _square(axes)
-    axes.set(xlabel=f"{names[0]} (file's unit)", ylabel=f"{names[1]} (file's unit)")
-
-
-def _outlines(details: Mapping[str, Any], names: tuple[str, str]) -> tuple[Floats, Floats]:
-    """Outline in a plane the ellipsoid b + F S u, |u| = 1, and the sphere F u, (2, m) each."""
     index = ["xyz".index(name) for name in names]
     size, centre, rows = details["field_in_file_unit"], np.array(details["hard_iron"])[index], details["soft_iron"]
     soft = np.array([[float(i == j) if s is None else s for j, s in enumerate(row)] for i, row in enumerate(rows)])
     circle = np.stack(angles.sin_cos(TURN_DEG))
-    return centre[:, None] + size * np.linalg.cholesky((soft @ soft.T)[np.ix_(index, index)]) @ circle, size * circle
+    ellipse = centre[:, None] + size * np.linalg.cholesky((soft @ soft.T)[np.ix_(index, index)]) @ circle
+    axes.plot(*ellipse, color=VERMILION, linewidth=1.0)
+    axes.plot(*(size * circle), color=BLACK, linewidth=1.0)
+    _square(axes)
+    axes.set(xlabel=f"{names[0]} (file's unit)", ylabel=f"{names[1]} (file's unit)")
 
 
 def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
@@ -225,7 +219,9 @@ def draw_tilt_check(path: str | Path, result: Calibration, name: str) -> None:
         if "frame" not in result.details:
             _empty(list(panels.values()))
             return
-        turned = _turned_tilts(result)
+        there = down(lean(result.points["pitch_a_deg"], result.points["roll_a_deg"]))
+        rotated = there @ np.array(result.details["frame"]["rotation"]).T
+        turned = tilt_angles(rotated[:, 0] + 1j * rotated[:, 1])
         for key, here in (("pitch", turned[0]), ("roll", turned[1])):
             axes = panels[key]
             recorded_tilt, thin = result.points[f"{key}_b_deg"], _thin(result)
@@ -322,12 +318,6 @@ def _set_limits(axes: Axes, points: Floats, line: Any = ()) -> None:
     low, high = min([low, *curve]), max([high, *curve])
     room = max(0.08 * (high - low), 0.2)
     axes.set_ylim(low - room, high + room)
-
-
-def _turned_tilts(result: Calibration) -> tuple[Floats, Floats]:
-    there = down(lean(result.points["pitch_a_deg"], result.points["roll_a_deg"]))
-    turned = there @ np.array(result.details["frame"]["rotation"]).T
-    return tilt_angles(turned[:, 0] + 1j * turned[:, 1])
 
 
 def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> None:

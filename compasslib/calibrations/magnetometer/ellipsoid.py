@@ -387,7 +387,7 @@ def _undetermined_groups(unsure: dict[str, float], *groups: tuple[str, ...]) -> 
 
 def _reason(unsure: float, spans: str) -> str:
     if unsure <= MAX_STANDARD_ERROR:
-        return f"{spans} beside others of its kind that are not determined"
+        return f"{spans} with others of its kind undetermined"
     size = f"unsure by {100.0 * unsure:.0f} % of the field" if unsure < 1.0 else "open by more than the whole field"
     return f"{spans} {size}; at most {100.0 * MAX_STANDARD_ERROR:.0f} % is accepted"
 
@@ -420,7 +420,7 @@ def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: f
 
 def _scattered(noise: float, shape: str) -> str:
     return (
-        f"The readings scatter by {100.0 * noise:.0f} % about a {shape}: the instrument kept one heading, "
+        f"The readings scatter by {100.0 * noise:.0f} % about a {shape}: the instrument did not turn, "
         "or its field is not the earth's with iron."
     )
 

@@ -36,16 +36,16 @@ BLOCKS = {
     model.SECOND: ("set and drift in second order", "57.3 (d/S)² in D and E, MM (37), (43)"),
     model.WATER: ("speed through the water", "scatter of the ship's log about the triangle of speeds"),
 }
-WATER = ("set and drift of the water", "anything up to the largest allowed, less what the swing tells")
+WATER = ("set and drift of the water", "anything up to the largest allowed, reduced by the information of the swing")
 DELAY = (
     "delay of the course behind the compass",
-    "anything up to the longest allowed, less what the swing tells",
+    "anything up to the longest allowed, reduced by the information of the swing",
 )
 PRIORS = {
     model.DECLINATION: ("declination", "as given, or error of the world model at this field strength"),
     **dict.fromkeys((model.EAST, model.NORTH, model.EAST_CHANGE, model.NORTH_CHANGE), WATER),
     model.LAG: DELAY,
-    model.LOG: ("scale of the ship's log", "0.1, normal, less what the swing tells"),
+    model.LOG: ("scale of the ship's log", "0.1, normal, reduced by the information of the swing"),
 }
 NOTHING = 1e-12
 UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days from its zero, noon of 31 December 1899

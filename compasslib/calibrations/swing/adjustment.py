@@ -260,6 +260,6 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
     if largest["both"] <= LIMIT_DEG:
         return f"Nullify B and C: the largest deviation falls from {largest['none']:.1f}° to {largest['both']:.1f}°."
     return (
-        f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron beside the compass; "
+        f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron near the compass; "
         "only another place for the compass, or soft-iron correctors, take it away."
     )

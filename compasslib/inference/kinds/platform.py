@@ -120,7 +120,7 @@ def _five(points: Points) -> Floats:
 
 
 def _harmonic(recorded_deg: Floats, left_deg: Floats, k: int) -> float:
-    """Compute the rms that one harmonic takes off a residual, the five terms refitted beside it, degrees."""
+    """Compute the rms that one harmonic takes off a residual, the five terms refitted jointly with it, degrees."""
     five, pair = series_design(recorded_deg), np.column_stack(angles.sin_cos(k * recorded_deg))
     after = (
         left_deg
