@@ -351,7 +351,7 @@ def compose_effect(
         most: none is above it.
     """
     acted, shape = TARGETS[acts_on], FORMS[form]
-    unit = " ".join(DRIVERS[one][1] if one in DRIVERS else one for one in driver.split("*"))
+    unit = " ".join(DRIVERS[each][1] if each in DRIVERS else each for each in driver.split("*"))
     members: list[tuple[str, type, Any]] = []
     for column, base, step in acted.parameters:
         for suffix, power in zip(shape.suffixes, shape.powers, strict=True):

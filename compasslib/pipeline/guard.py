@@ -22,7 +22,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline.records import RESULTS, KnownHashes, is_future, recall, simulated
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
-SNAKEMAKES, OWN_LOCK = ".snakemake", ".snakemake/compasslib.lock"
+SNAKEMAKES, LOCK = ".snakemake", ".snakemake/compasslib.lock"
 BELOW = ("work", "work/alone", "wide", "figures", "logs", "benchmarks")  # in the folder of each mooring and calibration
 # glibc gives large arrays back and takes the next one anew, page by page: a quarter of a simulated mooring's time, a
 # twentieth of an assessment's. Those under 32 MB stay with the process, which grows by some 10 MB.
@@ -64,9 +64,9 @@ def refuse_config(config: Mapping[str, object]) -> None:
         InputError: there is one.
     """
     if config:
-        expected, found = "settings in the cruise's YAML files alone", ", ".join(map(str, config))
+        expected, actual = "settings in the cruise's YAML files alone", ", ".join(map(str, config))
         advice = "write it into config/config.yaml, or into the mooring's file, and run again"
-        raise InputError("--config", expected=expected, found=found, advice=advice)
+        raise InputError("--config", expected=expected, found=actual, advice=advice)
 
 
 def refuse_prefix(modifier: Any) -> None:
@@ -189,11 +189,11 @@ def refuse_read_only(outputs: Iterable[str]) -> None:
         place = path if os.path.lexists(path) else next(str(p) for p in Path(path).parents if os.path.lexists(p))
         for needed in (place, os.path.dirname(place) or "."):
             if not os.access(needed, os.W_OK):
-                found = "a read-only file system" if os.statvfs(needed).f_flag & os.ST_RDONLY else "no right to write"
+                actual = "a read-only file system" if os.statvfs(needed).f_flag & os.ST_RDONLY else "no right to write"
                 advice = (
                     "give yourself that right (chmod -R u+w), or copy the cruise to where you have it, and run again"
                 )
-                raise InputError(needed, expected="the right to write here", found=found, advice=advice)
+                raise InputError(needed, expected="the right to write here", found=actual, advice=advice)
 
 
 def lock() -> bool:
@@ -204,7 +204,7 @@ def lock() -> bool:
     """
     try:
         os.makedirs(SNAKEMAKES, exist_ok=True)
-        handle = os.open(OWN_LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        handle = os.open(LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         advice = "wait until it has ended, or stop it"
@@ -236,9 +236,9 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[s
     taken: dict[str, str] = {}
     for name, file in [(name, file) for name, listed in files.items() for file in listed]:
         if taken.setdefault(file, name) != name:
-            found, advice = f"that of {taken[file]}", "give each its own"
+            actual, advice = f"that of {taken[file]}", "give each its own"
             where = f"{cruise.mooring_files[name]}: {file}"
-            raise InputError(where, expected="a file of one simulated mooring", found=found, advice=advice)
+            raise InputError(where, expected="a file of one simulated mooring", found=actual, advice=advice)
     known = recall()
     ours = {name: listed for name, listed in files.items() if _may_write(name, listed, known)}
     for name in files.keys() - ours.keys():
@@ -260,9 +260,9 @@ def _may_write(name: str, raw: Sequence[str], known: KnownHashes) -> bool:
     foreign = [file for file in (*raw, f"truth/{name}.csv") if _foreign(file, known.sha256(file), ours.get(file, ()))]
     if foreign and not all(os.path.isfile(file) for file in raw):
         missing = next(file for file in raw if not os.path.isfile(file))
-        found = f"a file or link that is there already, while {missing} is missing"
+        actual = f"a file or link that is there already, while {missing} is missing"
         advice = "measured files are never written over: add the missing one, or delete demonstration: true"
-        raise InputError(foreign[0], expected="what the simulation wrote, or nothing", found=found, advice=advice)
+        raise InputError(foreign[0], expected="what the simulation wrote, or nothing", found=actual, advice=advice)
     return not foreign
 
 

@@ -64,8 +64,8 @@ def run_stages(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], 
     def make(record: str) -> None:
         """Run the stages before a job, then its own; a compass is joined without records that cannot be used."""
         done.add(record)
-        rule, of = planned.jobs[record]
-        files, unusable = planned.files(rule, of), set[str]()
+        rule, job = planned.jobs[record]
+        files, unusable = planned.files(rule, job), set[str]()
         for path in records.flat(files["reads"]):
             try:
                 if (before := planned.writers.get(path, record)) not in done:
@@ -79,21 +79,21 @@ def run_stages(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], 
             for name, given in files["reads"].items()
         }
         named = {name: _moved(given, mooring, folder) for name, given in (reads | files["writes"]).items()}
-        speak = say if of.mooring in ("", mooring) else lambda line: None
-        run_stage(planned.stages[rule], of, named | {"say": speak})
+        speak = say if job.mooring in ("", mooring) else lambda line: None
+        run_stage(planned.stages[rule], job, named | {"say": speak})
 
     for file in ("corrected.nc", "forms.json"):
         make(planned.writers[f"{RESULTS}/{mooring}/{file}"])
 
 
-def run_stage(stage: plan.Stage, of: Wildcards, named: dict[str, Any]) -> None:
+def run_stage(stage: plan.Stage, job: Wildcards, named: dict[str, Any]) -> None:
     """Run the function of a stage with the files and settings that it takes by name; only then is it imported."""
     module, _, name = stage.function.partition(".")
     function = getattr(import_module(f"compasslib.stages.{module}"), name)
     taken = signature(function).parameters
-    settings = {name: given(of) for name, given in stage.settings.items()}
+    settings = {name: given(job) for name, given in stage.settings.items()}
     with single_threaded():
-        function(*filter(None, of), **{name: value for name, value in (settings | named).items() if name in taken})
+        function(*filter(None, job), **{name: value for name, value in (settings | named).items() if name in taken})
 
 
 def _moved(given: Any, mooring: str, folder: Path) -> Any:
@@ -131,14 +131,14 @@ def _whole(folder: Path) -> Iterator[Path]:
             with (left / MARK).open("r+") as stream, suppress(OSError):
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
                 shutil.rmtree(left, ignore_errors=True)
-    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}{TEMPORARY}", dir=folder.parent))
+    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}{TEMPORARY}", dir=folder.parent))
     try:
-        with (beside / MARK).open("w") as mark:
+        with (temporary / MARK).open("w") as mark:
             with suppress(OSError):  # a file system without locks: what a kill leaves there stays
                 fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield beside
-            beside.chmod(0o755)  # a temporary folder is its maker's alone
-            (beside / MARK).unlink()
-            beside.rename(folder)
+            yield temporary
+            temporary.chmod(0o755)  # a temporary folder is its maker's alone
+            (temporary / MARK).unlink()
+            temporary.rename(folder)
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)

@@ -233,12 +233,12 @@ def stopped(record: Record, why: Mapping[str, Any]) -> Record:
 
 def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
     """Gather why moorings, calibrations and compasses were stopped, by name."""
-    gathered: dict[str, dict[str, str]] = {f"{kind}s" if kind != "compass" else "compasses": {} for kind in FOLDERS}
+    by_kind: dict[str, dict[str, str]] = {f"{kind}s" if kind != "compass" else "compasses": {} for kind in FOLDERS}
     for record in before:
         if record["stopped"]:
             kind, name = next(iter(record["of"].items()))
-            gathered["compasses" if kind == "compass" else f"{kind}s"].setdefault(name, record["stopped"]["why"])
-    return gathered
+            by_kind["compasses" if kind == "compass" else f"{kind}s"].setdefault(name, record["stopped"]["why"])
+    return by_kind
 
 
 def stale(paths: Iterable[str], known: KnownHashes) -> list[str]:

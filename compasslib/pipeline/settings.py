@@ -55,21 +55,21 @@ class Moorings:
 
     def companion_files(self, wildcards: Any) -> list[str]:
         """List the files that the reading of one instrument needs besides; it is given them by its settings."""
-        series = [file for one in self.series(wildcards).values() for file in one["files"]]
+        series = [file for each in self.series(wildcards).values() for file in each["files"]]
         return [*self._instrument(wildcards).pressure_files, *series]
 
     def series(self, wildcards: Any) -> dict[str, dict[str, Any]]:
         """Describe the tables of other series that the search may use, with the instrument that is corrected."""
         mooring = self._mooring(wildcards)
         given = mooring.covariates.items() if wildcards.role == mooring.compromised else ()
-        return {name: one.model_dump(exclude={"format"}) for name, one in given if one.format == "table"}
+        return {name: each.model_dump(exclude={"format"}) for name, each in given if each.format == "table"}
 
     def all_raw_files(self, wildcards: Any) -> list[str]:
         """List the raw files of the instruments that one mooring uses."""
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[role] for role in used_instruments(mooring)]
-        series = [file for one in mooring.covariates.values() if one.format == "table" for file in one.files]
-        return [file for one in used for file in (*one.files, *one.pressure_files)] + series
+        series = [file for each in mooring.covariates.values() if each.format == "table" for file in each.files]
+        return [file for each in used for file in (*each.files, *each.pressure_files)] + series
 
     def form(self, wildcards: Any) -> str:
         return str(self._instrument(wildcards).format)
@@ -103,10 +103,10 @@ class Moorings:
         """Compose position, dates and declination of one mooring."""
         mooring = self._mooring(wildcards)
         inside = {
-            f"{role} ({part})" if one.differs else role: degrees
+            f"{role} ({part})" if each.differs else role: degrees
             for role in used_instruments(mooring)
-            if (one := parse_applied_declination(mooring.instruments[role].declination_applied)) is not None
-            for part, degrees in one._asdict().items()
+            if (each := parse_applied_declination(mooring.instruments[role].declination_applied)) is not None
+            for part, degrees in each._asdict().items()
         }
         return {
             "latitude": mooring.latitude,
@@ -149,8 +149,8 @@ class Moorings:
 
     def observatory(self, wildcards: Any) -> list[str]:
         """List the files of the observatory that one mooring names, none where it names none."""
-        every = self._mooring(wildcards).covariates.values()
-        return [file for one in every if one.format == "iaga2002" for file in one.files]
+        covariates = self._mooring(wildcards).covariates.values()
+        return [file for each in covariates if each.format == "iaga2002" for file in each.files]
 
     def calibration(self, wildcards: Any) -> str:
         return _calibration(str(self._mooring(wildcards).fit.name))
@@ -177,10 +177,10 @@ class Moorings:
         joined = {
             f"compass {name}": [
                 CONFIG,
-                *(self.cruise.mooring_files[mooring] for mooring in of),
+                *(self.cruise.mooring_files[mooring] for mooring in names),
                 *(f"{CALIBRATIONS}/{calibration}.yaml" for calibration in given),
             ]
-            for name, (of, given) in both
+            for name, (names, given) in both
         }
         return {"": [CONFIG]} | moorings | calibrations | joined
 
@@ -189,8 +189,8 @@ class Moorings:
 
     def serial_number(self, wildcards: Any) -> str | None:
         """Look up the serial number in the metadata, the mooring's attributes being the affected instrument's."""
-        own = self._instrument(wildcards).attributes
-        known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else own
+        stated = self._instrument(wildcards).attributes
+        known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else stated
         return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)
 
     def reading(self, wildcards: Any) -> dict[str, Any]:
@@ -279,8 +279,8 @@ class Compasses:
         """Map each record of a compass to its sphere."""
         moorings, given = self.members[wildcards.compass]
         moored = {name: self.cruise.moorings[name] for name in moorings}
-        own = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
-        return own | {name: self.cruise.calibrations[name].sphere for name in given}
+        stated = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
+        return stated | {name: self.cruise.calibrations[name].sphere for name in given}
 
     def joined(self, wildcards: Any) -> str:
         """Name the file of a mooring's compass, joined from all its records."""

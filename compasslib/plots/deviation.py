@@ -164,13 +164,13 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
     begin = emptiest(lower)
     with page(path, 2.7) as figure:
         panels = figure.subplots(1, 2, sharey=True)
-        drawn = (
+        panels_of_hexagons = (
             _hexagons(panels[0], "recorded", (lower, upper), begin),
             _hexagons(panels[1], "corrected", (lower, corrected), begin),
         )
         panels[0].set_ylabel(f"Affected, towards {TRUE}")
         figure.supxlabel(f"Reference, towards {TRUE}", fontsize=8.0)
-        if counted := [hexagons for hexagons in drawn if hexagons is not None]:
+        if counted := [hexagons for hexagons in panels_of_hexagons if hexagons is not None]:
             most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
             for hexagons in counted:  # the same colours for the same counts
                 hexagons.set_norm(LogNorm(1.0, most))
