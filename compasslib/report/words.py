@@ -155,15 +155,29 @@ def _template(name: str) -> Any:
     return made.get_template(f"{name}.txt").module
 
 
+def _filled(template: str, block: str, given: dict[str, Any]) -> str:
+    """Fill a block of a template.
+
+    Raises:
+        LookupError: the results lack something that it names.
+    """
+    import jinja2
+
+    try:
+        return str(getattr(_template(template), block)(**given))
+    except jinja2.UndefinedError as error:
+        raise LookupError(str(error)) from error
+
+
 def lines(template: str, block: str, **given: Any) -> list[str]:
     """Fill a block of a template; each line is a text."""
-    filled = str(getattr(_template(template), block)(**given)).split("\n")
+    filled = _filled(template, block, given).split("\n")
     return [text for line in filled if (text := re.sub(r"[ ]+", " ", line).strip(" "))]
 
 
 def paragraphs(template: str, block: str, **given: Any) -> tuple[str, ...]:
     """Fill a block of a template; blank lines separate its texts."""
-    filled = re.split(r"\n\s*\n", str(getattr(_template(template), block)(**given)))
+    filled = re.split(r"\n\s*\n", _filled(template, block, given))
     return tuple(text for part in filled if (text := re.sub(r"[ \n]+", " ", part).strip(" ")))
 
 
