@@ -179,7 +179,7 @@ def test_a_clock_that_drifts_by_many_hours_or_was_set_in_between_is_put_right(gr
 
 
 def test_ordinary_clocks_are_left_alone_and_a_few_hours_are_left_to_the_search():
-    for seed in range(4):
+    for seed in range(3):
         upper, lower = instruments(1500 * (seed + 1), seed=seed)
         for hours in (-0.4, 0.0, 0.4, 4.0):
             assert estimate_clock_offset(upper, [late(lower, hours)], PairRules()) == ClockOffset()

@@ -8,7 +8,8 @@ from sea import FOLDED, MILD, SHARED
 
 from compasslib import angles, compass, readers
 from compasslib.deviation import fit_deviation
-from compasslib.deviation.model import nearest_root
+from compasslib.deviation.likelihood import CELLS
+from compasslib.deviation.model import DeviationFit, nearest_root
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.water import (
     VEER_S,
@@ -18,7 +19,7 @@ from compasslib.preparation.water import (
     mean_shear_sigma,
     predict_water,
 )
-from compasslib.records import BAD, EarthField, Record
+from compasslib.records import BAD, EarthField, Pairs, Record
 from tests.world.pairs import red_from_rest
 
 HOURS, CELL_M, BINS = 3000, 4.0, 12
@@ -66,9 +67,14 @@ def seen(coefficients, flow: np.ndarray, seed: int = 1) -> tuple[Record, Record,
     return top, instrument(flow[:, :1], -CELL_M, heading_deg=heading), heading
 
 
-def errors(top: Record, trusted: Record, heading: np.ndarray, **rules) -> float:
-    pairs = find_pairs(top, [trusted], FIELD, replace(ALL_NEAR, **rules))
-    fit = fit_deviation("exact", pairs)
+def errors(top: Record, trusted: Record, heading: np.ndarray, coefficients=MILD, **rules) -> float:
+    return error_deg(find_pairs(top, [trusted], FIELD, replace(ALL_NEAR, **rules)), top, heading, coefficients)
+
+
+def error_deg(pairs: Pairs, top: Record, heading: np.ndarray, coefficients=MILD) -> float:
+    """Return the error of headings by a fit that starts from the compass: the water is tested, and not the search."""
+    near = DeviationFit("exact", 0, np.array(coefficients), heading_density=np.full(CELLS, 1.0 / CELLS))
+    fit = fit_deviation("exact", pairs, near)
     found = nearest_root(compass.inverse(fit.coefficients, top.heading_deg), heading)
     return angles.rms(angles.difference(found, heading)[np.isfinite(found)])
 
@@ -213,7 +219,7 @@ def test_on_a_real_profile_the_noise_across_the_flow_falls_and_so_does_the_error
     top = replace(
         record, **{n: c[:, 5:] for n, c in (cut | {"east": east, "north": north}).items()}, heading_deg=recorded
     )
-    before, after = (errors(top, trusted, record.heading_deg, predict=on) for on in (False, True))
+    before, after = (errors(top, trusted, record.heading_deg, FOLDED, predict=on) for on in (False, True))
     assert after < 0.75 * before
 
 

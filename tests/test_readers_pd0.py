@@ -27,7 +27,7 @@ from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers import pd0
 from compasslib.readers.pd0 import currents, frames
-from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles
+from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, select
 from compasslib.records import Record
 
 EH2 = "eh2_20060530_20060717_0007m.000"
@@ -217,13 +217,14 @@ def by_mhkit(path: Path) -> Any:
 @pytest.mark.parametrize("name", GOOD_ENSEMBLES)
 def test_mhkit_reads_the_same(name: str, tmp_path: Path) -> None:
     path = real(f"pd0/{name}")
-    theirs = by_mhkit(path)
-    if theirs is None:
-        # A flipped byte, as in eh2, and mhkit gives the file up: then it gets the good ensembles alone.
-        theirs = by_mhkit(written(tmp_path, *(run.rows.tobytes() for c in frames.iter_chunks(path) for run in c.runs)))
+    # The good ensembles alone, evenly taken: of a flipped byte, as in eh2, mhkit gives the file up.
+    good = [row.tobytes() for chunk in frames.iter_chunks(path) for run in chunk.runs for row in run.rows]
+    every = max(1, len(good) // 300)
+    theirs = by_mhkit(written(tmp_path, *good[::every]))
     if theirs is None:
         pytest.skip(f"mhkit cannot read {name}, not even its good ensembles alone")
-    ours, count = pd0.decode(path), theirs.sizes["time"]
+    decoded, count = pd0.decode(path), theirs.sizes["time"]
+    ours = select(decoded, np.arange(0, len(decoded), every))
     # It drops the last ensemble of a file that ends with one.
     assert count in (len(ours), len(ours) - 1)
     np.testing.assert_allclose(theirs.time.values.astype("M8[ns]").astype(float) / 1e9, ours.time_s[:count], atol=1e-3)
@@ -247,7 +248,7 @@ def test_truncation_at_every_byte_costs_one_ensemble(cut: int, tmp_path: Path) -
 
 
 @given(place=st.integers(0, 6 * len(ensemble(PROFILE)) - 1), flip=st.integers(1, 255))
-@settings(derandomize=True, max_examples=300, deadline=None)
+@settings(derandomize=True, max_examples=120, deadline=None)
 def test_a_flipped_byte_costs_one_ensemble(place: int, flip: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     parts = series(6)
     data = bytearray(b"".join(parts))
@@ -308,10 +309,10 @@ def test_random_damage_never_stops_the_reader_and_every_byte_is_accounted_for(tm
 
 @pytest.mark.parametrize("filler", [b"\x7f", b"\xff", b"\x00", b"\x7f\x7f\x46\x00\x00\x01\x08\x00"])
 def test_hostile_fillers_take_no_longer_than_their_length(filler: bytes, tmp_path: Path) -> None:
-    path = written(tmp_path, filler * (6_000_000 // len(filler)))
+    path = written(tmp_path, filler * (2_000_000 // len(filler)))
     begun = time.process_time()
     starts, skipped = framed(path)
-    # Linear: about half a second for 6 MB where every byte is a candidate; quadratic would take hours.
+    # Linear: a fifth of a second for 2 MB where every byte is a candidate; quadratic would take many minutes.
     assert time.process_time() - begun < 8.0
     assert starts == [] and len(skipped) == 1
     with pytest.raises(InputError, match="expected PD0 ensembles"):
@@ -320,14 +321,14 @@ def test_hostile_fillers_take_no_longer_than_their_length(filler: bytes, tmp_pat
 
 def test_alternating_layouts_and_damage_stay_linear(tmp_path: Path) -> None:
     short, long, broken = ensemble(PROFILE[:1]), ensemble(PROFILE), ensemble(PROFILE)[:-1] + b"\0"
-    path = written(tmp_path, (short + long + broken) * 3000)
+    path = written(tmp_path, (short + long + broken) * 1000)
     begun = time.process_time()
     record = read(path)
     assert time.process_time() - begun < 8.0
     assert np.isfinite(record.east[0::2, 1:2]).sum() == 0 and np.isfinite(record.east[1::2, :2]).all()
-    assert record.counts["ensembles"] == 6000 and record.counts["damaged"] == 3000
+    assert record.counts["ensembles"] == 2000 and record.counts["damaged"] == 1000
     assert record.counts["configurations"] == 2
-    assert "and 2980 more ranges" in " ".join(record.warnings)
+    assert "and 980 more ranges" in " ".join(record.warnings)
 
 
 @pytest.mark.parametrize("chunk_bytes", [1, 7, 64, 333, 5000])
