@@ -231,6 +231,5 @@ def _line(key: str, value: object, comment: str = "", indent: int = 0) -> str:
 
 
 def _flow(value: object) -> str:
-    """Write a value in YAML on one line."""
     text = yaml.safe_dump(value, default_flow_style=True, width=math.inf, allow_unicode=True, sort_keys=False)
     return text.removesuffix("\n").removesuffix("\n...").removesuffix(os.linesep)

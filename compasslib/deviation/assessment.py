@@ -55,7 +55,7 @@ FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more onl
 
 
 def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
-    """Return the corrected heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
+    """Correct the heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
 
     The exact fit starts from the whole one: which fold is the right one is taken as known. A calibration made
     elsewhere has seen no pair and stays as it is.
@@ -96,7 +96,7 @@ def _block_length(time_s: Floats) -> float:
 
 
 def _blocks(time_s: Floats) -> NDArray[np.int_]:
-    """Return the number of the contiguous block that each pair lies in, (n,)."""
+    """Number the contiguous blocks that the pairs lie in, (n,)."""
     length = max(_block_length(time_s), 1.0)
     return np.floor((time_s - time_s[0]) / length).astype(int)
 
@@ -111,7 +111,7 @@ def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dic
 
 @single_threaded()
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
-    """Return assessment.json: direction difference upper minus lower, before and after.
+    """Compose assessment.json: direction difference upper minus lower, before and after.
 
     Args:
         plain: the same as a compass that the fit holds would have recorded them, where more acted on it; what acted
@@ -136,7 +136,7 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
 
 
 def _of_other_days(east: Floats, north: Floats, pairs: Pairs) -> float | None:
-    """Return the least rms of corrected directions against the reference's of other days, None for few pairs."""
+    """Compute the least rms of corrected directions against the reference's of other days, None for few pairs."""
     if len(pairs) < FEWEST_OF_OTHER_DAYS:
         return None
     upper, lower = angles.direction(east, north), angles.direction(pairs.lower_east, pairs.lower_north)
@@ -145,7 +145,7 @@ def _of_other_days(east: Floats, north: Floats, pairs: Pairs) -> float | None:
 
 
 def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
-    """Return why held-out pairs deny the correction, nothing where they do not."""
+    """Say why held-out pairs deny the correction, nothing where they do not."""
     if after["n"] < FEWEST_TO_REFUTE:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
@@ -195,7 +195,7 @@ def _with_reference(pairs: Pairs, velocity: Complexes) -> Pairs:
 
 
 def _left_by(pairs: Pairs) -> float:
-    """Return the median size of what a fit leaves, degrees; a heading that it cannot have recorded is unrelated.
+    """Compute the median size of what a fit leaves, degrees; a heading that it cannot have recorded is unrelated.
 
     Of a folded compass one in five may be such: they would make up most of an rms.
     """
@@ -250,7 +250,7 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
 
 
 def _vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> dict[str, float]:
-    """Return magnitude and angle of Kundu's complex correlation (J. Phys. Oceanogr. 6, 238, 1976)."""
+    """Compute magnitude and angle of Kundu's complex correlation (J. Phys. Oceanogr. 6, 238, 1976)."""
     product = np.mean(a * np.conj(b)) / np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2))
     angle = -float(angles.wrap180(angles.argument(product)))  # clockwise positive: upper minus lower
     return {"magnitude": float(np.abs(product)), "angle_deg": angle}
@@ -355,7 +355,7 @@ def find_constant_offset(
 
 
 def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
-    """Return the constant and its standard error, degrees."""
+    """Estimate the constant and its standard error, degrees."""
     if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant means nothing there
         return None
     if fit.method == "calibration":
@@ -384,5 +384,5 @@ def _mistakes(declination_deg: float, heading_bias_deg: Mapping[str, float]) -> 
 
 
 def _log_density(off_deg: float, sigma_deg: float) -> float:
-    """Return the logarithm of a normal density, without the constant that all share."""
+    """Compute the logarithm of a normal density, without the constant that all share."""
     return -0.5 * (off_deg / sigma_deg) ** 2 - float(np.log(sigma_deg))

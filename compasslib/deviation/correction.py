@@ -72,7 +72,7 @@ def correct(
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedRecord:
-    """Return the corrected record; headings that cannot be corrected are NaN with flag 4.
+    """Correct a record; headings that cannot be corrected are NaN with flag 4.
 
     Args:
         record: the affected instrument inside the deployment.
@@ -182,7 +182,7 @@ def describe_correction(name: str, product: CorrectedPieces) -> str:
 def correct_headings(
     readings: Readings, fit: DeviationFit, pairs: Pairs, at: CompassSeries | None = None
 ) -> HeadingDecision:
-    """Return the correct heading, its standard deviation and how sure its branch is.
+    """Estimate the correct heading, its standard deviation and how sure its branch is.
 
     Args:
         readings: what the compass recorded, n samples.
@@ -212,7 +212,7 @@ def correct_headings(
 
 
 def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
-    """Return the decision moved to the average of the compasses, as unsure as they where they do not agree."""
+    """Move the decision to the average of the compasses, as unsure as they where they do not agree."""
     heading = angles.wrap360(decision.heading_deg + average.shift_deg)
     probability = np.where(average.agreed < AGREED, average.agreed, np.inf)
     return replace(
@@ -234,7 +234,7 @@ def readings_at_pairs(pairs: Pairs) -> Readings:
 
 
 def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
-    """Return a current in the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward.
+    """Turn a current into the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward.
 
     Args:
         east: by the recorded heading, m/s, (n,).

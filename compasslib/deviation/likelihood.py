@@ -60,11 +60,9 @@ class ExactForm:
     name: str = "exact"
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Compute the recorded heading and arg q."""
         return recorded_deg, compass.recorded_heading(coefficients, heading_deg)
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Compute the derivative of arg q."""
         return compass.gradient(coefficients, heading_deg)[:, None, :]
 
 
@@ -75,11 +73,9 @@ class SeriesInCorrect:
     name: str = "series_in_correct"
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Compute the recorded heading, and the correct one minus the deviation there."""
         return recorded_deg, heading_deg - series_deviation(coefficients, heading_deg) / angles.DEGREE
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Compute minus the series' columns."""
         return -series_design(heading_deg).T[:, None, :] / angles.DEGREE
 
 
@@ -90,11 +86,9 @@ class SeriesInRecorded:
     name: str = "series_in_recorded"
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Compute the recorded heading plus the deviation there, and the correct one."""
         return recorded_deg + series_deviation(coefficients, recorded_deg) / angles.DEGREE, heading_deg
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Compute minus the series' columns."""
         return -series_design(recorded_deg).T[:, :, None] / angles.DEGREE
 
 

@@ -11,7 +11,7 @@ Indices = NDArray[np.intp]
 
 
 def nearest_index(series_s: Floats, at_s: Floats) -> Indices:
-    """Return the position of the sample nearest to each instant.
+    """Find the position of the sample nearest to each instant.
 
     Args:
         series_s: increasing times, shape (n,), n > 0.
@@ -24,7 +24,7 @@ def nearest_index(series_s: Floats, at_s: Floats) -> Indices:
 
 
 def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indices:
-    """Return the samples that stand for the nodes of a regular grid, each once, none farther than the tolerance.
+    """Select the samples that stand for the nodes of a regular grid, each once, none farther than the tolerance.
 
     The grid takes the sampling phase of the series itself, so that an hourly record is its own grid and no heading is
     ever interpolated: a compass near iron has no meaningful value between two recorded ones.
@@ -44,7 +44,7 @@ def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indice
 
 
 def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, tolerance_s: float) -> NDArray:
-    """Return values at given instants: linear inside gaps up to twice the tolerance, else the nearest, else NaN.
+    """Interpolate to given instants: linear inside gaps up to twice the tolerance, else the nearest, else NaN.
 
     Args:
         series_s: increasing times, shape (n,).
@@ -66,7 +66,7 @@ def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, toler
 
 
 def _common_phase(time_s: Floats, step_s: float) -> float:
-    """Return the phase within a step at which most samples stand."""
+    """Find the phase within a step at which most samples stand."""
     turn = np.exp(2j * np.pi * (time_s % step_s) / step_s)
     mean = turn.mean()
     if abs(mean) < 0.1:  # sampled several times a step: no phase of its own

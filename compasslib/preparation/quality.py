@@ -40,7 +40,7 @@ FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the ty
 
 
 def flag_quality(record: Record, water_depth: float, *, affected: bool = False) -> Record:
-    """Return the record with impossible values flagged and counted, and warnings of sensors that are of no use.
+    """Flag and count impossible values, and warn of sensors that are of no use.
 
     Args:
         record: n samples in order of time, depth known.
@@ -59,7 +59,7 @@ def flag_quality(record: Record, water_depth: float, *, affected: bool = False) 
 
 
 def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
-    """Return the record with velocities flagged that were good so far, and counted; a sentence becomes a warning.
+    """Flag velocities that were good so far, and count them; a sentence becomes a warning.
 
     Args:
         record: n samples of m bins.
@@ -135,7 +135,7 @@ def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
 
 
 def apply_heading_flags(record: Record, flags: Flags) -> Record:
-    """Return the record with headings flagged, and velocities doubtful that were turned by a bad one.
+    """Flag headings, and as doubtful the velocities that were turned by a bad one.
 
     Args:
         flags: of each heading, (n,); a worse one that it has already stays.
@@ -183,7 +183,7 @@ def _heading_warnings(counts: dict[str, int], values: Floats, known: int, affect
 
 
 def _fill_values(heading_deg: Floats) -> Floats:
-    """Return headings that the record repeats far more often than those beside them, and jumps to."""
+    """Find headings that the record repeats far more often than those beside them, and jumps to."""
     distinct, place = np.unique(heading_deg.round(2), return_inverse=True)
     # A compass that stands still is none: what counts is how often the record jumps there.
     count = np.bincount(place[np.append(True, place[1:] != place[:-1])], minlength=len(distinct))
@@ -223,7 +223,7 @@ def _excursions(heading_deg: Floats, limit: float) -> Bools:
 
 
 def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
-    """Return a flag of each heading, (n,): good, bad where it is an outlier, or probably bad where it may be one.
+    """Flag each heading, (n,): good, bad where it is an outlier, or probably bad where it may be one.
 
     In slow water a compass may turn to anywhere and back: only what stands off far in fast water is sure. Where several
     do, the others are no turns either.
@@ -346,7 +346,7 @@ def _constant_sensors(record: Record) -> Record:
 
 
 def _arc(heading_deg: Floats) -> float:
-    """Return the width of the smallest arc that holds all headings but the outermost percent, degrees."""
+    """Compute the width of the smallest arc that holds all headings but the outermost percent, degrees."""
     off = angles.difference(heading_deg, angles.mean(heading_deg))
     low, high = np.percentile(off, [0.5, 99.5])
     return float(high - low)

@@ -44,8 +44,6 @@ SAME_DEG = 0.1  # between two rows of one instant
 
 @dataclass(frozen=True)
 class _File:
-    """One file: its header by label, and its rows."""
-
     path: Path
     header: Mapping[str, str]
     time_s: Floats

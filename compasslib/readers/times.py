@@ -75,8 +75,6 @@ class Unreadable(Exception):
 
 @dataclass(frozen=True)
 class _Fields:
-    """Fields of cells of one form, (n,) each."""
-
     year: Floats
     month: Floats
     day: Floats

@@ -189,7 +189,6 @@ def compare_headings(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> H
 
 
 def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) -> TimedScans:
-    """Add time, heading and pressure to scans."""
     nominal = np.array([block.rate_hz for block in scans.blocks])
     rate = sample_rates(scans.clock_s, scans.profile, scans.place, nominal)
     unclocked, notes = np.isnan(scans.clock_s), []

@@ -78,8 +78,6 @@ class Companion:
 
 @dataclass(frozen=True, eq=False)
 class _PressureSeries:
-    """The pressure in one file."""
-
     time_s: Floats
     pressure_dbar: Floats
     starts: tuple[Start, ...]

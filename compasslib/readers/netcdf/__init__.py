@@ -75,8 +75,6 @@ class _Currents:
 
 @dataclass(frozen=True)
 class _Bins:
-    """Places of the bins."""
-
     range_m: Floats  # (n, m) or (1, m)
     looks_up: bool
     depth_m: Floats  # (n,) of the instrument, or of its first bin where ranges begin there

@@ -63,8 +63,6 @@ _SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # bytes that are equal in records 
 
 @dataclass(frozen=True)
 class _Layout:
-    """The layout of all records of one configuration."""
-
     offset: int  # of the velocities
     cells: int
     beams: int
@@ -136,7 +134,6 @@ def _matrix(text: str, section: str) -> Floats | None:
 
 
 def _most_frequent_configuration(packets: Packets, at: Places) -> Places:
-    """Select the records of the most frequent configuration."""
     size = packets.end[at] - packets.begin[at]
     long = at[size >= _HEAD.itemsize]
     if not len(long):

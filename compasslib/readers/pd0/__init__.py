@@ -54,8 +54,6 @@ NEAR_CELLS = 2
 
 @dataclass(frozen=True, eq=False)
 class _DecodedChunk:
-    """A decoded chunk of a file."""
-
     ensembles: Ensembles
     dropped: DroppedCounts
     size: int  # bytes in ensembles, good ones

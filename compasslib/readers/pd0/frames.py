@@ -141,7 +141,6 @@ def is_escaped(path: str | PathLike[str]) -> bool:
 
 
 def _count_good(data: bytes) -> int:
-    """Count the good ensembles of some bytes."""
     items, _ = _scan(np.frombuffer(data, dtype=np.uint8), 0, True)
     return sum(len(item.rows) for item in items if isinstance(item, EnsembleRun))
 
