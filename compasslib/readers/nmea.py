@@ -135,12 +135,12 @@ def _sort_sentences(
             counts["impossible"] += not possible
             values[kind] += [(line, value)] if np.isfinite(value) and possible else []
             counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(sentence.deviation) > 0.0)
-    for fix in [*fixes]:
-        # Nothing is no contradiction.
-        at, speed, latitude, longitude = np.nan_to_num([fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude])
-        if not (0 <= at <= 360 and 0 <= speed <= FASTEST_KN and abs(latitude) <= 90 and abs(longitude) <= 180):
-            counts["impossible"] += 1
-            fixes.remove(fix)
+    numbers = [(fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude) for fix in fixes]
+    at, speed, latitude, longitude = np.nan_to_num(numbers).reshape(-1, 4).T  # nothing is no contradiction
+    valid = (at >= 0) & (at <= 360) & (speed >= 0) & (speed <= FASTEST_KN)
+    valid &= (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180)
+    counts["impossible"] += int((~valid).sum())
+    fixes = [fix for fix, is_valid in zip(fixes, valid, strict=True) if is_valid]
     counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
     fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
     return _add_times(fixes, clock), values
