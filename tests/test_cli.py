@@ -114,7 +114,7 @@ def test_check_says_what_each_mooring_has(tmp_path, capsys):
     change(folder / "config/moorings/M2.yaml", reference=None)
     assert main(["check", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "M1: 65.3333 N 32.9550 W, 2007-09-04 to 2007-09-04, by exact"
+    assert lines[0] == "M1: 65.3333° N, 32.9550° W; 2007-09-04 to 2007-09-04, by exact"
     seen = [line.split() for line in lines]
     assert seen[2][:6] == ["top", "affected", "pd0", "5", "1", "h"] and seen[3][:4] == [
         "deep",

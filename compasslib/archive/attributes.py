@@ -152,7 +152,9 @@ def plain(attributes: Mapping[str, object]) -> Attributes:
     Args:
         attributes: as YAML gives them; lists are joined by commas, dates become ISO 8601, mappings JSON.
     """
-    return {_legal(key): _value(value) for key, value in attributes.items() if value is not None}
+    names = {key: re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_") for key in attributes}
+    legal = {key: name if name[:1].isalpha() else f"attribute_{name}" for key, name in names.items()}
+    return {legal[key]: _value(value) for key, value in attributes.items() if value is not None}
 
 
 def iso_time(time_s: float) -> str:
@@ -178,11 +180,6 @@ def iso_duration(seconds: float) -> str:
     )
     day = f"{days}D" if days or not clock else ""
     return f"P{day}" + (f"T{clock}" if clock else "")
-
-
-def _legal(key: object) -> str:
-    name = re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_")
-    return name if name[:1].isalpha() else f"attribute_{name}"
 
 
 def _value(value: object) -> str | int | float:

@@ -94,7 +94,11 @@ def crate(
         stopped: why there are no results of others, by what they are of, as in ``configuration``.
     """
     files = _files(jobs, configuration)
-    data = [_file(path, files[path]) for path in sorted(files)]
+    data = [
+        {"@id": _id(path), "@type": "File", "name": path, "sha256": files[path]}
+        | {"encodingFormat": FORMATS.get(Path(path).suffix, "application/octet-stream")}
+        for path in sorted(files)
+    ]
     actions = [_job(name, record, configuration) for name, record in jobs.items()]
     failed = [_failed(subject, why, configuration) for subject, why in (stopped or {}).items()]
     actions += failed
@@ -261,11 +265,6 @@ def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]]) 
         "error": why,
         "object": _refs(configuration[subject]),
     }
-
-
-def _file(path: str, known: str) -> Entity:
-    form = FORMATS.get(Path(path).suffix, "application/octet-stream")
-    return {"@id": _id(path), "@type": "File", "name": path, "sha256": known, "encodingFormat": form}
 
 
 def _id(path: str) -> str:

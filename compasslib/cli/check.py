@@ -20,7 +20,7 @@ from compasslib.cli.results import print_warnings, split_warnings
 from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
-from compasslib.config.schema import Covariate, Instrument, Mooring
+from compasslib.config.schema import Covariate, Instrument
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
@@ -30,6 +30,7 @@ from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
 from compasslib.records import BAD, Record
+from compasslib.report.words import position
 from compasslib.stages import read
 from compasslib.types import Floats
 
@@ -133,7 +134,12 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
     series, unusable = _inspect_covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
-    lines, problems = [_title(name, mooring), *_table(rows), *series], problems + unusable
+    by = f"calibration {mooring.fit.name}" if mooring.fit.name else mooring.fit.method
+    also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
+    also += "" if mooring.reference or mooring.fit.name else "; no reference, so nothing is corrected"
+    place = f"{name}: {position(mooring.latitude, mooring.longitude)}"
+    title = f"{place}; {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}"
+    lines, problems = [title, *_table(rows), *series], problems + unusable
     usable = records.keys() >= set(used) and not unusable
     if usable:
         pairs = _inspect_pairs(name, rules, [records[role] for role in used])
@@ -190,16 +196,6 @@ def _inspect_calibration(name: str, planned: plan.Plan) -> Inspection:
     unusable = [f"{CALIBRATIONS}/{name}.yaml: no coefficients: {made.why}"] if made.why else []
     line = f"{name}: {rules.kind(job)}, {_plural(len(rules.raw_files(job)), 'file')}, {made.n} points"
     return Inspection((line,), tuple(unusable))
-
-
-def _title(name: str, mooring: Mooring) -> str:
-    by = f"calibration {mooring.fit.name}" if mooring.fit.name else mooring.fit.method
-    place = f"{abs(mooring.latitude):.4f} {'NS'[mooring.latitude < 0]} "
-    west = mooring.longitude if mooring.longitude <= 180.0 else mooring.longitude - 360.0
-    place += f"{abs(west):.4f} {'EW'[west < 0]}"
-    also = "".join(f"; {series} ({series_file.format})" for series, series_file in mooring.covariates.items())
-    alone = "" if mooring.reference or mooring.fit.name else "; no reference, so nothing is corrected"
-    return f"{name}: {place}, {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}{alone}"
 
 
 def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[str, ...]:

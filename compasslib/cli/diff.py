@@ -73,7 +73,11 @@ def diff(asked: Namespace) -> int:
     calibrations = _rows(old.calibrations, new.calibrations, results.CALIBRATION_FILES, _compare_calibrations)
     changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]
     sections = [table(*entry) for entry in changed if any(entry[1].values())]
-    sections += _settings(old.moorings, new.moorings, moorings)
+    both = {
+        name: old.moorings.get(name) or next(iter(old.moorings.values())) for name, row in moorings.items() if row[1:]
+    }
+    differ = [f"  {k}: {text}" for k, side in both.items() for text in records.compare(side, new.moorings[k])]
+    sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
     sections += _mooring_reasons(old.moorings, new.moorings, moorings)
     sections += _calibration_reasons(old.calibrations, new.calibrations, calibrations)
     if not sections:
@@ -99,13 +103,6 @@ def _rows(
             cells = compare(old[name], new[name])
         rows[name] = cells if any(cell != SAME for cell in cells) else ()
     return rows
-
-
-def _settings(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """List settings and raw files in which the changed moorings differ, where records of the jobs are there."""
-    both = {name: (old.get(name) or next(iter(old.values())), new[name]) for name, row in rows.items() if len(row) > 1}
-    lines = [f"  {name}: {text}" for name, sides in both.items() for text in records.compare(*sides)]
-    return ["\n".join(["Settings and raw files that differ:", *lines])] if lines else []
 
 
 def _mooring_reasons(

@@ -323,14 +323,6 @@ def driver_needs(driver: str) -> tuple[str, ...]:
     return tuple(name for name in names if name)
 
 
-def _per(base: str, unit: str, power: float) -> str:
-    """Format a unit over a driver's unit to some power."""
-    if not power or unit == "1":
-        return base
-    bracketed = f"({unit})" if " " in unit or "/" in unit else unit
-    return f"{base}/{bracketed}" if power == 1.0 else f"{base}/{bracketed}^{power:g}"
-
-
 @cache
 def compose_effect(
     acts_on: str,
@@ -353,9 +345,11 @@ def compose_effect(
     acted, shape = TARGETS[acts_on], FORMS[form]
     unit = " ".join(DRIVERS[each][1] if each in DRIVERS else each for each in driver.split("*"))
     members: list[tuple[str, type, Any]] = []
+    bracketed = f"({unit})" if " " in unit or "/" in unit else unit
     for column, base, step in acted.parameters:
         for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
-            per = _per(base, unit, power)
+            plain = not power or unit == "1"
+            per = base if plain else f"{base}/{bracketed}" + ("" if power == 1.0 else f"^{power:g}")
             members.append((f"{column}{suffix}", float, parameter(per, f"{column} part", step, least=least, most=most)))
     members += [(n, float, place_parameter(unit if u == "of the driver" else u)) for n, u in shape.places]
     space = {

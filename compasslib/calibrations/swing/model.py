@@ -99,8 +99,11 @@ def _noises(
             noises[block.name] = SwingNoise(np.full(residual.shape, scatter), dof=np.inf)
             continue
         size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + MIN_SCATTER_DEG)
-        basis = _informed_basis(columns / size[:, None], sigma) * size[:, None]
-        basis = span_basis(basis)
+        # What the fit takes up: free parameters, and those that the data know better than the prior.
+        scaled, known = columns / size[:, None], np.isfinite(sigma)
+        free, by_priors = span_basis(scaled[:, np.isinf(sigma)]), scaled[:, known] * sigma[known]
+        beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=MIN_INFORMATION)
+        basis = span_basis(np.column_stack([free, beyond]) * size[:, None])
         noise = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
         if block.groups is not None:  # what is common to the readings on one heading does not average out
             count, total = np.bincount(block.groups), np.bincount(block.groups, residual)
@@ -113,14 +116,6 @@ def _noises(
         # So few residuals that their scatter may be small by chance must not overrule the priors.
         noises[block.name] = replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
     return noises
-
-
-def _informed_basis(columns: Floats, sigma: Floats) -> Floats:
-    """Span what the fit takes up: free parameters, and those that the data know better than the prior."""
-    free = span_basis(columns[:, np.isinf(sigma)])
-    by_priors = columns[:, np.isfinite(sigma)] * sigma[np.isfinite(sigma)]
-    beyond = by_priors - free @ (free.T @ by_priors)
-    return np.column_stack([free, span_basis(beyond, least=MIN_INFORMATION)])
 
 
 def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
