@@ -21,6 +21,7 @@ ROOMS = [
         "deviation",
         "calibrations",
         "inference",
+        "product",
     ),
     *("config", "archive", "pipeline", "plots", "report", "stages", "cli"),
 ]

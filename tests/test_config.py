@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from compasslib import readers
-from compasslib.config import calibrations, schema, values
+from compasslib.config import calibrations, product, schema, values
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
@@ -22,6 +22,8 @@ from compasslib.pipeline.process import Wildcards
 
 ROOT = Path(__file__).resolve().parents[1]
 MOORING_FILE = "config/moorings/EG4.yaml"
+GRID = {"step_m": None, "from_m": None, "to_m": None, "minutes": None, "max_gap_m": None, "max_gap_minutes": 180.0}
+PRODUCT = {"grid": GRID, "flags": (1, 2), "daily": False}
 
 CONFIG = """\
 moorings: config/moorings       # folder, or a list of files; may be an empty list
@@ -158,6 +160,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
         "fit": {"method": "exact", "name": None, "tilt": False},
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5},
         "conventions": {"check": False},
+        "product": PRODUCT,
     }  # fmt: skip
     assert loaded.moorings["M1"].model_dump() == {
         "name": "M1", "latitude": 10.0, "longitude": 20.0, "water_depth": 100.0, "start_s": 1188864000.0,
@@ -166,13 +169,13 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
-            "compass": None, "sphere": None,
+            "compass": None, "sphere": None, "compass_sigma_deg": None,
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
             "bin_size": None, "first_bin": None, "flags": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
         "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
-        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "confirmed": {"constant": False}, "covariates": {},
+        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "confirmed": {"constant": False}, "product": PRODUCT, "covariates": {},
     }  # fmt: skip
 
 
@@ -342,7 +345,7 @@ def test_the_cruise_with_real_records_is_read() -> None:
 
 def test_the_readme_names_every_key() -> None:
     text = (ROOT / "config/README.md").read_text()
-    named = [*vars(schema).values(), *vars(calibrations).values()]
+    named = [*vars(schema).values(), *vars(product).values(), *vars(calibrations).values()]
     models = [m for m in named if isinstance(m, type) and issubclass(m, schema.Section)]
     keys = {key for model in models for key in schema.allowed_keys(model)}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
@@ -350,9 +353,26 @@ def test_the_readme_names_every_key() -> None:
     assert [form for form in readers.FORMATS if any(f"`{form}`" not in page for page in pages)] == []
 
 
+def test_a_mooring_takes_each_key_of_the_product_from_the_cruise_and_the_grid_as_a_whole(cruise: Path) -> None:
+    write(
+        cruise, "config/config.yaml", CONFIG + "product: {daily: true, grid: {minutes: 60, step_m: auto}, flags: 1}\n"
+    )
+    write(cruise, MOORING_FILE, with_line("product: {grid: {step_m: 4, from_m: 20}}"))
+    loaded = config.load_cruise(cruise)
+    assert loaded.options.product.model_dump() == {"grid": GRID | {"minutes": 60.0}, "flags": (1,), "daily": True}
+    made = loaded.moorings["EG4"].product
+    assert made.grid and (made.grid.step_m, made.grid.from_m, made.grid.minutes) == (4.0, 20.0, None)
+    assert made.daily and made.flags == (1,)
+    write(cruise, MOORING_FILE, with_line("product: {grid: false}"))
+    assert config.load_cruise(cruise).moorings["EG4"].product.grid is None
+
+
 # --- what is refused, in one line -----------------------------------------------------------------------------------
 
 BAD_LINES = [
+    ("product: {grid: {minutes: often}}", "product.grid.minutes: expected auto, or minutes from 1 to 1440, found 'often'; write for example minutes: 60"),
+    ("product: {grid: {from_m: 90, to_m: 80}}", "product.grid.to_m: expected metres below from_m, 90.0, found 80; correct one of the two"),
+    ("product: {flags: [1, 4]}", "product.flags: expected a list of flags out of 1, 2 and 3, found a list; write for example flags: [1, 2]"),
     ("latitude: 95.3", "latitude: expected a number from -90 to 90, found 95.3; check the sign and the order of latitude and longitude"),
     ("latitude: '65.3'", "latitude: expected a number from -90 to 90, found '65.3'; write 65.3 without quotes"),
     ("latitude: 65,3", "latitude: expected a number from -90 to 90, found '65,3'; write 65.3 with a point"),
@@ -386,7 +406,7 @@ BAD_LINES = [
     ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
     ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the reference instrument, or delete reference where there is none"),
-    ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, covariates, found the unknown 'latitud'; write latitude"),
+    ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, product, covariates, found the unknown 'latitud'; write latitude"),
     ("fit: {method: von_appen, tilt: true}", "fit.tilt: expected it only with method: exact, found it with von_appen; delete it"),
     ("fit: {method: exakt}", "fit.method: expected exact, von_appen or calibration, found 'exakt'; write exact"),
     ("fit: exact", "fit: expected a mapping, found 'exact'; write below it keys out of method, name, tilt"),
@@ -427,7 +447,7 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
     ("    declination_applied: {heading: 3}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found heading; write both, for example {heading: 0, velocity: -17.4}"),
     ("    declination_applied: {heading: 3, velocity: 181}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found a mapping; write for example declination_applied: 0"),
     ("    format: netcdf\n    flags: {good: [1], bad: ['1']}", "instruments.top.flags: expected each meaning once, found '1' twice; delete one of the two"),
@@ -485,7 +505,7 @@ BAD_FILES = [
     (b"name: Gr\xf6nland\n", "expected UTF-8 text, found other bytes at 8; save the file as UTF-8"),
     ("name: EG4\n".encode("utf-16"), "expected UTF-8 text, found other bytes at 0; save the file as UTF-8"),
     ("#" * 1_000_001, "expected at most 1000000 bytes, found 1000001; check that it is the YAML file and not data"),
-    ("<<: {name: EG4}\n", "<<: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, covariates, found the unknown '<<'; delete it, or indent it below the key that it belongs to"),
+    ("<<: {name: EG4}\n", "<<: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, product, covariates, found the unknown '<<'; delete it, or indent it below the key that it belongs to"),
 ]  # fmt: skip
 
 BAD_OPTIONS = [
@@ -623,7 +643,7 @@ def test_damaged_files_end_in_one_line_or_are_read(cruise: Path) -> None:
             read += len(config.load_cruise(cruise).moorings)
         except InputError as error:
             refused.append(str(error))
-    assert [line for line in refused if "\n" in line or len(line) > 500] == []
+    assert [line for line in refused if "\n" in line or len(line) > 560] == []
     assert read + len(refused) == 100
     assert min(read, len(refused)) > 15  # many cuts only spoil a comment
 

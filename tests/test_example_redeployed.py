@@ -92,7 +92,7 @@ def test_a_changed_record_re_runs_its_compass_and_nothing_else(done):
     again = planned(done)
     file.write_text(before)
     assert {rule for rule, name in again if name == "R2"} >= {"read", "fit", "diagnose_alone", "share", "correct"}
-    after = {"share", "compare", "correct", "figures"}
+    after = {"share", "compare", "correct", "grid", "figures"}
     for name in ("R1", "R4"):
         assert {rule for rule, of in again if of == name} == after
     assert not [rule for rule, of in again if of == "OTHER"]

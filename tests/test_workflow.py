@@ -43,14 +43,14 @@ def test_it_keeps_the_contract(done):
 
 
 EACH, OF_ALL = (
-    ("overlap", "fit", "diagnose", "compare", "correct", "figures"),
+    ("overlap", "fit", "diagnose", "compare", "correct", "grid", "figures"),
     ("summary", "report", "provenance"),
 )
 
 
 def test_the_screen_lists_what_each_stage_said_and_the_warnings_at_the_end(done):
     said = (done / "screen").read_text().splitlines()
-    stages, warnings = said.index("Stages: 19"), said.index("Warnings: 2")
+    stages, warnings = said.index("Stages: 21"), said.index("Warnings: 2")
     shown = dict(line.strip().split(": ", 1) for line in said[stages + 1 : warnings])
     of_moorings = [f"{name} {stage}" for name in ("M1", "ALONE") for stage in ("read top", *EACH)]
     assert sorted(shown) == sorted([*of_moorings, "M1 read deep", *OF_ALL, "complete"])
@@ -132,7 +132,7 @@ def test_another_workflow_uses_it_as_a_module(done, tmp_path):
     assert ran.returncode == 0, ran.stderr
     assert (folder / "rows.txt").read_text().strip() == "3"
     assert (folder / "results/M1/assessment.json").read_bytes() == before
-    ends = {f"compass_{rule}" for rule in ("diagnose", "compare", "correct", "figures", *OF_ALL)}
+    ends = {f"compass_{rule}" for rule in ("diagnose", "compare", "correct", "grid", "figures", *OF_ALL)}
     assert {*re.findall(r"^rule (\w+):", ran.stderr, re.MULTILINE)} <= {*ends, "rows"} and "rule rows:" in ran.stderr
 
 

@@ -11,17 +11,22 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.archive import provenance, variables
+from compasslib.archive import grid_variables, provenance, variables
 from compasslib.archive.attributes import NOT_GIVEN
 from compasslib.archive.files import open_netcdf
 from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
 CF, ACDD = "cf:1.8", "acdd:1.3"
-PRODUCT = "corrected.nc"  # the file that claims ACDD and OceanSITES beside CF
+PRODUCTS = ("corrected.nc", "gridded.nc", "gridded_daily.nc")  # that claim ACDD and OceanSITES beside CF
 NOT_ASKED = 1  # the checker's weight of what is merely suggested
 # The CF table has no name for these: its orientation is from true north, and it knows no deviation and no declination.
-UNNAMED = tuple(name for name, variable in variables.CORRECTED.items() if not variable.standard_name)
+UNNAMED = tuple(
+    name
+    for table in (variables.CORRECTED, grid_variables.GRIDDED)
+    for name, variable in table.items()
+    if not variable.standard_name
+)
 UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_name' for name in UNNAMED}
 
 
@@ -48,7 +53,7 @@ def remarks(path: str | Path) -> list[str]:
     Raises:
         InputError: the file is absent or damaged.
     """
-    product = Path(path).name == PRODUCT
+    product = Path(path).name in PRODUCTS
     issues = [f"OceanSITES: {remark}" for remark in oceansites_remarks(path)] if product else []
     if not installed():
         return issues
@@ -249,7 +254,7 @@ def _names(nc: netCDF4.Dataset) -> Remarks:
         if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
             yield f"{name}:standard_name is not {NAMES[name]}"
         if (
-            "TIME" in [other for other in variable.dimensions if other != variables.BEAM.name][1:]
+            "TIME" in [other for other in variable.dimensions if other not in (variables.BEAM.name, "MODE")][1:]
         ):  # CF 2.4: to the left
             yield f"{name}: TIME is not the first of its dimensions"
         if not _attribute(variable, "long_name"):

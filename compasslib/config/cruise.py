@@ -211,12 +211,15 @@ def _calibration(file: str, place: RawFolder) -> CalibrationFile:
 
 
 def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]:
-    fit, diagnose = raw.get("fit"), raw.get("diagnose")
-    # Method and name of a fit belong together; the switches of the diagnosis are each their own.
+    fit = raw.get("fit")
+    # Method and name of a fit belong together; the keys of diagnosis and product are each their own.
     filled = raw if fit is not None else raw | {"fit": options.fit.model_dump()}
-    if isinstance(diagnose, dict | None):
-        stated = {key: value for key, value in (diagnose or {}).items() if value is not None}
-        filled = filled | {"diagnose": options.diagnose.model_dump() | stated}
+    for name, default in (("diagnose", options.diagnose), ("product", options.product)):
+        given = raw.get(name)
+        if isinstance(given, dict | None):
+            stated = {key: value for key, value in (given or {}).items() if value is not None}
+            defaults = {key: False if value is None else value for key, value in default.model_dump().items()}
+            filled = filled | {name: defaults | stated}
     return filled
 
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, model_validator
 
 from compasslib import readers
 from compasslib.config import values
+from compasslib.config.product import ProductOptions
+from compasslib.config.section import Count, Number, Section, Switch, allowed_keys, key
 from compasslib.config.values import iso, problem, shown
 from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
@@ -28,9 +30,6 @@ def _form(value: Any) -> str:
     return str(value)
 
 
-Number = Annotated[float, BeforeValidator(values.number)]
-Count = Annotated[int, BeforeValidator(values.count)]
-Switch = Annotated[bool, BeforeValidator(values.switch)]
 Text = Annotated[str, BeforeValidator(values.text)]
 Name = Annotated[str, BeforeValidator(values.name)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(values.names)]
@@ -81,19 +80,6 @@ _FILES_WORDS = "a path, a list of paths or a glob, relative to the cruise folder
 _ATTRIBUTES_WORDS = "a mapping of names to texts or numbers"
 
 
-def key(expected: str, example: str, default: Any = ..., advice: str | None = None, **limits: Any) -> Any:
-    """Make a field with the words that its error message needs.
-
-    Args:
-        expected: what may stand there, to be read after "expected".
-        example: a value as it is written in YAML.
-        default: its value where the key is absent; required without one.
-        advice: what to do where the value is wrong; write the example where absent.
-        **limits: bounds and alias, as pydantic names them.
-    """
-    return Field(default, description=expected, examples=[example], json_schema_extra={"advice": advice}, **limits)
-
-
 def _degrees(limit: int) -> Any:
     return key(f"degrees from {-limit} to {limit}", "0", None, ge=-limit, le=limit)
 
@@ -108,24 +94,6 @@ def _header(unit: str, example: str) -> Any:
 
 DATE_HEADER = key("the header of a column (the date, where the clock stands apart)", "Date", None)
 CLOCK_HEADER = key("the header of a column (the time of day, where the date stands apart)", "Time", None)
-
-
-def allowed_keys(model: type[BaseModel]) -> dict[str, Any]:
-    """List the fields of a model by the key that stands in the YAML file, those of any table last."""
-    named = sorted(model.model_fields.items(), key=lambda item: item[0] in TABLE_KEYS)
-    return {field.alias or name: field for name, field in named}
-
-
-class Section(BaseModel):
-    """A mapping that refuses unknown keys and takes an empty value for an absent one."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _empty_is_absent(cls, data: Any) -> Any:
-        known = allowed_keys(cls)
-        return {k: v for k, v in data.items() if v is not None or k not in known} if isinstance(data, dict) else data
 
 
 class Overlap(Section):
@@ -194,6 +162,7 @@ class CruiseOptions(Section):
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
     conventions: Conventions = key("a mapping", "{check: true}", Conventions())
+    product: ProductOptions = key("a mapping", "{daily: true}", ProductOptions())
 
     @model_validator(mode="after")
     def _calibrations_belong_to_moorings(self) -> Self:
@@ -306,6 +275,7 @@ class Instrument(TableKeys):
     exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
     compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
     sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
+    compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{serial_number: 1234}", {})
     columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
     pressure_files: Files = key(_FILES_WORDS, "raw/EG4/C*.TXT", ())
@@ -406,6 +376,7 @@ class Mooring(Section):
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
     confirmed: Confirmed = key("a mapping", "{constant: true}", Confirmed())
+    product: ProductOptions = key("a mapping", "{daily: true}", ProductOptions())
     covariates: dict[Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
 
     @property

@@ -175,6 +175,14 @@ def declination(value: Any) -> float | Literal["auto"]:
     return degrees
 
 
+def quality_flags(value: Any) -> tuple[int, ...]:
+    """Return flags of velocities that a product may be made of, in order."""
+    given = value if isinstance(value, list | tuple) else [value]
+    if not given or any(isinstance(flag, bool) or flag not in (1, 2, 3) for flag in given):
+        raise problem()
+    return tuple(sorted({int(flag) for flag in given}))
+
+
 def time_s(value: Any) -> float:
     """Parse a date (its midnight) or an ISO 8601 time, UTC without a zone, to UTC seconds since 1970."""
     moment = value

@@ -7,7 +7,7 @@ The table of stages serves the Snakefile and ``process.process_mooring``. Snakem
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -16,8 +16,7 @@ from typing import Any
 
 from compasslib import plugins, readers
 from compasslib.archive import provenance
-from compasslib.calibrations import KINDS
-from compasslib.config.cruise import CALIBRATIONS, Cruise
+from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
 from compasslib.pipeline import records
 from compasslib.pipeline.settings import (
@@ -30,9 +29,6 @@ from compasslib.pipeline.settings import (
     used_instruments,
 )
 
-METHODS = ("exact", "von_appen", "calibration")
-FIGURES = ("deviation", "diagnosis", "progressive", "roses", "scatter", "sticks", "timeline")
-PICTURES = tuple(f"figures/{figure}.png" for figure in FIGURES)
 JUDGED = ("diagnosis", "deviation", "assessment")
 ALONE = (*JUDGED, "summary")  # of each mooring whose compass has others
 SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
@@ -111,6 +107,7 @@ class Plan:
         }
         judged = {name: f"{name}.json" for name in JUDGED}
         checked = provenance.installed("compliance-checker")
+        archived = {"site": of.site, "attributes": of.attributes, "sources": of.all_raw_files}
 
         def stage(rule: str, function: str, label: str = "", code: Given | None = None, **parts: Any) -> Stage:
             return Stage(function, MOORING, label or rule, code or self.code(rule), **parts)
@@ -175,7 +172,23 @@ class Plan:
                     "observatory": of.observatory,
                 },
                 writes={"corrected": "corrected.nc"},
-                settings={"site": of.site, "attributes": of.attributes, "sources": of.all_raw_files},
+                settings=archived,
+            ),
+            "grid": stage(
+                *("grid", "grid.grid"),
+                reads={
+                    "corrected": "corrected.nc",
+                    "record": of.compromised,
+                    "references": of.reference,
+                    "pairs": pairs,
+                    "deviation": "deviation.json",
+                    "assessment": "assessment.json",
+                    "field": field_,
+                    "observatory": of.observatory,
+                },
+                writes={"gridded": of.gridded},
+                settings={"options": of.product, "names": of.instrument_names, "compasses": of.reference_compasses}
+                | archived,
             ),
             "compare": stage(
                 *("compare", "correct.compare"),
@@ -189,13 +202,14 @@ class Plan:
                     "deviation": "deviation.json",
                     "diagnosis": "diagnosis.json",
                     "product": "corrected.nc",
+                    "gridded": of.gridded,
                 },
-                writes={"figures": PICTURES, "pictures": "work/pictures.json"},
+                writes={"figures": of.figures, "pictures": "work/pictures.json"},
             ),
             "check_conventions": stage(
                 *("conventions", "cruise.conventions"),
                 code=self.code("conventions", checked),
-                reads={"products": ("corrected.nc", pairs), "records": of.records},
+                reads={"products": ("corrected.nc", pairs), "gridded": of.gridded, "records": of.records},
                 writes={"conventions": "conventions.json"},
             ),
         }
@@ -261,8 +275,9 @@ class Plan:
         configuration = of.configuration()
         files = {
             "summary": [*self.per_mooring(*summarized, "overlap.nc"), *self.records_of_instruments()],
-            "report": [*self.per_mooring(*PICTURES, "work/pictures.json"), *self.calibrated(), *self.joined()],
         }
+        drawn = [*self.pictures(), *self.per_mooring("work/pictures.json")]
+        files["report"] = [*drawn, *self.calibrated(), *self.joined()]
         templates = provenance.digest(of.templates())
         return {
             "summary": Stage(
@@ -317,7 +332,8 @@ class Plan:
             shared = name in self.compasses.moorings
             rules = ["overlap", "carry" if mooring.fit.method == "calibration" else "fit"]
             rules += ["diagnose_alone", "share"] if shared else ["diagnose"]
-            yield from ((rule, Wildcards(name)) for rule in (*rules, "correct", "compare", "figures"))
+            gridded = ["grid"] if self.moorings.gridded(Wildcards(name)) else []
+            yield from ((rule, Wildcards(name)) for rule in (*rules, "correct", *gridded, "compare", "figures"))
             yield "check_conventions", Wildcards(name)
         for name in self.cruise.calibrations:
             rules = ["calibrate", "calibration_figures"]
@@ -407,6 +423,10 @@ class Plan:
     def table(self) -> list[str]:
         return [SUMMARY] if self.cruise.moorings else []
 
+    def pictures(self) -> list[str]:
+        """Return the figures of each mooring."""
+        return [file for name in self.cruise.moorings for file in self.moorings.figures(Wildcards(name))]
+
     def calibrated(self) -> list[str]:
         """List all files of the calibrations."""
         return [file for file in self._writers_of_parts() if file.startswith(f"{CRUISE}/calibrations/")]
@@ -423,10 +443,20 @@ class Plan:
 
     def products(self) -> list[str]:
         """List the files from which the jobs' records lead back to all others."""
-        last = ("corrected.nc", "assessment.json", "forms.json", *PICTURES)
+        last = ("corrected.nc", "assessment.json", "forms.json")
+        gridded = [file for name in self.cruise.moorings for file in self.moorings.gridded(Wildcards(name))]
         checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
         drawn = [file for file in self.joined() if file.endswith(".png")]
-        return [*self.per_mooring(*last), *checked, *self.table(), *self.calibrated(), *drawn, REPORT]
+        return [
+            *self.per_mooring(*last),
+            *self.pictures(),
+            *gridded,
+            *checked,
+            *self.table(),
+            *self.calibrated(),
+            *drawn,
+            REPORT,
+        ]
 
     def given(self) -> list[str]:
         """List what jobs are given: settings, raw files and scripts of this software."""
@@ -443,30 +473,18 @@ def plan(cruise: Cruise, scripts: Path = SCRIPTS) -> Plan:
     """Plan a cruise, after refusing what no stage can do.
 
     Raises:
-        InputError: a method that no fit offers, a kind of calibration that is not offered, a mooring that no rule can
-            simulate, or an effect or reader of another package that cannot be taken.
+        InputError: a mooring that no rule can simulate, or an effect or reader of another package that cannot be taken.
     """
     if plugins.declared_plugins(plugins.EFFECTS):
         import_module("compasslib.effects").all_effects()  # looks at them before any work
     moorings = cruise.moorings.values()
     for form in {instrument.format for mooring in moorings for instrument in mooring.instruments.values()}:
         readers.get_format(form)  # imports another package's
-    for name, mooring in cruise.moorings.items():
-        file = cruise.mooring_files[name]
-        if cruise.options.demonstration and name not in SIMULATED:
+    for name, file in cruise.mooring_files.items() if cruise.options.demonstration else ():
+        if name not in SIMULATED:
             advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
-        _refuse(f"{file}: fit.method", mooring.fit.method, METHODS)
-    for name, calibration in cruise.calibrations.items():
-        _refuse(f"{CALIBRATIONS}/{name}.yaml: kind", calibration.kind, tuple(KINDS))
     return Plan(cruise, scripts)
-
-
-def _refuse(where: str, found: str, offered: Sequence[str]) -> None:
-    """Refuse what the schema knows and this version does not do."""
-    if found not in offered:
-        advice = "this version does not offer it yet"
-        raise InputError(where, expected=" or ".join(offered), found=found, advice=advice)
 
 
 def only(names: Iterable[str]) -> str:

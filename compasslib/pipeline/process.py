@@ -9,7 +9,7 @@ from __future__ import annotations
 import fcntl
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir, contextmanager, suppress
 from importlib import import_module
 from inspect import signature
@@ -51,13 +51,23 @@ def process_mooring(
     return there
 
 
-def run_stages(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], None] = lambda line: None) -> None:
+LAST = ("corrected.nc", "forms.json", "gridded.nc")  # files of a mooring that lead back to all others but figures
+
+
+def run_stages(
+    cruise: Cruise,
+    mooring: str,
+    folder: Path,
+    say: Callable[[str], None] = lambda line: None,
+    last: Sequence[str] = LAST,
+) -> None:
     """Run the stages of one mooring into a folder, over what stands there; the cruise is the working folder.
 
     Calibrations and other moorings of its compass that it needs are made below ``work`` in that folder.
 
     Args:
         folder: of the mooring's results, absolute.
+        last: files that are made, with all that they need.
     """
     planned, done = plan.plan(cruise), set[str]()
 
@@ -82,8 +92,9 @@ def run_stages(cruise: Cruise, mooring: str, folder: Path, say: Callable[[str], 
         speak = say if job.mooring in ("", mooring) else lambda line: None
         run_stage(planned.stages[rule], job, named | {"say": speak})
 
-    for file in ("corrected.nc", "forms.json"):
-        make(planned.writers[f"{RESULTS}/{mooring}/{file}"])
+    for file in last:
+        if (record := planned.writers.get(f"{RESULTS}/{mooring}/{file}")) is not None:
+            make(record)
 
 
 def run_stage(stage: plan.Stage, job: Wildcards, named: dict[str, Any]) -> None:

@@ -22,6 +22,8 @@ from compasslib.earthfield import parse_applied_declination
 from compasslib.inference import kinds
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+FIGURES = ("deviation", "diagnosis", "progressive", "roses", "scatter", "sticks", "timeline")
+OF_GRID = ("section", "profile")  # figures of the gridded product
 SCRIPTS = provenance.WORKFLOW / "scripts"
 EFFECTS = str(provenance.PACKAGE / "effects/__init__.py")
 
@@ -146,6 +148,29 @@ class Moorings:
         magnetic = not trusted or "magnetic" in trusted
         derived = {"reference_magnetic": magnetic, "constant_confirmed": mooring.confirmed.constant}
         return mooring.diagnose.model_dump() | derived
+
+    def product(self, wildcards: Any) -> dict[str, Any]:
+        return dict(self._mooring(wildcards).product.model_dump(mode="json"))
+
+    def gridded(self, wildcards: Any) -> list[str]:
+        """Return the files of the gridded product: none where it is left out, daily means where they are asked for."""
+        wanted = self._mooring(wildcards).product
+        files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid else []
+        return [f"results/{wildcards.mooring}/{file}" for file in files]
+
+    def figures(self, wildcards: Any) -> list[str]:
+        names = (*FIGURES, *(OF_GRID if self.gridded(wildcards) else ()))
+        return [f"results/{wildcards.mooring}/figures/{name}.png" for name in names]
+
+    def instrument_names(self, wildcards: Any) -> list[str]:
+        """Return the names of the affected instrument and of the references."""
+        return used_instruments(self._mooring(wildcards))
+
+    def reference_compasses(self, wildcards: Any) -> list[dict[str, Any]]:
+        """Return how well each reference's directions are known, and whether they are from magnetic north."""
+        mooring = self._mooring(wildcards)
+        used = [mooring.instruments[name] for name in mooring.reference]
+        return [{"sigma_deg": i.compass_sigma_deg, "magnetic": i.direction_reference == "magnetic"} for i in used]
 
     def observatory(self, wildcards: Any) -> list[str]:
         """List the files of the observatory that one mooring names, none where it names none."""

@@ -36,7 +36,7 @@ def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indice
     """
     if not len(time_s):
         return np.zeros(0, dtype=np.intp)
-    phase = _common_phase(time_s, step_s)
+    phase = common_phase(time_s, step_s)
     first = np.floor((time_s[0] - phase) / step_s)
     nodes = phase + step_s * np.arange(first, np.ceil((time_s[-1] - phase) / step_s) + 1)
     index = nearest_index(time_s, nodes)
@@ -65,7 +65,7 @@ def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, toler
     return np.where(np.abs(series_s[near] - at_s) <= tolerance_s, taken, np.nan)
 
 
-def _common_phase(time_s: Floats, step_s: float) -> float:
+def common_phase(time_s: Floats, step_s: float) -> float:
     """Find the phase within a step at which most samples stand."""
     turn = np.exp(2j * np.pi * (time_s % step_s) / step_s)
     mean = turn.mean()

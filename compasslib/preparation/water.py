@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
@@ -89,18 +90,36 @@ def usable_velocities(record: Record) -> Bools:
 def fit_structure(record: Record) -> StructureFunction | None:
     """Fit the structure function of velocity by the distance of two bins, None where there are too few."""
     usable = usable_velocities(record)
-    range_m = np.median(record.bin_range_m, axis=0)
-    sound = np.flatnonzero(usable.mean(axis=0) >= LEAST_GOOD * usable.mean(axis=0).max(initial=0.0))
-    near = sound[np.argsort(np.abs(range_m[sound]))[:LOOKED_AT]]
+    range_m, share = np.median(record.bin_range_m, axis=0), usable.mean(axis=0)
+    near = _sound_bins(share, range_m)  # of all bins the velocities would be a third of the memory
+    velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
+    return fit_structure_function(velocity, range_m[near])
+
+
+def _sound_bins(share: Floats, range_m: Floats) -> NDArray[np.intp]:
+    """Return the bins next to the instrument that are good nearly as often as the best, nearest first."""
+    sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
+    return sound[np.argsort(np.abs(range_m[sound]))[:LOOKED_AT]]
+
+
+def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFunction | None:
+    """Fit the structure function to velocities, None where there are too few.
+
+    Args:
+        velocity: (n, m), m/s, NaN where it may not be used.
+        range_m: of each bin, (m,).
+    """
+    near = _sound_bins(np.isfinite(velocity.real).mean(axis=0) if len(velocity) else np.zeros(len(range_m)), range_m)
     if len(near) < FEWEST_BINS:
         return None
     cell_m = float(np.median(np.diff(np.sort(np.abs(range_m[near])))))
-    velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
+    velocity = velocity[:, near]
     first, second = np.triu_indices(len(near), 1)
     cells = np.abs(range_m[near][first] - range_m[near][second]) / max(cell_m, 1e-3)
     half = np.full(len(first), np.nan)
     for k, (a, b) in enumerate(zip(first, second, strict=True)):
-        squares = np.abs((velocity[:, a] - velocity[:, b])[usable[:, near[a]] & usable[:, near[b]]]) ** 2
+        differences = velocity[:, a] - velocity[:, b]
+        squares = np.abs(differences[np.isfinite(differences)]) ** 2
         half[k] = float(np.mean(squares)) / 2.0 if len(squares) >= FEWEST else np.nan
     valid = np.isfinite(half) & (half > 0.0) & (cells <= REACH)
     if valid.sum() < 3 or cell_m <= 0.0:

@@ -11,7 +11,10 @@ from compasslib.report.sections import MooringResults, ReportSection
 
 CURRENTS = ("sticks", "progressive", "roses")
 OF_PAIRS = ("diagnosis", "deviation", "scatter")  # empty where there is neither a pair nor a curve
-FILES = ("corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json", "figures", "logs")
+FILES = (
+    *("corrected.nc", "gridded.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json"),
+    *("figures", "logs"),
+)
 
 
 def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any], *, small: bool) -> ReportSection:
@@ -59,7 +62,11 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
             *explanation.hypotheses_table(results.diagnosis),
             *sections.table("mooring", "inputs", inputs=results.inputs, names=nonzero, zero=zero),
         ),
-        links=tuple((file, sections.relative_link(results.folder / file, root)) for file in FILES),
+        links=tuple(
+            (file, sections.relative_link(results.folder / file, root))
+            for file in FILES
+            if (results.folder / file).exists()
+        ),
         cells=words.cells("mooring", "row", r=results)[0],
     )
 

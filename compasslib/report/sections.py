@@ -276,6 +276,8 @@ TITLES = {
     "sticks": "Currents along time",
     "progressive": "Progressive vector diagram",
     "roses": "Direction frequencies before and after",
+    "section": "Sections before and after",
+    "profile": "Mean profiles",
     "diagnosis": "Residual of the fit",
     "deviation": "Deviation of the compass",
     "scatter": "Direction compared with the reference",

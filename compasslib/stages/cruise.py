@@ -106,11 +106,17 @@ def verify(*, configured: Sequence[str], say: Callable[[str], None]) -> None:
 
 
 def conventions(
-    mooring: str, *, products: Sequence[str], records: Sequence[str], conventions: str, say: Callable[[str], None]
+    mooring: str,
+    *,
+    products: Sequence[str],
+    gridded: Sequence[str],
+    records: Sequence[str],
+    conventions: str,
+    say: Callable[[str], None],
 ) -> None:
     """Write what the files were held against.
 
     Raises:
         InputError: something stands against one of them.
     """
-    write_json(conventions, rules.report_remarks([*products, *records], say))
+    write_json(conventions, rules.report_remarks([*products, *gridded, *records], say))

@@ -1,4 +1,4 @@
-"""Draw one mooring: currents before and after, diagnosis, von Appen's Figs 6, 7 and 9, the record along time."""
+"""Draw one mooring: currents before and after, diagnosis, von Appen's Figs 6, 7 and 9, sections, the record."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from pathlib import Path
 
 from compasslib.archive import netcdf, summary
 from compasslib.archive.files import read_json, write_pictures
+from compasslib.archive.gridded import read_section
 from compasslib.inference import product as products
 from compasslib.plots import curves
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
+from compasslib.plots import section as sections
 from compasslib.plots import timeseries as water
 from compasslib.preparation.references import combine_references
 
@@ -22,6 +24,7 @@ def figures(
     deviation: str,
     diagnosis: str,
     product: str,
+    gridded: Sequence[str],
     figures: Sequence[str],
     pictures: str,
     say: Callable[[str], None],
@@ -39,5 +42,9 @@ def figures(
     curve.draw_deviation(to["deviation"], both, products.from_json(read_json(deviation)).fit)
     curve.draw_scatter(to["scatter"], both, corrected)
     water.draw_timeline(to["timeline"], corrected, both)
+    if gridded:
+        section = read_section(gridded[0], sections.COLUMNS)
+        sections.draw_section(to["section"], section)
+        sections.draw_profile(to["profile"], section)
     write_pictures(pictures, figures)
     say(f"{mooring}: {len(figures)} figures")

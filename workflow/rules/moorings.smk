@@ -103,6 +103,24 @@ rule correct:
         "../scripts/correct.py"
 
 
+rule grid:
+    """Corrected and reference velocities -> fixed depths and times, with the uncertainty of sections and means."""
+    input:
+        PLAN.inputs("grid"),
+    output:
+        "results/{mooring}/logs/grid.json",
+    log:
+        "results/{mooring}/logs/grid.log",
+    benchmark:
+        "results/{mooring}/benchmarks/grid.tsv"
+    wildcard_constraints:
+        mooring=PLAN.names("grid"),
+    params:
+        **PLAN.params("grid"),
+    script:
+        "../scripts/grid.py"
+
+
 rule compare:
     """Pairs -> which form of the curve predicts held-out ones best; no other stage waits for it."""
     input:

@@ -1,0 +1,237 @@
+"""The gridded product against the true sea at fixed depths: errors beside a mean per bin, coverage, gaps, cost.
+
+    python benchmarks/gridding.py [MOORINGS_A_KIND] [SEED]
+
+Moorings of plain and structured sea, with a sphere that dives, with a profiler as reference, with a two-valued compass.
+Each has an error of the reference's compass (2 degrees) and of the declination, drawn anew. Intervals are by moorings.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import chdir
+from dataclasses import replace
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import runs  # noqa: F401 - makes tests/world importable
+import yaml
+
+from compasslib.config import cruise as config
+from compasslib.demo import adcp, magnetometer, mooring, sealed
+from compasslib.demo import water as sea
+from compasslib.demo.adcp import Adcp, Setup
+from compasslib.demo.sealed import Effect, Export, Ground, Wish
+from compasslib.earthfield import field_from_json
+from compasslib.pipeline import process
+from compasslib.product.errors import HeadingErrors, declination_sigma, sum_sigma
+from compasslib.stages import grid as stage
+from tests.world import draw
+
+KINDS = ("plain", "structured", "diving", "profiler", "two-valued")
+STRENGTH = {"two-valued": 1.3}
+HOURS, CELLS, CELL_M, REFERENCE_DEG, DAY_S = 1200, 16, 4.0, 2.0, 86400.0
+PLAIN_SHEAR, WEAK = 0.25, 0.3  # of the sea's layers; of the buoyancy
+TOP = Setup(kilohertz=300, looks_up=True, cells=CELLS, cell_m=CELL_M, blank_m=1.76, first_bin_m=6.0, pings=4,
+            coordinates="earth", serial=9001)  # fmt: skip
+
+
+def ground_of(kind: str, seed: int) -> Ground:
+    """Return a mooring of a kind."""
+    ground = sealed.make(seed, "M", Wish(wide=True, hours=HOURS))
+    _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
+    strength = STRENGTH.get(kind, float(np.random.default_rng(seed).choice([0.1, 0.2, 0.35])))
+    ground = replace(ground, meter=magnetometer.build(ground.random("iron"), (horizontal, vertical), strength))
+    if kind == "plain":
+        level = np.full(ground.currents.time_s.size, PLAIN_SHEAR)
+        layers, veer = ground.currents.layers.times(level), 0.0 * ground.currents.veer_deg_m
+        ground = replace(ground, currents=replace(ground.currents, layers=layers, veer_deg_m=veer))
+    if kind == "diving":
+        rig = mooring.Rig(WEAK * (500.0 + 1.7 * ground.water_depth_m), 30.0, 26.0, 1.0, -1.0)
+        declination = float(ground.field.at(ground.stamp_s)[0].mean())
+        motion = mooring.make_motion(seed, "M", rig, ground.currents, declination_deg=declination)
+        ground = replace(ground, motion=motion)
+    return ground
+
+
+def write(kind: str, ground: Ground, folder: Path) -> None:
+    """Write the cruise of one mooring."""
+    export = Export(deep="table")
+    drawn = draw.Sealed("M", wish=ground.wish, export=export, seed=ground.seed)
+    wrong = float(np.random.default_rng(ground.seed + 1).normal(0.0, REFERENCE_DEG))
+    effects = [Effect("reference", trusted=lambda heading: np.full(heading.shape, wrong))]
+    raw = folder / "raw/M"
+    sealed.write(ground, effects, raw, export)
+    stance = sealed._top_stance(ground, [])
+    made = adcp.measure(ground.random("top"), Adcp(TOP, noise_m_s=0.014), stance, ground.currents,
+                        latitude_deg=ground.latitude_deg)  # fmt: skip
+    kept = sealed._kept(ground)
+    logged = replace(sealed._as_logged(ground, stance, made), time_s=ground.stamp_s)
+    adcp.write(raw / "top.000", TOP, sealed._only(logged, kept))
+    settings = draw._described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
+    if kind == "profiler":
+        settings["instruments"]["deep"] = write_profiles(ground, wrong, raw / "deep.csv")
+    (folder / "config/moorings").mkdir(parents=True)
+    (folder / "config/config.yaml").write_text("moorings: config/moorings\n")
+    (folder / "config/moorings/M.yaml").write_text(yaml.safe_dump(settings))
+
+
+def write_profiles(ground: Ground, wrong_deg: float, path: Path) -> dict[str, object]:
+    """Write a profiler's scans, every 30 s on its way up at 25 cm/s each four hours; they end under the sphere."""
+    ends = ground.stamp_s[::4]
+    time_s = (ends[:, None] - 30.0 * np.arange(12)[::-1]).ravel()
+    sphere = np.interp(time_s, ground.motion.time_s, ground.motion.sphere_depth_m)
+    depth = sphere + 5.0 + np.tile(7.5 * np.arange(12)[::-1], len(ends))
+    flow = sea.velocity(ground.currents, time_s, depth)
+    flow = flow + np.random.default_rng(ground.seed).normal(0.0, 0.01, (2, len(flow))).T @ np.array([1.0, 1j])
+    turn = np.deg2rad(ground.field.at(time_s)[0] - wrong_deg)
+    flow = flow * np.exp(1j * turn)
+    stamps = np.datetime_as_string(time_s.astype("datetime64[s]"))
+    rows = (f"{t}Z,{d:.2f},{v.real:.4f},{v.imag:.4f}" for t, d, v in zip(stamps, depth, flow, strict=True))
+    path.write_text("\n".join(["time,depth,u,v", *rows]))
+    columns = {"time": "time", "depth": "depth", "east": "u", "north": "v"}
+    return {"format": "table", "files": "raw/M/deep.csv", "direction_reference": "magnetic", "columns": columns}
+
+
+def measure(kind: str, seed: int, folder: Path) -> dict[str, float]:
+    """Process a mooring and compare its product with the truth."""
+    ground = ground_of(kind, seed)
+    write(kind, ground, folder)
+    results, spent = folder / "results/M", []
+    make = stage.grid
+
+    @functools.wraps(make)  # the stage is called by its signature
+    def timed(*args: object, **named: object) -> None:
+        begin = time.process_time()
+        make(*args, **named)  # type: ignore[arg-type]
+        spent.append(time.process_time() - begin)
+
+    stage.grid = timed  # type: ignore[assignment]
+    try:
+        with chdir(folder):
+            results.mkdir(parents=True)
+            process.run_stages(config.load_cruise(Path()), "M", results.absolute(), last=("gridded.nc",))
+    finally:
+        stage.grid = make
+    field = field_from_json(yaml.safe_load((results / "work/field.json").read_text()))
+    turn = np.random.default_rng(seed + 2).normal(0.0, np.deg2rad(declination_sigma(field)))
+    with netCDF4.Dataset(results / "gridded.nc") as nc:
+        g = Grid(nc, lambda t, z: sea.velocity(ground.currents, t, np.tile(z, (len(t), 1))) * np.exp(1j * turn))
+        found = dict(g.compare(), **g.section(np.random.default_rng(seed + 3).uniform(0, 2 * np.pi)))
+    with netCDF4.Dataset(results / "corrected.nc") as nc:
+        found |= beside_bins(nc, g)
+    with netCDF4.Dataset(results / "gridded_daily.nc") as nc:
+        daily = Grid(nc, g.of_days)
+        found |= {f"daily {name}": value for name, value in daily.compare().items() if name.startswith("cover")}
+    return found | {"cpu_s_a_year": spent[0] * 8766.0 / HOURS, "dive_m": float(ground.motion.sphere_depth_m.std())}
+
+
+class Grid:
+    """A gridded file and the truth at its cells."""
+
+    def __init__(self, nc: netCDF4.Dataset, truth: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
+        read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731
+        self.time_s = np.round((read("TIME") - 7305.0) * DAY_S)
+        self.depth_m, self.source = read("DEPTH"), read("SOURCE")
+        self.flow = read("UCUR") + 1j * read("VCUR")
+        self.sigma = read("UCUR_UNCERTAINTY"), read("VCUR_UNCERTAINTY")
+        self.errors = HeadingErrors(
+            (),
+            read("HEADING_ERROR_MODE"),
+            read("HEADING_ERROR_RANDOM"),
+            nc["HEADING_ERROR_RANDOM"].memory_hours * 3600.0,
+            read("HEADING_ERROR_SHARE"),
+        )
+        self.memory_s, self.quality = nc["UCUR_UNCERTAINTY"].error_memory_hours * 3600.0, read("UCUR_QC")
+        self.truth = truth(self.time_s, self.depth_m)
+
+    def of_days(self, noon_s: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
+        """Return the true means of days by the hours of this file."""
+        return np.array([self.truth[np.abs(self.time_s + 1.0 - noon) <= DAY_S / 2].mean(axis=0) for noon in noon_s])
+
+    def compare(self) -> dict[str, float]:
+        """Return rms and coverage of both components."""
+        off, good = self.flow - self.truth, np.isfinite(self.flow) & np.isfinite(self.sigma[0])
+        cover = [
+            np.mean(np.abs(x[good]) < 1.96 * s[good]) for x, s in zip((off.real, off.imag), self.sigma, strict=True)
+        ]
+        return {
+            "rms_cm_s": 100.0 * np.sqrt(np.mean(np.abs(off[good]) ** 2) / 2.0),
+            "cover u": cover[0],
+            "cover v": cover[1],
+        }
+
+    def section(self, angle: float) -> dict[str, float]:
+        """Return whether the mean transport over all cells lies within 1.96 of its standard deviation."""
+        good = np.isfinite(self.flow) & np.isfinite(self.sigma[0])
+        weight = np.where(good, 1.0 / good.sum(), 0.0)
+        heading = np.array([self.errors.variance(s) for s in range(len(self.errors.shares))])
+        source = np.where(good, self.source.astype(int) - 1, -1)
+        turned = np.where(good, heading[np.maximum(source, 0), np.arange(len(source))[:, None]], 0.0)
+        rest = (self.sigma[0] ** 2 + self.sigma[1] ** 2 - turned * np.abs(self.flow) ** 2) / 2.0
+        east, north = weight * np.cos(angle), weight * np.sin(angle)
+        sigma = sum_sigma(east, north, self.flow, np.maximum(rest, 0.0), source, self.errors, 3600.0,
+                          memory_s=self.memory_s)  # fmt: skip
+        off = np.nansum(east * (self.flow - self.truth).real + north * (self.flow - self.truth).imag)
+        return {"cover section": float(abs(off) < 1.96 * sigma), "section z2": float((off / sigma) ** 2)}
+
+
+def beside_bins(nc: netCDF4.Dataset, g: Grid) -> dict[str, float]:
+    """Compare with a mean per bin, and hold what is filled against what usable bins and the default gaps allow."""
+    read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731
+    flow, depth, quality = read("UCUR") + 1j * read("VCUR"), read("DEPTH"), read("UCUR_QC")
+    usable = np.isfinite(flow) & (quality <= 2)
+    row = np.rint((np.round((read("TIME") - 7305.0) * DAY_S) - g.time_s[0]) / 3600.0).astype(int)
+    middle = np.nanmedian(depth, axis=0)
+    naive, first, last = (np.full((len(g.time_s), n), np.nan + 0j) for n in (len(g.depth_m), 1, 1))
+    nearest = np.argmin(np.abs(middle[:, None] - g.depth_m), axis=0)
+    close = np.abs(middle[nearest] - g.depth_m) <= CELL_M / 2.0
+    naive[row] = np.where(close, np.where(usable, flow, np.nan)[:, nearest], np.nan)
+    first[row, 0] = np.where(usable, depth, np.inf).min(axis=1)
+    last[row, 0] = np.where(usable, depth, -np.inf).max(axis=1)
+    within = (g.depth_m >= first.real) & (g.depth_m <= last.real)
+    times = np.arange(len(within))[:, None]
+    before = np.maximum.accumulate(np.where(within, times, -99), axis=0)
+    after = np.minimum.accumulate(np.where(within, times, 9**9)[::-1], axis=0)[::-1]
+    allowed, own = within | (after - before <= 3), g.source == 1
+    made_up = own & ~((g.depth_m >= first.real - CELL_M / 2) & (g.depth_m <= last.real + CELL_M / 2)) & (g.quality != 8)
+    both = own & np.isfinite(naive)
+    rms = [np.sqrt(np.mean(np.abs((x - g.truth)[both]) ** 2) / 2.0) for x in (g.flow, naive)]
+    filled = np.mean((g.source > 0)[allowed])
+    return {"over a mean per bin": rms[0] / rms[1], "filled": filled, "made up": float(made_up.sum())}
+
+
+def table(count: int, seed: int) -> Iterator[str]:
+    """Give a line a mooring, then means over moorings with 95 % intervals."""
+    rows: dict[str, list[dict[str, float]]] = {}
+    for k in range(count):
+        for kind in KINDS:
+            with tempfile.TemporaryDirectory() as folder:
+                rows.setdefault(kind, []).append(measure(kind, 1000 * seed + k, Path(folder)))
+            yield json.dumps({"kind": kind} | {name: round(value, 4) for name, value in rows[kind][-1].items()})
+    yield from (line(kind, each) for kind, each in rows.items())
+    yield line("all", [row for each in rows.values() for row in each])
+
+
+def line(kind: str, rows: list[dict[str, float]]) -> str:
+    """Return the means of one kind."""
+    parts = []
+    for name in rows[0]:
+        values = np.array([row[name] for row in rows])
+        parts.append(f"{name} {values.mean():.3f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.3f}")
+    return f"{kind} (n = {len(rows)}): " + "; ".join(parts)
+
+
+if __name__ == "__main__":
+    for text in (
+        table(*(int(x) for x in [*sys.argv[1:], "12", "7"][:2]))
+        if len(sys.argv) > 2
+        else table(int(sys.argv[1]) if len(sys.argv) > 1 else 12, 7)
+    ):
+        print(text, flush=True)

@@ -1,0 +1,322 @@
+"""Velocities of one instrument on fixed depths and times.
+
+A cell holds what was measured inside it: a profile is linear between two bins around the depth, or its nearest bin
+where the depth lies inside that bin. A time takes the samples of its interval. A cell without a measurement of its own
+is interpolated in depth, then in time, over gaps up to a limit, and counts as interpolated; nothing is extrapolated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.records import MISSING, Flags
+from compasslib.types import Bools, Complexes, Floats
+
+SNAPPED = 1e-4  # of the distance of two bins: nearer to one of them, it alone is taken
+FAR_M, ROW_M = 1e5, 1e6  # below any sea floor; between the depths of two samples in one sorted line
+ABSENT = -1  # of a piece: no position
+NONE = complex(np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Depths and times of the grid, even steps."""
+
+    time_s: Floats  # (t,) middle of each interval
+    step_s: float
+    depth_m: Floats  # (z,) increasing
+    step_m: float
+
+    def slot_of(self, time_s: Floats) -> NDArray[np.intp]:
+        """Return the interval that holds each time, (n,); outside of them all: below 0, or beyond the last."""
+        return np.floor((time_s - self.time_s[0]) / self.step_s + 0.5).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class Velocities:
+    """Velocities of k samples in m bins, true east + i north."""
+
+    velocity: Complexes  # (k, m) m/s, NaN where it is not used
+    depth_m: Floats  # (k, m)
+    quality: Flags  # (k, m)
+    up: Floats | None = None  # (k, m) m/s, where it was measured
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Half the mean squared difference of two velocities by their distance in depth or time, both components."""
+
+    step: float  # metres or seconds
+    values: Floats  # (k,) (m/s)^2 at 0, 1, 2, ... steps
+    noise: float = 0.0  # (m/s)^2 of one measurement, not in the values
+
+    def at(self, distance: Floats) -> Floats:
+        """Return it at distances, that of the farthest beyond."""
+        index = np.minimum(distance * (1.0 / self.step) + 0.5, len(self.values) - 1.0).astype(np.intp)
+        return self.values[index]
+
+    def of_interpolation(self, share: Floats, gap: Floats) -> Floats:
+        """Return the mean squared error of a linear interpolation, noise apart.
+
+        Args:
+            share: of the gap that lies before the place.
+            gap: distance of the two measurements.
+        """
+        toward, back = self.at(share * gap), self.at((1.0 - share) * gap)
+        return 2.0 * ((1.0 - share) * toward + share * back) - 2.0 * share * (1.0 - share) * self.at(gap)
+
+
+@dataclass(frozen=True)
+class Stance:
+    """How an instrument stood at k samples, and how well that is known."""
+
+    depth_m: Floats  # (k,) of the instrument
+    tilt_deg: Floats  # (k,)
+    beam_angle_deg: float  # from the vertical; 0 without slanted beams
+    depth_sigma_m: float
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Velocities on t times and z depths; where there is none the velocity is NaN."""
+
+    velocity: Complexes  # (t, z) m/s
+    up: Floats | None  # (t, z) m/s
+    quality: Flags  # (t, z) the worse of what went in
+    count: NDArray[np.int32]  # (t, z) measured cells that went in
+    measured: Bools  # (t, z) whether one of them was measured inside
+    noise: Floats  # (t, z) variance of a component by noise, (m/s)^2
+    spread: Floats  # (t, z) the same by distance in depth and time, depth and tilt
+
+    @property
+    def there(self) -> Bools:
+        """Where there is a velocity, (t, z)."""
+        return np.isfinite(self.velocity.real)
+
+
+def place_profiles(
+    profiles: Velocities, time_s: Floats, axes: Axes, slots: range, *, max_gap_m: float, cell_m: float,
+    stance: Stance, by_depth: Differences, by_time: Differences,
+) -> Cells:  # fmt: skip
+    """Put profiles of several bins on the depths and their times' intervals.
+
+    Args:
+        time_s: (k,) increasing.
+        slots: intervals of the piece; other samples are left out.
+        cell_m: length of a bin; a depth beyond the last bin is filled only inside of it.
+    """
+    descending = np.nansum(np.diff(profiles.depth_m, axis=1)) < 0.0
+    line = slice(None, None, -1) if descending else slice(None)
+    depth, velocity, quality = profiles.depth_m[:, line], profiles.velocity[:, line], profiles.quality[:, line]
+    usable = np.isfinite(velocity.real) & np.isfinite(depth)
+    levels, (k, m) = axes.depth_m, depth.shape
+    row = np.arange(k)[:, None]
+    below = _count_above(np.where(np.isfinite(depth), depth, FAR_M + np.arange(m)), levels)
+    last = np.maximum.accumulate(np.where(usable, np.arange(m), -1), axis=1)
+    next_ = np.minimum.accumulate(np.where(usable, np.arange(m), m)[:, ::-1], axis=1)[:, ::-1]
+    first = np.where(below > 0, last[row, np.maximum(below - 1, 0)], -1)
+    second = np.where(below < m, next_[row, np.minimum(below, m - 1)], m)
+    has = first >= 0, second < m
+    at = tuple(row * m + np.clip(index, 0, m - 1) for index in (first, second))
+    off = tuple(np.where(h, np.abs(levels - depth.ravel()[a]), np.inf) for h, a in zip(has, at, strict=True))
+    nearest = np.minimum(*off)
+    gap = off[0] + off[1]
+    between = gap <= max_gap_m * 1.001
+    there = between | (nearest <= cell_m / 2.0)
+    share = np.where(off[0] <= off[1], 0.0, 1.0)
+    share[between] = off[0][between] / np.maximum(gap[between], 1e-9)
+    share = np.where(share < SNAPPED, 0.0, np.where(share > 1.0 - SNAPPED, 1.0, share))
+    weights = np.where(there & (share < 1.0), 1.0 - share, 0.0), np.where(there & (share > 0.0), share, 0.0)
+
+    def mixed(values: NDArray, taken: Bools) -> NDArray:
+        known = np.where(taken, values, 0.0).ravel()
+        return weights[0] * known[at[0]] + weights[1] * known[at[1]]
+
+    worse = np.maximum(*(np.where(w > 0.0, quality.ravel()[a], 0) for w, a in zip(weights, at, strict=True)))
+    distance = np.where(there, nearest, 0.0)
+    spread = np.where(
+        between, by_depth.of_interpolation(share, np.where(between, gap, 0.0)), 2.0 * by_depth.at(distance)
+    )
+    spread = spread + _of_stance(stance, levels, by_depth)
+    up = None
+    if profiles.up is not None:
+        rising = profiles.up[:, line]
+        whole = mixed(np.isfinite(rising).astype(float), usable)
+        up = np.where(whole > 0.999, mixed(np.nan_to_num(rising), usable), np.nan)
+    placed = Cells(
+        velocity=mixed(velocity, usable), up=up, quality=worse.astype(np.int8),
+        count=np.add(*((w > 0.0).astype(np.int32) for w in weights)),
+        measured=there & (nearest <= axes.step_m / 2.0 + 1e-6),
+        noise=by_depth.noise * (weights[0] ** 2 + weights[1] ** 2) / 2.0, spread=spread / 2.0,
+    )  # fmt: skip
+    return _average(placed, there, time_s, axes, slots, by_time)
+
+
+def place_points(
+    points: Velocities, time_s: Floats, axes: Axes, slots: range, *,
+    by_depth: Differences, by_time: Differences, depth_sigma_m: float,
+) -> Cells:  # fmt: skip
+    """Put single velocities, of a point meter or of a profiler's scans, into the cells where they were measured.
+
+    Args:
+        time_s: (k,) increasing; each sample keeps its own.
+    """
+    velocity, depth = points.velocity[:, 0], points.depth_m[:, 0]
+    shape = len(slots), len(axes.depth_m)
+    slot = axes.slot_of(time_s) - slots.start
+    level = np.floor((np.nan_to_num(depth, nan=-FAR_M) - axes.depth_m[0]) / axes.step_m + 0.5).astype(np.intp)
+    inside = np.isfinite(velocity.real) & (slot >= 0) & (slot < shape[0]) & (level >= 0) & (level < shape[1])
+    place, size = (slot * shape[1] + level)[inside], shape[0] * shape[1]
+    count = np.bincount(place, minlength=size)
+    number = np.maximum(count, 1)
+
+    def mean(values: Floats) -> Floats:
+        return np.where(count > 0, np.bincount(place, values[inside], size) / number, np.nan).reshape(shape)
+
+    late = mean(time_s - axes.time_s[0]) + axes.time_s[0] - axes.time_s[slots.start : slots.stop, None]
+    off = np.nan_to_num(mean(depth) - axes.depth_m)
+    spread = by_depth.at(np.hypot(off, depth_sigma_m)) + by_time.at(np.abs(np.nan_to_num(late)))
+    worst = np.zeros(size, dtype=np.int8)
+    np.maximum.at(worst, place, points.quality[:, 0][inside])
+    return Cells(
+        velocity=mean(velocity.real) + 1j * mean(velocity.imag),
+        up=None if points.up is None else mean(points.up[:, 0]),
+        quality=worst.reshape(shape), count=count.reshape(shape).astype(np.int32), measured=count.reshape(shape) > 0,
+        noise=by_depth.noise / (2.0 * number.reshape(shape)), spread=spread,
+    )  # fmt: skip
+
+
+def bridge_gaps(cells: Cells, step_s: float, max_gap_s: float, by_time: Differences) -> Cells:
+    """Interpolate missing cells linearly in time where two of the same depth are near enough."""
+    there, times = cells.there, np.arange(len(cells.velocity))[:, None]
+    before = np.maximum.accumulate(np.where(there, times, ABSENT), axis=0)
+    after = np.minimum.accumulate(np.where(there, times, len(times))[::-1], axis=0)[::-1]
+    near = (before >= 0) & (after < len(times)) & ((after - before) * step_s <= max_gap_s * 1.001)
+    row, column = np.nonzero(near & ~there)
+    if not len(row):
+        return cells
+    ends = before[row, column], after[row, column]
+    share = (row - ends[0]) / (ends[1] - ends[0])
+
+    def filled(values: NDArray, power: int = 1) -> NDArray:
+        made = values.copy()
+        made[row, column] = (1.0 - share) ** power * values[ends[0], column] + share**power * values[ends[1], column]
+        return made
+
+    quality, count, spread = cells.quality.copy(), cells.count.copy(), filled(cells.spread)
+    quality[row, column] = np.maximum(*(cells.quality[end, column] for end in ends))
+    count[row, column] = sum(cells.count[end, column] for end in ends)
+    spread[row, column] += by_time.of_interpolation(share, (ends[1] - ends[0]) * step_s) / 2.0
+    up = None if cells.up is None else filled(cells.up)
+    return Cells(filled(cells.velocity), up, quality, count, cells.measured, filled(cells.noise, 2), spread)
+
+
+def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
+    """Take each cell from the first instrument that measured inside it, else from the first that has it at all.
+
+    Returns:
+        The cells, and the position of the instrument of each, (t, z); -1 where none has it.
+    """
+    source = np.full(each[0].velocity.shape, ABSENT)
+    for best in (False, True):  # measured ones over interpolated ones
+        for k in reversed(range(len(each))):
+            source[each[k].measured if best else each[k].there] = k
+    whole = each[0]
+    for k, cells in enumerate(each):
+        here = source == k
+        columns = {
+            name: np.where(here, getattr(cells, name), getattr(whole, name))
+            for name in ("velocity", "quality", "count", "measured", "noise", "spread")
+        }
+        rising = [np.full(here.shape, np.nan) if x is None else x for x in (cells.up, whole.up)]
+        whole = Cells(up=np.where(here, *rising), **columns)
+    absent = source == ABSENT
+    return replace(
+        whole, velocity=np.where(absent, NONE, whole.velocity), quality=np.where(absent, MISSING, whole.quality)
+    ), source
+
+
+def take_slots(cells: Cells, which: slice) -> Cells:
+    """Return some of the times."""
+    parts: dict[str, Any] = {name: None if part is None else part[which] for name, part in vars(cells).items()}
+    return Cells(**parts)
+
+
+def _count_above(depth_m: Floats, levels_m: Floats) -> NDArray[np.intp]:
+    """Count the bins of each sample that lie at a depth or above it, (k, z); depths increase along a row."""
+    k, m = depth_m.shape
+    rows = ROW_M * np.arange(k)[:, None]
+    found = np.searchsorted((depth_m + rows).ravel(), (levels_m + 1e-6 + rows).ravel(), side="right")
+    return found.reshape(k, len(levels_m)) - m * np.arange(k)[:, None]
+
+
+def _of_stance(stance: Stance, levels_m: Floats, by_depth: Differences) -> Floats:
+    """Compute the mean squared error by the depth of the instrument and by its tilt, (k, z).
+
+    A tilt moves a cell at range r up by r(1 - cos t), and the cells of two opposite beams apart by r tan b sin t to
+    either side, so that their difference is that of the mean of two depths.
+    """
+    sine, cosine = angles.sin_cos(np.nan_to_num(stance.tilt_deg))
+    range_m = np.abs(levels_m - np.nan_to_num(stance.depth_m)[:, None])
+    wrong_m = np.hypot(stance.depth_sigma_m, range_m * (1.0 - cosine)[:, None])
+    squared = 2.0 * by_depth.at(wrong_m)
+    if not stance.beam_angle_deg:
+        return squared
+    across, along = angles.sin_cos(stance.beam_angle_deg)
+    apart_m = range_m * (float(across / along) * np.abs(sine))[:, None]
+    return squared + np.maximum(2.0 * by_depth.at(apart_m) - 0.5 * by_depth.at(2.0 * apart_m), 0.0)
+
+
+def _average(cells: Cells, there: Bools, time_s: Floats, axes: Axes, slots: range, by_time: Differences) -> Cells:
+    """Average samples over their intervals; rows of ``cells`` are samples."""
+    slot = axes.slot_of(time_s) - slots.start
+    inside = np.flatnonzero((slot >= 0) & (slot < len(slots)))
+    empty = empty_cells(len(slots), len(axes.depth_m), cells.up is not None)
+    if not len(inside):
+        return empty
+    there, slot = there[inside], slot[inside]
+    begin = np.flatnonzero(np.diff(slot, prepend=ABSENT))
+    rows = slot[begin]
+    number = np.add.reduceat(there.astype(np.int32), begin, axis=0)
+    some = number > 0
+
+    def total(values: NDArray) -> NDArray:
+        return np.add.reduceat(np.where(there, values[inside], 0.0), begin, axis=0)
+
+    def put(name: str, values: NDArray) -> NDArray:
+        made: NDArray = getattr(empty, name).copy()
+        made[rows] = np.where(some, values, made[rows])
+        return made
+
+    share = 1.0 / np.maximum(number, 1)
+    late = share * total(np.broadcast_to((time_s - axes.time_s[0])[:, None], cells.velocity.shape))
+    late = np.where(some, late + axes.time_s[0] - axes.time_s[slots.start + rows, None], 0.0)
+    up = None
+    if cells.up is not None:
+        rising = np.isfinite(cells.up)
+        count = np.add.reduceat((there & rising[inside]).astype(np.int32), begin, axis=0)
+        risen = np.add.reduceat(np.where(there & rising[inside], cells.up[inside], 0.0), begin, axis=0)
+        up = put("up", np.where(count > 0, risen / np.maximum(count, 1), np.nan))
+    worst = np.maximum.reduceat(np.where(there, cells.quality[inside], 0), begin, axis=0)
+    measured = np.logical_or.reduceat(there & cells.measured[inside], begin, axis=0)
+    return Cells(
+        velocity=put("velocity", share * total(cells.velocity)), up=up,
+        quality=put("quality", worst), count=put("count", total(cells.count).astype(np.int32)),
+        measured=put("measured", measured), noise=put("noise", share**2 * total(cells.noise)),
+        spread=put("spread", share * total(cells.spread) + by_time.at(np.abs(late))),
+    )  # fmt: skip
+
+
+def empty_cells(times: int, depths: int, rising: bool) -> Cells:
+    """Return cells without any velocity."""
+    shape = times, depths
+    return Cells(
+        velocity=np.full(shape, NONE), up=np.full(shape, np.nan) if rising else None,
+        quality=np.full(shape, MISSING, dtype=np.int8), count=np.zeros(shape, dtype=np.int32),
+        measured=np.zeros(shape, dtype=bool), noise=np.zeros(shape), spread=np.zeros(shape),
+    )  # fmt: skip

@@ -1,0 +1,280 @@
+"""What a gridded velocity is uncertain by: errors of the heading as modes along time, and what turns with no heading.
+
+The heading error of an instrument is a sum of modes, each a function of time times one unit normal number, and of a
+random part with a memory. It turns all velocities of a time alike: du = v delta, dv = -u delta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.deviation.model import DeviationFit, nearest_root
+from compasslib.deviation.series import series_design, series_slope
+from compasslib.deviation.tilt import MIN_SLOPE, CompassSeries, compass_series
+from compasslib.preparation.water import fit_structure_function
+from compasslib.product.cells import Differences
+from compasslib.records import EarthField, Readings
+from compasslib.types import Complexes, Floats
+
+MAX_MODES = 8
+MAX_REFERENCES = 3  # with a mode of their own
+# Error of a field model's declination, crust and daily variation included: sqrt(0.26^2 + (5417 nT / H)^2) degrees
+# (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), taken for IGRF.
+MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
+REFERENCE_SIGMA_DEG = 2.0  # of a moored magnetic compass that nobody calibrated at its place
+PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 1.0, 5.0  # of a measured depth, and of one that is written down
+UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
+STILL_M = 0.5  # of a dive below which its square root says nothing
+MOTION_S = 3 * 3600.0  # over which the sphere's position is averaged before it is differentiated
+MIN_MEMORY_S = 3600.0
+NOTHING = [np.zeros(0, dtype=complex)]
+MAX_LAGS, FEWEST = 400, 100
+REACH_M, RESOLUTION = 200.0, 0.02  # of the tabulated structure function; its step in cells
+FALLBACK_M = 150.0  # over which layers decorrelate where no profile tells: as in the ocean's upper hundreds of metres
+
+
+@dataclass(frozen=True)
+class HeadingErrors:
+    """The heading error of the instruments of a mooring along t times."""
+
+    names: tuple[str, ...]  # of the modes
+    modes: Floats  # (k, t) radians per unit normal, NaN where no heading is
+    random: Floats  # (t,) radians, of the affected instrument
+    memory_s: float  # of the random part: e-folding time
+    shares: Floats  # (s, k) of each mode in the heading error of each instrument, the affected one first
+
+    def variance(self, source: int) -> Floats:
+        """Return the variance of the heading of an instrument, (t,) square radians."""
+        common = np.einsum("k,kt->t", self.shares[source] ** 2, np.nan_to_num(self.modes) ** 2)
+        return common + self.random**2 if source == 0 else common
+
+
+def declination_sigma(field: EarthField) -> float:
+    """Return the standard deviation of the field model's declination, degrees."""
+    return float(np.hypot(MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT / float(np.mean(field.horizontal_nT))))
+
+
+def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Readings, heading_deg: Floats) -> Floats:
+    """Decompose the error that the coefficients' covariance makes into columns of unit variance, (n, p) degrees.
+
+    Where several compasses are averaged, each has its columns by the root of its weight, and so have their distances.
+
+    Args:
+        at: the compass along the samples, where more than the fit acted on it.
+        heading_deg: corrected headings, (n,), NaN where there is none.
+    """
+    if not fit.fitted:
+        return np.zeros((len(heading_deg), 0))
+    if fit.method == "von_appen" and at is None:
+        slope = np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), MIN_SLOPE)
+        return np.nan_to_num(series_design(heading_deg) / slope[:, None] @ _square_root(fit.covariance))
+    at = compass_series(fit, readings) if at is None else at
+    likeliest, columns = nearest_root(at.roots(), heading_deg) if at.others else heading_deg, []
+    members = [at, *at.others]
+    shifts = np.array([
+        np.zeros_like(heading_deg) if each is at
+        else np.nan_to_num(angles.difference(nearest_root(each.roots(), heading_deg), likeliest))
+        for each in members
+    ])  # fmt: skip
+    weight = np.array([each.weight for each in members])
+    weight = weight / weight.sum()
+    mean = weight @ shifts
+    for each, share, shift in zip(members, weight, shifts, strict=True):
+        columns.append(np.sqrt(share) * np.nan_to_num(each.sensitivity(heading_deg)) @ _square_root(each.covariance))
+        if len(members) > 1:
+            columns.append(np.sqrt(share) * (shift - mean)[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
+    """Reduce columns to the few that hold most of their variance.
+
+    Returns:
+        They, (n, count or fewer), and the variance of each row that they leave, (n,).
+    """
+    if columns.shape[1] == 0 or not len(columns):
+        return columns[:, :0], np.zeros(len(columns))
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    kept = columns @ vectors[:, ::-1][:, : min(count, int(np.sum(values > 1e-12 * values[-1])))]
+    return kept, np.maximum(np.sum(columns**2, axis=1) - np.sum(kept**2, axis=1), 0.0)
+
+
+def memory_of(heading_deg: Floats, step_s: float) -> float:
+    """Estimate for how long a heading lasts, the first lag at which its own correlation falls below 1/e, seconds.
+
+    What the model of a compass leaves out repeats with heading and tilt, and is forgotten as they are.
+    """
+    known = np.isfinite(heading_deg)
+    if known.sum() < FEWEST:
+        return MIN_MEMORY_S
+    series = np.where(known, angles.phasor(np.nan_to_num(heading_deg)), 0.0)
+    series = np.where(known, series - series[known].mean(), 0.0)
+    size = 1 << (2 * len(series) - 1).bit_length()
+    power = np.fft.ifft(np.abs(np.fft.fft(series, size)) ** 2).real[: len(series)]
+    below = np.flatnonzero(power < power[0] / np.e)
+    return float(max(below[0] * step_s if len(below) else len(series) * step_s, MIN_MEMORY_S))
+
+
+def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Differences:
+    """Learn how velocities differ by depth from a profile; where it has too few bins, an assumption by its variance.
+
+    Args:
+        velocity: (n, m) m/s, NaN where it is not used.
+        range_m: of each bin, (m,).
+    """
+    learnt = fit_structure_function(velocity, range_m)
+    step = RESOLUTION * (cell_m or 1.0)
+    distance = np.arange(0.0, REACH_M + step, step)
+    if learnt is not None:
+        return Differences(step, learnt.layers(distance), learnt.noise)
+    known = velocity[np.isfinite(velocity.real)]
+    variance = float(np.var(known)) if known.size else 0.0
+    return Differences(step, variance * (1.0 - np.exp(-((distance / FALLBACK_M) ** 1.5))), 0.02 * variance)
+
+
+def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None) -> Differences:
+    """Learn how velocities of one bin differ by time, noise apart.
+
+    Args:
+        blocks: of neighbouring samples, (k, m) each, NaN where missing.
+        noise: (m/s)^2 of one measurement as depths tell it, None where they do not; then by the first two lags.
+    """
+    lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, MAX_LAGS)) + 1)
+    half = np.full(len(lags), np.nan)
+    for k, lag in enumerate(lags.tolist()):
+        changes = np.concatenate(
+            [(block[lag:] - block[:-lag]).ravel() for block in blocks if len(block) > lag] or NOTHING
+        )
+        known = np.abs(changes[np.isfinite(changes)]) ** 2
+        half[k] = known.mean() / 2.0 if known.size >= FEWEST else np.nan
+    if not np.isfinite(half[:2]).all():
+        return Differences(step_s, np.zeros(1), noise or 0.0)
+    half = half[: np.argmin(np.isfinite(np.append(half, np.nan)))]
+    least = max(half[0] - (half[1] - half[0]), 0.02 * half[0])  # where changes grow evenly with the lag
+    left = min(least if noise is None else noise, 0.9 * half[0])
+    smooth = np.maximum.accumulate(np.append(0.0, half - left))
+    power = float(np.clip(np.log2(max(smooth[2], 1e-12) / max(smooth[1], 1e-12)), 0.7, 2.0))
+    fine = 20  # steps between two samples
+    places = np.arange(fine * len(half) + 1) / fine
+    table = np.interp(places, np.arange(len(smooth)), smooth)
+    table[:fine] = smooth[1] * places[:fine] ** power
+    return Differences(step_s / fine, table, left)
+
+
+def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> float:
+    """Estimate for how long differences of neighbouring bins last, seconds: so long do errors of interpolation.
+
+    Args:
+        noise: (m/s)^2 of one measurement, forgotten at once.
+    """
+    shears = [np.diff(block, axis=1) for block in blocks if block.shape[1] > 1]
+    if not shears:
+        return step_s
+    known = np.concatenate([np.abs(shear[np.isfinite(shear)]) ** 2 for shear in shears])
+    variance = max(float(known.mean()) - 2.0 * noise, 1e-12) if known.size else 1e-12
+    for lag in (2**k for k in range(12)):
+        products = [(shear[lag:] * np.conj(shear[:-lag])).real.ravel() for shear in shears if len(shear) > lag]
+        both = np.concatenate(products) if products else np.zeros(0)
+        both = both[np.isfinite(both)]
+        if both.size < FEWEST or both.mean() < variance / np.e:
+            return float(lag * step_s)
+    return float(2**12 * step_s)
+
+
+def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None) -> Floats:
+    """Estimate the horizontal velocity of a sphere that dives, one standard deviation of a component, (n,) m/s.
+
+    A line of length l that leans evenly takes its top down by d and away by sqrt(2 l d), with the current.
+
+    Args:
+        depth_m: of the instrument, (n,).
+        flow: mean current of its bins, (n,) m/s, NaN where unknown.
+        water_depth_m: None where unknown.
+    """
+    known = np.isfinite(depth_m)
+    if len(time_s) < 3 or known.sum() < 3 or water_depth_m is None or np.ptp(depth_m[known]) < STILL_M:
+        return np.full(len(time_s), UNMEASURED_MOTION_M_S)
+    dive = np.interp(time_s, time_s[known], depth_m[known])
+    dive = np.maximum(dive - np.percentile(dive, 1), 0.0) + STILL_M
+    length = max(water_depth_m - float(np.median(depth_m[known])), 1.0)
+    along = np.nan_to_num(flow)
+    away = np.sqrt(2.0 * length * dive) * along / np.maximum(np.abs(along), 1e-6)
+    width = min(max(1, round(MOTION_S / float(np.median(np.diff(time_s))))), len(time_s))
+    kernel = np.ones(width) / width
+    smooth = np.convolve(away, kernel, "same")
+    speed2 = np.convolve(np.abs(np.gradient(smooth, time_s)) ** 2, kernel, "same")
+    return np.sqrt(np.minimum(speed2, 0.1**2) / 2.0)  # bounded: at a gap the position jumps
+
+
+def marginals(velocity: Complexes, heading_variance: Floats, other: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the variances of u and of v, and their covariance, (t, z) each, (m/s)^2.
+
+    Of a normal error delta of the heading, sin and 1 - cos of which stand across and along the velocity.
+
+    Args:
+        heading_variance: (t, z) square radians.
+        other: variance of a component that turns with no heading, (t, z).
+    """
+    once, twice = np.exp(-0.5 * heading_variance), np.exp(-2.0 * heading_variance)
+    across, along = 0.5 * (1.0 - twice), 1.5 + 0.5 * twice - 2.0 * once
+    u, v = velocity.real, velocity.imag
+    return across * v**2 + along * u**2 + other, across * u**2 + along * v**2 + other, (along - across) * u * v
+
+
+def sum_sigma(
+    weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
+    errors: HeadingErrors, step_s: float, *, memory_s: float = 0.0, depths_apart: float = 1.0,
+) -> float:  # fmt: skip
+    """Return the standard deviation of a weighted sum of eastward and northward velocities, as a transport is one.
+
+    With g = weight_east v - weight_north u, summed over the cells of a time and instrument: each mode adds its sum over
+    all times, squared; the random part that of each pair of times by their distance; the rest adds squares.
+
+    Args:
+        weight_east: of each cell, (t, z), zero where a cell does not count.
+        weight_north: the same.
+        velocity: (t, z) m/s.
+        other: variance of a component that turns with no heading, (t, z).
+        source: instrument of each cell, as rows of ``errors.shares``; below 0 without any.
+        step_s: distance of the times.
+        memory_s: e-folding time of what turns with no heading.
+        depths_apart: independent cells among all of one time, as a share.
+    """
+    flow = np.where(np.isfinite(velocity), velocity, 0.0)
+    turned = weight_east * flow.imag - weight_north * flow.real
+    by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
+    modes = np.nansum(np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares), axis=1)
+    random = by_source[0] * np.nan_to_num(errors.random)
+    rest = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
+    inflation = (1.0 + 2.0 * memory_s / step_s) / depths_apart
+    return float(np.sqrt(np.sum(modes**2) + _remembered(random, errors.memory_s / step_s) + inflation * rest.sum()))
+
+
+def _remembered(series: Floats, memory: float) -> float:
+    """Return the variance of the sum of a series whose correlation falls off as exp(-lag / memory), memory in steps."""
+    if memory <= 0.0:
+        return float(series @ series)
+    decay, behind, total = float(np.exp(-1.0 / memory)), 0.0, 0.0
+    for value in series.tolist():
+        behind = behind * decay
+        total += value * (value + 2.0 * behind)
+        behind += value
+    return total
+
+
+def mean_factor(count: NDArray[Any], memory: float) -> Floats:
+    """Return the variance of a mean of neighbours over that of one; correlation exp(-lag / memory), memory in steps."""
+    decay = np.exp(-1.0 / max(memory, 1e-3))
+    n = np.maximum(count, 1)
+    return (1.0 + decay) / (1.0 - decay) / n - 2.0 * decay * (1.0 - decay**n) / (1.0 - decay) ** 2 / n**2
+
+
+def _square_root(covariance: Floats) -> Floats:
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

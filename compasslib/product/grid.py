@@ -1,0 +1,364 @@
+"""Grid the instruments of a mooring: axes, cells, merging and their uncertainty, in pieces along time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.preparation.gridding import common_phase
+from compasslib.product.cells import (
+    Axes,
+    Cells,
+    Differences,
+    Stance,
+    Velocities,
+    bridge_gaps,
+    merge,
+    place_points,
+    place_profiles,
+    take_slots,
+)
+from compasslib.product.errors import (
+    NOMINAL_SIGMA_M,
+    PRESSURE_SIGMA_M,
+    UNMEASURED_MOTION_M_S,
+    HeadingErrors,
+    error_memory,
+    learn_by_depth,
+    learn_by_time,
+    marginals,
+    sphere_motion,
+)
+from compasslib.records import PROBABLY_BAD, Flags
+from compasslib.types import Bools, Complexes, Floats
+
+PIECE = 4096  # times that are gridded at once
+INTERPOLATED = 8  # OceanSITES reference table 2
+POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, 3600.0, 60.0
+RARE = 0.01  # of the samples of the fullest depth: depths that are reached more rarely do not widen the grid
+DIVES = 0.1  # of the step: a sphere that moves more has no bins of fixed depth that the grid could keep
+MAX_DEPTH_M = 12000
+PROFILER_M_S = 0.02  # vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
+BLOCKS, BLOCK = 8, 1500  # of samples that differences are learnt from
+WIDEST_GAP_CELLS = 2.0  # one missing bin
+
+
+@dataclass(frozen=True)
+class Source:
+    """An instrument whose velocities are gridded; n samples."""
+
+    name: str
+    time_s: Floats  # (n,) increasing
+    depth_m: Floats  # (n,) of the instrument
+    tilt_deg: Floats  # (n,) NaN where unknown
+    bins: int
+    beam_angle_deg: float
+    rows: Callable[[slice], Velocities]  # reads some of the samples
+    rising: bool = False  # whether vertical velocities were measured
+
+    @property
+    def profiles(self) -> bool:
+        """Whether it moves along the line, or gives profiles at times of their own: nothing is interpolated between."""
+        if self.bins > 1:
+            return self.beam_angle_deg == 0.0
+        known = np.isfinite(self.depth_m)
+        speed = np.abs(np.diff(self.depth_m[known])) / np.maximum(np.diff(self.time_s[known]), 1e-3)
+        return bool(len(speed)) and float(np.percentile(speed, 75)) > PROFILER_M_S
+
+    @cached_property
+    def depth_sigma_m(self) -> float:
+        """How well its depth is known: one that never varies was written down."""
+        known = self.depth_m[np.isfinite(self.depth_m)]
+        return PRESSURE_SIGMA_M if known.size and np.ptp(known) > 0.0 else NOMINAL_SIGMA_M
+
+
+@dataclass(frozen=True)
+class GridRules:
+    """The grid that is asked for; None: as the affected instrument measures."""
+
+    step_m: float | None = None
+    from_m: float | None = None
+    to_m: float | None = None
+    minutes: float | None = None
+    max_gap_m: float | None = None
+    max_gap_minutes: float = 180.0
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What one pass through an instrument's velocities shows."""
+
+    count: NDArray[np.int_]  # of usable velocities at each metre of depth
+    flow: Complexes  # (n,) mean over the usable bins
+    blocks: tuple[Complexes, ...]  # of neighbouring samples
+    range_m: Floats  # (m,) median distance of the bins from the instrument
+    cell_m: float
+
+    @property
+    def empty(self) -> bool:
+        """Whether no velocity is usable."""
+        return not self.count.any()
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """How the velocities of an instrument differ."""
+
+    by_depth: Differences
+    by_time: Differences
+    cell_m: float
+    motion: Floats  # (n,) horizontal velocity of the instrument itself, one standard deviation, m/s
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Some of the times of the product, (t, z) each."""
+
+    slots: slice
+    cells: Cells
+    source: NDArray[np.intp]  # position of the instrument, -1 without any
+    quality: Flags
+    east_variance: Floats
+    north_variance: Floats
+    covariance: Floats
+    noise: Floats  # of the variance: independent from time to time
+    spread: Floats  # of the variance: turned by no heading, with a memory
+
+
+@dataclass(frozen=True)
+class GriddedProduct:
+    """The velocities of a mooring on fixed depths and times, in pieces along time."""
+
+    sources: tuple[Source, ...]  # the affected instrument first
+    learnt: tuple[Learnt, ...]
+    axes: Axes
+    errors: HeadingErrors
+    deviation_deg: Floats  # (t,) by which recorded velocities of the affected instrument were turned
+    max_gap_m: float
+    max_gap_s: float
+    memory_s: float  # of errors that turn with no heading
+
+    @cached_property
+    def heading_variance(self) -> Floats:
+        """The variance of each instrument's heading, (s, t) square radians."""
+        return np.array([self.errors.variance(k) for k in range(len(self.sources))])
+
+    def __iter__(self) -> Iterator[Piece]:
+        """Give the pieces in order of time."""
+        halo = int(np.ceil(self.max_gap_s / self.axes.step_s)) + 1
+        count = len(self.axes.time_s)
+        for begin in range(0, count, PIECE):
+            inner = slice(begin, min(begin + PIECE, count))
+            wide = range(max(begin - halo, 0), min(inner.stop + halo, count))
+            each = [self._place(k, wide) for k in range(len(self.sources))]
+            offset = inner.start - wide.start
+            yield self._combine([take_slots(c, slice(offset, offset + inner.stop - inner.start)) for c in each], inner)
+
+    def _place(self, k: int, slots: range) -> Cells:
+        source, learnt, axes = self.sources[k], self.learnt[k], self.axes
+        ends = axes.time_s[[slots.start, slots.stop - 1]] + axes.step_s * np.array([-0.5, 0.5])
+        rows = slice(*np.searchsorted(source.time_s, ends).tolist())
+        velocities, time_s = source.rows(rows), source.time_s[rows]
+        if source.bins == 1:
+            cells = place_points(
+                velocities, time_s, axes, slots,
+                by_depth=learnt.by_depth, by_time=learnt.by_time, depth_sigma_m=source.depth_sigma_m,
+            )  # fmt: skip
+        else:
+            stance = Stance(source.depth_m[rows], source.tilt_deg[rows], source.beam_angle_deg, source.depth_sigma_m)
+            cells = place_profiles(
+                velocities, time_s, axes, slots, max_gap_m=self.max_gap_m, cell_m=learnt.cell_m,
+                stance=stance, by_depth=learnt.by_depth, by_time=learnt.by_time,
+            )  # fmt: skip
+        if not source.profiles:
+            cells = bridge_gaps(cells, axes.step_s, self.max_gap_s, learnt.by_time)
+        moving = np.full(len(slots), UNMEASURED_MOTION_M_S)
+        if len(source.time_s):
+            moving = np.interp(axes.time_s[slots.start : slots.stop], source.time_s, learnt.motion)
+        return replace(cells, spread=cells.spread + moving[:, None] ** 2)
+
+    def _combine(self, each: list[Cells], inner: slice) -> Piece:
+        # References stand before the affected instrument: their headings are known better.
+        order = [*range(1, len(each)), 0]
+        cells, taken = merge([each[k] for k in order])
+        source = np.where(taken >= 0, np.array(order)[taken], -1)
+        heading = self.heading_variance[:, inner]
+        there = source >= 0
+        variance = np.where(there, heading[np.maximum(source, 0), np.arange(len(source))[:, None]], np.nan)
+        noise, spread = (np.where(there, x, np.nan) for x in (cells.noise, cells.spread))
+        parts = marginals(cells.velocity, variance, noise + spread)
+        interpolated = there & ~cells.measured & (cells.quality < PROBABLY_BAD)
+        quality = np.where(interpolated, INTERPOLATED, cells.quality)
+        return Piece(inner, cells, source, quality.astype(np.int8), *parts, noise, spread)
+
+
+def survey(source: Source) -> Survey:
+    """Go once through an instrument's velocities."""
+    n = len(source.time_s)
+    count, flow = np.zeros(MAX_DEPTH_M, dtype=int), np.full(n, complex(np.nan, np.nan))
+    blocks, ranges, steps = [], [], []
+    every = max(1, -(-n // PIECE) // BLOCKS)
+    for number, begin in enumerate(range(0, n, PIECE)):
+        rows = slice(begin, begin + PIECE)
+        here = source.rows(rows)
+        usable = np.isfinite(here.velocity.real) & np.isfinite(here.depth_m)
+        metre = here.depth_m[usable]
+        metre = np.rint(metre[(metre >= 0.0) & (metre < MAX_DEPTH_M - 0.5)]).astype(int)
+        count += np.bincount(metre, minlength=MAX_DEPTH_M)
+        total = np.where(usable, here.velocity, 0.0).sum(axis=1)
+        number_of = usable.sum(axis=1)
+        flow[rows] = np.where(number_of > 0, total / np.maximum(number_of, 1), np.nan)
+        if number % every == 0 and len(here.velocity):
+            blocks.append(here.velocity[:BLOCK])
+            ranges.append(np.abs(here.depth_m[:BLOCK] - source.depth_m[rows][:BLOCK, None]))
+            steps.append(np.abs(np.diff(here.depth_m[:BLOCK], axis=1)))
+    away = np.concatenate(ranges) if ranges else np.zeros((0, source.bins))
+    known = np.concatenate([step[np.isfinite(step)] for step in steps]) if steps else np.zeros(0)
+    return Survey(
+        count, flow, tuple(blocks),
+        np.nanmedian(away, axis=0) if np.isfinite(away).any() else np.zeros(source.bins),
+        round(float(np.median(known)), 2) if known.size else 0.0,
+    )  # fmt: skip
+
+
+def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
+    """Return the axes: those of the affected instrument, as far as any of them measured, or as they are asked for.
+
+    Args:
+        sources: the affected instrument first.
+    """
+    cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
+    own = surveys[0].cell_m if not surveys[0].empty else 0.0
+    step_m = rules.step_m or own or (cells[0] if cells else POINT_STEP_M)
+    phase_m = _depth_phase(sources[0], surveys[0], step_m) if rules.from_m is None else rules.from_m
+    ends = [_ends(each, step_m, phase_m) for each in surveys if not each.empty] or [(phase_m, phase_m)]
+    first = min(low for low, _ in ends) if rules.from_m is None else rules.from_m
+    last = max(max(high for _, high in ends) if rules.to_m is None else rules.to_m, first)
+    depth_m = np.round(first + step_m * np.arange(int((last - first) / step_m + 1e-6) + 1), 3)
+    used = [s for s, each in zip(sources, surveys, strict=True) if not each.empty] or list(sources[:1])
+    timed = next((s for s in used if not s.profiles and len(s.time_s) > 1), None)
+    step_s = SLOWEST_STEP_S if timed is None else float(np.rint(np.median(np.diff(timed.time_s))))
+    step_s = 60.0 * rules.minutes if rules.minutes else max(step_s, FASTEST_STEP_S)
+    times = [s.time_s for s in used if len(s.time_s)]
+    if not times:
+        return Axes(np.zeros(0), step_s, depth_m, step_m)
+    middle = step_s / 2.0 if rules.minutes or timed is None else common_phase(timed.time_s, step_s)
+    span = np.array([min(t[0] for t in times), max(t[-1] for t in times)])
+    begin, end = np.floor((span - middle) / step_s + 0.5)
+    return Axes(np.round(middle + step_s * np.arange(begin, end + 1), 3), step_s, depth_m, step_m)
+
+
+def learn(
+    sources: Sequence[Source], surveys: Sequence[Survey], max_gap_s: float, water_depth_m: float | None
+) -> tuple[Learnt, ...]:
+    """Learn from each instrument how its velocities differ; from the affected one where it cannot tell."""
+    learnt: list[Learnt] = []
+    for source, seen in zip(sources, surveys, strict=True):
+        step_s = float(np.median(np.diff(source.time_s))) if len(source.time_s) > 1 else SLOWEST_STEP_S
+        by_depth = learn_by_depth(
+            np.concatenate(seen.blocks or (np.zeros((0, source.bins)),)), seen.range_m, seen.cell_m
+        )
+        told = by_depth.noise if seen.cell_m and len(seen.range_m) >= 4 else None
+        few = tuple(block[:, _fullest(block)] for block in seen.blocks)
+        by_time = learn_by_time(few, step_s, max(max_gap_s, 6 * 3600.0), told)
+        if told is None:
+            by_depth = replace(by_depth, noise=by_time.noise)
+        if learnt and not surveys[0].empty and (source.profiles or told is None):
+            first = learnt[0]
+            by_depth = replace(first.by_depth, noise=first.by_depth.noise if source.profiles else by_time.noise)
+            by_time = first.by_time if source.profiles else by_time
+        motion = sphere_motion(source.depth_m, seen.flow, source.time_s, water_depth_m)
+        if source.profiles:
+            motion = np.full(len(source.time_s), UNMEASURED_MOTION_M_S)
+        learnt.append(Learnt(by_depth, by_time, seen.cell_m, motion))
+    return tuple(learnt)
+
+
+def grid(
+    sources: Sequence[Source],
+    surveys: Sequence[Survey],
+    axes: Axes,
+    rules: GridRules,
+    errors: HeadingErrors,
+    deviation_deg: Floats,
+    *,
+    water_depth_m: float | None,
+) -> GriddedProduct:
+    """Grid the instruments of a mooring; cells are computed when the product is gone through.
+
+    Args:
+        sources: the affected instrument first, then references; where they overlap, a reference stands alone.
+        errors: at the times of the axes.
+        deviation_deg: (t,) corrected minus recorded heading.
+    """
+    max_gap_s = 60.0 * rules.max_gap_minutes
+    learnt = learn(sources, surveys, max_gap_s, water_depth_m)
+    step_s = float(np.median(np.diff(sources[0].time_s))) if len(sources[0].time_s) > 1 else axes.step_s
+    return GriddedProduct(
+        tuple(sources), learnt, axes, errors, deviation_deg,
+        max_gap_m=WIDEST_GAP_CELLS * (surveys[0].cell_m or axes.step_m) if rules.max_gap_m is None else rules.max_gap_m,
+        max_gap_s=max_gap_s,
+        memory_s=error_memory(surveys[0].blocks, step_s, learnt[0].by_depth.noise),
+    )  # fmt: skip
+
+
+def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
+    """Average columns over the intervals of the axes and interpolate gaps up to a limit, (t, ...); NaN beyond.
+
+    Args:
+        values: (n, ...), NaN where missing.
+        time_s: (n,) increasing.
+    """
+    slot = axes.slot_of(time_s)
+    known = np.isfinite(values).reshape(len(values), -1).all(axis=1) & (slot >= 0) & (slot < len(axes.time_s))
+    result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)
+    if not known.any():
+        return result
+    begin = np.flatnonzero(np.diff(slot[known], prepend=-1))
+    rows = slot[known][begin]
+    size = np.diff(np.append(begin, known.sum())).reshape(-1, *(1,) * (values.ndim - 1))
+    means = np.add.reduceat(values[known], begin, axis=0) / size
+    at = np.searchsorted(rows, np.arange(len(result)))
+    before, after = np.maximum(at - 1, 0), np.minimum(at, len(rows) - 1)
+    before = np.where(rows[after] == np.arange(len(result)), after, before)
+    inside: Bools = (rows[before] <= np.arange(len(result))) & (rows[after] >= np.arange(len(result)))
+    gap = rows[after] - rows[before]
+    inside &= gap * axes.step_s <= max_gap_s * 1.001
+    share = ((np.arange(len(result)) - rows[before]) / np.maximum(gap, 1)).reshape(-1, *(1,) * (values.ndim - 1))
+    result[inside] = ((1.0 - share) * means[before] + share * means[after])[inside]
+    return result
+
+
+def average_angle(angle_deg: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
+    """Average an angle over the intervals of the axes, (t,) in [-180, 180)."""
+    sine, cosine = (average_slots(part, time_s, axes, max_gap_s) for part in angles.sin_cos(angle_deg))
+    return angles.wrap180(angles.direction(sine, cosine))
+
+
+def _fullest(block: Complexes) -> NDArray[np.intp]:
+    """Return the four bins that are there most often."""
+    return np.argsort(-np.isfinite(block.real).sum(axis=0), kind="stable")[:4]
+
+
+def _depth_phase(source: Source, seen: Survey, step_m: float) -> float:
+    """Return a depth that a level is to have: of a bin where the instrument stays at its depth, else 0."""
+    known = source.depth_m[np.isfinite(source.depth_m)]
+    if seen.empty or not known.size or np.std(known) > DIVES * step_m or not len(seen.range_m):
+        return 0.0
+    nearest = source.rows(slice(0, BLOCK)).depth_m[:, 0]
+    nearest = nearest[np.isfinite(nearest)]
+    return round(float(np.median(nearest)), 1) if nearest.size else 0.0
+
+
+def _ends(seen: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
+    """Return the first and last level that an instrument reaches more than rarely."""
+    metre = np.flatnonzero(seen.count)
+    level = np.rint((metre - phase_m) / step_m).astype(int)
+    number = np.bincount(level - level[0], seen.count[metre])
+    often = np.flatnonzero(number >= RARE * number.max()) + level[0]
+    return phase_m + step_m * float(often[0]), phase_m + step_m * float(often[-1])
