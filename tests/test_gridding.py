@@ -13,9 +13,9 @@ from compasslib.archive import conventions, gridded
 from compasslib.archive.attributes import Site
 from compasslib.plots import section
 from compasslib.plots.page import DPI, WIDTH_IN
-from compasslib.product.cells import Velocities
+from compasslib.product.cells import Differences, Velocities
 from compasslib.product.daily import DailyMeans
-from compasslib.product.errors import HeadingErrors, compress, marginals, sum_sigma
+from compasslib.product.errors import HeadingErrors, compress, learn_bin_noise, marginals, sum_sigma
 from compasslib.product.grid import GridRules, Source, average_slots, grid, make_axes, survey
 from compasslib.product.headings import AffectedHeadings, ReferenceCompass, heading_errors
 from compasslib.records import BAD, GOOD, EarthField
@@ -288,3 +288,10 @@ def test_figures_of_the_section_are_whole_with_and_without_velocities(written, t
     size, angle = section.principal_axis(gridded.MeanProfile(0j, some[0, 0], some[1, 1], some[0, 1]))
     values, vectors = np.linalg.eigh(some)
     assert size == pytest.approx(np.sqrt(values[1])) and np.tan(angle) == pytest.approx(vectors[1, 1] / vectors[0, 1])
+
+
+def test_far_bins_have_their_own_noise():
+    noise = 0.01 * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    draws = np.random.default_rng(4).normal(size=(6000, 10, 2)) @ np.array([1.0, 1j])
+    learnt = learn_bin_noise(0.3 + noise * draws, Differences(1.0, np.zeros(1), 2.0 * noise[0] ** 2))
+    assert np.allclose(learnt[[0, 3, 8, 9]], 2.0 * noise[[0, 3, 8, 9]] ** 2, rtol=0.1)

@@ -101,19 +101,20 @@ class Cells:
 
 def place_profiles(
     profiles: Velocities, time_s: Floats, axes: Axes, slots: range, *, max_gap_m: float, cell_m: float,
-    stance: Stance, by_depth: Differences, by_time: Differences,
+    stance: Stance, bin_noise: Floats, by_depth: Differences, by_time: Differences,
 ) -> Cells:  # fmt: skip
     """Put profiles of several bins on the depths and their times' intervals.
 
     Args:
         time_s: (k,) increasing.
         slots: intervals of the piece; other samples are left out.
+        bin_noise: (m,) (m/s)^2 of both components.
         cell_m: length of a bin; a depth beyond the last bin is filled only inside of it.
     """
     descending = np.nansum(np.diff(profiles.depth_m, axis=1)) < 0.0
     line = slice(None, None, -1) if descending else slice(None)
     depth, velocity, quality = profiles.depth_m[:, line], profiles.velocity[:, line], profiles.quality[:, line]
-    usable = np.isfinite(velocity.real) & np.isfinite(depth)
+    usable, noise = np.isfinite(velocity.real) & np.isfinite(depth), bin_noise[line]
     levels, (k, m) = axes.depth_m, depth.shape
     row = np.arange(k)[:, None]
     below = _count_above(np.where(np.isfinite(depth), depth, FAR_M + np.arange(m)), levels)
@@ -152,7 +153,7 @@ def place_profiles(
         velocity=mixed(velocity, usable), up=up, quality=worse.astype(np.int8),
         count=np.add(*((w > 0.0).astype(np.int32) for w in weights)),
         measured=there & (nearest <= axes.step_m / 2.0 + 1e-6),
-        noise=by_depth.noise * (weights[0] ** 2 + weights[1] ** 2) / 2.0, spread=spread / 2.0,
+        noise=(weights[0] ** 2 * noise[at[0] % m] + weights[1] ** 2 * noise[at[1] % m]) / 2.0, spread=spread / 2.0,
     )  # fmt: skip
     return _average(placed, there, time_s, axes, slots, by_time)
 

@@ -138,6 +138,24 @@ def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Diffe
     return Differences(step, variance * (1.0 - np.exp(-((distance / FALLBACK_M) ** 1.5))), 0.02 * variance)
 
 
+def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
+    """Learn the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours.
+
+    Args:
+        velocity: (n, m) m/s, neighbouring bins side by side, NaN where it is not used.
+        by_depth: whose noise the quieter half of the bins has.
+    """
+    steps = np.abs(np.diff(velocity, axis=1)) ** 2
+    known = np.isfinite(steps)
+    half = np.where(known, steps, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1) / 2.0
+    told = known.sum(axis=0) >= FEWEST
+    if not told.any():
+        return np.full(velocity.shape[1], by_depth.noise)
+    usual = float(np.median(np.sort(half[told])[: max(told.sum() // 2, 1)]))
+    louder = np.where(told, np.maximum(half - usual, 0.0), 0.0)
+    return by_depth.noise + np.maximum(np.append(louder, 0.0), np.append(0.0, louder))
+
+
 def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None) -> Differences:
     """Learn how velocities of one bin differ by time, noise apart.
 

@@ -29,6 +29,7 @@ from compasslib.product.errors import (
     UNMEASURED_MOTION_M_S,
     HeadingErrors,
     error_memory,
+    learn_bin_noise,
     learn_by_depth,
     learn_by_time,
     marginals,
@@ -111,6 +112,7 @@ class Learnt:
 
     by_depth: Differences
     by_time: Differences
+    bin_noise: Floats  # (m,) (m/s)^2 of both components
     cell_m: float
     motion: Floats  # (n,) horizontal velocity of the instrument itself, one standard deviation, m/s
 
@@ -173,7 +175,7 @@ class GriddedProduct:
             stance = Stance(source.depth_m[rows], source.tilt_deg[rows], source.beam_angle_deg, source.depth_sigma_m)
             cells = place_profiles(
                 velocities, time_s, axes, slots, max_gap_m=self.max_gap_m, cell_m=learnt.cell_m,
-                stance=stance, by_depth=learnt.by_depth, by_time=learnt.by_time,
+                stance=stance, bin_noise=learnt.bin_noise, by_depth=learnt.by_depth, by_time=learnt.by_time,
             )  # fmt: skip
         if not source.profiles:
             cells = bridge_gaps(cells, axes.step_s, self.max_gap_s, learnt.by_time)
@@ -260,9 +262,8 @@ def learn(
     learnt: list[Learnt] = []
     for source, seen in zip(sources, surveys, strict=True):
         step_s = float(np.median(np.diff(source.time_s))) if len(source.time_s) > 1 else SLOWEST_STEP_S
-        by_depth = learn_by_depth(
-            np.concatenate(seen.blocks or (np.zeros((0, source.bins)),)), seen.range_m, seen.cell_m
-        )
+        together = np.concatenate(seen.blocks or (np.zeros((0, source.bins), dtype=complex),))
+        by_depth = learn_by_depth(together, seen.range_m, seen.cell_m)
         told = by_depth.noise if seen.cell_m and len(seen.range_m) >= 4 else None
         few = tuple(block[:, _fullest(block)] for block in seen.blocks)
         by_time = learn_by_time(few, step_s, max(max_gap_s, 6 * 3600.0), told)
@@ -275,7 +276,7 @@ def learn(
         motion = sphere_motion(source.depth_m, seen.flow, source.time_s, water_depth_m)
         if source.profiles:
             motion = np.full(len(source.time_s), UNMEASURED_MOTION_M_S)
-        learnt.append(Learnt(by_depth, by_time, seen.cell_m, motion))
+        learnt.append(Learnt(by_depth, by_time, learn_bin_noise(together, by_depth), seen.cell_m, motion))
     return tuple(learnt)
 
 
