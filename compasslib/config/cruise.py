@@ -96,7 +96,11 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
     try:
         checked = model.model_validate(decided(raw), context=place)
     except ValidationError as error:
-        mistakes = _explained(model, error, file)
+        # A misspelt key is also a missing one: the spelling is what helps, and comes first.
+        errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+        misspelt = {e["loc"][:-1] for e in errors if e["type"] == "extra_forbidden"}
+        helpful = [e for e in errors if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
+        mistakes = [_mistake(model, each, file) for each in helpful or errors]
     else:
         mistakes = []
         if not open_keys:
@@ -230,15 +234,6 @@ def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
             raise InputError(
                 f"{file}: name", expected="a name of its own", found=actual, advice="rename one of the two"
             )
-
-
-def _explained(model: type[BaseModel], error: ValidationError, file: str) -> list[InputError]:
-    """Explain each mistake of a file, the spelling of keys first."""
-    all_errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
-    misspelt = {e["loc"][:-1] for e in all_errors if e["type"] == "extra_forbidden"}
-    # A misspelt key is also a missing one: the spelling is what helps.
-    relevant = [e for e in all_errors if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
-    return [_mistake(model, each, file) for each in relevant or all_errors]
 
 
 def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
@@ -405,14 +400,6 @@ def read(root: Path, name: str, example: str) -> dict[str, Any]:
     Raises:
         InputError: where the file is absent, too large, not UTF-8, not YAML, or no mapping.
     """
-    content = _parsed(_text(root, name, example), name)
-    if not isinstance(content, dict):
-        actual = "an empty file" if content is None else "a list" if isinstance(content, list) else "a single value"
-        raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
-    return content
-
-
-def _text(root: Path, name: str, example: str) -> str:
     path = root / name
     if not path.is_file():
         advice = f"write one, for example with the line {example}"
@@ -421,13 +408,17 @@ def _text(root: Path, name: str, example: str) -> str:
         expected, advice = f"at most {LARGEST_BYTES} bytes", "check that it is the YAML file and not data"
         raise InputError(name, expected=expected, found=f"{size}", advice=advice)
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        content = _parsed(path.read_bytes().decode("utf-8-sig"), name)
     except UnicodeDecodeError as error:
         advice = "save the file as UTF-8"
         raise InputError(name, expected="UTF-8 text", found=f"other bytes at {error.start}", advice=advice) from None
     except OSError as error:
         advice = "check its permissions"
         raise InputError(name, expected="a readable file", found=f"{error.strerror}", advice=advice) from None
+    if not isinstance(content, dict):
+        actual = "an empty file" if content is None else "a list" if isinstance(content, list) else "a single value"
+        raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
+    return content
 
 
 def _parsed(text: str, name: str) -> Any:

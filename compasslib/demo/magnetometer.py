@@ -57,7 +57,11 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
     bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
     made = Magnetometer(magnets, ball, places, axes, even=(bent[0], bent[1], bent[2]))
-    meter = _as_strong(made, earth_nt, strength)
+    # The magnets' moments are scaled so that the horizontal part is as strong as wanted.
+    _, added = response(made)
+    scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
+    scaled = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in made.magnets)
+    meter = replace(made, magnets=scaled)
     matrix, added = response(meter)
     vertical = added[2] + (matrix[2, 2] - 0.5 * (matrix[0, 0] + matrix[1, 1])) * earth_nt[1]
     return replace(meter, trim_nt=(0.0, 0.0, float(vertical + rng.normal(0.0, 100.0))))
@@ -112,11 +116,3 @@ def _place(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[f
 def _magnet(rng: np.random.Generator) -> Magnet:
     x, y, z = rng.normal(0.0, 1.0, 3).tolist()
     return Magnet(_place(rng, 0.3, 1.0), (x, y, z))
-
-
-def _as_strong(meter: Magnetometer, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
-    """Scale the magnets' moments so that the horizontal part is as strong as wanted."""
-    _, added = response(meter)
-    scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
-    magnets = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in meter.magnets)
-    return replace(meter, magnets=magnets)

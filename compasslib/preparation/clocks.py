@@ -312,7 +312,14 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     for run in clashing:
         keep[run] = False
     lost = sum(len(run) for run in clashing)
-    return keep, {"time_wild": wild, "clock_unsure": lost}, _warnings(wild, lost, clashing, time_s)
+    warnings = [f"{wild} samples have a time far from their neighbours' and were left out"] * bool(wild)
+    if lost:
+        spans = ", ".join(_span(time_s[run]) for run in clashing[:3])
+        warnings.append(
+            f"the clock was set back {len(clashing)} times into time already recorded: the {lost} samples after that "
+            f"({spans} by their clock) were left out; give them as a file of their own with clock_offset_seconds"
+        )
+    return keep, {"time_wild": wild, "clock_unsure": lost}, warnings
 
 
 def check_coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
@@ -370,19 +377,6 @@ def _equal(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) ->
     values = np.hstack(columns)
     a, b = values[first], values[second]
     return np.asarray(((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1))
-
-
-def _warnings(wild: int, lost: int, clashing: list[NDArray[np.intp]], time_s: Floats) -> list[str]:
-    warnings = []
-    if wild:
-        warnings.append(f"{wild} samples have a time far from their neighbours' and were left out")
-    if lost:
-        spans = ", ".join(_span(time_s[run]) for run in clashing[:3])
-        warnings.append(
-            f"the clock was set back {len(clashing)} times into time already recorded: the {lost} samples after that "
-            f"({spans} by their clock) were left out; give them as a file of their own with clock_offset_seconds"
-        )
-    return warnings
 
 
 def _span(time_s: Floats) -> str:

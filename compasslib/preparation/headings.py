@@ -42,7 +42,10 @@ def flag_altered(record: Record) -> Record:
     if np.count_nonzero(speed) < FEWEST_WINDOWS * FEWEST or np.ptp(record.time_s) < FEWEST_WINDOWS * WINDOW_S:
         return record
     weight = np.minimum(speed, np.median(speed[speed > 0.0]))  # slow flow has no direction
-    direction, mirrored = (_in_body_frame(flow, sign * record.heading_deg) for sign in (1.0, -1.0))
+    # Unit vectors of heading minus direction of flow, 0 where one is missing.
+    towards = angles.direction(flow.real, flow.imag)
+    vectors = (angles.phasor(sign * record.heading_deg - towards) for sign in (1.0, -1.0))
+    direction, mirrored = (np.where(np.isfinite(vector), vector, 0.0) for vector in vectors)
     if abs(_mean(mirrored, weight)) > abs(_mean(direction, weight)) + MIRRORED:
         note = (
             "the recorded headings turn with the flow where they are mirrored (counted anticlockwise), and not as they "
@@ -66,12 +69,6 @@ def _flow(record: Record) -> Complexes:
     velocity = record.east[:, :NEAR_BINS] + 1j * record.north[:, :NEAR_BINS]
     good = np.isfinite(velocity) & (record.quality[:, :NEAR_BINS] < PROBABLY_BAD)
     return np.where(good, velocity, 0.0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)
-
-
-def _in_body_frame(flow: Complexes, heading_deg: Floats) -> Complexes:
-    """Compute the unit vector of heading minus direction of flow, (n,), 0 where one is missing."""
-    vector = angles.phasor(heading_deg - angles.direction(flow.real, flow.imag))
-    return np.where(np.isfinite(vector), vector, 0.0)
 
 
 def _mean(direction: Complexes, weight: Floats) -> complex:
