@@ -103,7 +103,7 @@ class DailyMeans:
                 variance += product_of
         # The times that are missing follow each other, and a sphere is at a depth when the current lets it be there.
         apart = float(product.learnt[0].by_time.at(np.array([TIDE_S]))[0])
-        missing = np.maximum(1.0 - count / expected, 0.0) ** 2 * apart
+        missing = 0.5 * np.maximum(1.0 - count / expected, 0.0) ** 2 * apart  # means differ less than moments
         spread = sums["spread"] / number * mean_factor(number, product.memory_s / axes.step_s) + missing
         noise = sums["noise"] / number**2
         quality = np.where(sums["interpolated"] > 0.5 * count, INTERPOLATED, np.maximum(sums["worst"], 1))

@@ -28,7 +28,8 @@ MAX_REFERENCES = 3  # with a mode of their own
 # (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), taken for IGRF.
 MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
 REFERENCE_SIGMA_DEG = 2.0  # of a moored magnetic compass that nobody calibrated at its place
-PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 1.0, 5.0  # of a measured depth, and of one that is written down
+PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of one that is written down
+GROWTH_IN_CELL = 1.5  # power of the distance by which velocities differ within a cell
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
 STILL_M = 0.5  # of a dive below which its square root says nothing
 MOTION_S = 3 * 3600.0  # over which the sphere's position is averaged before it is differentiated
@@ -132,7 +133,10 @@ def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Diffe
     step = RESOLUTION * (cell_m or 1.0)
     distance = np.arange(0.0, REACH_M + step, step)
     if learnt is not None:
-        return Differences(step, learnt.layers(distance), learnt.noise)
+        values = learnt.layers(distance)
+        within = distance < cell_m  # a bin is a mean over its cell: there differences grow smoothly
+        values[within] = np.interp(cell_m, distance, values) * (distance[within] / cell_m) ** GROWTH_IN_CELL
+        return Differences(step, values, learnt.noise)
     known = velocity[np.isfinite(velocity.real)]
     variance = float(np.var(known)) if known.size else 0.0
     return Differences(step, variance * (1.0 - np.exp(-((distance / FALLBACK_M) ** 1.5))), 0.02 * variance)
