@@ -2,3 +2,10 @@
 
 
 include: "workflow/Snakefile"
+
+
+rule default:
+    """What the included file makes: Snakemake takes no target from there by itself."""
+    input:
+        rules.all.input,
+    default_target: True
