@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
+from compasslib.labelled import Labelled
 from compasslib.types import Floats
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class Rows(Protocol):
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(Labelled):
     """What one instrument measured, as a reader gives it or as the deployment leaves it.
 
     The headings are as the compass recorded them, to magnetic north, without heading bias and without declination;
@@ -75,6 +76,7 @@ class Record:
     echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
     counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report
     warnings: tuple[str, ...] = ()  # sentences for the report
+    tests: NDArray[np.int16] | None = None  # (n, m) bits of the tests that each velocity failed; None: none was made
 
     def bin_depth_m(self) -> Floats:
         """Compute the depth of every bin at every sample, (n, m) metres, blow-down followed."""
@@ -93,7 +95,7 @@ class Readings:
 
 
 @dataclass(frozen=True)
-class Pairs:
+class Pairs(Labelled):
     """Overlapping measurements of the affected (upper) instrument and the reference (lower), true east and north."""
 
     time_s: Floats  # (n,)
@@ -134,7 +136,7 @@ class EarthField:
 
 
 @dataclass(frozen=True)
-class CorrectedRecord:
+class CorrectedRecord(Labelled):
     """The product: what one affected instrument recorded, and the same corrected.
 
     Headings are to magnetic north, velocities to true east and north.

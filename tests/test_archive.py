@@ -23,10 +23,12 @@ from compasslib.archive import files, netcdf, variables
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
 from compasslib.errors import InputError
+from compasslib.preparation.quality import MASKS
 from compasslib.records import (
     BAD,
     GOOD,
     MISSING,
+    PROBABLY_BAD,
     PROBABLY_GOOD,
     PROFILES,
     CorrectedRecord,
@@ -115,6 +117,7 @@ def make_record(n: int = 200, m: int = 6, **other: object) -> Record:
         "supply_voltage": rng.normal(40, 1, n),
         "quality": quality,
         "heading_quality": np.ones(n, np.int8),
+        "tests": np.zeros((n, m), np.int16),
         "beam_angle_deg": 20.0,
         "counts": {"ensembles": n, "bad checksum": 3},
         "warnings": ("one ensemble in three looks down", "Grönland ☂"),
@@ -413,6 +416,9 @@ def test_the_product_comes_back(tmp_path, n, m, looks_up):
         beam_angle_deg=0.0,
         counts={},
         warnings=(),
+        tests=np.repeat(
+            np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0)[:, None], m, axis=1
+        ),
     )
     # Ranges come back as differences of depths of 150 m in float32.
     same(expected, back.record, rtol=1e-7, atol=1e-5)
@@ -555,6 +561,8 @@ def test_the_variables_as_oceansites_asks(corrected_nc):
             if name.endswith("_QC"):
                 assert variable.flag_values.tolist() == [0, 1, 2, 3, 4, 7, 8, 9] and variable.dtype == np.int8
                 assert len(variable.flag_meanings.split()) == 8
+            elif name == "UCUR_QC_TESTS":
+                assert variable.flag_masks.dtype == variable.dtype and "coordinates" in variable.ncattrs()
             elif name in variables.CORRECTED:
                 assert variable.units and variable._FillValue == 99999.0, name
                 assert "coordinates" in variable.ncattrs() or name in ("DEPTH", "INSTRUMENT_DEPTH")

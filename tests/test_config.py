@@ -145,6 +145,16 @@ def test_the_example_of_the_contract_is_read(cruise: Path) -> None:
     assert mooring.covariates["declination_observatory"].files == ("raw/obs/lrv1.min", "raw/obs/lrv2.min")
 
 
+QUALITY = {
+    "percent_good": 25.0, "correlation": None, "error_velocity": None, "echo": None, "tilt_deg": 45.0, "speed": 5.0,
+    "side_lobe": True,
+}  # fmt: skip
+FIT = {
+    "method": "exact", "name": None, "tilt": False, "model": "exact", "coefficients": None, "covariance": None,
+    "file": None, "columns": None,
+}  # fmt: skip
+
+
 def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
     write(cruise, "config/config.yaml", "{}")
     write(cruise, MOORING_FILE, SHORTEST)
@@ -157,10 +167,12 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
         "overlap": {
             "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "predict": True, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
         },
-        "fit": {"method": "exact", "name": None, "tilt": False},
+        "fit": FIT,
         "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5},
         "conventions": {"check": False},
         "product": PRODUCT,
+        "figures": {"formats": ("png",)},
+        "quality": QUALITY,
     }  # fmt: skip
     assert loaded.moorings["M1"].model_dump() == {
         "name": "M1", "latitude": 10.0, "longitude": 20.0, "water_depth": 100.0, "start_s": 1188864000.0,
@@ -169,13 +181,14 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
-            "compass": None, "sphere": None, "compass_sigma_deg": None,
+            "compass": None, "sphere": None, "compass_sigma_deg": None, "sphere_distance_m": None,
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
             "bin_size": None, "first_bin": None, "flags": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
-        "attributes": {}, "fit": {"method": "exact", "name": None, "tilt": False},
-        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "confirmed": {"constant": False}, "product": PRODUCT, "covariates": {},
+        "attributes": {}, "fit": FIT,
+        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "confirmed": {"constant": False}, "product": PRODUCT,
+        "quality": QUALITY, "covariates": {},
     }  # fmt: skip
 
 
@@ -402,14 +415,18 @@ BAD_LINES = [
     ("name: Ö1", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'Ö1'; write for example EG4"),
     (f"name: {'EG' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (EG), found '{'EG' * 20}'; shorten it"),
     (f"name: M{'0' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (0), found 'M{'0' * 20}'; shorten it"),
-    ("name: proof", "name: expected a name other than calibrations, compasses, proof, logs, benchmarks, summary.csv, report.html, ro-crate-metadata.json, which results/ holds for other things, found 'proof'; rename the mooring"),
+    ("name: proof", "name: expected a name other than calibrations, compasses, proof, logs, benchmarks, figures, summary.csv, report.html, ro-crate-metadata.json, which results/ holds for other things, found 'proof'; rename the mooring"),
     ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
     ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the reference instrument, or delete reference where there is none"),
-    ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, product, covariates, found the unknown 'latitud'; write latitude"),
+    ("latitud: 65", "latitud: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, product, quality, covariates, found the unknown 'latitud'; write latitude"),
     ("fit: {method: von_appen, tilt: true}", "fit.tilt: expected it only with method: exact, found it with von_appen; delete it"),
-    ("fit: {method: exakt}", "fit.method: expected exact, von_appen or calibration, found 'exakt'; write exact"),
-    ("fit: exact", "fit: expected a mapping, found 'exact'; write below it keys out of method, name, tilt"),
+    ("fit: {method: exakt}", "fit.method: expected exact, von_appen, calibration, coefficients or pairs, found 'exakt'; write exact"),
+    ("fit: exact", "fit: expected a mapping, found 'exact'; write below it keys out of method, name, tilt, model, coefficients, covariance, file, columns"),
+    ("fit: {method: coefficients}", "fit.coefficients: expected it with method: coefficients, found nothing; add it, see config/README.md"),
+    ("fit: {method: coefficients, coefficients: {A: 1}}", "fit.coefficients: expected the five numbers A to E, found a mapping; write for example coefficients: {A: 0, B: 0.3, C: 0.1, D: 0, E: 0}"),
+    ("fit: {method: exact, model: exact}", "fit.model: expected it only with method: coefficients or pairs, found it with exact; delete it"),
+    ("fit: {method: coefficients, coefficients: {A: 0, B: 0, C: 0, D: 0, E: 0}, covariance: [[-1,0,0,0,0],[0,1,0,0,0],[0,0,1,0,0],[0,0,0,1,0],[0,0,0,0,1]]}", "fit.covariance: expected five rows of five numbers, a covariance, found a list; write for example covariance: [[...], ...]"),
     ("fit: {method: calibration}", "fit.name: expected the NAME of config/calibrations/NAME.yaml, found nothing; write fit: {method: calibration, name: NAME}"),
     ("fit: {method: exact, name: aqd}", "fit.name: expected no name beside method: exact, found 'aqd'; delete it or write method: calibration"),
     ("diagnose: {apply: maybe}", "diagnose.apply: expected true or false, found 'maybe'; write for example apply: true"),
@@ -447,7 +464,8 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    sphere_distance_m: [0.6, 0.4]", "instruments.top.sphere_distance_m: expected a distance in metres, or [from, to], found a list; write for example sphere_distance_m: [0.4, 0.6]"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, sphere_distance_m, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
     ("    declination_applied: {heading: 3}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found heading; write both, for example {heading: 0, velocity: -17.4}"),
     ("    declination_applied: {heading: 3, velocity: 181}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found a mapping; write for example declination_applied: 0"),
     ("    format: netcdf\n    flags: {good: [1], bad: ['1']}", "instruments.top.flags: expected each meaning once, found '1' twice; delete one of the two"),
@@ -505,7 +523,7 @@ BAD_FILES = [
     (b"name: Gr\xf6nland\n", "expected UTF-8 text, found other bytes at 8; save the file as UTF-8"),
     ("name: EG4\n".encode("utf-16"), "expected UTF-8 text, found other bytes at 0; save the file as UTF-8"),
     ("#" * 1_000_001, "expected at most 1000000 bytes, found 1000001; check that it is the YAML file and not data"),
-    ("<<: {name: EG4}\n", "<<: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, product, covariates, found the unknown '<<'; delete it, or indent it below the key that it belongs to"),
+    ("<<: {name: EG4}\n", "<<: expected a key out of name, latitude, longitude, water_depth, start, end, declination, compromised, reference, instruments, attributes, fit, diagnose, confirmed, product, quality, covariates, found the unknown '<<'; delete it, or indent it below the key that it belongs to"),
 ]  # fmt: skip
 
 BAD_OPTIONS = [
@@ -514,7 +532,7 @@ BAD_OPTIONS = [
     ("overlap: {bins: 0}", "overlap.bins: expected a whole number from 1 to 255, found 0; write for example bins: 2"),
     ("overlap: {max_minuts: 20}", "overlap.max_minuts: expected a key out of max_minutes, max_metres, bins, predict, grid_minutes, grid_tolerance_minutes, found the unknown 'max_minuts'; write max_minutes"),
     ("overlap: {grid_minutes: 0}", "overlap.grid_minutes: expected minutes above 0, at most 1440, found 0; write for example grid_minutes: 60"),
-    ("fit: {method: calibration, name: aqd}", "fit.method: expected exact or von_appen for a whole cruise, found 'calibration'; name a calibration in the mooring's own file"),
+    ("fit: {method: calibration, name: aqd}", "fit.method: expected exact or von_appen for a whole cruise, found 'calibration'; write it in the mooring's own file"),
     ("diagnose: {min_effect_deg: -1}", "diagnose.min_effect_deg: expected degrees from 0 to 180, found -1; write for example min_effect_deg: 0.5"),
     ("moorings: config/mooring", "moorings: expected a folder with files NAME.yaml, found no folder config/mooring; put the mooring files there, or write moorings: [] where the cruise has none"),
     ("moorings: raw", "moorings: expected a folder with files NAME.yaml, found none in raw; put the mooring files there, or write moorings: [] where the cruise has none"),
@@ -643,7 +661,7 @@ def test_damaged_files_end_in_one_line_or_are_read(cruise: Path) -> None:
             read += len(config.load_cruise(cruise).moorings)
         except InputError as error:
             refused.append(str(error))
-    assert [line for line in refused if "\n" in line or len(line) > 560] == []
+    assert [line for line in refused if "\n" in line or len(line) > 580] == []
     assert read + len(refused) == 100
     assert min(read, len(refused)) > 15  # many cuts only spoil a comment
 

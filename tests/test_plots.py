@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -22,13 +23,17 @@ from scipy.signal import lfilter
 from compasslib import angles, compass
 from compasslib.archive import files as archive_files
 from compasslib.archive import summary as archive_currents
+from compasslib.deviation import assessment
 from compasslib.deviation.correction import correct
+from compasslib.deviation.histograms import build_histograms, directions_at_pairs
 from compasslib.deviation.likelihood import CELLS
-from compasslib.deviation.model import DeviationFit, observed_heading, unfitted
+from compasslib.deviation.lookup import correct_roots
+from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, unfitted
 from compasslib.deviation.series import fit_series, invert_series, series_deviation
 from compasslib.errors import InputError
 from compasslib.plots import curves as plots_curves
-from compasslib.plots import deviation, diagnosis, timeseries
+from compasslib.plots import deviation, diagnosis, histograms, timeseries
+from compasslib.plots import moorings as moorings_together
 from compasslib.plots import page as plots_page
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
@@ -37,7 +42,7 @@ from compasslib.report.explanation import diagnosis_caption
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
-DRAWN = ("deviation", "progressive", "roses", "scatter", "sticks", "timeline")
+DRAWN = ("deviation", "histograms", "progressive", "roses", "scatter", "sticks", "timeline")
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,14 @@ class Mooring:
             deviation.draw_deviation(path, self.pairs, self.fit)
         elif figure == "timeline":
             timeseries.draw_timeline(path, self.product, self.pairs)
+        elif figure == "histograms":
+            counts = build_histograms(
+                self.product.record,
+                self.product.heading_corrected_deg,
+                self.pairs,
+                assessed("", self.pairs, self.fit).assessment["difference_counts"],
+            )
+            histograms.draw_histograms(path, counts, assessed("", self.pairs, self.fit).assessment)
         elif figure == "scatter":
             deviation.draw_scatter(path, self.pairs, self.product)
         else:
@@ -71,6 +84,16 @@ class Mooring:
             timeseries.draw_roses(path, shown, reference, headings)
         else:
             getattr(timeseries, f"draw_{figure}")(path, timeseries.average_currents(shown, reference))
+
+
+def assessed(name: str, pairs: Pairs, fit: DeviationFit) -> moorings_together.AssessedMooring:
+    """Return what the figures of a cruise take; all pairs count as held out."""
+    heading = np.full(len(pairs), np.nan)
+    if fit.fitted:
+        heading = nearest_root(correct_roots(fit, pairs.heading_deg), observed_heading(pairs))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assessment, "held_out_headings", lambda plain, made: heading)
+        return moorings_together.AssessedMooring(name, fit, assessment.assess_correction(pairs, fit))
 
 
 def overlaps(coefficients) -> Pairs:
@@ -363,7 +386,9 @@ def test_a_whole_turn_ends_in_360_and_any_other_in_its_heading():
 
 def test_directions_are_counted_and_compared_in_their_panels(gallery):
     before, after = (axes.get_title("left") for axes in gallery.show("unfolded", "scatter")[1].axes[:2])
-    lower, upper, corrected = plots_curves.directions(SMALL, gallery.moorings["unfolded"].product)
+    product = gallery.moorings["unfolded"].product
+    times = product.record.time_s
+    lower, upper, corrected = directions_at_pairs(SMALL, times, product.heading_corrected_deg)
     for title, name, above in ((before, "(a) recorded", upper), (after, "(b) corrected", corrected)):
         off = angles.difference(above, lower)
         mean = float(angles.wrap180(angles.mean(off)))
@@ -402,6 +427,34 @@ def test_no_line_jumps_across_a_cut(kind, gallery):
     assert max(np.nanmax(np.abs(np.diff(curve, axis=0))) for curve in curves) < 20.0
 
 
+@pytest.mark.parametrize("copies", [0, 2, 9])
+@pytest.mark.parametrize("figure", moorings_together.FIGURES)
+def test_figures_of_a_cruise_hold_few_moorings_with_their_names_and_many_without(figure, copies, tmp_path):
+    """Without any, with those that have pairs, and with more than can be named."""
+    kinds = ("unfolded", "folded", "published and folded", "too few pairs", "no fit and no pairs")
+    cruise = [assessed(f"{kind} {k}", *KINDS[kind][:2]) for k in range(copies) for kind in kinds]
+    page = saved(lambda: moorings_together.draw_figure(figure, tmp_path / "a.png", cruise))
+    shown = {mooring.name for mooring in cruise if mooring.fit.fitted or figure != "curves"}
+    shown -= {name for name in shown if name.startswith("no fit")}
+    named = {name for name in shown if name in words(page)}
+    assert named == (shown if 0 < len(shown) <= moorings_together.NAMED else set())
+    assert copies or "no data" in words(page)
+    standing = boxes(page)
+    assert all(box.x0 >= -1 and box.y0 >= -1 and box.x1 <= page.bbox.x1 + 1 for box in standing)
+
+
+def test_a_figure_is_a_pdf_too_with_the_same_bytes_each_time_and_clouds_as_pixels(moorings, tmp_path, monkeypatch):
+    monkeypatch.setattr(plots_page, "MAX_VECTORS", 500)
+    for name in ("a", "b"):
+        moorings["folded"].draw("deviation", tmp_path / f"{name}.pdf")
+    content = (tmp_path / "a.pdf").read_bytes()
+    assert (
+        content == (tmp_path / "b.pdf").read_bytes() and content.startswith(b"%PDF") and b"CreationDate" not in content
+    )
+    assert content.count(b"/Subtype /Image") >= 1
+    assert re.search(rb"/MediaBox \[ 0 0 (\d+)", content)[1] == b"%d" % round(72 * WIDTH_IN)
+
+
 @pytest.mark.parametrize("figure", DRAWN)
 def test_same_data_give_the_same_bytes_under_any_settings(figure, moorings, gallery, tmp_path):
     first, _ = gallery.show("folded", figure)
@@ -434,6 +487,7 @@ def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
     [
         ("no fit and no pairs", "deviation", "no data"),
         ("no fit and no pairs", "scatter", "no pairs"),
+        ("no fit and no pairs", "histograms", "no data"),
         ("no fit and no pairs", "timeline", "none"),
         ("no fit and no pairs", "sticks", "Recorded"),
         ("too few pairs", "scatter", "no pairs"),
@@ -553,7 +607,7 @@ def test_sectors_hold_all_angles_that_there_are():
 def test_directions_are_compared_at_the_pair_s_own_sample(moorings):
     unfolded = moorings["unfolded"].product
     late = replace(SMALL, time_s=SMALL.time_s + np.where(np.arange(SAMPLES) < 3, 1800.0, 1e-4))
-    lower, upper, after = plots_curves.directions(late, unfolded)
+    lower, upper, after = directions_at_pairs(late, unfolded.record.time_s, unfolded.heading_corrected_deg)
     assert np.isnan(after[:3]).all() and np.isfinite(after[3:]).all()
     assert angles.rms(after - lower) < 0.9 * angles.rms(upper - lower)
 

@@ -40,20 +40,26 @@ def test_settings_on_snakemake_s_command_line_are_refused(tmp_path):
 
 def test_it_keeps_the_contract(done):
     keeps_contract(done, "--without", "calibrations")
+    for file in ("table.csv", "histograms.csv", "figures/histograms.png"):
+        assert (done / "results/M1" / file).is_file()
+    assert {path.name for path in (done / "results/figures").iterdir()} == {
+        f"{name}.png" for name in ("curves", "differences", "currents")
+    }
 
 
 EACH, OF_ALL = (
     ("overlap", "fit", "diagnose", "compare", "correct", "grid", "figures"),
-    ("summary", "report", "provenance"),
+    ("summary", "cruise_figures", "report", "provenance"),
 )
 
 
 def test_the_screen_lists_what_each_stage_said_and_the_warnings_at_the_end(done):
     said = (done / "screen").read_text().splitlines()
-    stages, warnings = said.index("Stages: 21"), said.index("Warnings: 2")
+    stages, warnings = said.index("Stages: 22"), said.index("Warnings: 2")
     shown = dict(line.strip().split(": ", 1) for line in said[stages + 1 : warnings])
     of_moorings = [f"{name} {stage}" for name in ("M1", "ALONE") for stage in ("read top", *EACH)]
-    assert sorted(shown) == sorted([*of_moorings, "M1 read deep", *OF_ALL, "complete"])
+    of_all = [rule.replace("_", " ") for rule in (*OF_ALL, "complete")]
+    assert sorted(shown) == sorted([*of_moorings, "M1 read deep", *of_all])
     assert shown["M1 overlap"].startswith("600 overlapping pairs") and not said[0].startswith("Error")
     tail = said[warnings + 1 : warnings + 3]
     assert sorted(line.partition(" pitch")[0] for line in tail) == ["  ALONE top: warning:", "  M1 top: warning:"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.archive.files import RERUN, atomic_write, read_json, write_json
+from compasslib.archive.files import read_csv, read_json, write_csv, write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.result import Calibration, DeviationTable
-from compasslib.errors import InputError
 from compasslib.types import Floats
 
 TABLE_COLUMNS = ("recorded_deg", "deviation_deg", "standard_uncertainty_deg")
@@ -50,8 +48,8 @@ def write(
     """
     deviations = made.table or DeviationTable(*np.zeros((3, 0)))
     rows = (deviations.heading_deg, deviations.deviation_deg, deviations.sigma_deg)
-    _write_csv(table, TABLE_COLUMNS, rows, ("{:.4g}", "{:.3f}", "{:.3f}"))
-    _write_csv(points, tuple(made.points), tuple(made.points.values()), (f"{{:.{DIGITS}g}}",) * len(made.points))
+    write_csv(table, TABLE_COLUMNS, rows, ("{:.4g}", "{:.3f}", "{:.3f}"))
+    write_csv(points, tuple(made.points), tuple(made.points.values()), (f"{{:.{DIGITS}g}}",) * len(made.points))
     write_json(calibration, page)
 
 
@@ -64,7 +62,7 @@ def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> P
     Raises:
         InputError: a file is absent or damaged.
     """
-    return Page(read_json(calibration), read_table(table), _read_csv(points))
+    return Page(read_json(calibration), read_table(table), read_csv(points))
 
 
 def read_table(path: str | Path) -> DeviationTable:
@@ -73,7 +71,7 @@ def read_table(path: str | Path) -> DeviationTable:
     Raises:
         InputError: the file is absent or damaged.
     """
-    columns = _read_csv(path)
+    columns = read_csv(path)
     return DeviationTable(*(columns[name] for name in TABLE_COLUMNS))
 
 
@@ -84,29 +82,3 @@ def named(paths: Sequence[str | Path]) -> dict[str, Any]:
         InputError: a file is absent or damaged.
     """
     return {Path(path).parent.name: read_json(path) for path in paths}
-
-
-def _write_csv(path: str | Path, names: Sequence[str], columns: Sequence[Floats], forms: Sequence[str]) -> None:
-    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(names)
-        for row in zip(*columns, strict=True):
-            cells = zip(row, forms, strict=True)
-            writer.writerow(
-                [x if isinstance(x, str) else form.format(x) if np.isfinite(x) else "" for x, form in cells]
-            )
-
-
-def _read_csv(path: str | Path) -> dict[str, Floats]:
-    try:
-        with Path(path).open(newline="", encoding="utf-8") as stream:
-            names, *rows = list(csv.reader(stream)) or [[]]
-        columns = [np.array([float(row[k] or "nan") for row in rows]) for k in range(len(names))]
-    except (OSError, ValueError, IndexError) as error:
-        raise InputError(
-            str(path),
-            expected="a table that this program wrote",
-            found=f"{type(error).__name__}: {error}",
-            advice=RERUN,
-        ) from error
-    return dict(zip(names, columns, strict=True))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import csv
 import io
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -97,6 +98,51 @@ def _jsonable(value: Any) -> Any:
 def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
     advice = RERUN
     return TransientError(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
+
+
+# Tables of numbers.
+
+
+def write_csv(
+    path: str | Path, names: Sequence[str], columns: Sequence[Sequence[Any] | NDArray[Any]], forms: Sequence[str]
+) -> None:
+    """Write columns of numbers or texts; what is not finite is left empty.
+
+    Args:
+        forms: format of each column's numbers, such as ``{:.3f}``.
+    """
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(names)
+        for row in zip(*columns, strict=True):
+            cells = zip(row, forms, strict=True)
+            writer.writerow([x if isinstance(x, str) else f.format(x) if np.isfinite(x) else "" for x, f in cells])
+
+
+def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
+    """Read the columns of a table that this program wrote, NaN where a number is missing.
+
+    Args:
+        texts: names of columns that are no numbers.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8") as stream:
+            names, *rows = list(csv.reader(stream)) or [[]]
+        cells = {name: [row[k] for row in rows] for k, name in enumerate(names)}
+        return {
+            name: np.array(column if name in texts else [float(cell or "nan") for cell in column])
+            for name, column in cells.items()
+        }
+    except (OSError, ValueError, IndexError) as error:
+        raise InputError(
+            str(path),
+            expected="a table that this program wrote",
+            found=f"{type(error).__name__}: {error}",
+            advice=RERUN,
+        ) from error
 
 
 @contextmanager

@@ -33,7 +33,8 @@ from compasslib.archive.files import (
     write_variable,
 )
 from compasslib.archive.variables import Variable, quality_variable
-from compasslib.records import BAD, MISSING, PROBABLY_GOOD, CorrectedRecord, Flags, Pairs, Record, Rows
+from compasslib.preparation.quality import MASKS
+from compasslib.records import BAD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, CorrectedRecord, Flags, Pairs, Record, Rows
 from compasslib.types import Floats
 
 
@@ -49,6 +50,8 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
         write_bins(nc, record.east.shape[1], record.looks_up)
         for field in fields(Record):
             value = getattr(record, field.name)
+            if field.name == "tests" and value is None:
+                continue
             if field.name in variables.RECORD:
                 write_variable(nc, variables.RECORD[field.name], value, level=0)
             elif field.name not in variables.NOT_STORED:
@@ -90,7 +93,9 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
             ranges = np.broadcast_to(ranges[0].copy(), ranges.shape)
         arrays = {"bin_range_m": ranges}
         arrays |= {
-            name: read_variable(nc, entry.name, bins) for name, entry in variables.RECORD.items() if name not in arrays
+            name: read_variable(nc, entry.name, bins)
+            for name, entry in variables.RECORD.items()
+            if name not in arrays and (name != "tests" or entry.name in nc.variables)
         }
         others = {field.name for field in fields(Record)} - set(variables.RECORD) - variables.NOT_STORED
         metadata = {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
@@ -322,6 +327,19 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
         )
 
 
+def open_product(path: str | Path) -> CorrectedRecord:
+    """Open a product in memory, whose ``to_xarray()`` labels it.
+
+    Args:
+        path: a corrected.nc, or the folder of a mooring's results.
+
+    Raises:
+        InputError: the file is absent, damaged or something else.
+    """
+    path = Path(path)
+    return read_corrected(path / "corrected.nc" if path.is_dir() else path)
+
+
 def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
     time_s = np.round((read_variable(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
     unknown = np.full(time_s.shape, np.nan)
@@ -340,6 +358,7 @@ def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
         temperature_c=read_variable(nc, "TEMPERATURE") if "TEMPERATURE" in nc.variables else unknown,
         supply_voltage=unknown,
         quality=read_variable(nc, "UCUR_RECORDED_QC", bins),
+        tests=read_variable(nc, "UCUR_QC_TESTS", bins) if "UCUR_QC_TESTS" in nc.variables else None,
         heading_quality=read_variable(nc, "HEADING_QC"),
         looks_up=looks_up,
         direction_reference="true",
@@ -367,6 +386,7 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         "VCUR": (product.north, _flag_missing(product.velocity_quality, product.north, BAD)),
         "UCUR_RECORDED": (product.east_recorded, _flag_missing(record.quality, product.east_recorded, MISSING)),
         "VCUR_RECORDED": (product.north_recorded, _flag_missing(record.quality, product.north_recorded, MISSING)),
+        "UCUR_QC_TESTS": (_failed_tests(product), None),
         "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "HEADING_TRUE": (true, _flag_missing(product.heading_corrected_quality, true, BAD)),
@@ -380,6 +400,14 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         flags = _flag_missing(record.quality, values, MISSING) if values.dtype.kind == "f" else None
         columns[variables.PROFILES[name]] = (_beams_first(values), flags)
     return columns
+
+
+def _failed_tests(product: CorrectedRecord) -> NDArray[np.int16]:
+    """Return the bits of the tests that each velocity failed, the doubtful or missing headings among them."""
+    record = product.record
+    tests = np.zeros(record.quality.shape, dtype=np.int16) if record.tests is None else record.tests
+    heading = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0).astype(np.int16)
+    return tests | heading[:, None]
 
 
 def _count(values: Floats) -> int:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from compasslib.preparation.quality import MASKS, TESTS
 from compasslib.records import PROFILES as PROFILE_KEYS
 
 FILL = 99999.0
@@ -98,6 +99,8 @@ def channel_variable(name: str, unit: str) -> Variable:
     return Variable(f"{CHANNEL}{name}", f"{name.replace('_', ' ')}, as logged or given", unit)
 
 
+_TESTS = {"flag_masks": np.array(list(MASKS.values())), "flag_meanings": " ".join(TESTS.values())}
+
 RECORD = {
     "time_s": _SECONDS,
     "east": Variable("EAST", "eastward velocity, from direction_reference", "m s-1", "", BINS, "f4"),
@@ -112,6 +115,9 @@ RECORD = {
     "supply_voltage": Variable("SUPPLY_VOLTAGE", "supply voltage, counts or volts", "1"),
     "quality": replace(quality_variable(Variable("VELOCITY", "")), dimensions=BINS),
     "heading_quality": quality_variable(Variable("HEADING", "")),
+    "tests": Variable(
+        "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i2", fill=None, also=_TESTS
+    ),
 }
 
 # ----------------------------------------------------------------------------------------------- pairs, by their fields
@@ -298,12 +304,25 @@ _TABLE = (
         content="modelResult",
         by_declination=True,
     ),
-    _current("UCUR", "by the corrected heading", _CORRECTED, ("UCUR_UNCERTAINTY", *_BY_CORRECTED)),
-    _current("VCUR", "by the corrected heading", _CORRECTED, ("VCUR_UNCERTAINTY", *_BY_CORRECTED)),
+    _current("UCUR", "by the corrected heading", _CORRECTED, ("UCUR_UNCERTAINTY", "UCUR_QC_TESTS", *_BY_CORRECTED)),
+    _current("VCUR", "by the corrected heading", _CORRECTED, ("VCUR_UNCERTAINTY", "UCUR_QC_TESTS", *_BY_CORRECTED)),
     _current("UCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
     _current("VCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
     replace(_current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _STANDARD_DEVIATION), valid=(0.0, 10.0)),
     replace(_current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _STANDARD_DEVIATION), valid=(0.0, 10.0)),
+    Variable(
+        "UCUR_QC_TESTS",
+        "tests that UCUR and VCUR failed",
+        "",
+        "status_flag",
+        BINS,
+        "i2",
+        comment="Bits of all tests that a velocity failed; names after QARTOD's tests and the IMOS toolbox.",
+        fill=None,
+        also=_TESTS,
+        content="qualityInformation",
+        flagged=False,
+    ),
     Variable(
         "HEADING_TRUE",
         "heading of the instrument from true north, corrected for magnetic deviation",

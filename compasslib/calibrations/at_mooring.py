@@ -14,17 +14,20 @@ from compasslib.calibrations.result import LETTERS
 from compasslib.deviation.exact import fit_exact, smooth_density
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import (
+    UNKNOWN_COVARIANCE,
     DeviationFit,
     FieldAtPlace,
     ScatterNoise,
     TransferredCoefficients,
     heading_residual,
+    observed_heading,
     transfer_coefficients,
 )
+from compasslib.deviation.series import invert_series, series_range
 from compasslib.records import BAD, EarthField, Pairs, Record
 from compasslib.statistics.noise import effective_sample_size
 
-METHOD = "calibration"
+METHOD, GIVEN = "calibration", "coefficients"
 HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
 MAX_CHI_SQUARE = 36.0  # chi-square of four coefficients: by chance once in four million
 MIN_CONTRADICTION_DEG = 5.0
@@ -46,6 +49,35 @@ def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Reco
     coefficients, covariance = transferred.coefficients, transferred.covariance
     fit = DeviationFit(METHOD, len(pairs), coefficients, covariance, noise=noise, warnings=named)
     return evaluate_on_record(fit, record, pairs)
+
+
+def compass_from_coefficients(
+    model: str, coefficients: Mapping[str, float], covariance: Any | None, record: Record, pairs: Pairs
+) -> DeviationFit:
+    """Build the compass whose coefficients a mooring's file gives, as they are there.
+
+    Args:
+        model: ``exact`` (dimensionless) or ``von_appen`` (degrees).
+        covariance: (5, 5), None where it is unknown.
+        pairs: where a reference overlaps; they are counted and compared with it, nothing is fitted to them.
+    """
+    values, unit = np.array([coefficients[k] for k in LETTERS]), 1.0 if model == "exact" else 1.0 / angles.DEGREE
+    known, spread = covariance is not None, np.array(covariance or np.diag(np.full(5, unit**2)), dtype=float)
+    method = GIVEN if model == "exact" else model
+    warnings = () if known else (UNKNOWN_COVARIANCE,)
+    fit = DeviationFit(method, len(pairs), values, spread, fixed=True, covariance_known=known, warnings=warnings)
+    if method == GIVEN:
+        return evaluate_on_record(fit, record, pairs)
+    residual = angles.difference(observed_heading(pairs), invert_series(values, pairs.heading_deg))
+    seen = np.isfinite(residual)
+    recorded_range, folded = series_range(values)
+    return replace(
+        fit,
+        n_effective=effective_sample_size(residual[seen], pairs.time_s[seen]) if seen.any() else 0.0,
+        residual_rms_deg=angles.rms(residual),
+        recorded_range_deg=recorded_range,
+        folded=folded,
+    )
 
 
 def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> DeviationFit:

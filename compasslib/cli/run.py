@@ -57,7 +57,7 @@ def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
             if restored := records.restore_times(planned.jobs, known, now):
                 more = f" and {len(restored) - 1} more" if restored[1:] else ""
                 print(f"{restored[0]}{more}: dated in the future and as recorded: redated", file=sys.stderr)
-            guard.refuse_future(planned.given(), now)
+            guard.refuse_future(planned.moorings.given(planned.scripts), now)
         options = [planned.writers.get(option, option) for option in options]
         wanted = () if "verify" in options else (*planned.everything(), *planned.jobs.keys() & {*options})
         stale = records.stale(wanted, known)

@@ -217,13 +217,15 @@ def _calibration(file: str, place: RawFolder) -> CalibrationFile:
 def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]:
     fit = raw.get("fit")
     # Method and name of a fit belong together; the keys of diagnosis and product are each their own.
-    filled = raw if fit is not None else raw | {"fit": options.fit.model_dump()}
+    filled = raw if fit is not None else raw | {"fit": options.fit.model_dump(exclude_unset=True)}
     for name, default in (("diagnose", options.diagnose), ("product", options.product)):
         given = raw.get(name)
         if isinstance(given, dict | None):
             stated = {key: value for key, value in (given or {}).items() if value is not None}
             defaults = {key: False if value is None else value for key, value in default.model_dump().items()}
             filled = filled | {name: defaults | stated}
+    if isinstance(quality := raw.get("quality"), dict | None):
+        filled = filled | {"quality": options.quality.model_dump() | (quality or {})}
     return filled
 
 

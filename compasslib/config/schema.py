@@ -7,45 +7,44 @@ Rules that need more than one key are the validators after the keys. ``cruise.lo
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from compasslib import readers
 from compasslib.config import values
+from compasslib.config.fit import FitOptions
 from compasslib.config.product import ProductOptions
-from compasslib.config.section import Count, Number, Section, Switch, allowed_keys, key
+from compasslib.config.section import (
+    Attributes,
+    Count,
+    Decimal,
+    Declination,
+    DeclinationApplied,
+    Delimiter,
+    Files,
+    Form,
+    Formats,
+    Missing,
+    MooringPaths,
+    Name,
+    Names,
+    Number,
+    Reference,
+    Section,
+    Span,
+    Switch,
+    Text,
+    Time,
+    TimeFormat,
+    Zone,
+    allowed_keys,
+    key,
+)
 from compasslib.config.values import iso, problem, shown
 from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
 from compasslib.readers.flags import normalize
-
-
-def _form(value: Any) -> str:
-    offered = readers.format_names()
-    if value not in offered:
-        raise problem(
-            expected=f"{', '.join(offered[:-1])} or {offered[-1]}", advice=values.nearest(str(value), offered)
-        )
-    return str(value)
-
-
-Text = Annotated[str, BeforeValidator(values.text)]
-Name = Annotated[str, BeforeValidator(values.name)]
-Names = Annotated[tuple[Name, ...], BeforeValidator(values.names)]
-Time = Annotated[float, BeforeValidator(values.time_s)]
-Files = Annotated[tuple[str, ...], BeforeValidator(values.raw_files)]
-MooringPaths = Annotated[str | tuple[str, ...], BeforeValidator(values.mooring_paths)]
-Attributes = Annotated[dict[str, str | int | float], BeforeValidator(values.attributes)]
-Declination = Annotated[float | Literal["auto"], BeforeValidator(values.declination)]
-TimeFormat = Annotated[str, BeforeValidator(values.time_format)]
-Delimiter = Annotated[str, BeforeValidator(values.delimiter)]
-Decimal = Annotated[str, BeforeValidator(values.decimal)]
-Zone = Annotated[str, BeforeValidator(values.zone)]
-Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing)]
-DeclinationApplied = Annotated[float | dict[str, float], BeforeValidator(values.declination_applied)]
-Form = Annotated[str, BeforeValidator(_form)]
-Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
 
 TABLES = ("table", "acm_table")
 # Keys that mean something for some formats only: with others they would be silently without effect.
@@ -69,7 +68,7 @@ KNOWN_SERIES = (
 )
 # Other things that stand in results/; a file system may not tell capitals.
 RESERVED = (
-    *("calibrations", "compasses", "proof", "logs", "benchmarks"),
+    *("calibrations", "compasses", "proof", "logs", "benchmarks", "figures"),
     *("summary.csv", "report.html", "ro-crate-metadata.json"),
 )
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
@@ -107,36 +106,24 @@ class Overlap(Section):
     grid_tolerance_minutes: Number = key("minutes from 0 to 1440", "30", 30.0, ge=0, le=1440)
 
 
-class FitOptions(Section):
-    """The model of the deviation."""
-
-    method: Literal["exact", "von_appen", "calibration"] = key("exact, von_appen or calibration", "exact", "exact")
-    name: Name | None = key("the NAME of config/calibrations/NAME.yaml", "aqd2022", None)
-    tilt: Switch = key("true or false", "true", False)
-
-    @model_validator(mode="after")
-    def _tilt_goes_with_exact(self) -> Self:
-        if self.tilt and self.method != "exact":
-            raise problem("tilt", "it only with method: exact", f"it with {self.method}", "delete it")
-        return self
-
-    @model_validator(mode="after")
-    def _name_goes_with_calibration(self) -> Self:
-        if self.method == "calibration" and self.name is None:
-            advice = "write fit: {method: calibration, name: NAME}"
-            raise problem("name", "the NAME of config/calibrations/NAME.yaml", "nothing", advice)
-        if self.method != "calibration" and self.name is not None:
-            expected = f"no name beside method: {self.method}"
-            raise problem("name", expected, shown(self.name), "delete it or write method: calibration")
-        return self
-
-
 class Diagnose(Section):
     """Whether unmodelled effects is searched for, and what is done with what is found."""
 
     enabled: Switch = key("true or false", "true", True)
     apply: Switch = key("true or false", "true", True)
     min_effect_deg: Number = key("degrees from 0 to 180", "0.5", 0.5, ge=0, le=180)
+
+
+class Quality(Section):
+    """Thresholds of the tests that each velocity passes."""
+
+    percent_good: Number = key("percent from 0 to 100", "25", 25.0, ge=0, le=100)
+    correlation: Number | None = key("counts from 0 to 255", "64", None, ge=0, le=255)
+    error_velocity: Number | None = key("m/s above 0, at most 10", "0.2", None, gt=0, le=10)
+    echo: Number | None = key("counts from 0 to 255", "40", None, ge=0, le=255)
+    tilt_deg: Number = key("degrees above 0, at most 90", "45", 45.0, gt=0, le=90)
+    speed: Number = key("m/s above 0, at most 20", "5", 5.0, gt=0, le=20)
+    side_lobe: Switch = key("true or false", "true", True)
 
 
 class Confirmed(Section):
@@ -151,6 +138,12 @@ class Conventions(Section):
     check: Switch = key("true or false", "true", False)
 
 
+class Figures(Section):
+    """The files that each figure is written to; PNG, which the report shows, is always one."""
+
+    formats: Formats = key("a list of png and pdf", "[png, pdf]", ("png",))
+
+
 class CruiseOptions(Section):
     """config/config.yaml: the options of a run."""
 
@@ -163,11 +156,13 @@ class CruiseOptions(Section):
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
     conventions: Conventions = key("a mapping", "{check: true}", Conventions())
     product: ProductOptions = key("a mapping", "{daily: true}", ProductOptions())
+    figures: Figures = key("a mapping", "{formats: [png, pdf]}", Figures())
+    quality: Quality = key("a mapping", "{correlation: 64}", Quality())
 
     @model_validator(mode="after")
     def _calibrations_belong_to_moorings(self) -> Self:
-        if self.fit.method == "calibration":
-            advice = "name a calibration in the mooring's own file"
+        if self.fit.method not in ("exact", "von_appen"):
+            advice = "write it in the mooring's own file"
             raise problem("fit.method", "exact or von_appen for a whole cruise", shown(self.fit.method), advice)
         return self
 
@@ -276,6 +271,7 @@ class Instrument(TableKeys):
     compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
     sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
     compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
+    sphere_distance_m: Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{serial_number: 1234}", {})
     columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
     pressure_files: Files = key(_FILES_WORDS, "raw/EG4/C*.TXT", ())
@@ -377,6 +373,7 @@ class Mooring(Section):
     diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
     confirmed: Confirmed = key("a mapping", "{constant: true}", Confirmed())
     product: ProductOptions = key("a mapping", "{daily: true}", ProductOptions())
+    quality: Quality = key("a mapping", "{correlation: 64}", Quality())
     covariates: dict[Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
 
     @property
@@ -424,10 +421,10 @@ class Mooring(Section):
     @model_validator(mode="after")
     def _compass_is_not_calibrated_twice(self) -> Self:
         name = self.instruments[self.compromised].compass
-        if name is not None and self.fit.method == "calibration":
+        if name is not None and self.fit.method in ("calibration", "coefficients"):
             advice = f"delete fit here, and write compass: {name} in the calibration's file"
             expected = f"another method beside compass: {name}, by which calibrations of it come in already"
-            raise problem("fit.method", expected, shown("calibration"), advice)
+            raise problem("fit.method", expected, shown(self.fit.method), advice)
         return self
 
     @model_validator(mode="after")

@@ -16,6 +16,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import ValidationInfo
 from pydantic_core import PydanticCustomError
 
@@ -158,6 +159,40 @@ def names(value: Any) -> Any:
     if value is None:
         return ()
     return tuple(value) if isinstance(value, list) else (value,)
+
+
+def figure_formats(value: Any) -> tuple[str, ...]:
+    """Return the formats of figures, png first, which is among them whatever else is asked for."""
+    listed = names(value)
+    if not set(listed) <= {"png", "pdf"}:
+        raise problem()
+    return tuple(sorted({"png", *listed}, reverse=True))
+
+
+def span(value: Any) -> tuple[float, float]:
+    """Return the two ends of a range of positive numbers, the lower first; a single number is both."""
+    ends = tuple(number(end) for end in value) if isinstance(value, list) else (number(value),) * 2
+    if len(ends) != 2 or not 0.0 < ends[0] <= ends[1]:
+        raise problem()
+    return ends[0], ends[1]
+
+
+def coefficients(value: Any) -> dict[str, float]:
+    """Return the coefficients A to E, all of them."""
+    if not isinstance(value, dict) or set(value) != set("ABCDE"):
+        raise problem()
+    return {letter: number(value[letter]) for letter in "ABCDE"}
+
+
+def covariance(value: Any) -> tuple[tuple[float, ...], ...]:
+    """Return a covariance of the five coefficients."""
+    if not (isinstance(value, list) and len(value) == 5 and all(isinstance(r, list) and len(r) == 5 for r in value)):
+        raise problem()
+    rows = np.array([[number(cell) for cell in row] for row in value])
+    scale = max(float(np.abs(rows).max()), 1e-300)
+    if np.abs(rows - rows.T).max() > 1e-6 * scale or np.linalg.eigvalsh(rows).min() < -1e-6 * scale:
+        raise problem()
+    return tuple(map(tuple, rows.tolist()))
 
 
 def unquoted_true(value: Any) -> Any:

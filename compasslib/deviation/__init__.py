@@ -40,16 +40,18 @@ SURE_SIGMAS = 2.0
 MOST_IMPOSSIBLE = 0.25  # readings that a model which holds cannot have recorded: outliers are fewer
 
 
-def _keep_calibration(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
+def _keep_compass(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
+    """Keep a compass known beforehand: pairs do not change it."""
     if near is None:
-        raise ValueError("a calibration is carried to a mooring, not fitted there")
+        raise ValueError("a compass known beforehand is carried to a mooring, not fitted there")
     return near
 
 
 METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
     "exact": fit_exact,
     "von_appen": fit_series,
-    "calibration": _keep_calibration,
+    "calibration": _keep_compass,
+    "coefficients": _keep_compass,
 }
 
 
@@ -60,10 +62,12 @@ def fit_deviation(
     """Fit a deviation model to overlapping measurements.
 
     Args:
-        method: ``exact`` or ``von_appen``; ``calibration`` returns ``near``.
+        method: ``exact`` or ``von_appen``; ``calibration`` and ``coefficients`` return ``near``.
         near: a fit of the same method to much the same pairs, to start from.
         dip_ratio: Z/H of the earth's field where tilt is to be in the model (``exact`` only); 0 for a level one.
     """
+    if near is not None and near.fixed:
+        return near
     result = METHODS[method](pairs, near)
     return fit_tilt(pairs, result, dip_ratio) if dip_ratio and result.fitted else result
 

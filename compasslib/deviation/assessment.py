@@ -18,11 +18,13 @@ from compasslib import angles, earthfield
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.exact import held_out_scores
+from compasslib.deviation.histograms import count_differences
 from compasslib.deviation.likelihood import EXACT, FORMS
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
 from compasslib.records import EarthField, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.noise import effective_sample_size
+from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Complexes, Floats
 
 BLOCK_S = 10 * 86400.0
@@ -111,7 +113,7 @@ def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dic
 
 @single_threaded()
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
-    """Compose assessment.json: direction difference upper minus lower, before and after.
+    """Compose assessment.json: direction difference upper minus lower, before and after, and their currents.
 
     Args:
         plain: the same as a compass that the fit holds would have recorded them, where more acted on it; what acted
@@ -124,10 +126,21 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
     after = _agreement(turned[0][known], turned[1][known], take(pairs, known))
     before = _agreement(pairs.upper_east[known], pairs.upper_north[known], take(pairs, known))
     others = _of_other_days(turned[0][known], turned[1][known], take(pairs, known))
+    shown = take(pairs, known) if known.any() else pairs
+    corrected = turned[0][known] + 1j * turned[1][known]
     return {
         "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
         "before_where_corrected": before,
         "after": after,
+        "difference_counts": {
+            "before": count_differences(pairs.upper_east, pairs.upper_north, pairs),
+            "after": count_differences(turned[0][known], turned[1][known], take(pairs, known)),
+        },
+        "currents": {
+            "recorded": _describe_current(shown.upper_east + 1j * shown.upper_north),
+            "corrected": _describe_current(corrected),
+            "reference": _describe_current(shown.lower_east + 1j * shown.lower_north),
+        },
         "rms_of_other_days_deg": others,
         "water_error_m_s": None if pairs.expected_m_s is None else dict(zip(WATER, pairs.expected_m_s, strict=True)),
         "refuted": _refuted(after, others) or _worse(before, after) or _misread(pairs, fit, after),
@@ -236,7 +249,8 @@ def _judged(score: dict[str, Any]) -> str:
 
 def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
     if not len(pairs):
-        return {"n": 0, "mean_deg": None, "rms_deg": None, "median_absolute_deg": None, "vector_correlation": None}
+        nothing = ("mean_deg", "rms_deg", "median_absolute_deg", "interval_95", "vector_correlation")
+        return {"n": 0} | dict.fromkeys(nothing)
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     off = angles.difference(angles.direction(east, north), lower)
     return {
@@ -245,7 +259,48 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
         "rms_deg": angles.rms(off),
         "rms_deg_sigma": angles.rms(off) / np.sqrt(2.0 * effective_sample_size(off, pairs.time_s)),
         "median_absolute_deg": float(np.median(np.abs(off))),
+        "interval_95": confidence_intervals(off, pairs.time_s),
         "vector_correlation": _vector_correlation(east + 1j * north, pairs.lower_east + 1j * pairs.lower_north),
+    }
+
+
+def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[float, float]]:
+    """Compute 95 % intervals of circular mean, rms and median size of differences that repeat their neighbours.
+
+    They count as many independent ones as the series or its square is worth (``effective_sample_size``), whichever is
+    less. The median's are order statistics; the rms's are symmetric in its logarithm.
+
+    Args:
+        off_deg: (n,), n > 0, in [-180, 180).
+    """
+    mean, squared = float(angles.wrap180(angles.mean(off_deg))), off_deg**2
+    about, rms = angles.difference(off_deg, mean), angles.rms(off_deg)
+    independent = min(effective_sample_size(about, time_s), effective_sample_size(squared, time_s))
+    half = NORMAL_95 / np.sqrt(independent)
+    spread = float(np.exp(half * squared.std() / max(2.0 * squared.mean(), 1e-12)))
+    sizes = np.quantile(np.abs(off_deg), np.clip([0.5 - half / 2.0, 0.5 + half / 2.0], 0.0, 1.0))
+    ends = {
+        "mean_deg": (mean - half * angles.rms(about), mean + half * angles.rms(about)),
+        "rms_deg": (rms / spread, rms * spread),
+        "median_absolute_deg": sizes,
+    }
+    return {name: (round(float(low), 4), round(float(high), 4)) for name, (low, high) in ends.items()}
+
+
+def _describe_current(velocity: Complexes) -> dict[str, float] | None:
+    """Describe mean and variance ellipse (principal axes) of a current east + i north, m/s; None without any."""
+    if not velocity.size:
+        return None
+    mean = velocity.mean()
+    power, pseudo = np.mean(np.abs(velocity - mean) ** 2), np.mean((velocity - mean) ** 2)
+    axis = np.sqrt(complex(pseudo))  # half the angle of the pseudo-variance
+    return {
+        "east_m_s": round(float(mean.real), 6),
+        "north_m_s": round(float(mean.imag), 6),
+        "major_m_s": round(float(np.sqrt((power + np.abs(pseudo)) / 2.0)), 6),
+        "minor_m_s": round(float(np.sqrt(max(power - np.abs(pseudo), 0.0) / 2.0)), 6),
+        "major_towards_deg": round(float(angles.direction(axis.real, axis.imag)), 3),
+        "n": int(velocity.size),
     }
 
 
@@ -358,7 +413,7 @@ def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
     """Estimate the constant and its standard error, degrees."""
     if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant means nothing there
         return None
-    if fit.method == "calibration":
+    if fit.known_beforehand:
         residual = heading_residual(fit, pairs)
         known = np.isfinite(residual)
         if known.sum() < MIN_PAIRS:

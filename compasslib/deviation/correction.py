@@ -13,7 +13,7 @@ from compasslib.deviation import find_implausibility
 from compasslib.deviation.branches import PRECISION_DEG, HeadingDecision, choose_branches, open_branches, shows_branch
 from compasslib.deviation.doubts import UNIFORM_SIGMA_DEG, Doubt, doubt_whole_record, evaluate_doubts
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
-from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
+from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observed_heading, pair_speeds
 from compasslib.deviation.series import invert_series, series_sigma, series_slope
 from compasslib.deviation.tilt import MIN_SLOPE, CompassAverage, CompassSeries, average_compasses, compass_series
 from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
@@ -108,6 +108,8 @@ def _decided(
     doubts: Sequence[Doubt],
 ) -> tuple[Record, HeadingDecision]:
     record, decision = _without_outliers(record, correct_headings(record_readings(record), fit, pairs, at), fit)
+    if not fit.covariance_known:
+        doubts = (*doubts, doubt_whole_record(UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
     if why := find_implausibility(fit, record):
         doubts = (*doubts, doubt_whole_record(UNIFORM_SIGMA_DEG, why))
     doubted, doubted_deg = evaluate_doubts(doubts, record.time_s)

@@ -20,6 +20,10 @@ from compasslib.types import Floats
 
 MIN_PAIRS = 30
 LETTERS = "ABCDE"
+UNKNOWN_COVARIANCE = (
+    "the coefficients were given without their covariance, so that the uncertainty of all headings is unknown and they "
+    "are flagged 3; write fit.covariance where it is known"
+)
 
 
 def _empty() -> Floats:
@@ -45,7 +49,7 @@ class ScatterNoise:
 class DeviationFit:
     """A deviation model fitted to one mooring; without coefficients where there was too little to fit."""
 
-    method: str  # von_appen | exact | calibration: the exact compass, calibrated elsewhere
+    method: str  # von_appen | exact | calibration, coefficients: the exact compass, known beforehand
     n_pairs: int
     coefficients: Floats = field(default_factory=_empty)  # (5,) A..E: degrees for von_appen, dimensionless for exact
     covariance: Floats = field(default_factory=_empty)  # (5, 5)
@@ -59,6 +63,8 @@ class DeviationFit:
     heading_density: Floats = field(default_factory=_empty)  # prior of the correct heading on its cells, sums to 1
     why: str = ""  # the reason, where nothing was fitted
     warnings: tuple[str, ...] = ()  # sentences for the report
+    fixed: bool = False  # whether the coefficients were given: no pair changes them
+    covariance_known: bool = True  # else the covariance stands for what no one knows
     prior: CoefficientPrior | None = None  # what other records of the same compass told beforehand
 
     def to_json(self) -> dict[str, Any]:
@@ -79,6 +85,8 @@ class DeviationFit:
             "heading_density": self.heading_density.tolist(),
             "why": self.why,
             "warnings": self.warnings,
+            **({"fixed": True} if self.fixed else {}),
+            **({} if self.covariance_known else {"covariance_known": False}),
             **({} if self.prior is None else {"prior": self.prior.to_json()}),
         }
 
@@ -86,6 +94,11 @@ class DeviationFit:
     def fitted(self) -> bool:
         """Whether there is anything to correct with."""
         return self.coefficients.size > 0
+
+    @property
+    def known_beforehand(self) -> bool:
+        """Whether it is an exact compass that the pairs are compared with and do not change."""
+        return self.method in ("calibration", "coefficients")
 
     @property
     def tilted(self) -> bool:
@@ -111,6 +124,8 @@ def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
         heading_density=np.array(content["heading_density"], dtype=float),
         why=content["why"],
         warnings=tuple(content.get("warnings", ())),
+        fixed=content.get("fixed", False),
+        covariance_known=content.get("covariance_known", True),
         prior=prior_from_json(content.get("prior")),
     )
 

@@ -46,7 +46,7 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     residual = angles.wrap180(deviation - columns @ coefficients)
     effective = effective_sample_size(residual, pairs.time_s)
     variance = float(np.mean(residual**2)) * len(pairs) / max(effective - 5.0, 1.0)
-    (gamma, _), folds = inverse_table(coefficients), series_folds(coefficients)
+    recorded_range, folded = series_range(coefficients)
     return DeviationFit(
         method="von_appen",
         coefficients=coefficients,
@@ -54,9 +54,21 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
         n_pairs=len(pairs),
         n_effective=effective,
         residual_rms_deg=angles.rms(residual),
-        recorded_range_deg=(float(gamma[0]), float(gamma[-1])) if folds else (0.0, 360.0),
-        folded=folds,
+        recorded_range_deg=recorded_range,
+        folded=folded,
     )
+
+
+def series_range(coefficients: Floats) -> tuple[tuple[float, float], bool]:
+    """Compute the recorded headings that a series inverts, from and to, and whether others fold.
+
+    Args:
+        coefficients: A, B, C, D, E, degrees, (5,).
+    """
+    if not series_folds(coefficients):
+        return (0.0, 360.0), False
+    recorded = inverse_table(coefficients)[0]
+    return (float(recorded[0]), float(recorded[-1])), True
 
 
 def series_folds(coefficients: ArrayLike) -> bool:

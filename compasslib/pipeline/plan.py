@@ -25,10 +25,12 @@ from compasslib.pipeline.settings import (
     Compasses,
     Moorings,
     Wildcards,
+    drawn,
     hash_code,
     used_instruments,
 )
 
+OF_CRUISE = ("curves", "differences", "currents")
 JUDGED = ("diagnosis", "deviation", "assessment")
 ALONE = (*JUDGED, "summary")  # of each mooring whose compass has others
 SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
@@ -106,6 +108,8 @@ class Plan:
             "observatory": of.observatory,
         }
         judged = {name: f"{name}.json" for name in JUDGED}
+        tables = {"table": "table.csv", "histograms": "histograms.csv"}
+        options = {"options": of.diagnose, "sphere_distance_m": of.sphere_distance_m}
         checked = provenance.installed("compliance-checker")
         archived = {"site": of.site, "attributes": of.attributes, "sources": of.all_raw_files}
 
@@ -127,15 +131,20 @@ class Plan:
             ),
             "overlap": stage(
                 *("overlap", "overlap.overlap"),
-                reads={"upper": of.compromised, "lower": of.reference, "observatory": of.observatory},
+                reads={
+                    "upper": of.compromised,
+                    "lower": of.reference,
+                    "observatory": of.observatory,
+                    "ready": of.ready_pairs,
+                },
                 writes={"field": field_, "pairs": pairs, "wide": "wide/overlap.nc"},
-                settings={"place": of.place_and_declination, "rules": of.pairing_rules},
+                settings={"place": of.place_and_declination, "rules": of.pairing_rules, "columns": of.pair_columns},
             ),
             "fit": stage(
                 *("fit", "fit.fit"),
                 reads={"record": of.compromised, "pairs": pairs, "field": field_},
                 writes={"fit": fit},
-                settings={"method": of.method, "tilt": of.tilt},
+                settings={"method": of.method, "tilt": of.tilt, "given": of.given_compass},
             ),
             "carry": stage(
                 *("carry", "fit.carry", "fit"),
@@ -146,21 +155,21 @@ class Plan:
                 *("diagnose", "diagnose.diagnose"),
                 reads=judging,
                 writes=judged,
-                settings={"options": of.diagnose},
+                settings=options,
             ),
             "diagnose_alone": stage(
                 *("diagnose_alone", "diagnose.diagnose"),
                 code=self.code("diagnose"),
                 reads=judging,
                 writes={name: f"work/alone/{name}.json" for name in ALONE},
-                settings={"options": of.diagnose},
+                settings=options,
             ),
             "share": stage(
                 *("share", "diagnose.share", "diagnose"),
                 reads={"joined": self.compasses.joined, "alone": tuple(f"work/alone/{n}.json" for n in JUDGED)}
                 | judging,
                 writes=judged,
-                settings={"options": of.diagnose, "tilt": of.tilt},
+                settings=options | {"tilt": of.tilt},
             ),
             "correct": stage(
                 *("correct", "correct.correct"),
@@ -168,10 +177,11 @@ class Plan:
                     "record": of.compromised,
                     "pairs": pairs,
                     "deviation": "deviation.json",
+                    "assessment": "assessment.json",
                     "field": field_,
                     "observatory": of.observatory,
                 },
-                writes={"corrected": "corrected.nc"},
+                writes={"corrected": "corrected.nc"} | tables,
                 settings=archived,
             ),
             "grid": stage(
@@ -201,6 +211,8 @@ class Plan:
                     "pairs": pairs,
                     "deviation": "deviation.json",
                     "diagnosis": "diagnosis.json",
+                    "assessment": "assessment.json",
+                    "histograms": "histograms.csv",
                     "product": "corrected.nc",
                     "gridded": of.gridded,
                 },
@@ -241,7 +253,7 @@ class Plan:
                 *("drawings.diagnosis_figure", CALIBRATION, "diagnosis_figure"),
                 self.code("diagnosis_figure"),
                 reads={"diagnosis": "diagnosis.json"},
-                writes={"figure": "figures/diagnosis.png"},
+                writes={"figures": of.diagnosis_figures},
             ),
             "calibration_figures": Stage(
                 *("drawings.calibration_figures", CALIBRATION, "figures"),
@@ -265,7 +277,7 @@ class Plan:
                 *("drawings.joined_figures", COMPASS, "figures"),
                 self.code("joined_figures"),
                 reads={"joined": "compass.json"},
-                writes={"figures": tuple(f"figures/{figure}.png" for figure in of.figures)},
+                writes={"figures": of.figures},
             ),
         }
 
@@ -276,8 +288,8 @@ class Plan:
         files = {
             "summary": [*self.per_mooring(*summarized, "overlap.nc"), *self.records_of_instruments()],
         }
-        drawn = [*self.pictures(), *self.per_mooring("work/pictures.json")]
-        files["report"] = [*drawn, *self.calibrated(), *self.joined()]
+        files["report"] = [*self.pictures(), *self.per_mooring("work/pictures.json"), *self.pictures_of_cruise()]
+        files["report"] += [*self.calibrated(), *self.joined()]
         templates = provenance.digest(of.templates())
         return {
             "summary": Stage(
@@ -288,6 +300,15 @@ class Plan:
                 settings={
                     "roles": lambda wildcards: {name: used_instruments(m) for name, m in cruise.moorings.items()},
                 },
+            ),
+            "cruise_figures": Stage(
+                *("drawings.cruise_figures", CRUISE, "cruise_figures"),
+                self.code("cruise_figures"),
+                reads={
+                    "deviations": lambda wildcards: self.per_mooring("deviation.json"),
+                    "assessments": lambda wildcards: self.per_mooring("assessment.json"),
+                },
+                writes={"figures": lambda wildcards: drawn(cruise, CRUISE, OF_CRUISE)},
             ),
             "report": Stage(
                 *("report.report", CRUISE, "report"),
@@ -342,7 +363,7 @@ class Plan:
         for name in self.compasses.members:
             yield from ((rule, Wildcards(compass=name)) for rule in ("join", "joined_figures"))
         if self.cruise.moorings:
-            yield "summary", Wildcards()
+            yield from ((rule, Wildcards()) for rule in ("summary", "cruise_figures"))
         if self.cruise.moorings or self.cruise.calibrations:
             yield from ((rule, Wildcards()) for rule in ("report", "provenance", "complete"))
 
@@ -424,8 +445,10 @@ class Plan:
         return [SUMMARY] if self.cruise.moorings else []
 
     def pictures(self) -> list[str]:
-        """Return the figures of each mooring."""
         return [file for name in self.cruise.moorings for file in self.moorings.figures(Wildcards(name))]
+
+    def pictures_of_cruise(self) -> list[str]:
+        return drawn(self.cruise, CRUISE, OF_CRUISE) if self.cruise.moorings else []
 
     def calibrated(self) -> list[str]:
         """List all files of the calibrations."""
@@ -444,29 +467,11 @@ class Plan:
     def products(self) -> list[str]:
         """List the files from which the jobs' records lead back to all others."""
         last = ("corrected.nc", "assessment.json", "forms.json")
-        gridded = [file for name in self.cruise.moorings for file in self.moorings.gridded(Wildcards(name))]
+        made = [file for name in self.cruise.moorings for file in self.moorings.gridded(Wildcards(name))]
         checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
-        drawn = [file for file in self.joined() if file.endswith(".png")]
-        return [
-            *self.per_mooring(*last),
-            *self.pictures(),
-            *gridded,
-            *checked,
-            *self.table(),
-            *self.calibrated(),
-            *drawn,
-            REPORT,
-        ]
-
-    def given(self) -> list[str]:
-        """List what jobs are given: settings, raw files and scripts of this software."""
-        settings = [file for files in self.moorings.configuration().values() for file in files]
-        moorings, calibrations = self.cruise.moorings.values(), self.cruise.calibrations.values()
-        instruments = [instrument for mooring in moorings for instrument in mooring.instruments.values()]
-        raw = [file for instrument in instruments for file in (*instrument.files, *instrument.pressure_files)]
-        raw += [file for mooring in moorings for series in mooring.covariates.values() for file in series.files]
-        raw += [file for calibration in calibrations for file in calibration.files]
-        return list(dict.fromkeys([*settings, *raw, *map(str, self.scripts.glob("*.py"))]))
+        made += [*checked, *self.table(), *self.pictures_of_cruise(), *self.calibrated()]
+        made += [file for file in self.joined() if not file.endswith(".json")]
+        return [*self.per_mooring(*last), *self.pictures(), *made, REPORT]
 
 
 def plan(cruise: Cruise, scripts: Path = SCRIPTS) -> Plan:
@@ -477,8 +482,7 @@ def plan(cruise: Cruise, scripts: Path = SCRIPTS) -> Plan:
     """
     if plugins.declared_plugins(plugins.EFFECTS):
         import_module("compasslib.effects").all_effects()  # looks at them before any work
-    moorings = cruise.moorings.values()
-    for form in {instrument.format for mooring in moorings for instrument in mooring.instruments.values()}:
+    for form in {each.format for mooring in cruise.moorings.values() for each in mooring.instruments.values()}:
         readers.get_format(form)  # imports another package's
     for name, file in cruise.mooring_files.items() if cruise.options.demonstration else ():
         if name not in SIMULATED:

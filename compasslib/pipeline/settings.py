@@ -5,7 +5,7 @@ A stage is given only the keys that it uses, so that a change of one key re-runs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,7 @@ from compasslib.earthfield import parse_applied_declination
 from compasslib.inference import kinds
 
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
-FIGURES = ("deviation", "diagnosis", "progressive", "roses", "scatter", "sticks", "timeline")
+FIGURES = ("deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline")
 OF_GRID = ("section", "profile")  # figures of the gridded product
 SCRIPTS = provenance.WORKFLOW / "scripts"
 EFFECTS = str(provenance.PACKAGE / "effects/__init__.py")
@@ -71,7 +71,8 @@ class Moorings:
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[role] for role in used_instruments(mooring)]
         series = [file for each in mooring.covariates.values() if each.format == "table" for file in each.files]
-        return [file for each in used for file in (*each.files, *each.pressure_files)] + series
+        instruments = [file for each in used for file in (*each.files, *each.pressure_files)]
+        return [*instruments, *series, *self.ready_pairs(wildcards)]
 
     def form(self, wildcards: Any) -> str:
         return str(self._instrument(wildcards).format)
@@ -99,6 +100,7 @@ class Moorings:
             "declination_applied": inside,
             "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
             "affected": wildcards.role == mooring.compromised,
+            "quality": mooring.quality.model_dump(),
         }
 
     def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
@@ -122,7 +124,7 @@ class Moorings:
     def pairing_rules(self, wildcards: Any) -> dict[str, Any]:
         """Compose the rules of pairing; the published method keeps the published mean of the bins."""
         rules = self.cruise.options.overlap.model_dump()
-        published = self._mooring(wildcards).fit.method == "von_appen"
+        published = self._mooring(wildcards).fit.fitted == "von_appen"
         return rules | {"predict": rules["predict"] and not published}
 
     def compromised(self, wildcards: Any) -> str:
@@ -136,7 +138,20 @@ class Moorings:
         return [_record(wildcards.mooring, role) for role in used_instruments(self._mooring(wildcards))]
 
     def method(self, wildcards: Any) -> str:
-        return str(self._mooring(wildcards).fit.method)
+        return str(self._mooring(wildcards).fit.fitted)
+
+    def ready_pairs(self, wildcards: Any) -> list[str]:
+        """Return the file of pairs that others made; none where pairs are found."""
+        return list(self._mooring(wildcards).fit.file or ())
+
+    def pair_columns(self, wildcards: Any) -> dict[str, Any] | None:
+        columns = self._mooring(wildcards).fit.columns
+        return None if columns is None else columns.model_dump()
+
+    def given_compass(self, wildcards: Any) -> dict[str, Any] | None:
+        """Return model, coefficients and covariance of a compass known beforehand; None where it is fitted."""
+        fit = self._mooring(wildcards).fit
+        return fit.model_dump(include={"model", "coefficients", "covariance"}) if fit.coefficients else None
 
     def tilt(self, wildcards: Any) -> bool:
         return bool(self._mooring(wildcards).fit.tilt)
@@ -147,6 +162,8 @@ class Moorings:
         trusted = [mooring.instruments[name].direction_reference for name in mooring.reference]
         magnetic = not trusted or "magnetic" in trusted
         derived = {"reference_magnetic": magnetic, "constant_confirmed": mooring.confirmed.constant}
+        if mooring.fit.coefficients and mooring.fit.model == "von_appen":  # a given series is not fitted again
+            derived["apply"] = False
         return mooring.diagnose.model_dump() | derived
 
     def product(self, wildcards: Any) -> dict[str, Any]:
@@ -160,7 +177,7 @@ class Moorings:
 
     def figures(self, wildcards: Any) -> list[str]:
         names = (*FIGURES, *(OF_GRID if self.gridded(wildcards) else ()))
-        return [f"results/{wildcards.mooring}/figures/{name}.png" for name in names]
+        return drawn(self.cruise, f"results/{wildcards.mooring}", names)
 
     def instrument_names(self, wildcards: Any) -> list[str]:
         """Return the names of the affected instrument and of the references."""
@@ -171,6 +188,10 @@ class Moorings:
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[name] for name in mooring.reference]
         return [{"sigma_deg": i.compass_sigma_deg, "magnetic": i.direction_reference == "magnetic"} for i in used]
+
+    def sphere_distance_m(self, wildcards: Any) -> tuple[float, float] | None:
+        mooring = self._mooring(wildcards)
+        return mooring.instruments[mooring.compromised].sphere_distance_m
 
     def observatory(self, wildcards: Any) -> list[str]:
         """List the files of the observatory that one mooring names, none where it names none."""
@@ -208,6 +229,17 @@ class Moorings:
             for name, (names, given) in both
         }
         return {"": [CONFIG]} | moorings | calibrations | joined
+
+    def given(self, scripts: Path = SCRIPTS) -> list[str]:
+        """List what jobs are given: settings, raw files and scripts of this software."""
+        settings = [file for files in self.configuration().values() for file in files]
+        moorings, calibrations = self.cruise.moorings.values(), self.cruise.calibrations.values()
+        instruments = [instrument for mooring in moorings for instrument in mooring.instruments.values()]
+        raw = [file for instrument in instruments for file in (*instrument.files, *instrument.pressure_files)]
+        raw += [file for mooring in moorings for file in mooring.fit.file or ()]
+        raw += [file for mooring in moorings for series in mooring.covariates.values() for file in series.files]
+        raw += [file for calibration in calibrations for file in calibration.files]
+        return list(dict.fromkeys([*settings, *raw, *map(str, scripts.glob("*.py"))]))
 
     def described(self) -> dict[str, dict[str, Any]]:
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
@@ -262,8 +294,11 @@ class Calibrations:
         return self.cruise.calibrations[name].kind in kinds.KINDS
 
     def figures(self, wildcards: Any) -> list[str]:
-        there = f"results/calibrations/{wildcards.calibration}/figures"
-        return [f"{there}/{figure}.png" for figure in calibrations.figure_names(self.kind(wildcards))]
+        folder = f"results/calibrations/{wildcards.calibration}"
+        return drawn(self.cruise, folder, calibrations.figure_names(self.kind(wildcards)))
+
+    def diagnosis_figures(self, wildcards: Any) -> list[str]:
+        return drawn(self.cruise, f"results/calibrations/{wildcards.calibration}", ("diagnosis",))
 
     def module(self, wildcards: Any) -> list[str]:
         """Name the module that calibrates one kind, which its stage imports by name."""
@@ -278,7 +313,6 @@ class Compasses:
     """What stages of a compass that several records share are given; each method takes a job's wildcards."""
 
     cruise: Cruise
-    figures: tuple[str, ...] = ("coefficients", "curve")
 
     @cached_property
     def members(self) -> dict[str, tuple[list[str], list[str]]]:
@@ -307,9 +341,17 @@ class Compasses:
         stated = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
         return stated | {name: self.cruise.calibrations[name].sphere for name in given}
 
+    def figures(self, wildcards: Any) -> list[str]:
+        return drawn(self.cruise, f"results/compasses/{wildcards.compass}", ("coefficients", "curve"))
+
     def joined(self, wildcards: Any) -> str:
         """Name the file of a mooring's compass, joined from all its records."""
         return f"results/compasses/{self.moorings[wildcards.mooring]}/compass.json"
+
+
+def drawn(cruise: Cruise, folder: str, names: Iterable[str]) -> list[str]:
+    """List the files of figures of a folder of results, in all formats that are asked for."""
+    return [f"{folder}/figures/{name}.{ending}" for ending in cruise.options.figures.formats for name in names]
 
 
 def hash_code(modules: tuple[str, ...], also: str = "") -> str:

@@ -9,15 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.model import DeviationFit, observed_deviation, observed_heading
-from compasslib.deviation.series import inverse_table, invert_series, series_design, series_deviation
-from compasslib.preparation.gridding import nearest_index
+from compasslib.deviation.series import inverse_table, series_design, series_deviation
 from compasslib.records import BAD, CorrectedRecord, Pairs
 from compasslib.types import Floats
 
 STEP_DEG = 0.25  # along a curve
 SECTOR_DEG = 10.0  # of a histogram
 GAP_WIDTH_DEG = 25.0  # over which a circle's occupation is smoothed before its gap is sought
-SAME_INSTANT_S = 60.0  # pairs keep the times of the record; files round them
 INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # stretches of a curve
 
 
@@ -115,18 +113,6 @@ def curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> Devia
     return DeviationByHeading(beta, deviation, sigma, stretch)
 
 
-def inverse(fit: DeviationFit, recorded_deg: Floats) -> Floats:
-    """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is none.
-
-    Args:
-        recorded_deg: recorded headings, (n,), degrees.
-    """
-    if fit.method != "von_appen":
-        return compass.inverse(fit.coefficients, recorded_deg)
-    beta = invert_series(fit.coefficients, recorded_deg)
-    return np.stack([beta, np.full(beta.shape, np.nan)], axis=-1)
-
-
 def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -> tuple[Floats, Floats]:
     """Compute correct heading and deviation of each pair, (n,) each, the deviation on the curve's turn.
 
@@ -138,23 +124,6 @@ def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -
     if shape is None:
         return beta, nearest_turn(deviation, angles.wrap180(angles.mean(deviation)))
     return beta, nearest_turn(deviation, np.interp(beta, shape.heading_deg, shape.deviation_deg))
-
-
-def directions(pairs: Pairs, product: CorrectedRecord) -> tuple[Floats, Floats, Floats]:
-    """Compute the current's direction at each pair, (n,) degrees each: lower, upper recorded, upper corrected.
-
-    Args:
-        product: the corrected record at some of whose samples they were taken; NaN where there is no correction.
-    """
-    lower = angles.direction(pairs.lower_east, pairs.lower_north)
-    upper = angles.direction(pairs.upper_east, pairs.upper_north)
-    time_s = product.record.time_s
-    if not (len(pairs) and len(time_s)):
-        return lower, upper, np.full(upper.shape, np.nan)
-    near = nearest_index(time_s, pairs.time_s)
-    known = np.abs(time_s[near] - pairs.time_s) <= SAME_INSTANT_S
-    turned = angles.difference(product.heading_corrected_deg[near], pairs.heading_deg)
-    return lower, upper, angles.wrap360(np.where(known, upper + turned, np.nan))
 
 
 def usable_headings(product: CorrectedRecord) -> Floats:

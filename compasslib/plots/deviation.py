@@ -17,6 +17,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from compasslib import angles, compass
+from compasslib.deviation.histograms import directions_at_pairs
+from compasslib.deviation.lookup import correct_roots
 from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
 from compasslib.plots import curves
 from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED, DeviationByHeading, emptiest, nearest_turn, placed
@@ -122,7 +124,7 @@ def _draw_curve(panels: Sequence[Axes], fit: DeviationFit, curve: DeviationByHea
     low, high = float(covered.min()), float(covered.max())
     rings = int(np.clip((high - low) / 5.0, 4.0, 24.0))
     recorded = low + (high - low) * (np.arange(rings) + 0.5) / rings
-    inverted = placed(curves.inverse(fit, recorded), curve.heading_deg[0])
+    inverted = placed(correct_roots(fit, recorded), curve.heading_deg[0])
     nearest = nearest_turn(recorded[:, None], np.interp(inverted, curve.heading_deg, curve.recorded_deg))
     panels[2].plot(nearest.ravel(), inverted.ravel(), **RING)
 
@@ -160,7 +162,8 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
         pairs: overlapping measurements, perhaps none.
         product: the corrected record, perhaps without corrected headings.
     """
-    lower, upper, corrected = curves.directions(pairs, product)
+    record = product.record
+    lower, upper, corrected = directions_at_pairs(pairs, record.time_s, product.heading_corrected_deg)
     begin = emptiest(lower)
     with page(path, 2.7) as figure:
         panels = figure.subplots(1, 2, sharey=True)

@@ -22,6 +22,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import Collection, QuadMesh
 from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -41,6 +42,7 @@ LINE_IN = 0.16  # height of a line of a name
 WORD_IN = 1.8  # widest word of a title
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
 COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
+MAX_VECTORS = 2000  # points or lines of one kind that a PDF draws as such
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 DEFLATE = 3  # of the PNG: half the time of the usual 6, and without the alpha channel still fewer bytes
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
@@ -72,7 +74,7 @@ MAGNETIC, TRUE = "(° magnetic)", "(° true)"
 
 @contextmanager
 def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, title: str = "") -> Iterator[Figure]:
-    """Give an empty figure that becomes a PNG once the block has ended well, the same bytes for the same drawing.
+    """Give an empty figure that becomes a PNG or PDF once the block has ended well, with the same bytes each time.
 
     Panels get letters where there are several; titles and names of axes that are too long are broken into lines.
 
@@ -102,10 +104,24 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
             warnings.filterwarnings("error", COLLAPSED)
             layout.execute(figure)
         figure.set_layout_engine("none")
+        if Path(path).suffix == ".pdf":
+            _save_pdf(path, figure)
+            return
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
         with atomic_write(path) as temporary:
             Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=DEFLATE)
+
+
+def _save_pdf(path: str | Path, figure: Figure) -> None:
+    """Save a figure as PDF without a date; clouds of points and long lists of lines are pixels in it."""
+    for artist in figure.findobj(Collection):
+        # The cells of a mesh are counted by its values: to make a path of each takes long.
+        counts = [np.asarray(artist.get_array()).size, len(np.asarray(artist.get_offsets()))]
+        counts += [] if isinstance(artist, QuadMesh) else [len(artist.get_paths())]
+        artist.set_rasterized(max(counts) > MAX_VECTORS)
+    with atomic_write(path) as temporary:
+        figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
 
 
 def _wrap_labels(figure: Figure) -> None:

@@ -18,7 +18,7 @@ from compasslib import angles
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import check_coverage, find_valid_times
-from compasslib.preparation.quality import flag_quality, flag_velocities
+from compasslib.preparation.quality import Thresholds, flag_quality, flag_velocities
 from compasslib.readers import table
 from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
@@ -46,6 +46,7 @@ def apply_deployment(
     declination_applied: float | Mapping[str, float] = 0.0,
     exclude: Sequence[tuple[float, float]] = (),
     affected: bool = False,
+    quality: Mapping[str, Any] | None = None,
 ) -> Record:
     """Cut the record to the deployment, put it on UTC, find its depth, flag its unusable values.
 
@@ -59,7 +60,9 @@ def apply_deployment(
         declination_applied: degrees that the export's directions already hold, of both or of headings and velocities
             apart, taken out.
         exclude: windows (from, to) known to be bad, UTC seconds.
+        quality: fields of ``quality.Thresholds`` that are not the usual ones.
     """
+    thresholds = Thresholds(**(quality or {}))
     time_s = to_utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
@@ -80,9 +83,9 @@ def apply_deployment(
     record = _noted(replace(record, depth_m=depth), notes)
     missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
     record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
-    record = flag_quality(record, water_depth, affected=affected)
+    record = flag_quality(record, water_depth, affected=affected, thresholds=thresholds)
     record = check_orientation(record, water_depth)
-    record = _flag_boundaries(record, water_depth)
+    record = _flag_boundaries(record, water_depth, side_lobe=thresholds.side_lobe)
     bad = np.zeros(record.time_s.shape, dtype=bool)
     for begin, end in exclude:
         bad |= (record.time_s >= begin) & (record.time_s <= end)
@@ -235,7 +238,7 @@ def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | 
     return notes
 
 
-def _flag_boundaries(record: Record, water_depth: float) -> Record:
+def _flag_boundaries(record: Record, water_depth: float, *, side_lobe: bool) -> Record:
     """Flag bins beyond the surface or the bottom, and those that the side lobes' echo from there reaches first."""
     if not record.east.size or record.east.shape[1] == 1:
         return record
@@ -243,6 +246,8 @@ def _flag_boundaries(record: Record, water_depth: float) -> Record:
     reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
     beyond = record.bin_range_m > room[:, None]
     record = flag_velocities(record, beyond, BAD, "beyond_boundary", None)
+    if not side_lobe:
+        return record
     return flag_velocities(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
 
 

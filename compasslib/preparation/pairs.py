@@ -139,7 +139,8 @@ def describe_pairs(name: str, pairs: Pairs) -> str:
     line = f"{name}: no overlapping pairs"
     if len(pairs):
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
-        line = f"{name}: {len(pairs)} overlapping pairs, {metres:.1f} m apart in the median"
+        apart = f"{metres:.1f} m apart in the median" if np.isfinite(metres) else "made elsewhere"
+        line = f"{name}: {len(pairs)} overlapping pairs, {apart}"
         if pairs.reference_index is not None:
             counts = np.bincount(pairs.reference_index, minlength=len(pairs.reference_names)).tolist()
             each = ", ".join(f"{who} {n}" for who, n in zip(pairs.reference_names, counts, strict=True))
@@ -193,7 +194,8 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
         )
     if min(speeds) < NOISE_M_S:
         notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
-    return replace(pairs, warnings=(*pairs.warnings, *notes, *warn_of_filtering(pairs, trusted[0])))
+    notes += warn_of_filtering(pairs, trusted[0]) if trusted else ()
+    return replace(pairs, warnings=(*pairs.warnings, *notes))
 
 
 def find_identical_velocities(pairs: Pairs) -> str:

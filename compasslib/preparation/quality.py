@@ -5,18 +5,37 @@ What cannot be true is flagged and counted; what may be true but is of no use co
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.preparation.headings import flag_altered
-from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags, Record, iso_time
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record, iso_time
 from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Bools, Floats
 
-FASTEST_CURRENT = 5.0  # m/s, beyond any ocean current
-STEEPEST_TILT = 45.0  # degrees, beyond what an instrument levels
+# Tests of a velocity by the names of their counts, a bit each in this order; named after QARTOD and IMOS.
+TESTS = {
+    "flagged_in_file": "flagged_in_file",
+    "low_percent_good": "qartod_percent_good",
+    "low_correlation": "qartod_correlation_magnitude",
+    "large_error_velocity": "qartod_error_velocity",
+    "weak_echo": "qartod_echo_intensity",
+    "impossible_speed": "qartod_current_speed",
+    "frozen_velocity": "qartod_flat_line",
+    "steep_tilt": "imos_tilt",
+    "impossible_depth": "imos_impossible_depth",
+    "out_of_water": "imos_in_out_water",
+    "side_lobe": "imos_side_lobe",
+    "beyond_boundary": "beyond_surface_or_bottom",
+    "bins_without_length": "bins_without_length",
+    "excluded": "excluded_by_operator",
+    "heading": "heading",
+}
+MASKS = {name: np.int16(1 << k) for k, name in enumerate(TESTS)}
+READ_PERCENT_GOOD = 25.0  # by which readers flag
 ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by less
 BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
 # Shares of the depth that an instrument rarely exceeds: on deck, and where a moored one passes in hours at most.
@@ -39,7 +58,25 @@ NEIGHBOURS = 5  # distinct values on either side
 FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the typical step, within these
 
 
-def flag_quality(record: Record, water_depth: float, *, affected: bool = False) -> Record:
+@dataclass(frozen=True)
+class Thresholds:
+    """Thresholds of the tests; None leaves a test out."""
+
+    percent_good: float = READ_PERCENT_GOOD  # %, least
+    correlation: float | None = None  # counts, least of the beams
+    error_velocity: float | None = None  # m/s, greatest
+    echo: float | None = None  # counts, least of the beams
+    tilt_deg: float = 45.0  # greatest pitch or roll, beyond what an instrument levels
+    speed: float = 5.0  # m/s, greatest, beyond any ocean current
+    side_lobe: bool = True  # whether cells that side lobes' echo from surface or bottom reaches first are flagged
+
+
+DEFAULT_THRESHOLDS = Thresholds()
+
+
+def flag_quality(
+    record: Record, water_depth: float, *, affected: bool = False, thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> Record:
     """Flag and count impossible values, and warn of sensors that are of no use.
 
     Args:
@@ -48,7 +85,8 @@ def flag_quality(record: Record, water_depth: float, *, affected: bool = False) 
         affected: whether its compass is to be corrected. Near strong iron a small turn changes the recorded heading by
             much: its outliers are counted here, and judged by their corrected headings (``heading_outliers``).
     """
-    record = _without_length(_impossible(record, water_depth))
+    record = _flag_profiles(_flag_read(record, thresholds), thresholds)
+    record = _without_length(_impossible(record, water_depth, thresholds))
     record = _outlying_headings(record, affected)
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
@@ -66,21 +104,80 @@ def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentenc
         where: (n, m), or what can be broadcast to it.
         sentence: what they are, or None.
     """
-    hit = np.broadcast_to(where, record.quality.shape) & (record.quality <= GOOD)
+    failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
+    tests = np.where(failed, _tests(record) | MASKS[count], _tests(record)).astype(np.int16)
+    hit = failed & (record.quality <= GOOD)
     number = int(np.sum(hit))
     notes = (f"{number} velocities flagged: {sentence}",) if sentence and number else ()
     quality = np.where(hit, flag, record.quality).astype(np.int8)
     counts = {**record.counts, count: number}
-    return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes)
+    return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes, tests=tests)
 
 
-def _impossible(record: Record, water_depth: float) -> Record:
+def _tests(record: Record) -> NDArray[np.int16]:
+    return np.zeros(record.quality.shape, dtype=np.int16) if record.tests is None else record.tests
+
+
+def _flag_read(record: Record, thresholds: Thresholds) -> Record:
+    """Name the test behind the flags that the velocities were read with, and apply another least percent good."""
+    name = "low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"
+    flagged = (record.quality > PROBABLY_GOOD) & (record.quality != MISSING)
+    least, percent = thresholds.percent_good, None
+    if name == "low_percent_good" and least != READ_PERCENT_GOOD:
+        percent = _percent_good(record)
+        allowed = flagged & (percent >= least) & (percent < READ_PERCENT_GOOD)
+        record = replace(record, quality=np.where(allowed, GOOD, record.quality).astype(np.int8))
+        flagged &= ~allowed
+    record = replace(record, tests=np.where(flagged, MASKS[name], np.int16(0)).astype(np.int16))
+    if percent is None:
+        return record
+    return flag_velocities(record, percent < least, BAD, name, f"fewer than {least:g} % of the pings were good")
+
+
+def _percent_good(record: Record) -> Floats:
+    """Compute the share of good pings, (n, m) percent.
+
+    Of four beams in beam coordinates the worst counts, and the second where three beams made the velocity; in others
+    columns 1 and 4 are the solutions of three and of four beams.
+    """
+    percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
+    if percent.ndim < 3 or percent.shape[2] != 4:
+        return percent if percent.ndim == 2 else percent.min(axis=2)
+    if record.recorded_in != "beam":
+        return percent[..., 0] + percent[..., 3]
+    ordered = np.sort(percent, axis=2)
+    error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
+    return np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])
+
+
+def _flag_profiles(record: Record, thresholds: Thresholds) -> Record:
+    """Flag by correlation, error velocity and echo where thresholds are set and the file has them."""
+    tests = (
+        ("correlation", "low_correlation", thresholds.correlation, "correlations below {:g} counts"),
+        ("echo", "weak_echo", thresholds.echo, "echoes below {:g} counts"),
+        ("error_velocity", "large_error_velocity", thresholds.error_velocity, "error velocities above {:g} m/s"),
+    )
+    for profile, count, threshold, sentence in tests:
+        if threshold is None or profile not in record.profiles:
+            continue
+        values = np.asarray(record.profiles[profile][:], dtype=float)
+        with np.errstate(invalid="ignore"):
+            failed = (
+                np.abs(values) > threshold
+                if profile == "error_velocity"
+                else np.where(values < 0.0, np.inf, values).min(axis=2) < threshold
+            )
+        record = flag_velocities(record, failed, BAD, count, sentence.format(threshold))
+    return record
+
+
+def _impossible(record: Record, water_depth: float, thresholds: Thresholds) -> Record:
     """Flag what no ocean, no levelled instrument and no depth in the water can show."""
-    too_fast = np.hypot(record.east, record.north) > FASTEST_CURRENT
+    too_fast = np.hypot(record.east, record.north) > thresholds.speed
     with np.errstate(invalid="ignore"):
-        fallen = (np.abs(record.pitch_deg) > STEEPEST_TILT) | (np.abs(record.roll_deg) > STEEPEST_TILT)
+        fallen = (np.abs(record.pitch_deg) > thresholds.tilt_deg) | (np.abs(record.roll_deg) > thresholds.tilt_deg)
         outside = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
-    record = flag_velocities(record, too_fast, BAD, "impossible_speed", f"faster than {FASTEST_CURRENT:g} m/s")
+    record = flag_velocities(record, too_fast, BAD, "impossible_speed", f"faster than {thresholds.speed:g} m/s")
     record = flag_velocities(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
     heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
     record = replace(record, heading_quality=heading.astype(np.int8))

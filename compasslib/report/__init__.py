@@ -28,7 +28,9 @@ from compasslib.inference.wording import VERDICTS
 from compasslib.report import calibration, chart, mooring, words
 from compasslib.report.sections import (
     MAX_SECTIONS,
+    Figure,
     Overview,
+    collect_figures,
     read_calibration,
     read_mooring,
     read_summary,
@@ -52,6 +54,7 @@ class Report:
     software: str
     date: str
     map: chart.Chart | None = None
+    figures: tuple[Figure, ...] = ()  # that hold all moorings
     small: bool = False  # whether there are too many sections for whole pictures
     compasses: Overview = NO_COMPASSES
 
@@ -108,6 +111,7 @@ def gather(
     for part, entries in (("mooring", sections), ("calibration", others)):
         reasons = stopped[f"{part}s"].items()
         entries[:0] = [stopped_section(part, name, why, headers[part]) for name, why in reasons]
+    together = collect_figures(root, root, lambda figure: words.caption("cruise", figure), small=False)
     named = [str(attributes[key]) for key in ("project",) if key in attributes]
     return Report(
         title=": ".join(["Compass deviations corrected", *named]),
@@ -122,6 +126,7 @@ def gather(
         software=provenance.software(),
         date=provenance.date_created(),
         map=chart.chart(stations),
+        figures=tuple(together.values()) if moorings else (),
         small=small,
     )
 

@@ -10,10 +10,10 @@ from compasslib.report import explanation, sections, words
 from compasslib.report.sections import MooringResults, ReportSection
 
 CURRENTS = ("sticks", "progressive", "roses")
-OF_PAIRS = ("diagnosis", "deviation", "scatter")  # empty where there is neither a pair nor a curve
+OF_PAIRS = ("diagnosis", "deviation", "histograms", "scatter")  # empty where there is neither a pair nor a curve
 FILES = (
     *("corrected.nc", "gridded.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json"),
-    *("figures", "logs"),
+    *("table.csv", "histograms.csv", "figures", "logs"),
 )
 
 

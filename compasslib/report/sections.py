@@ -280,6 +280,7 @@ TITLES = {
     "profile": "Mean profiles",
     "diagnosis": "Residual of the fit",
     "deviation": "Deviation of the compass",
+    "histograms": "Histograms before and after",
     "scatter": "Direction compared with the reference",
     "timeline": "Headings along time",
     "residuals": "Residuals of the curve",
@@ -291,6 +292,11 @@ TITLES = {
     "along_time": "Both compasses along time",
     "series": "Declination of the observatory",
     "disturbance": "Disturbances of the field",
+}
+TITLES |= {
+    "curves": "Deviations",
+    "differences": "Differences from the reference",
+    "currents": "Mean currents and variance ellipses",
 }
 LINKED = ("certificate",)  # a page to keep with the instrument, whose numbers stand in the tables
 

@@ -7,11 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from compasslib import earthfield
-from compasslib.archive import netcdf, provenance
+from compasslib.archive import netcdf, provenance, tables
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
 from compasslib.deviation.assessment import compare_forms, describe_forms
 from compasslib.deviation.correction import correct_in_pieces, describe_correction
+from compasslib.deviation.histograms import build_histograms
+from compasslib.deviation.lookup import tabulate_deviation
 from compasslib.inference import covariates, product
 from compasslib.preparation.references import combine_references
 
@@ -22,15 +24,18 @@ def correct(
     record: str,
     pairs: str,
     deviation: str,
+    assessment: str,
     field: str,
     observatory: Sequence[str],
     corrected: str,
+    table: str,
+    histograms: str,
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
     sources: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
-    """Write the corrected record.
+    """Write the corrected record, the lookup table of its compass and histograms before and after.
 
     Args:
         attributes: of the archive, by the YAML files.
@@ -43,11 +48,12 @@ def correct(
     whole = replace(own, profiles=netcdf.read_profiles(record))
     made_by = product.from_json(read_json(deviation))
     at = product.compass_along_record(made_by, own, along, covariates.logged_series(own, observatory))
+    near = combine_references(netcdf.read_pairs(pairs))
     made = correct_in_pieces(
         whole,
         made_by.fit,
         along,
-        combine_references(netcdf.read_pairs(pairs)),
+        near,
         at,
         unmodelled_deg=made_by.left_deg,
         doubts=made_by.doubts,
@@ -59,6 +65,10 @@ def correct(
         attributes=attributes,
         processing=provenance.processing(made_by, along, sources),
     )
+    tables.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
+    differences = read_json(assessment)["difference_counts"]
+    counted = build_histograms(made.record, made.decision.heading_deg, near, differences)
+    tables.write_histograms(histograms, counted)
     say(describe_correction(mooring, made))
 
 

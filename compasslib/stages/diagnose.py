@@ -14,6 +14,7 @@ from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import deviation_json, fit_deviation
 from compasslib.deviation.assessment import describe_assessment, find_constant_offset, find_declination_error
+from compasslib.deviation.distance import estimate_safe_distance
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, fit_from_json
 from compasslib.inference import covariates, joint, joint_compass, kinds
@@ -46,6 +47,7 @@ def diagnose(
     deviation: str,
     assessment: str,
     options: Mapping[str, Any],
+    sphere_distance_m: tuple[float, float] | None,
     say: Callable[[str], None],
     summary: str = "",
 ) -> None:
@@ -56,6 +58,7 @@ def diagnose(
         wide: pairs that may stand further apart, from which the shear of the water is learnt.
         observatory: IAGA-2002 files of one observatory, perhaps none.
         options: of the mooring's diagnosis.
+        sphere_distance_m: bounds of the distance from the compass to the iron's centre, where they are known.
         summary: what other records of the compass may learn from this one, where there are others.
 
     Raises:
@@ -70,7 +73,8 @@ def diagnose(
         options=with_sharing,
     )  # fmt: skip
     write_json(diagnosis, made.diagnosis.to_json())
-    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": None})
+    distances = {"safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m)}
+    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": None} | distances)
     write_json(assessment, made.assessment)
     if summary:
         write_json(summary, _summary(mooring, near, fitted, along, made.diagnosis))
@@ -157,6 +161,7 @@ def share(
     deviation: str,
     assessment: str,
     options: Mapping[str, Any],
+    sphere_distance_m: tuple[float, float] | None,
     tilt: bool,
     say: Callable[[str], None],
 ) -> None:
@@ -207,7 +212,8 @@ def share(
     )
     text = carried_by(told, before, fitted)
     write_json(diagnosis, made.diagnosis.to_json())
-    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": told.block(text)})
+    distances = {"safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m)}
+    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": told.block(text)} | distances)
     write_json(assessment, made.assessment)
     lines = text, made.diagnosis.log_line(mooring), describe_assessment(mooring, made.assessment)
     say("\n".join([f"{mooring}: {lines[0]}", *lines[1:]]))

@@ -1,4 +1,4 @@
-"""Draw calibrations and shared compasses."""
+"""Draw calibrations, shared compasses and all moorings of a cruise."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from pathlib import Path
 
 from compasslib.archive import calibrations as archive
 from compasslib.archive.files import read_json
+from compasslib.inference import product
 from compasslib.plots import calibrations as plots
 from compasslib.plots import deviation
 from compasslib.plots import diagnosis as hypotheses
+from compasslib.plots import moorings as together
 
 
 def calibration_figures(
@@ -22,9 +24,10 @@ def calibration_figures(
     say(f"{name}: {len(figures)} figures")
 
 
-def diagnosis_figure(name: str, /, *, diagnosis: str, figure: str, say: Callable[[str], None]) -> None:
-    """Draw where the mismatch lives, before and after, and the ranked hypotheses."""
-    hypotheses.draw_calibration(figure, read_json(diagnosis))
+def diagnosis_figure(name: str, /, *, diagnosis: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
+    """Draw where the mismatch lives, before and after, and the ranked hypotheses, in each format."""
+    for figure in figures:
+        hypotheses.draw_calibration(figure, read_json(diagnosis))
     say(f"{name}: figure of the diagnosis")
 
 
@@ -38,3 +41,21 @@ def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Ca
     for figure in figures:
         deviation.draw_shared(Path(figure).stem, figure, content)
     say(f"{name}: {len(figures)} figures")
+
+
+def cruise_figures(
+    *, deviations: Sequence[str], assessments: Sequence[str], figures: Sequence[str], say: Callable[[str], None]
+) -> None:
+    """Draw the figures that hold all moorings which have results, by their files' names.
+
+    Args:
+        deviations: deviation.json of each mooring.
+        assessments: assessment.json of the same.
+    """
+    moorings = [
+        together.AssessedMooring(Path(file).parent.name, product.from_json(read_json(file)).fit, read_json(assessment))
+        for file, assessment in zip(deviations, assessments, strict=True)
+    ]
+    for figure in figures:
+        together.draw_figure(Path(figure).stem, figure, moorings)
+    say(f"{len(figures)} figures of {len(moorings)} moorings")

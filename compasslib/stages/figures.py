@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from compasslib.archive import netcdf, summary
+from compasslib.archive import netcdf, summary, tables
 from compasslib.archive.files import read_json, write_pictures
 from compasslib.archive.gridded import read_section
 from compasslib.inference import product as products
 from compasslib.plots import curves
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
+from compasslib.plots import histograms as frequencies
 from compasslib.plots import section as sections
 from compasslib.plots import timeseries as water
 from compasslib.preparation.references import combine_references
@@ -23,28 +24,33 @@ def figures(
     pairs: str,
     deviation: str,
     diagnosis: str,
+    assessment: str,
+    histograms: str,
     product: str,
     gridded: Sequence[str],
     figures: Sequence[str],
     pictures: str,
     say: Callable[[str], None],
 ) -> None:
-    """Draw each figure, by its file's name, and write small ones for the page."""
+    """Draw each figure, by its file's name and in each format, and write small ones for the page."""
     both, corrected = combine_references(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
     shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
     averaged = water.average_currents(shown, reference)
     headings = {"recorded": curves.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
-    to = {Path(figure).stem: figure for figure in figures}
-    water.draw_sticks(to["sticks"], averaged)
-    water.draw_progressive(to["progressive"], averaged)
-    water.draw_roses(to["roses"], shown, reference, headings)
-    hypotheses.draw_mooring(to["diagnosis"], read_json(diagnosis))
-    curve.draw_deviation(to["deviation"], both, products.from_json(read_json(deviation)).fit)
-    curve.draw_scatter(to["scatter"], both, corrected)
-    water.draw_timeline(to["timeline"], corrected, both)
-    if gridded:
-        section = read_section(gridded[0], sections.COLUMNS)
-        sections.draw_section(to["section"], section)
-        sections.draw_profile(to["profile"], section)
-    write_pictures(pictures, figures)
+    counts = tables.read_histograms(histograms)
+    for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
+        to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
+        water.draw_sticks(to["sticks"], averaged)
+        water.draw_progressive(to["progressive"], averaged)
+        water.draw_roses(to["roses"], shown, reference, headings)
+        hypotheses.draw_mooring(to["diagnosis"], read_json(diagnosis))
+        curve.draw_deviation(to["deviation"], both, products.from_json(read_json(deviation)).fit)
+        frequencies.draw_histograms(to["histograms"], counts, read_json(assessment))
+        curve.draw_scatter(to["scatter"], both, corrected)
+        water.draw_timeline(to["timeline"], corrected, both)
+        if gridded:
+            section = read_section(gridded[0], sections.COLUMNS)
+            sections.draw_section(to["section"], section)
+            sections.draw_profile(to["profile"], section)
+    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")

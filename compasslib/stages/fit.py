@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from compasslib import earthfield
 from compasslib.archive import netcdf
@@ -13,16 +14,32 @@ from compasslib.preparation.references import combine_references
 
 
 def fit(
-    mooring: str, *, record: str, pairs: str, field: str, fit: str, method: str, tilt: bool, say: Callable[[str], None]
+    mooring: str,
+    *,
+    record: str,
+    pairs: str,
+    field: str,
+    fit: str,
+    method: str,
+    tilt: bool,
+    given: Mapping[str, Any] | None,
+    say: Callable[[str], None],
 ) -> None:
-    """Write the fit, and how often each heading occurs in the record that it is to correct.
+    """Write the fit, or the compass that the YAML file gives.
 
     Args:
         tilt: whether pitch and roll enter.
+        given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
     """
+    own, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
+    if given is not None:
+        known = at_mooring.compass_from_coefficients(**given, record=own, pairs=near)
+        write_json(fit, deviation_json(known, own) | {"calibration": {"name": "of the mooring's file", "kind": method}})
+        say(describe_fit(mooring, known))
+        return
     dip_ratio = tilt * earthfield.dip_ratio(earthfield.field_from_json(read_json(field)))
-    fitted = fit_deviation(method, combine_references(netcdf.read_pairs(pairs)), dip_ratio=dip_ratio)
-    write_json(fit, deviation_json(fitted, netcdf.read_record(record, velocities=False)))
+    fitted = fit_deviation(method, near, dip_ratio=dip_ratio)
+    write_json(fit, deviation_json(fitted, own))
     say(describe_fit(mooring, fitted))
 
 

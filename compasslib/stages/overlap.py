@@ -11,7 +11,9 @@ from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination
 from compasslib.preparation.pairs import PairRules, describe_pairs, estimate_clock_offset, find_pairs, widen_rules
+from compasslib.preparation.ready_pairs import match_ready_pairs
 from compasslib.preparation.references import join_references
+from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 
 
 def overlap(
@@ -20,11 +22,13 @@ def overlap(
     upper: str,
     lower: Sequence[str],
     observatory: Sequence[str],
+    ready: Sequence[str],
     field: str,
     pairs: str,
     wide: str,
     place: Mapping[str, Any],
     rules: Mapping[str, Any],
+    columns: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
     """Write the field along the deployment, the pairs by the rules, and those that may stand further apart.
@@ -33,10 +37,12 @@ def overlap(
         upper: record of the instrument to correct.
         lower: records of the references, perhaps none.
         observatory: IAGA-2002 files of one observatory, perhaps none.
+        ready: file of pairs that others made, which take the place of those of the records; else nothing.
         place: arguments of ``earthfield.field_along``.
+        columns: headers or variables of that file by role, and ``scale``.
 
     Raises:
-        InputError: an observatory's file cannot be read, or a date lies outside the model of the field.
+        InputError: a file of pairs or of an observatory cannot be read, or a date lies outside the model of the field.
     """
     along = declination.with_observatory_warnings(earthfield.field_along(**place), observatory, place)
     write_json(field, vars(along))
@@ -45,6 +51,15 @@ def overlap(
     above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
     # Named from the mooring's own folder, so that the file is the same wherever that stands.
     made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
+    if ready and columns is not None:
+        headers = {role: columns[role] for role in ROLES}
+        rows = read_ready_pairs(Path(ready[0]), headers)
+        every = match_ready_pairs(rows, columns["scale"], above, along)
+        made = provenance.origin("ready-made pairs read", ready)
+        for file in (wide, pairs):
+            netcdf.write_pairs(file, every, attributes=made)
+        say(describe_pairs(mooring, every))
+        return
     asked = PairRules(**rules)
     each = [[one] for one in below] or [[]]
     clocks = [estimate_clock_offset(above, one, asked) for one in each]

@@ -4,6 +4,7 @@
 # On a cluster these run where Snakemake was started: seconds each, and they wait for all others.
 localrules:
     summary,
+    cruise_figures,
     report,
     provenance,
     complete,
@@ -24,6 +25,22 @@ rule summary:
         **PLAN.params("summary"),
     script:
         "../scripts/summary.py"
+
+
+rule cruise_figures:
+    """All moorings on one figure each: deviations, differences from the reference, currents."""
+    input:
+        PLAN.inputs("cruise_figures"),
+    output:
+        "results/logs/cruise_figures.json",
+    log:
+        "results/logs/cruise_figures.log",
+    benchmark:
+        "results/benchmarks/cruise_figures.tsv"
+    params:
+        **PLAN.params("cruise_figures"),
+    script:
+        "../scripts/cruise_figures.py"
 
 
 rule report:

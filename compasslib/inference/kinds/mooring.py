@@ -261,7 +261,7 @@ def diagnose(
         )
     if is_series and not any(item.applied for item in diagnosed.findings):
         return replace(diagnosed, applied=())
-    if diagnosed.covariance is not None and exact.method != "calibration":  # what slow water may do to the constants
+    if diagnosed.covariance is not None and not exact.known_beforehand:  # what slow water may do to the constants
         exact = products.inflate_covariance(exact, diagnosed.covariance)
     return replace(
         diagnosed, fit=exact, applied=tuple(products.limit_precision(item, exact) for item in diagnosed.applied)
@@ -286,7 +286,7 @@ def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[R
         return None, ()
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
-        start = fit if fit.method == "calibration" or fit.prior is not None else None  # else without the clock's error
+        start = fit if fit.known_beforehand or fit.prior is not None else None  # else without the clock's error
         freed = fit_deviation(fit.method, again, start, dip_ratio=fit.dip_ratio)
         clock_found = clock_findings(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(finding.held_out.refuted for finding in clock_found):

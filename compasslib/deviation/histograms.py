@@ -1,0 +1,86 @@
+"""How often each heading and direction occurs before and after the correction (von Appen 2015, Figs 8 and 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compasslib import angles
+from compasslib.preparation.gridding import nearest_index
+from compasslib.records import BAD, Pairs, Record
+from compasslib.types import Floats
+
+Counts = NDArray[np.int_]
+
+BIN_DEG = 5.0
+BINS = round(360.0 / BIN_DEG)
+SAME_INSTANT_S = 60.0  # pairs keep the times of the record; files round them
+# Quantities of histograms.csv by where their first bin begins, degrees.
+QUANTITIES = {
+    "heading_recorded": 0.0,
+    "heading_corrected": 0.0,
+    "direction_recorded": 0.0,
+    "direction_corrected": 0.0,
+    "direction_reference": 0.0,
+    "difference_before": -180.0,
+    "difference_after": -180.0,
+}
+
+
+def count_angles(angle_deg: ArrayLike, from_deg: float = 0.0) -> Counts:
+    """Count angles in bins of 5 degrees over one turn, (72,).
+
+    Args:
+        angle_deg: angles of any shape, degrees, NaN left out.
+        from_deg: where the first bin begins.
+    """
+    angle = np.asarray(angle_deg, dtype=float)
+    turn = angles.wrap360(angle[np.isfinite(angle)] - from_deg)
+    return np.bincount((turn / BIN_DEG).astype(int), minlength=BINS)[:BINS]
+
+
+def count_differences(east: Floats, north: Floats, pairs: Pairs) -> Counts:
+    """Count the directions of a current at the pairs minus the reference's, (72,) from -180 degrees.
+
+    Args:
+        east: of the affected instrument, (n,).
+        north: the same.
+    """
+    lower = angles.direction(pairs.lower_east, pairs.lower_north)
+    return count_angles(angles.difference(angles.direction(east, north), lower), -180.0)
+
+
+def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Floats) -> tuple[Floats, Floats, Floats]:
+    """Compute directions at each pair, (n,) degrees each: reference's, affected recorded, affected corrected.
+
+    Args:
+        time_s: of the record at some of whose samples they were taken, (m,).
+        heading_corrected_deg: of the record, (m,); NaN where there is no correction.
+    """
+    lower = angles.direction(pairs.lower_east, pairs.lower_north)
+    upper = angles.direction(pairs.upper_east, pairs.upper_north)
+    if not (len(pairs) and len(time_s)):
+        return lower, upper, np.full(upper.shape, np.nan)
+    near = nearest_index(time_s, pairs.time_s)
+    known = np.abs(time_s[near] - pairs.time_s) <= SAME_INSTANT_S
+    turned = angles.difference(heading_corrected_deg[near], pairs.heading_deg)
+    return lower, upper, angles.wrap360(np.where(known, upper + turned, np.nan))
+
+
+def build_histograms(
+    record: Record, heading_corrected_deg: Floats, pairs: Pairs, differences: Mapping[str, ArrayLike]
+) -> dict[str, Counts]:
+    """Count headings of the record, directions at the pairs and held-out differences by their quantity.
+
+    Args:
+        record: the affected instrument; headings that are flagged bad are left out.
+        heading_corrected_deg: (n,), NaN where there is no correction.
+        differences: counts ``before`` and ``after`` of assessment.json.
+    """
+    usable = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
+    lower, upper, corrected = directions_at_pairs(pairs, record.time_s, heading_corrected_deg)
+    counted = [count_angles(angle) for angle in (usable, heading_corrected_deg, upper, corrected, lower)]
+    counted += [np.asarray(differences[when], dtype=int) for when in ("before", "after")]
+    return dict(zip(QUANTITIES, counted, strict=True))

@@ -1,0 +1,51 @@
+"""Records, pairs and products as xarray datasets, and the product's front door."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sea import pairs
+from test_archive import make_product, write
+
+import compasslib
+from compasslib.labelled import Labelled
+
+
+def test_a_product_opens_and_has_its_names_times_bins_and_units(tmp_path):
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    product = compasslib.open_product(write(tmp_path / "corrected.nc", make_product(50, 4)))
+    data = product.to_xarray()
+    assert dict(data.sizes) == {"time": 50, "bin": 4}
+    assert (data.time.values == np.round(product.record.time_s * 1e3).astype("datetime64[ms]")).all()
+    for name, unit in (("heading_corrected_deg", "degrees"), ("east", "m s-1"), ("velocity_uncertainty", "m s-1")):
+        assert data[name].units == unit
+        assert data[name].values == pytest.approx(getattr(product, name), nan_ok=True)
+    # What was recorded stands beside what is corrected, not under its name.
+    assert data["east_recorded"].values == pytest.approx(product.east_recorded, nan_ok=True)
+    assert data["heading_deg"].values == pytest.approx(product.record.heading_deg, nan_ok=True)
+    assert data.attrs["direction_reference"] == "true"
+    data.to_netcdf(tmp_path / "again.nc")
+
+
+def test_channels_of_a_record_and_series_of_pairs_are_variables(tmp_path):
+    xarray = pytest.importorskip("xarray", reason="xarray is not installed")
+    seen, _ = pairs(n=30)
+    data = seen.to_xarray()
+    assert isinstance(data, xarray.Dataset) and data["lower_east"].dims == ("time",)
+    assert data["separation_minutes"].units == "minutes" and "reference_names" not in data.attrs
+    record = make_product(20, 3).record
+    record = replace(record, channels={"load": np.arange(20.0)}, channel_units={"load": "kN"})
+    record = replace(record, profiles={"echo": np.zeros((20, 3, 4), dtype=np.int16)})
+    data = record.to_xarray()
+    assert data["load"].units == "kN" and data["echo"].dims == ("time", "bin", "beam")
+
+
+def test_without_xarray_one_line_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    seen, _ = pairs(n=30)
+    assert isinstance(seen, Labelled)
+    with pytest.raises(ImportError, match=r"pip install 'compasslib\[xarray\]'"):
+        seen.to_xarray()

@@ -1,0 +1,6 @@
+"""Draw all moorings on one figure each: deviation.json and assessment.json of each -> results/figures."""
+
+from compasslib.pipeline.job import job
+from compasslib.stages.drawings import cruise_figures
+
+job(snakemake, cruise_figures)
