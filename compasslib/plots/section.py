@@ -84,7 +84,7 @@ def draw_profile(path: str | Path, section: SectionMeans) -> None:
             axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         shown = there[:: max(1, -(-len(there) // MAX_AXES))]
         _draw_axes(panels[2], section.depth_m, (before, after), shown)
-        room = 0.04 * float(np.ptp(section.depth_m[there])) + 1.0
+        room = 0.12 * float(np.ptp(section.depth_m[there])) + 1.0  # for the axes at the ends
         panels[0].set_ylim(section.depth_m[there[-1]] + room, section.depth_m[there[0]] - room)
         panels[0].set_ylabel("Depth (m)")
         names = {"recorded": RECORDED, "corrected": CORRECTED}
