@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -153,10 +154,15 @@ def test_a_run_that_is_terminated_leaves_nothing(running):
     assert list((folder / "corrected").iterdir()) == []
 
 
+def begin_and_end(folder: Path) -> None:
+    with suppress(KeyboardInterrupt), processing._whole(folder):
+        raise KeyboardInterrupt
+
+
 def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(running):
     folder, process = running
     (living,) = half_done(folder)
-    processing._clear_after_a_kill(folder / "corrected/M1")
+    begin_and_end(folder / "corrected/M1")
     assert living.is_dir(), "another run is at work there"
     process.kill()
     process.wait()
@@ -166,5 +172,5 @@ def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(running
     (theirs[2] / processing.MARK).touch()
     link = folder / "corrected/.M1.compass-correct.link"
     link.symlink_to(theirs[2])
-    processing._clear_after_a_kill(folder / "corrected/M1")
+    begin_and_end(folder / "corrected/M1")
     assert sorted(half_done(folder)) == sorted([*theirs, link]) and (theirs[2] / processing.MARK).exists()
