@@ -162,7 +162,7 @@ def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_s
     folder = shutil.copytree(done, tmp_path / "c")
     assert not list((folder / "results").glob("*/conventions.json"))
     ran = snakemake(folder, "results/M1/conventions.json")
-    assert ran.returncode == 0 and "4 netCDF files: no remark by" in ran.stderr, ran.stderr
+    assert ran.returncode == 0 and "5 netCDF files: no remark by" in ran.stderr, ran.stderr
     held = json.loads((folder / "results/M1/conventions.json").read_text())
     assert held["files"] == [f"results/M1/{file}.nc" for file in ("corrected", "overlap", "work/top", "work/deep")]
     change(folder / "config/config.yaml", conventions={"check": True})
@@ -177,7 +177,7 @@ def test_conventions_are_kept_by_a_real_mooring_with_a_profile_and_a_reference(t
         (folder / f"config/moorings/{name}.yaml").unlink()
     (folder / "config/config.yaml").write_text("{moorings: config/moorings, diagnose: {enabled: false}}\n")
     ran = snakemake(folder, "conventions")
-    assert ran.returncode == 0 and "4 netCDF files: no remark by" in ran.stderr, ran.stderr
+    assert ran.returncode == 0 and "5 netCDF files: no remark by" in ran.stderr, ran.stderr
 
 
 def test_a_missing_raw_file_stops_before_any_work_and_is_never_simulated(tmp_path):
