@@ -316,7 +316,7 @@ def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) 
         time_s: (n,) increasing.
     """
     slot = axes.slot_of(time_s)
-    known = np.isfinite(values).reshape(len(values), -1).all(axis=1) & (slot >= 0) & (slot < len(axes.time_s))
+    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(axes.time_s))
     result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)
     if not known.any():
         return result
