@@ -211,16 +211,16 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("grid")
     product, piece = gridded_of(source("top", DIVING, noise=0.02), source("deep", DIVING + 12.0, bins=1))
     field = EarthField(TIMES[[0, -1]], *np.full((4, 2), 10.0))
-    about = {
-        "site": Site("M1", 60.0, -30.0, 800.0), "field": field, "headings": (N, N), "also": {"seam_pairs": 3},
-        "attributes": {"institution": "I", "project": "P", "principal_investigator": "N", "license": "L",
+    about = gridded.FileDescription(
+        site=Site("M1", 60.0, -30.0, 800.0), field=field, headings=(N, N), also={"seam_pairs": 3},
+        attributes={"institution": "I", "project": "P", "principal_investigator": "N", "license": "L",
                        "naming_authority": "A"},
-        "processing": {"method": "exact", "software_version": "1", "date_created": "2020-01-01T00:00:00Z",
+        processing={"method": "exact", "software_version": "1", "date_created": "2020-01-01T00:00:00Z",
                        "history": "2020-01-01T00:00:00Z: made", "declination_source": "IGRF"},
-    }  # fmt: skip
+    )  # fmt: skip
     daily = DailyMeans(product.axes, product.errors)
-    counts = gridded.write_gridded(folder / "gridded.nc", product, **about, daily=daily)
-    gridded.write_daily(folder / "gridded_daily.nc", product, daily, **about)
+    counts = gridded.write_gridded(folder / "gridded.nc", product, about, daily)
+    gridded.write_daily(folder / "gridded_daily.nc", product, about, daily)
     assert counts["filled"] == np.sum(piece.source >= 0) and counts["cells"] == piece.source.size
     return folder, product, piece
 

@@ -22,9 +22,8 @@ from compasslib.product.cells import Velocities, empty_cells
 from compasslib.product.daily import DailyMeans
 from compasslib.product.grid import GriddedProduct, Piece, Source
 from compasslib.records import GOOD, CorrectedRecord, EarthField, Record
-from compasslib.types import Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
-DAYS = 86400.0
 USUAL_BEAM_DEG = 20.0  # of an affected profiler whose files do not tell it
 OFTEN = 0.5  # of the times of the fullest depth: a depth that a sphere reaches in strong currents has no mean
 
@@ -48,9 +47,9 @@ def affected_source(
         velocity = np.where(np.isin(quality, flags), east + 1j * north, np.nan)
         return Velocities(velocity, depth, quality, up[0] if rising else None)
 
-    own = product.record
-    tilt = np.hypot(own.pitch_deg, own.roll_deg)
-    return Source(name, own.time_s, own.depth_m, tilt, bins, record.beam_angle_deg or USUAL_BEAM_DEG, rows, rising)
+    samples, beam_deg = product.record, record.beam_angle_deg or USUAL_BEAM_DEG
+    tilt = np.hypot(samples.pitch_deg, samples.roll_deg)
+    return Source(name, samples.time_s, samples.depth_m, tilt, bins, beam_deg, rows, rising)
 
 
 def reference_source(name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int]) -> Source:
@@ -84,23 +83,36 @@ def _read_rows(path: str | Path, names: Sequence[str], which: slice) -> list[NDA
     return [np.where(x == variables.FILL, np.nan, x) if x.dtype.kind == "f" else x for x in floats]
 
 
+@dataclass(frozen=True)
+class FileDescription:
+    """What the global attributes of a mooring's gridded files tell."""
+
+    site: Site
+    field: EarthField
+    attributes: Mapping[str, object]  # the user's
+    processing: Mapping[str, object]
+    headings: tuple[int, int]  # recorded and corrected ones of the affected instrument
+    also: Mapping[str, object]  # further global attributes, as of the seam
+
+    def compose(self, kind: str, time_s: Floats, depth_m: Floats) -> tuple[dict[str, Any], dict[str, object]]:
+        """Compose the global attributes of one file, and those that tell the declination of its velocities."""
+        spanned = global_attributes(
+            self.site, time_s=time_s, depth_m=depth_m, headings=self.headings, attributes=self.attributes,
+            processing=self.processing,
+        )  # fmt: skip
+        first, last = (
+            earthfield.declination_at(self.field, time_s[[0, -1]]).tolist() if len(time_s) else (np.nan, np.nan)
+        )
+        turned = dict(declination_attributes(spanned, time_s, (first, last)))
+        return _described(spanned, self.attributes, self.site, kind, self.also), turned
+
+
 def write_gridded(
-    path: str | Path,
-    product: GriddedProduct,
-    *,
-    site: Site,
-    field: EarthField,
-    attributes: Mapping[str, object],
-    processing: Mapping[str, object],
-    headings: tuple[int, int],
-    also: Mapping[str, object],
-    daily: DailyMeans | None = None,
+    path: str | Path, product: GriddedProduct, description: FileDescription, daily: DailyMeans | None = None
 ) -> dict[str, int]:
     """Write gridded.nc piece by piece.
 
     Args:
-        headings: recorded and corrected ones of the affected instrument.
-        also: further global attributes, as of the seam.
         daily: takes each piece, where daily means are wanted.
 
     Returns:
@@ -108,64 +120,55 @@ def write_gridded(
     """
     axes = product.axes
     counts = np.zeros(3, dtype=int)
-    spanned = global_attributes(
-        site, time_s=axes.time_s, depth_m=axes.depth_m, headings=headings, attributes=attributes, processing=processing
-    )
-    turned = declination_attributes(spanned, axes.time_s, _declinations(field, axes.time_s))
-    made = f"{axes.step_s / 3600.0:g} h"
-    methods = {"cell_methods": f"TIME: mean (interval: {made})"}
+    written, turned = description.compose("gridded", axes.time_s, axes.depth_m)
+    attributes = _column_attributes(turned, f"{axes.step_s / HOUR_S:g} h", product.memory_s)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(_described(spanned, attributes, site, "gridded", also))
-        rising = _put_frame(nc, product, site, axes.time_s)
+        nc.setncatts(written)
+        rising = _put_frame(nc, product, description.site, axes.time_s)
         _put_headings(nc, product)
         for piece in product:
-            for name, values in _columns(piece, rising).items():
-                more: dict[str, object] = dict(methods if name == "WCUR" else {})
-                more |= turned | methods if name in ("UCUR", "VCUR") else {}
-                if name.endswith("R_UNCERTAINTY"):
-                    more = {"error_memory_hours": product.memory_s / 3600.0}
-                _put(nc, GRIDDED.get(name) or _flags(name), values, more, piece.slots)
+            _put_columns(nc, _columns(piece, rising), attributes, piece.slots)
             counts += piece.source.size, np.sum(piece.source >= 0), np.sum(piece.quality == 8)
             if daily is not None:
                 daily.add(piece)
         if not len(axes.time_s):
-            nothing = _nothing(len(axes.depth_m))
-            for name, values in _columns(nothing, rising).items():
-                _put(nc, GRIDDED.get(name) or _flags(name), values, {}, slice(0, 0))
+            _put_columns(nc, _columns(_nothing(len(axes.depth_m)), rising), {}, slice(0, 0))
     return dict(zip(("cells", "filled", "interpolated"), counts.tolist(), strict=True))
 
 
-def write_daily(
-    path: str | Path,
-    product: GriddedProduct,
-    daily: DailyMeans,
-    *,
-    site: Site,
-    field: EarthField,
-    attributes: Mapping[str, object],
-    processing: Mapping[str, object],
-    headings: tuple[int, int],
-    also: Mapping[str, object],
-) -> None:
-    """Write gridded_daily.nc; arguments as of ``write_gridded``."""
+def write_daily(path: str | Path, product: GriddedProduct, description: FileDescription, daily: DailyMeans) -> None:
+    """Write gridded_daily.nc.
+
+    Args:
+        daily: that took the pieces of gridded.nc.
+    """
     means = daily.means(product)
-    spanned = global_attributes(
-        site, time_s=means.time_s, depth_m=product.axes.depth_m, headings=headings, attributes=attributes,
-        processing=processing,
-    )  # fmt: skip
-    turned = declination_attributes(spanned, means.time_s, _declinations(field, means.time_s))
-    methods = {"cell_methods": "TIME: mean (interval: 1 day)"}
+    written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(_described(spanned, attributes, site, "gridded-daily", also))
-        _put_frame(nc, product, site, means.time_s)
+        nc.setncatts(written)
+        _put_frame(nc, product, description.site, means.time_s)
         _put_headings(nc, replace(product, errors=means.errors, deviation_deg=means.deviation_deg))
-        for name, values in _columns(means.piece, False).items():
-            more: dict[str, object] = dict(turned | methods if name in ("UCUR", "VCUR") else {})
-            if name.endswith("R_UNCERTAINTY"):
-                more = {"error_memory_hours": product.memory_s / 3600.0}
-            _put(nc, GRIDDED.get(name) or _flags(name), values, more)
+        _put_columns(nc, _columns(means.piece, False), _column_attributes(turned, "1 day", product.memory_s))
         for name, values in (("N_SAMPLES", means.count), ("SHRINKAGE", means.shrinkage)):
             _put(nc, GRIDDED[name], values, {"QC_indicator": "unknown"})
+
+
+def _column_attributes(turned: Mapping[str, object], interval: str, memory_s: float) -> dict[str, Mapping[str, object]]:
+    """Return the attributes that the columns of a file have beside those of every file, by name."""
+    averaged: dict[str, object] = {"cell_methods": f"TIME: mean (interval: {interval})"}
+    memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
+    velocities = dict.fromkeys(("UCUR", "VCUR"), {**turned, **averaged}) | {"WCUR": averaged}
+    return {**velocities, **dict.fromkeys(("UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY"), memory)}
+
+
+def _put_columns(
+    nc: netCDF4.Dataset,
+    columns: Mapping[str, NDArray[Any]],
+    attributes: Mapping[str, Mapping[str, object]],
+    rows: slice | None = None,
+) -> None:
+    for name, values in columns.items():
+        _put(nc, GRIDDED.get(name) or _flags(name), values, attributes.get(name, {}), rows)
 
 
 @dataclass(frozen=True)
@@ -202,7 +205,7 @@ def read_section(path: str | Path, columns: int) -> SectionMeans:
     """
     with open_netcdf(path) as nc:
         time_s, depth_m = (read_variable(nc, name) for name in ("TIME", "DEPTH"))
-        time_s = np.round((time_s - DAYS_1950_TO_1970) * DAYS, TIME_DECIMALS)
+        time_s = np.round((time_s - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS)
         modes, share = read_variable(nc, "HEADING_ERROR_MODE"), read_variable(nc, "HEADING_ERROR_SHARE")
         random, turned = (read_variable(nc, name) for name in ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION"))
         each = -(-max(len(time_s), 1) // columns)
@@ -232,7 +235,7 @@ def read_section(path: str | Path, columns: int) -> SectionMeans:
         before, after = np.where(number > 0, sums / number, complex(np.nan, np.nan))
         spans = [sigma2[k * each : (k + 1) * each] for k in range(count)]
         known = [span[np.isfinite(span)] for span in spans]
-    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else DAYS
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else DAY_S
     first = time_s[0] - step_s / 2.0 if len(time_s) else 0.0
     return SectionMeans(
         edges_s=first + step_s * each * np.arange(count + 1),
@@ -260,7 +263,7 @@ def _described(
 ) -> dict[str, Any]:
     """Return the global attributes with the words of this file; the user's title and summary stand."""
     means = "daily means of " if kind.endswith("daily") else ""
-    own = {
+    texts = {
         "title": f"Currents of mooring {site.name} on fixed depths: {means}corrected and reference velocities",
         "summary": (
             f"Currents of mooring {site.name} on fixed depths and times, {means}velocities by corrected headings and "
@@ -270,9 +273,9 @@ def _described(
         "processing_level": "Post-recovery calibrations have been applied",
         "QC_indicator": "mixed",
     }
-    kept = {key: text for key, text in own.items() if key not in given or key == "comment"}
+    unset = {key: text for key, text in texts.items() if key not in given or key == "comment"}
     named = {"id": str(spanned["id"]).replace("compass-corrected", kind)}
-    return {**spanned, **kept, **named, **also}
+    return {**spanned, **unset, **named, **also}
 
 
 def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s: Floats) -> bool:
@@ -284,7 +287,7 @@ def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s:
     for dimension, size in sizes.items():
         nc.createDimension(dimension, size)
     middle = {"comment": "UTC; the middle of each interval"}
-    write_variable(nc, replace(variables.TIME, comment=""), time_s / DAYS + DAYS_1950_TO_1970)
+    write_variable(nc, replace(variables.TIME, comment=""), time_s / DAY_S + DAYS_1950_TO_1970)
     nc["TIME"].setncatts(middle)
     write_variable(nc, DEPTH, product.axes.depth_m)
     write_variable(nc, variables.LATITUDE, site.latitude)
@@ -299,7 +302,7 @@ def _put_headings(nc: netCDF4.Dataset, product: GriddedProduct) -> None:
     errors = product.errors
     place = {"coordinates": "LATITUDE LONGITUDE", "QC_indicator": "unknown"}
     named = {"mode_names": ", ".join(errors.names), **place}
-    memory = {"memory_hours": errors.memory_s / 3600.0, **place}
+    memory = {"memory_hours": errors.memory_s / HOUR_S, **place}
     write_variable(nc, _with(GRIDDED["HEADING_ERROR_MODE"], named), errors.modes, level=4)
     write_variable(nc, _with(GRIDDED["HEADING_ERROR_RANDOM"], memory), errors.random, level=4)
     write_variable(nc, _with(GRIDDED["HEADING_ERROR_SHARE"], place), errors.shares)
@@ -342,13 +345,6 @@ def _put(
 ) -> None:
     place = {"coordinates": COORDINATES[variable.dimensions]}
     write_variable(nc, _with(variable, {**place, **also}), values, level=4, rows=rows)
-
-
-def _declinations(field: EarthField, time_s: Floats) -> tuple[float, float]:
-    if not len(time_s):
-        return np.nan, np.nan
-    first, last = earthfield.declination_at(field, time_s[[0, -1]]).tolist()
-    return first, last
 
 
 def _nothing(depths: int) -> Piece:

@@ -52,7 +52,7 @@ def tabulate_deviation(
     roots, level = correct_roots(fit, recorded), np.zeros(recorded.shape)
     readings = Readings(level, recorded, level, level, level.astype(complex))
     whole = [doubt.sigma_deg for doubt in doubts if np.isinf([doubt.from_s, doubt.to_s]).all()]
-    beside = unmodelled_deg**2 + float(np.sum(np.square(whole)))
+    further = unmodelled_deg**2 + float(np.sum(np.square(whole)))
     rows = []
     for k, root in enumerate(roots.T, start=1):
         known = np.isfinite(root)
@@ -61,7 +61,7 @@ def tabulate_deviation(
         else:
             parameters, slope = compass_series(fit, readings).sigma(root), compass.slope(fit.coefficients, root)
         reading = PRECISION_DEG / np.maximum(np.abs(slope), MIN_SLOPE)
-        sigma = np.minimum(np.sqrt(parameters**2 + reading**2 + beside), UNIFORM_SIGMA_DEG)
+        sigma = np.minimum(np.sqrt(parameters**2 + reading**2 + further), UNIFORM_SIGMA_DEG)
         deviation = angles.difference(root, recorded)
         rows += list(zip(*(c[known] for c in (recorded, root, deviation, sigma, np.full(360, k))), strict=True))
     ordered = np.array(sorted(rows, key=lambda row: (row[0], row[-1]))).reshape(-1, len(LOOKUP_COLUMNS))

@@ -83,13 +83,13 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
     rows = Rows(names)
     panel = 2.0 * rows.height_in if len(shown) <= NAMED else PANEL_IN
     with page(path, 0.9 + max(panel, 0.8), width_in=WIDE_IN) as figure:
-        axes, beside = figure.subplots(1, 2, width_ratios=(3.0, 1.0), sharey=True)
+        axes, intervals = figure.subplots(1, 2, width_ratios=(3.0, 1.0), sharey=True)
         degrees(axes.xaxis, (-180.0, 180.0), as_is=True)
         axes.set_xlabel("Affected minus reference, held-out pairs (°)")
-        beside.set_xlabel("Rms, 95 % (°)")
+        intervals.set_xlabel("Rms, 95 % (°)")
         if not shown:
             empty(axes)
-            empty(beside)
+            empty(intervals)
             return
         edges = -180.0 + BIN_DEG * np.arange(BINS + 1)
         for place, mooring in zip(rows.places, shown, strict=True):
@@ -101,12 +101,12 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
                 axes.stairs(top, edges, baseline=base, color=colour)
                 if mooring.assessment[when]["n"]:
                     low, end = mooring.assessment[when]["interval_95"]["rms_deg"]
-                    beside.plot([low, end], [place + shift] * 2, color=colour)
-                    beside.plot(mooring.assessment[when]["rms_deg"], place + shift, "o", color=colour, markersize=3)
+                    intervals.plot([low, end], [place + shift] * 2, color=colour)
+                    intervals.plot(mooring.assessment[when]["rms_deg"], place + shift, "o", color=colour, markersize=3)
         axes.axvline(0.0, color=BLACK, linewidth=0.7)
-        beside.set_xlim(left=0.0)
-        beside.grid(axis="x", alpha=0.3, linewidth=0.5)
-        beside.tick_params(left=False)
+        intervals.set_xlim(left=0.0)
+        intervals.grid(axis="x", alpha=0.3, linewidth=0.5)
+        intervals.tick_params(left=False)
         rows.name(axes)
         if len(shown) > NAMED:
             axes.tick_params(left=False, labelleft=False)

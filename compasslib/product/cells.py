@@ -252,8 +252,8 @@ def _count_above(depth_m: Floats, levels_m: Floats) -> NDArray[np.intp]:
     """Count the bins of each sample that lie at a depth or above it, (k, z); depths increase along a row."""
     k, m = depth_m.shape
     rows = ROW_M * np.arange(k)[:, None]
-    found = np.searchsorted((depth_m + rows).ravel(), (levels_m + 1e-6 + rows).ravel(), side="right")
-    return found.reshape(k, len(levels_m)) - m * np.arange(k)[:, None]
+    below = np.searchsorted((depth_m + rows).ravel(), (levels_m + 1e-6 + rows).ravel(), side="right")
+    return below.reshape(k, len(levels_m)) - m * np.arange(k)[:, None]
 
 
 def _of_stance(stance: Stance, levels_m: Floats, by_depth: Differences) -> Floats:
@@ -284,19 +284,19 @@ def _average(cells: Cells, there: Bools, time_s: Floats, axes: Axes, slots: rang
     begin = np.flatnonzero(np.diff(slot, prepend=ABSENT))
     rows = slot[begin]
     number = np.add.reduceat(there.astype(np.int32), begin, axis=0)
-    some = number > 0
+    filled = number > 0
 
     def total(values: NDArray) -> NDArray:
         return np.add.reduceat(np.where(there, values[inside], 0.0), begin, axis=0)
 
     def put(name: str, values: NDArray) -> NDArray:
         made: NDArray = getattr(empty, name).copy()
-        made[rows] = np.where(some, values, made[rows])
+        made[rows] = np.where(filled, values, made[rows])
         return made
 
     share = 1.0 / np.maximum(number, 1)
     late = share * total(np.broadcast_to((time_s - axes.time_s[0])[:, None], cells.velocity.shape))
-    late = np.where(some, late + axes.time_s[0] - axes.time_s[slots.start + rows, None], 0.0)
+    late = np.where(filled, late + axes.time_s[0] - axes.time_s[slots.start + rows, None], 0.0)
     up = None
     if cells.up is not None:
         rising = np.isfinite(cells.up)

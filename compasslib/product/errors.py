@@ -97,13 +97,13 @@ def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
     """Reduce columns to the few that hold most of their variance.
 
     Returns:
-        They, (n, count or fewer), and the variance of each row that they leave, (n,).
+        The leading columns, (n, count or fewer), and the variance of each row that they leave out, (n,).
     """
     if columns.shape[1] == 0 or not len(columns):
         return columns[:, :0], np.zeros(len(columns))
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    kept = columns @ vectors[:, ::-1][:, : min(count, int(np.sum(values > 1e-12 * values[-1])))]
-    return kept, np.maximum(np.sum(columns**2, axis=1) - np.sum(kept**2, axis=1), 0.0)
+    leading = columns @ vectors[:, ::-1][:, : min(count, int(np.sum(values > 1e-12 * values[-1])))]
+    return leading, np.maximum(np.sum(columns**2, axis=1) - np.sum(leading**2, axis=1), 0.0)
 
 
 def memory_of(heading_deg: Floats, step_s: float) -> float:
@@ -152,12 +152,12 @@ def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
     steps = np.abs(np.diff(velocity, axis=1)) ** 2
     known = np.isfinite(steps)
     half = np.where(known, steps, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1) / 2.0
-    told = known.sum(axis=0) >= FEWEST
-    if not told.any():
+    known_bins = known.sum(axis=0) >= FEWEST
+    if not known_bins.any():
         return np.full(velocity.shape[1], by_depth.noise)
-    usual = float(np.median(np.sort(half[told])[: max(told.sum() // 2, 1)]))
-    louder = np.where(told, np.maximum(half - usual, 0.0), 0.0)
-    return by_depth.noise + np.maximum(np.append(louder, 0.0), np.append(0.0, louder))
+    usual = float(np.median(np.sort(half[known_bins])[: max(known_bins.sum() // 2, 1)]))
+    excess = np.where(known_bins, np.maximum(half - usual, 0.0), 0.0)
+    return by_depth.noise + np.maximum(np.append(excess, 0.0), np.append(0.0, excess))
 
 
 def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None) -> Differences:

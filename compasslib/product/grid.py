@@ -36,7 +36,7 @@ from compasslib.product.errors import (
     sphere_motion,
 )
 from compasslib.records import PROBABLY_BAD, Flags
-from compasslib.types import Bools, Complexes, Floats
+from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
 PIECE = 4096  # times that are gridded at once
 INTERPOLATED = 8  # OceanSITES reference table 2
@@ -204,7 +204,7 @@ def survey(source: Source) -> Survey:
     n = len(source.time_s)
     count, flow = np.zeros(MAX_DEPTH_M, dtype=int), np.full(n, complex(np.nan, np.nan))
     blocks, ranges, steps = [], [], []
-    every = max(1, -(-n // PIECE) // BLOCKS)
+    stride = max(1, -(-n // PIECE) // BLOCKS)
     for number, begin in enumerate(range(0, n, PIECE)):
         rows = slice(begin, begin + PIECE)
         here = source.rows(rows)
@@ -215,7 +215,7 @@ def survey(source: Source) -> Survey:
         total = np.where(usable, here.velocity, 0.0).sum(axis=1)
         number_of = usable.sum(axis=1)
         flow[rows] = np.where(number_of > 0, total / np.maximum(number_of, 1), np.nan)
-        if number % every == 0 and len(here.velocity):
+        if number % stride == 0 and len(here.velocity):
             blocks.append(here.velocity[:BLOCK])
             ranges.append(np.abs(here.depth_m[:BLOCK] - source.depth_m[rows][:BLOCK, None]))
             steps.append(np.abs(np.diff(here.depth_m[:BLOCK], axis=1)))
@@ -235,8 +235,8 @@ def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridR
         sources: the affected instrument first.
     """
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
-    own = surveys[0].cell_m if not surveys[0].empty else 0.0
-    step_m = rules.step_m or own or (cells[0] if cells else POINT_STEP_M)
+    cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
+    step_m = rules.step_m or cell_m or (cells[0] if cells else POINT_STEP_M)
     phase_m = _depth_phase(sources[0], surveys[0], step_m) if rules.from_m is None else rules.from_m
     ends = [_ends(each, step_m, phase_m) for each in surveys if not each.empty] or [(phase_m, phase_m)]
     first = min(low for low, _ in ends) if rules.from_m is None else rules.from_m
@@ -260,23 +260,23 @@ def learn(
 ) -> tuple[Learnt, ...]:
     """Learn from each instrument how its velocities differ; from the affected one where it cannot tell."""
     learnt: list[Learnt] = []
-    for source, seen in zip(sources, surveys, strict=True):
+    for source, survey in zip(sources, surveys, strict=True):
         step_s = float(np.median(np.diff(source.time_s))) if len(source.time_s) > 1 else SLOWEST_STEP_S
-        together = np.concatenate(seen.blocks or (np.zeros((0, source.bins), dtype=complex),))
-        by_depth = learn_by_depth(together, seen.range_m, seen.cell_m)
-        told = by_depth.noise if seen.cell_m and len(seen.range_m) >= 4 else None
-        few = tuple(block[:, _fullest(block)] for block in seen.blocks)
-        by_time = learn_by_time(few, step_s, max(max_gap_s, 6 * 3600.0), told)
-        if told is None:
+        together = np.concatenate(survey.blocks or (np.zeros((0, source.bins), dtype=complex),))
+        by_depth = learn_by_depth(together, survey.range_m, survey.cell_m)
+        noise = by_depth.noise if survey.cell_m and len(survey.range_m) >= 4 else None
+        few = tuple(block[:, _fullest(block)] for block in survey.blocks)
+        by_time = learn_by_time(few, step_s, max(max_gap_s, 6 * HOUR_S), noise)
+        if noise is None:
             by_depth = replace(by_depth, noise=by_time.noise)
-        if learnt and not surveys[0].empty and (source.profiles or told is None):
+        if learnt and not surveys[0].empty and (source.profiles or noise is None):
             first = learnt[0]
             by_depth = replace(first.by_depth, noise=first.by_depth.noise if source.profiles else by_time.noise)
             by_time = first.by_time if source.profiles else by_time
-        motion = sphere_motion(source.depth_m, seen.flow, source.time_s, water_depth_m)
+        motion = sphere_motion(source.depth_m, survey.flow, source.time_s, water_depth_m)
         if source.profiles:
             motion = np.full(len(source.time_s), UNMEASURED_MOTION_M_S)
-        learnt.append(Learnt(by_depth, by_time, learn_bin_noise(together, by_depth), seen.cell_m, motion))
+        learnt.append(Learnt(by_depth, by_time, learn_bin_noise(together, by_depth), survey.cell_m, motion))
     return tuple(learnt)
 
 
@@ -346,20 +346,20 @@ def _fullest(block: Complexes) -> NDArray[np.intp]:
     return np.argsort(-np.isfinite(block.real).sum(axis=0), kind="stable")[:4]
 
 
-def _depth_phase(source: Source, seen: Survey, step_m: float) -> float:
+def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
     """Return a depth that a level is to have: of a bin where the instrument stays at its depth, else 0."""
     known = source.depth_m[np.isfinite(source.depth_m)]
-    if seen.empty or not known.size or np.std(known) > DIVES * step_m or not len(seen.range_m):
+    if survey.empty or not known.size or np.std(known) > DIVES * step_m or not len(survey.range_m):
         return 0.0
     nearest = source.rows(slice(0, BLOCK)).depth_m[:, 0]
     nearest = nearest[np.isfinite(nearest)]
     return round(float(np.median(nearest)), 1) if nearest.size else 0.0
 
 
-def _ends(seen: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
+def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
     """Return the first and last level that an instrument reaches more than rarely."""
-    metre = np.flatnonzero(seen.count)
+    metre = np.flatnonzero(survey.count)
     level = np.rint((metre - phase_m) / step_m).astype(int)
-    number = np.bincount(level - level[0], seen.count[metre])
+    number = np.bincount(level - level[0], survey.count[metre])
     often = np.flatnonzero(number >= RARE * number.max()) + level[0]
     return phase_m + step_m * float(often[0]), phase_m + step_m * float(often[-1])

@@ -65,16 +65,16 @@ def heading_errors(
     if others := references[MAX_REFERENCES - 1 :]:
         name = "compass of " + " and ".join(r.name for r in others)
         constants[name] = max(r.sigma_deg for r in others)
-    own = {"veer": np.full(samples, affected.veer_deg), "unexplained": np.full(samples, affected.unexplained_deg)}
-    own |= {"doubts": affected.doubted_deg}
-    own = {name: series for name, series in own.items() if np.any(series > 0.0)}
-    kept, left = compress(affected.columns_deg, MAX_MODES - len(constants) - len(own))
+    by_time = {"veer": np.full(samples, affected.veer_deg), "unexplained": np.full(samples, affected.unexplained_deg)}
+    by_time |= {"doubts": affected.doubted_deg}
+    by_time = {name: series for name, series in by_time.items() if np.any(series > 0.0)}
+    leading, left = compress(affected.columns_deg, MAX_MODES - len(constants) - len(by_time))
     within = np.sum(affected.columns_deg**2, axis=1)
-    within += sum((series**2 for name, series in own.items() if name != "veer"), np.zeros(samples))
+    within += sum((series**2 for name, series in by_time.items() if name != "veer"), np.zeros(samples))
     random = np.maximum(affected.sigma_deg**2 - within, 0.0) + left
     undecided = (affected.probability > 0.0) & (affected.probability < MIN_PROBABILITY)
     random = np.where(undecided, np.inf, random)  # either of two headings: no normal error
-    columns = np.column_stack([*own.values(), kept, random]) if samples else np.zeros((0, len(own) + 1))
+    columns = np.column_stack([*by_time.values(), leading, random]) if samples else np.zeros((0, len(by_time) + 1))
     columns = np.where((affected.used & np.isfinite(affected.heading_deg))[:, None], columns, np.nan)
     finite = np.where(np.isinf(columns), HOPELESS, columns)
     along = average_slots(finite, affected.time_s, axes, max_gap_s).T * angles.DEGREE
@@ -83,7 +83,7 @@ def heading_errors(
     known = np.isfinite(variance)
     constant = np.repeat(np.array(list(constants.values()))[:, None] * angles.DEGREE, count, axis=1)
     step_s = float(np.median(np.diff(affected.time_s))) if samples > 1 else axes.step_s
-    names = (*constants, *own, *(f"coefficients {k + 1}" for k in range(kept.shape[1])))
+    names = (*constants, *by_time, *(f"coefficients {k + 1}" for k in range(leading.shape[1])))
     return HeadingErrors(
         names,
         np.concatenate([constant, along[:-1]]),

@@ -10,11 +10,11 @@ import numpy as np
 
 from compasslib.errors import InputError
 from compasslib.readers.delimited import read_table
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 ROLES = ("time", "heading", "upper_east", "upper_north", "lower_east", "lower_north")
 ADVICE = "correct fit.columns in the mooring file"
-DATENUM_OF_1970, DAY_S = 719529.0, 86400.0
+DATENUM_OF_1970 = 719529.0
 DATENUMS = (6.5e5, 8.0e5)  # years 1780 to 2190; seconds since 1970 are beyond
 HDF5 = b"\x89HDF"  # after the text header of 512 bytes in a MATLAB 7.3 file
 HDF5_AT = 512

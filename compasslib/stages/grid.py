@@ -23,7 +23,7 @@ from compasslib.product.grid import GridRules, average_angle, make_axes, survey
 from compasslib.product.grid import grid as make_grid
 from compasslib.product.headings import AffectedHeadings, ReferenceCompass, heading_errors
 from compasslib.product.seam import compare_at_seam, describe_seam
-from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs
+from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs, Record
 from compasslib.types import Floats
 
 
@@ -62,25 +62,26 @@ def grid(
         InputError: an observatory's file cannot be read.
     """
     along, made_by = earthfield.field_from_json(read_json(field)), products.from_json(read_json(deviation))
-    product, own = netcdf.read_corrected(corrected, velocities=False), netcdf.read_record(record, velocities=False)
+    product = netcdf.read_corrected(corrected, velocities=False)
+    recording = netcdf.read_record(record, velocities=bool(made_by.applied))
     flags = tuple(options["flags"])
-    affected = archive.affected_source(names[0], corrected, product, own, flags)
-    seen = survey(affected)
-    doubtful = seen.empty and PROBABLY_BAD not in flags
+    affected = archive.affected_source(names[0], corrected, product, recording, flags)
+    surveyed = survey(affected)
+    doubtful = surveyed.empty and PROBABLY_BAD not in flags
     if doubtful:
-        affected = archive.affected_source(names[0], corrected, product, own, (PROBABLY_BAD,))
-        seen = survey(affected)
-        doubtful = not seen.empty
+        affected = archive.affected_source(names[0], corrected, product, recording, (PROBABLY_BAD,))
+        surveyed = survey(affected)
+        doubtful = not surveyed.empty
     each = [
         archive.reference_source(name, path, netcdf.read_record(path, velocities=False), along, flags)
         for name, path in zip(names[1:], references, strict=True)
     ]
-    surveys = [seen, *map(survey, each)]
+    surveys = [surveyed, *map(survey, each)]
     rules = GridRules(**options["grid"])
     axes = make_axes([affected, *each], surveys, rules)
     near, gap_s = netcdf.read_pairs(pairs), 60.0 * rules.max_gap_minutes
     used = (PROBABLY_BAD,) if doubtful else flags
-    headings = _affected_headings(product, made_by, near, record, along, observatory, used)
+    headings = _affected_headings(product, made_by, near, recording, along, observatory, used)
     trusted = _reference_compasses(names[1:], compasses, near, declination_sigma(along))
     errors = heading_errors(headings, trusted, axes, gap_s, declination_sigma(along))
     turned = np.where(headings.used, product.deviation_deg, np.nan)
@@ -90,16 +91,15 @@ def grid(
         water_depth_m=site["water_depth_m"],
     )  # fmt: skip
     seam = compare_at_seam(near, read_json(assessment))
-    known = (int(np.isfinite(x).sum()) for x in (product.record.heading_deg, product.heading_corrected_deg))
-    described: dict[str, Any] = {
-        "site": Site(**site), "field": along, "attributes": attributes, "headings": tuple(known),
-        "processing": provenance.processing(made_by, along, sources),
-        "also": {f"seam_{key}": value for key, value in seam.items() if value is not None},
-    }  # fmt: skip
+    recorded, right = (int(np.isfinite(x).sum()) for x in (product.record.heading_deg, product.heading_corrected_deg))
+    described = archive.FileDescription(
+        Site(**site), along, attributes, provenance.processing(made_by, along, sources), (recorded, right),
+        also={f"seam_{key}": value for key, value in seam.items() if value is not None},
+    )  # fmt: skip
     means = DailyMeans(axes, errors) if gridded[1:] else None
-    counts = archive.write_gridded(gridded[0], whole, **described, daily=means)
+    counts = archive.write_gridded(gridded[0], whole, described, means)
     if means is not None:
-        archive.write_daily(gridded[1], whole, means, **described)
+        archive.write_daily(gridded[1], whole, described, means)
     say(
         f"{mooring}: {len(axes.time_s)} times of {axes.step_s / 60.0:g} minutes, {len(axes.depth_m)} depths from "
         f"{axes.depth_m[0]:g} to {axes.depth_m[-1]:g} m; {counts['filled']} of {counts['cells']} cells have a "
@@ -110,15 +110,14 @@ def grid(
 
 
 def _affected_headings(
-    product: CorrectedRecord, made_by: Product, pairs: Pairs, record: str, along: EarthField,
+    product: CorrectedRecord, made_by: Product, pairs: Pairs, recording: Record, along: EarthField,
     observatory: Sequence[str], flags: Sequence[int],
 ) -> AffectedHeadings:  # fmt: skip
     """Collect the corrected headings and the parts of their error."""
-    own = netcdf.read_record(record, velocities=bool(made_by.applied))
-    series = covariates.logged_series(own, observatory) if made_by.applied else {}
-    at = products.compass_along_record(made_by, own, along, series)
+    series = covariates.logged_series(recording, observatory) if made_by.applied else {}
+    at = products.compass_along_record(made_by, recording, along, series)
     time_s = product.record.time_s
-    columns = compass_modes(made_by.fit, at, record_readings(own), product.heading_corrected_deg)
+    columns = compass_modes(made_by.fit, at, record_readings(recording), product.heading_corrected_deg)
     return AffectedHeadings(
         time_s=time_s,
         used=np.isin(product.heading_corrected_quality, flags),
@@ -138,7 +137,7 @@ def _reference_compasses(
 ) -> list[ReferenceCompass]:
     """Return the references' compasses, each with its share of the pairs.
 
-    Directions that were true already were turned by somebody else, with a declination of their own.
+    Directions that were true already were turned by somebody else, with another declination.
     """
     index = np.zeros(len(pairs), dtype=int) if pairs.reference_index is None else pairs.reference_index
     counts: Floats = np.bincount(index, minlength=max(len(names), 1)).astype(float)
@@ -147,9 +146,9 @@ def _reference_compasses(
     return [
         ReferenceCompass(
             name,
-            usual[one["magnetic"]] if one["sigma_deg"] is None else one["sigma_deg"],
-            one["magnetic"],
+            usual[given["magnetic"]] if given["sigma_deg"] is None else given["sigma_deg"],
+            given["magnetic"],
             float(share),
         )
-        for name, one, share in zip(names, compasses, shares, strict=False)
+        for name, given, share in zip(names, compasses, shares, strict=False)
     ]
