@@ -25,7 +25,7 @@ from compasslib.records import GOOD, CorrectedRecord, EarthField, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 USUAL_BEAM_DEG = 20.0  # of an affected profiler whose files do not tell it
-OFTEN = 0.5  # of the times of the fullest depth: a depth that a sphere reaches in strong currents has no mean
+OFTEN = 0.9  # of the times of the fullest depth: a depth that is measured in strong currents alone has no mean
 
 
 def affected_source(
@@ -157,8 +157,8 @@ def _column_attributes(turned: Mapping[str, object], interval: str, memory_s: fl
     """Return the attributes that the columns of a file have beside those of every file, by name."""
     averaged: dict[str, object] = {"cell_methods": f"TIME: mean (interval: {interval})"}
     memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
-    velocities = dict.fromkeys(("UCUR", "VCUR"), {**turned, **averaged}) | {"WCUR": averaged}
-    return {**velocities, **dict.fromkeys(("UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY"), memory)}
+    velocities = {"UCUR": {**turned, **averaged}, "VCUR": {**turned, **averaged}, "WCUR": averaged}
+    return {**velocities, "UCUR_UNCERTAINTY": memory, "VCUR_UNCERTAINTY": memory}
 
 
 def _put_columns(

@@ -16,7 +16,7 @@ from compasslib.records import Readings
 from compasslib.types import Floats
 
 LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg", "root")
-MIN_SLOPE = 0.05  # least slope that the precision of a reading is divided by
+MIN_READING_SLOPE = 0.05  # least slope that the precision of a reading is divided by
 
 
 def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
@@ -60,7 +60,7 @@ def tabulate_deviation(
             parameters, slope = series_sigma(fit, root), series_slope(fit.coefficients, root)
         else:
             parameters, slope = compass_series(fit, readings).sigma(root), compass.slope(fit.coefficients, root)
-        reading = PRECISION_DEG / np.maximum(np.abs(slope), MIN_SLOPE)
+        reading = PRECISION_DEG / np.maximum(np.abs(slope), MIN_READING_SLOPE)
         sigma = np.minimum(np.sqrt(parameters**2 + reading**2 + further), UNIFORM_SIGMA_DEG)
         deviation = angles.difference(root, recorded)
         rows += list(zip(*(c[known] for c in (recorded, root, deviation, sigma, np.full(360, k))), strict=True))

@@ -91,10 +91,10 @@ def _write_statistics(axes: Axes, assessment: Mapping[str, Any]) -> None:
         entry = assessment[when]
         cells = [_with_interval(entry, key) for key in STATISTICS] if entry["n"] else ["–"] * len(STATISTICS)
         rows.append([when, str(entry["n"]), *cells])
-    for texts, x in zip(rows, (-0.12, 0.24, 0.64), strict=True):
+    for texts, x in zip(rows, (-0.12, 0.15, 0.60), strict=True):
         for row, text in enumerate(texts):
             colour = COLOURS.get(texts[0], "#444444") if row == 0 else "#222222"
-            axes.text(x, 1.0 - 0.25 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=8.0)
+            axes.text(x, 1.0 - 0.25 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=7.0)
 
 
 def _with_interval(entry: Mapping[str, Any], key: str) -> str:
