@@ -38,6 +38,7 @@ def figures(
     averaged = water.average_currents(shown, reference)
     headings = {"recorded": curves.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     counts = tables.read_histograms(histograms)
+    section = read_section(gridded[0], sections.COLUMNS) if gridded else None
     for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
         to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
         water.draw_sticks(to["sticks"], averaged)
@@ -48,8 +49,7 @@ def figures(
         frequencies.draw_histograms(to["histograms"], counts, read_json(assessment))
         curve.draw_scatter(to["scatter"], both, corrected)
         water.draw_timeline(to["timeline"], corrected, both)
-        if gridded:
-            section = read_section(gridded[0], sections.COLUMNS)
+        if section is not None:
             sections.draw_section(to["section"], section)
             sections.draw_profile(to["profile"], section)
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
