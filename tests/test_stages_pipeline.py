@@ -135,7 +135,7 @@ def half_done(folder: Path) -> list[Path]:
 @pytest.fixture
 def running(tmp_path):
     """A cruise whose `compass correct` is under way, and the process."""
-    folder = cruise(tmp_path / "c", n=3000)
+    folder = cruise(tmp_path / "c", n=20_000)  # work for seconds after the first file, on a loaded machine too
     code = "import sys; from compasslib.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
