@@ -48,9 +48,9 @@ def gridded_of(*sources, rules=AUTO, errors=None):
     surveys = [survey(each) for each in sources]
     axes = make_axes(sources, surveys, rules)
     count = len(axes.time_s)
-    errors = errors or HeadingErrors(("one",), np.full((1, count), 0.05), np.full(count, 0.02), 7200.0,
+    errors = errors or HeadingErrors(("one",), np.full((1, count), 0.05), np.full((1, count), 0.02), 7200.0,
                                      np.ones((len(sources), 1)))  # fmt: skip
-    product = grid(sources, surveys, axes, rules, errors, np.zeros(count), water_depth_m=800.0)
+    product = grid(sources, surveys, axes, rules, errors, np.zeros((1, count)), water_depth_m=800.0)
     (piece,) = product
     return product, piece
 
@@ -126,7 +126,7 @@ def test_the_variance_of_a_sum_is_that_of_simulated_heading_errors(memory_s):
     modes = 0.04 * np.array([np.ones(t), np.sin(np.arange(t) / 20.0)])
     shares = np.array([[1.0, 1.0], [1.0, 0.0]])
     source_of = np.repeat([[0, 0, 1, -1]], t, axis=0)
-    errors = HeadingErrors(("a", "b"), modes, np.full(t, 0.05), memory_s, shares)
+    errors = HeadingErrors(("a", "b"), modes, np.full((1, t), 0.05), memory_s, shares)
     east, north = rng.uniform(0.0, 1.0, (2, t, z)) / t
     step = np.exp(-HOUR_S / memory_s) if memory_s else 0.0
     noise = rng.normal(size=(draws, t))
@@ -160,9 +160,9 @@ def affected(count, **others):
     columns = np.stack([np.full(count, 1.5), np.sin(turn)], axis=1)
     sigma = np.sqrt(1.0 + np.sum(columns**2, axis=1) + others.get("unexplained_deg", 0.0) ** 2)
     made = {
-        "time_s": TIMES[:count], "used": np.ones(count, dtype=bool), "heading_deg": np.full(count, 40.0),
+        "name": "top", "time_s": TIMES[:count], "used": np.ones(count, dtype=bool), "heading_deg": np.full(count, 40.0),
         "sigma_deg": sigma, "probability": np.ones(count), "columns_deg": columns, "doubted_deg": np.zeros(count),
-        "unexplained_deg": 0.0, "veer_deg": 0.0, "of_pairs": True,
+        "unexplained_deg": 0.0, "veer_deg": 0.0, "weights": np.ones(1),
     }  # fmt: skip
     return AffectedHeadings(**made | others)
 
@@ -172,13 +172,13 @@ def affected(count, **others):
     [
         ({}, 2, [1.0, 1.0]),
         ({"unexplained_deg": 2.0}, 3, [1.0, 1.0]),
-        ({"of_pairs": False}, 2, [1.0, 0.0]),  # a calibration: the reference's compass does not enter it
+        ({"weights": np.zeros(1)}, 2, [1.0, 0.0]),  # a calibration: the reference's compass does not enter it
     ],
 )
 def test_modes_hold_each_part_once_and_the_random_part_holds_the_rest(others, names, shares):
     given = affected(N, **others)
     product, _ = gridded_of(source("top", np.full(N, 100.0)))
-    errors = heading_errors(given, [ReferenceCompass("deep", 2.0, True, 1.0)], product.axes, 10800.0, 0.5)
+    errors = heading_errors([given], [ReferenceCompass("deep", 2.0, True)], product.axes, 10800.0, 0.5)
     assert len(errors.names) == 2 + names and errors.shares[0, :2].tolist() == shares
     assert errors.shares[1].tolist() == [1.0, 1.0, *[0.0] * names]
     total = errors.variance(0) / np.deg2rad(1.0) ** 2
@@ -189,7 +189,7 @@ def test_modes_hold_each_part_once_and_the_random_part_holds_the_rest(others, na
 def test_a_heading_whose_branch_is_open_has_no_normal_error_and_columns_are_reduced_to_few():
     probability = np.where(np.arange(N) < 20, 0.6, 1.0)
     product, _ = gridded_of(source("top", np.full(N, 100.0)))
-    errors = heading_errors(affected(N, probability=probability), [], product.axes, 10800.0, 0.5)
+    errors = heading_errors([affected(N, probability=probability, weights=np.zeros(0))], [], product.axes, 10800.0, 0.5)
     assert np.isnan(errors.variance(0)[:20]).all() and np.isfinite(errors.variance(0)[20:]).all()
     columns = np.random.default_rng(2).normal(size=(500, 12)) * 0.5 ** np.arange(12)
     kept, left = compress(columns, 5)

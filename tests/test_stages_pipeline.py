@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
@@ -9,6 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
+import netCDF4
+import numpy as np
 import pytest
 import yaml
 from launch import change, environment, snakemake
@@ -16,8 +19,10 @@ from sea import cruise
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from compasslib.archive.files import read_json
+from compasslib.config.cruise import load_cruise
 from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
+from compasslib.pipeline import plan, records
 from compasslib.pipeline import process as processing
 from compasslib.pipeline.plan import Stage
 from compasslib.pipeline.settings import Wildcards
@@ -126,6 +131,40 @@ def test_what_is_refused(tmp_path, mooring, into, line):
     with pytest.raises(InputError, match=line):
         processing.process_mooring(folder, mooring, tmp_path / into)
     assert [path.name for path in tmp_path.iterdir()] == ["c"] and not (folder / "results").exists()
+
+
+def test_several_affected_instruments_have_folders_of_their_own_and_one_grid(tmp_path):
+    folder = cruise(tmp_path / "c", n=300)
+    mid = {
+        "format": "pd0",
+        "files": "raw/M1/top.000",
+        "depth": 112,
+        "orientation": "up",
+        "fit": {"method": "von_appen"},
+    }
+    loaded = yaml.safe_load((folder / "config/moorings/M1.yaml").read_text())
+    change(
+        folder / "config/moorings/M1.yaml", compromised=["top", "mid"], instruments=loaded["instruments"] | {"mid": mid}
+    )
+    processing.process_mooring(folder, "M1", made := tmp_path / "out")
+    assert [json.loads((made / role / "deviation.json").read_text())["method"] for role in ("top", "mid")] == [
+        "exact", "von_appen",
+    ]  # fmt: skip
+    assert not (made / "top/gridded.nc").exists()
+    with netCDF4.Dataset(made / "gridded.nc") as nc:
+        assert nc["SOURCE"].flag_meanings == "none top mid deep" and set(np.unique(nc["SOURCE"][:])) >= {1, 2, 3}
+        random, share = nc["HEADING_ERROR_RANDOM"][:], nc["HEADING_ERROR_SHARE"][:]
+        assert random.shape[0] == 2 and len(nc["MODE"]) <= 8 and np.isfinite(nc["UCUR_UNCERTAINTY"][:]).any()
+        assert (share[:2, :2] == 1.0).all() and not (share[0, 2:] * share[1, 2:]).any()  # common, and each its own
+    jobs = plan.plan(load_cruise(folder)).jobs
+    assert {"results/M1/logs/grid.json", "results/M1/top/logs/correct.json"} <= jobs.keys()
+
+
+@pytest.mark.parametrize(("stops", "expected"), [(("top",), None), (("top", "mid"), "why")])
+def test_a_grid_of_several_instruments_does_without_those_that_are_stopped(stops, expected):
+    before = [{"of": {"mooring": f"M1/{r}"}, "stopped": {"why": "why"} if r in stops else None} for r in ("top", "mid")]
+    inherited = records.inherited(before, "mooring", "M1")
+    assert (inherited and inherited["why"]) == expected
 
 
 def half_done(folder: Path) -> list[Path]:

@@ -164,7 +164,8 @@ def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_s
     ran = snakemake(folder, "results/M1/conventions.json")
     assert ran.returncode == 0 and "5 netCDF files: no remark by" in ran.stderr, ran.stderr
     held = json.loads((folder / "results/M1/conventions.json").read_text())
-    assert held["files"] == [f"results/M1/{file}.nc" for file in ("corrected", "overlap", "work/top", "work/deep")]
+    names = ("corrected", "overlap", "gridded", "work/top", "work/deep")
+    assert held["files"] == [f"results/M1/{name}.nc" for name in names]
     change(folder / "config/config.yaml", conventions={"check": True})
     # The manifest lists what was checked.
     assert planned(folder) == {("check_conventions", "ALONE"), ("provenance", "")}

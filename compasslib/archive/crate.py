@@ -27,7 +27,6 @@ from compasslib.errors import InputError
 FOLDER = "results"
 FILE = f"{FOLDER}/ro-crate-metadata.json"
 LOCK = "requirements/run.txt"
-RECORDS = ("logs/*.json", "*/logs/*.json", "calibrations/*/logs/*.json", "compasses/*/logs/*.json")  # below results/
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
 FORMATS = {
@@ -50,7 +49,7 @@ Entity = dict[str, Any]
 
 def records() -> dict[str, Record]:
     """Read the records of all jobs of this cruise that ended well, by the name of their action."""
-    entries = sorted(path for pattern in RECORDS for path in Path(FOLDER).glob(pattern))
+    entries = sorted(Path(FOLDER).glob("**/logs/*.json"))
     parts = {path: path.relative_to(FOLDER).with_suffix("").parts for path in entries}
     return {"/".join(part for part in parts[path] if part != "logs"): read_json(path) for path in entries}
 

@@ -9,14 +9,15 @@ from compasslib.archive.variables import EASTWARD, NORTHWARD, SEA_LEVEL, TRUE, V
 CELLS, MODES, SHARES = ("TIME", "DEPTH"), ("MODE", "TIME"), ("SOURCES", "MODE")
 COORDINATES = {CELLS: "TIME LATITUDE LONGITUDE DEPTH", ("TIME",): "TIME LATITUDE LONGITUDE"}
 SECTION_SIGMA = (
-    "An error delta of a heading is transverse, du = v delta and dv = -u delta, and is common to all cells of one time "
-    "and source. Of a sum Q = sum(a UCUR + b VCUR) over times t and depths z, let g(s, t) = sum over the depths of "
-    "source s of a VCUR - b UCUR. Then var(Q) = sum over modes m of [sum over s, t of HEADING_ERROR_SHARE(s, m) "
-    "HEADING_ERROR_MODE(m, t) g(s, t)]^2 + sum over pairs of times t, t' of r(t) r(t') exp(-|t - t'| / memory_hours) + "
-    "sum over cells of rest^2 (a^2 + b^2) (1 + 2 error_memory_hours / step of TIME), where r(t) = "
-    "HEADING_ERROR_RANDOM(t) g(1, t), source 1 being the affected instrument, memory_hours is an attribute of "
-    "HEADING_ERROR_RANDOM and error_memory_hours of UCUR_UNCERTAINTY, and rest^2 = (UCUR_UNCERTAINTY^2 + "
-    "VCUR_UNCERTAINTY^2 - h^2 (UCUR^2 + VCUR^2)) / 2 with h^2 the variance of the heading of the cell's source."
+    "An error delta of a heading is transverse, du = v delta and dv = -u delta, and is common to all cells of one "
+    "time and source. Of a sum Q = sum(a UCUR + b VCUR) over times t and depths z, let g(s, t) = sum over the depths "
+    "of source s of a VCUR - b UCUR. Then var(Q) = sum over modes m of [sum over s, t of HEADING_ERROR_SHARE(s, m) "
+    "HEADING_ERROR_MODE(m, t) g(s, t)]^2 + sum over pairs of times t, t' of r(t) r(t') exp(-|t - t'| / memory_hours) "
+    "+ sum over cells of rest^2 (a^2 + b^2) (1 + 2 error_memory_hours / step of TIME), where r(t) = "
+    "HEADING_ERROR_RANDOM(t) g(1, t), source 1 being the affected instrument (several are sources 1, 2, ..., each "
+    "with its own row of HEADING_ERROR_RANDOM and its own sum), memory_hours is an attribute of HEADING_ERROR_RANDOM "
+    "and error_memory_hours of UCUR_UNCERTAINTY, and rest^2 = (UCUR_UNCERTAINTY^2 + VCUR_UNCERTAINTY^2 - h^2 (UCUR^2 "
+    "+ VCUR^2)) / 2 with h^2 the variance of the heading of the cell's source."
 )
 DEPTH = Variable(
     "DEPTH",

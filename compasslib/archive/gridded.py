@@ -91,7 +91,7 @@ class FileDescription:
     field: EarthField
     attributes: Mapping[str, object]  # the user's
     processing: Mapping[str, object]
-    headings: tuple[int, int]  # recorded and corrected ones of the affected instrument
+    headings: tuple[int, int]  # recorded and corrected ones of the affected instruments
     also: Mapping[str, object]  # further global attributes, as of the seam
 
     def compose(self, kind: str, time_s: Floats, depth_m: Floats) -> tuple[dict[str, Any], dict[str, object]]:
@@ -187,9 +187,9 @@ class SectionMeans:
 
     edges_s: Floats  # (c + 1,)
     depth_m: Floats  # (z,)
-    before: Complexes  # (c, z) m/s, the affected instrument's by the recorded heading; NaN where there is none
+    before: Complexes  # (c, z) m/s, affected instruments' by the recorded heading; NaN where there is none
     after: Complexes  # (c, z)
-    heading_sigma_deg: Floats  # (c,) of the affected instrument, rms
+    heading_sigma_deg: Floats  # (c,) of the (first) affected instrument, rms
     profiles: tuple[MeanProfile, MeanProfile]  # before and after
     profile_sigma: tuple[Floats, Floats]  # (z,) of the mean eastward and northward velocity after, heading alone
 
@@ -207,7 +207,8 @@ def read_section(path: str | Path, columns: int) -> SectionMeans:
         time_s, depth_m = (read_variable(nc, name) for name in ("TIME", "DEPTH"))
         time_s = np.round((time_s - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS)
         modes, share = read_variable(nc, "HEADING_ERROR_MODE"), read_variable(nc, "HEADING_ERROR_SHARE")
-        random, turned = (read_variable(nc, name) for name in ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION"))
+        names = ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION")
+        random, turned = (np.atleast_2d(read_variable(nc, name)) for name in names)
         each = -(-max(len(time_s), 1) // columns)
         count, shape = -(-len(time_s) // each), (-(-len(time_s) // each), len(depth_m))
         number, sums = np.zeros(shape), np.zeros((2, *shape), dtype=complex)
@@ -219,18 +220,20 @@ def read_section(path: str | Path, columns: int) -> SectionMeans:
             source = np.asarray(nc["SOURCE"][rows])
             there = source > 0
             flow = np.where(there, parts[0] + 1j * parts[1], 0.0)
-            east, north = angles.turn(flow.real, flow.imag, -np.nan_to_num(turned[rows])[:, None])
+            here = np.arange(len(flow))[:, None]
+            turns = np.nan_to_num(turned[np.clip(source, 1, len(turned)) - 1, begin + here])
+            east, north = angles.turn(flow.real, flow.imag, -turns)
             starts = np.arange(0, len(flow), each)
             place = slice(begin // each, begin // each + len(starts))
             number[place] += np.add.reduceat(there, starts, axis=0)
-            for k, velocity in enumerate((np.where(source == 1, east + 1j * north, flow), flow)):
+            for k, velocity in enumerate((np.where(source <= len(turned), east + 1j * north, flow), flow)):
                 sums[k, place] += np.add.reduceat(velocity, starts, axis=0)
                 moments[k] += [velocity.sum(axis=0), (np.abs(velocity) ** 2).sum(axis=0), (velocity**2).sum(axis=0)]
             shares = share[np.maximum(source - 1, 0)]
             by_mode += np.einsum("tz,kt,tzk->kz", flow, np.nan_to_num(modes[:, rows]), shares)
     total = number.sum(axis=0)
     safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0.0)), total, np.nan)
-    sigma2 = np.nan_to_num(share[0]) ** 2 @ modes**2 + random**2
+    sigma2 = np.nan_to_num(share[0]) ** 2 @ modes**2 + random[0] ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
         before, after = np.where(number > 0, sums / number, complex(np.nan, np.nan))
         spans = [sigma2[k * each : (k + 1) * each] for k in range(count)]
@@ -304,9 +307,16 @@ def _put_headings(nc: netCDF4.Dataset, product: GriddedProduct) -> None:
     named = {"mode_names": ", ".join(errors.names), **place}
     memory = {"memory_hours": errors.memory_s / HOUR_S, **place}
     write_variable(nc, _with(GRIDDED["HEADING_ERROR_MODE"], named), errors.modes, level=4)
-    write_variable(nc, _with(GRIDDED["HEADING_ERROR_RANDOM"], memory), errors.random, level=4)
     write_variable(nc, _with(GRIDDED["HEADING_ERROR_SHARE"], place), errors.shares)
-    write_variable(nc, _with(GRIDDED["HEADING_CORRECTION"], place), product.deviation_deg, level=4)
+    several = len(errors.random) > 1
+    if several:
+        nc.createDimension("AFFECTED", len(errors.random))
+    for name, also, values in (
+        ("HEADING_ERROR_RANDOM", memory, errors.random),
+        ("HEADING_CORRECTION", place, product.deviation_deg),
+    ):
+        described = replace(GRIDDED[name], dimensions=("AFFECTED", "TIME")) if several else GRIDDED[name]
+        write_variable(nc, _with(described, also), values if several else values[0], level=4)
     numbers = np.arange(len(product.sources) + 1, dtype=np.int8)
     meanings = " ".join(["none", *(source.name for source in product.sources)])
     described = _with(GRIDDED["SOURCE"], {"flag_values": numbers, "flag_meanings": meanings})

@@ -22,7 +22,7 @@ CONVENTIONS = "conventions.json"  # may be made by name after the manifest
 PROJECT_FOLDERS = ("bench", "proof")  # of the project's own benchmarks, beside its demonstration cruise
 # What a job leaves beside its results, which no manifest lists: log, record, reason why it stopped, processor time.
 JOB_FILE = re.compile(
-    r"(?P<owner>results(?:/(?:calibrations|compasses))?(?:/[^/]+)?)/"
+    r"(?P<owner>results(?:/[^/]+){0,2})/"
     r"(?:logs/(?P<log>[^/]+)\.(?:log|json|stopped)|benchmarks/(?P<benchmark>[^/]+)\.tsv)"
 )
 STAGE = re.compile(

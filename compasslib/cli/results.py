@@ -89,8 +89,16 @@ def _calibrations(root: Path) -> dict[str, Path]:
 def _moorings(root: Path) -> dict[str, Path]:
     folders = sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else []
     marks = ("work", "logs", *MOORING_FILES)
-    candidates = [path for path in folders if path.name not in RESERVED]
-    return {path.name: path for path in candidates if any((path / mark).exists() for mark in marks)}
+    parts = {
+        path: [
+            part for part in sorted(path.iterdir()) if part.is_dir() and any((part / mark).exists() for mark in marks)
+        ]
+        for path in folders
+        if path.name not in RESERVED
+    }
+    named = [(path.name, path) for path in parts if not parts[path] and any((path / mark).exists() for mark in marks)]
+    named += [(f"{path.name}/{part.name}", part) for path, several in parts.items() for part in several]
+    return dict(sorted(named))
 
 
 def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[str]:

@@ -35,10 +35,18 @@ class Cruise:
 
     root: Path
     options: CruiseOptions
-    moorings: dict[str, Mooring]  # by name, in the order of the file names
+    moorings: dict[str, Mooring]  # by name, in the order of the file names; NAME/ROLE where several are affected
     mooring_files: dict[str, str]  # the YAML file of each, relative to the root
     calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
     refused_files: tuple[str, ...] = ()  # of moorings, left out for their mistakes
+
+    @property
+    def whole(self) -> dict[str, list[str]]:
+        """The names in ``moorings`` of each mooring: one, or one an affected instrument."""
+        names: dict[str, list[str]] = {}
+        for name in self.moorings:
+            names.setdefault(name.partition("/")[0], []).append(name)
+        return names
 
 
 def _raise(mistake: InputError) -> None:
@@ -63,22 +71,22 @@ def load_cruise(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> 
         try:
             mooring = _mooring(file, options, place)
             _refuse_taken(mooring.name, file, files)
-            moorings[mooring.name], files[mooring.name] = mooring, file
+            moorings |= (split := mooring.split())
+            files |= dict.fromkeys(split, file)
         except InputError as mistake:
             refuse(mistake)
     calibrations = _calibrations(cruise, place, refuse)
     stays = compasses.calibration_dates(calibrations)
-    for name, mooring in list(moorings.items()):
+    for file in dict.fromkeys(files.values()):
+        names = [name for name in moorings if files[name] == file]
         try:
-            fitted = calibrations.get(mooring.fit.name or "")
-            if fitted is not None and not fitted.placed:
-                file, carry = f"{CALIBRATIONS}/{mooring.fit.name}.yaml", "to carry its coefficients to the mooring"
-                expected, where = f"latitude, longitude and date in {file}, {carry}", f"{files[name]}: fit.name"
-                raise InputError(where, expected=expected, found="none", advice="add them there")
-            compasses.refuse_overlap(name, mooring, files[name], stays)
+            for name in names:
+                _refuse_unplaced(calibrations, moorings[name].fit.name, files[name])
+            compasses.refuse_overlap(names[0], moorings[names[0]], file, stays)
         except InputError as mistake:
             refuse(mistake)
-            del moorings[name], files[name]
+            for name in names:
+                del moorings[name], files[name]
     refused = tuple(file for file in listed if file not in files.values())
     return Cruise(cruise, options, moorings, files, calibrations, refused)
 
@@ -172,11 +180,21 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
 def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
     raw = read(place.root, file, "name: EG4")
     mooring = validate(Mooring, _with_options(raw, options), file, place)
-    calibration = f"{CALIBRATIONS}/{mooring.fit.name}.yaml"
-    if mooring.fit.name is not None and not os.path.isfile(place.root / calibration):
-        advice = "write that file or correct the name"
-        raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
+    for fit in (each.fit for each in mooring.split().values()):
+        calibration = f"{CALIBRATIONS}/{fit.name}.yaml"
+        if fit.name is not None and not os.path.isfile(place.root / calibration):
+            advice = "write that file or correct the name"
+            raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
     return mooring
+
+
+def _refuse_unplaced(calibrations: dict[str, CalibrationFile], name: str | None, file: str) -> None:
+    """Refuse a fit by a calibration whose coefficients nobody can carry to the mooring."""
+    fitted = calibrations.get(name or "")
+    if fitted is not None and not fitted.placed:
+        of, carry = f"{CALIBRATIONS}/{name}.yaml", "to carry its coefficients to the mooring"
+        expected, where = f"latitude, longitude and date in {of}, {carry}", f"{file}: fit.name"
+        raise InputError(where, expected=expected, found="none", advice="add them there")
 
 
 def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError], None]) -> dict[str, CalibrationFile]:
@@ -231,7 +249,7 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
 
 def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
     for other in files:
-        if name.lower() == other.lower():  # some file systems take M1 and m1 for one folder
+        if name.lower() == other.partition("/")[0].lower():  # some file systems take M1 and m1 for one folder
             actual = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
             raise InputError(
                 f"{file}: name", expected="a name of its own", found=actual, advice="rename one of the two"

@@ -71,6 +71,7 @@ RESERVED = (
     *("calibrations", "compasses", "proof", "logs", "benchmarks", "figures"),
     *("summary.csv", "report.html", "ro-crate-metadata.json"),
 )
+FOLDERS = ("work", "wide", "figures", "logs", "benchmarks")  # in the results of a mooring
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 
@@ -272,6 +273,7 @@ class Instrument(TableKeys):
     sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
     compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
     sphere_distance_m: Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
+    fit: FitOptions | None = key("a mapping", "{method: exact}", None)
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{serial_number: 1234}", {})
     columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
     pressure_files: Files = key(_FILES_WORDS, "raw/EG4/C*.TXT", ())
@@ -365,7 +367,9 @@ class Mooring(Section):
     start_s: Time = key(_TIME_WORDS, "2007-09-04T00:00:00Z", alias="start")
     end_s: Time = key(_TIME_WORDS, "2008-10-04T00:00:00Z", alias="end")
     declination: Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
-    compromised: Name = key("the name of the affected instrument, which is corrected", "top")
+    affected: Names = key(
+        "the name of the affected instrument, which is corrected, or a list", "top", alias="compromised"
+    )
     reference: Names = key("the name of the reference instrument, or a list of names", "deep", ())
     instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
@@ -375,6 +379,21 @@ class Mooring(Section):
     product: ProductOptions = key("a mapping", "{daily: true}", ProductOptions())
     quality: Quality = key("a mapping", "{correlation: 64}", Quality())
     covariates: dict[Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
+
+    @property
+    def compromised(self) -> str:
+        """The affected instrument; the first of several."""
+        return self.affected[0]
+
+    def split(self) -> dict[str, Mooring]:
+        """Return the mooring as one of each affected instrument, NAME where it is one, else NAME/ROLE."""
+        if len(self.affected) == 1:
+            return {self.name: self}
+        fits = {role: self.instruments[role].fit or self.fit for role in self.affected}
+        return {
+            f"{self.name}/{role}": self.model_copy(update={"affected": (role,), "fit": fit})
+            for role, fit in fits.items()
+        }
 
     @property
     def start(self) -> datetime:
@@ -407,24 +426,40 @@ class Mooring(Section):
 
     @model_validator(mode="after")
     def _instruments_exist(self) -> Self:
-        for role, name in (("compromised", self.compromised), *(("reference", name) for name in self.reference)):
-            if name not in self.instruments:
-                there = ", ".join(self.instruments) or "none"
-                raise problem(role, f"an instrument of this mooring ({there})", shown(name), "write one of these names")
-        if self.compromised in self.reference:
+        for role, names in (("compromised", self.affected), ("reference", self.reference)):
+            for name in names:
+                if name not in self.instruments:
+                    there, advice = ", ".join(self.instruments) or "none", "write one of these names"
+                    raise problem(role, f"an instrument of this mooring ({there})", shown(name), advice)
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise problem(role, "each name once", f"{shown(twice[0])} twice", "delete one of the two")
+        if not self.affected:
+            raise problem("compromised", "at least one name", "none", "name the affected instrument")
+        if both := [name for name in self.affected if name in self.reference]:
             advice = "name the reference instrument, or delete reference where there is none"
-            raise problem("reference", "another instrument than compromised", shown(self.compromised), advice)
-        if twice := [name for name in self.reference if self.reference.count(name) > 1]:
-            raise problem("reference", "each name once", f"{shown(twice[0])} twice", "delete one of the two")
+            raise problem("reference", "another instrument than compromised", shown(both[0]), advice)
+        return self
+
+    @model_validator(mode="after")
+    def _several_have_folders_of_their_own(self) -> Self:
+        for name in self.affected if len(self.affected) > 1 else ():
+            if name.lower() in FOLDERS:
+                expected = f"a name other than {', '.join(FOLDERS)}, which results/{self.name} holds for other things"
+                raise problem("compromised", expected, shown(name), "rename the instrument")
+        for name, instrument in self.instruments.items():
+            if instrument.fit is not None and (len(self.affected) == 1 or name not in self.affected):
+                expected, advice = "this key only where several instruments are compromised", "write fit at the top"
+                raise problem(f"instruments.{name}.fit", expected, "it here", advice)
         return self
 
     @model_validator(mode="after")
     def _compass_is_not_calibrated_twice(self) -> Self:
-        name = self.instruments[self.compromised].compass
-        if name is not None and self.fit.method in ("calibration", "coefficients"):
-            advice = f"delete fit here, and write compass: {name} in the calibration's file"
-            expected = f"another method beside compass: {name}, by which calibrations of it come in already"
-            raise problem("fit.method", expected, shown(self.fit.method), advice)
+        for mooring in self.split().values():
+            name, method = mooring.instruments[mooring.compromised].compass, mooring.fit.method
+            if name is not None and method in ("calibration", "coefficients"):
+                advice = f"delete fit here, and write compass: {name} in the calibration's file"
+                expected = f"another method beside compass: {name}, by which calibrations of it come in already"
+                raise problem("fit.method", expected, shown(method), advice)
         return self
 
     @model_validator(mode="after")

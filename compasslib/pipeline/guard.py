@@ -126,8 +126,12 @@ def listing(paths: Iterable[str], begun: float) -> list[str]:
 
 def _label(record: Path) -> str:
     """Name a job by what it is of and its stage, as ``M1 read top``."""
-    folder, stage = record.parent.parent.name, record.stem.replace("_", " ", 1)
-    return stage if folder == RESULTS else f"{folder} {stage}"
+    _, *folders = record.parent.parent.parts  # below results
+    name, stage = (
+        "/".join(folders[folders[:1] in (["calibrations"], ["compasses"]) :]),
+        record.stem.replace("_", " ", 1),
+    )
+    return f"{name} {stage}" if name else stage
 
 
 def refuse_links(folders: Sequence[str]) -> None:

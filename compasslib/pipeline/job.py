@@ -80,7 +80,8 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say) -> Rec
     before = [records.load(path) for path in snakemake.input if records.is_record(path)]
     _clear(files["writes"])
     known = {path: digest for each in before if not each["stopped"] for path, digest in each["wrote"].items()}
-    reads = files["reads"] if kind in STOPPING else records.made(files["reads"], known)
+    partial = kind not in STOPPING or records.is_of_parts(before, name)
+    reads = records.made(files["reads"], known) if partial else files["reads"]
     settings = {name: value for name, value in snakemake.params.items() if name not in ("code", "files")}
     made = records.of_job(snakemake, settings)
     if inherited := records.inherited(before, kind, name):

@@ -187,18 +187,17 @@ class Plan:
             "grid": stage(
                 *("grid", "grid.grid"),
                 reads={
-                    "corrected": "corrected.nc",
-                    "record": of.compromised,
+                    "corrected": of.of_members("corrected.nc"),
+                    "records": of.affected,
                     "references": of.reference,
-                    "pairs": pairs,
-                    "deviation": "deviation.json",
-                    "assessment": "assessment.json",
-                    "field": field_,
+                    "pairs": of.of_members(pairs),
+                    "deviations": of.of_members("deviation.json"),
+                    "assessments": of.of_members("assessment.json"),
+                    "fields": of.of_members(field_),
                     "observatory": of.observatory,
                 },
                 writes={"gridded": of.gridded},
-                settings={"options": of.product, "names": of.instrument_names, "compasses": of.reference_compasses}
-                | archived,
+                settings={"options": of.product, "compasses": of.reference_compasses} | archived,
             ),
             "compare": stage(
                 *("compare", "correct.compare"),
@@ -218,10 +217,15 @@ class Plan:
                 },
                 writes={"figures": of.figures, "pictures": "work/pictures.json"},
             ),
+            "sections": stage(
+                *("sections", "figures.sections"),
+                reads={"gridded": of.gridded},
+                writes={"figures": of.figures, "pictures": "work/pictures.json"},
+            ),
             "check_conventions": stage(
                 *("conventions", "cruise.conventions"),
                 code=self.code("conventions", checked),
-                reads={"products": ("corrected.nc", pairs), "gridded": of.gridded, "records": of.records},
+                reads={"products": of.archived, "gridded": of.gridded, "records": of.records},
                 writes={"conventions": "conventions.json"},
             ),
         }
@@ -356,6 +360,8 @@ class Plan:
             gridded = ["grid"] if self.moorings.gridded(Wildcards(name)) else []
             yield from ((rule, Wildcards(name)) for rule in (*rules, "correct", *gridded, "compare", "figures"))
             yield "check_conventions", Wildcards(name)
+        for name in self.together:
+            yield from ((rule, Wildcards(name)) for rule in ("grid", "sections", "check_conventions"))
         for name in self.cruise.calibrations:
             rules = ["calibrate", "calibration_figures"]
             rules += ["diagnose_calibration", "diagnosis_figure"] if self.calibrations.is_diagnosed(name) else []
@@ -427,11 +433,18 @@ class Plan:
         """List all files that the rules make, those that are made by name too."""
         return [*self.writers, *(f"{folder}/stopped.json" for folder in self.folders())]
 
+    @cached_property
+    def together(self) -> list[str]:
+        """Moorings of several affected instruments, whose velocities go onto one grid."""
+        wholes = [name for name in self.cruise.whole if name not in self.cruise.moorings]
+        return [name for name in wholes if self.moorings.gridded(Wildcards(name))]
+
     def folders(self) -> list[str]:
         """List the folders of results of all moorings, calibrations and compasses."""
         calibrations = (f"{CRUISE}/calibrations/{name}" for name in self.cruise.calibrations)
         joined = (f"{CRUISE}/compasses/{name}" for name in self.compasses.members)
-        return [*(f"{CRUISE}/{name}" for name in self.cruise.moorings), *calibrations, *joined]
+        moorings = dict.fromkeys((*self.cruise.moorings, *self.cruise.whole))
+        return [*(f"{CRUISE}/{name}" for name in moorings), *calibrations, *joined]
 
     def per_mooring(self, *files: str) -> list[str]:
         return [f"{CRUISE}/{name}/{file}" for file in files for name in self.cruise.moorings]
@@ -445,7 +458,8 @@ class Plan:
         return [SUMMARY] if self.cruise.moorings else []
 
     def pictures(self) -> list[str]:
-        return [file for name in self.cruise.moorings for file in self.moorings.figures(Wildcards(name))]
+        names = (*self.cruise.moorings, *self.together)
+        return [file for name in names for file in self.moorings.figures(Wildcards(name))]
 
     def pictures_of_cruise(self) -> list[str]:
         return drawn(self.cruise, CRUISE, OF_CRUISE) if self.cruise.moorings else []
@@ -467,8 +481,9 @@ class Plan:
     def products(self) -> list[str]:
         """List the files from which the jobs' records lead back to all others."""
         last = ("corrected.nc", "assessment.json", "forms.json")
-        made = [file for name in self.cruise.moorings for file in self.moorings.gridded(Wildcards(name))]
+        made = [file for name in self.cruise.whole for file in self.moorings.gridded(Wildcards(name))]
         checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
+        checked += [f"{CRUISE}/{name}/conventions.json" for name in self.together if checked]
         made += [*checked, *self.table(), *self.pictures_of_cruise(), *self.calibrated()]
         made += [file for file in self.joined() if not file.endswith(".json")]
         return [*self.per_mooring(*last), *self.pictures(), *made, REPORT]

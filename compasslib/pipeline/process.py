@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir, contextmanager, suppress
 from importlib import import_module
 from inspect import signature
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ def process_mooring(
         InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
     """
     loaded, there = config.load_cruise(Path(cruise)), Path(folder).absolute()
-    if mooring not in loaded.moorings:
+    if mooring not in (*loaded.moorings, *loaded.whole):
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
     _refuse_taken(there, loaded.root.absolute() / "results")
@@ -70,6 +71,7 @@ def run_stages(
         last: files that are made, with all that they need.
     """
     planned, done = plan.plan(cruise), set[str]()
+    parts = cruise.whole.get(mooring, [])
 
     def make(record: str) -> None:
         """Run the stages before a job, then its own; a compass is joined without records that cannot be used."""
@@ -89,11 +91,12 @@ def run_stages(
             for name, given in files["reads"].items()
         }
         named = {name: _moved(given, mooring, folder) for name, given in (reads | files["writes"]).items()}
-        speak = say if job.mooring in ("", mooring) else lambda line: None
+        speak = say if job.mooring in ("", mooring, *parts) else lambda line: None
         run_stage(planned.stages[rule], job, named | {"say": speak})
 
-    for file in last:
-        if (record := planned.writers.get(f"{RESULTS}/{mooring}/{file}")) is not None:
+    for name, file in product(dict.fromkeys((*parts, mooring)), last):
+        record = planned.writers.get(f"{RESULTS}/{name}/{file}")
+        if record is not None and record not in done:
             make(record)
 
 
@@ -114,8 +117,8 @@ def _moved(given: Any, mooring: str, folder: Path) -> Any:
     parts = Path(given).parts
     if parts[0] != RESULTS:
         return given
-    if parts[1] == mooring:
-        path = folder.joinpath(*parts[2:])
+    if Path(given).is_relative_to(f"{RESULTS}/{mooring}"):
+        path = folder / Path(given).relative_to(f"{RESULTS}/{mooring}")
     else:
         inside = {"calibrations": parts[1:], "compasses": ("compasses", *parts[3:])}
         path = folder.joinpath("work", *inside.get(parts[1], ("compasses", *parts[1:])))

@@ -213,13 +213,26 @@ def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] 
         name: of that which the job is of.
     """
     stops = [record for record in before if record["stopped"]]
-    if kind not in FOLDERS or not stops or (kind == "compass" and len(stops) < len(before)):
+    if kind not in FOLDERS or not stops:
+        return None
+    if kind == "compass" and len(stops) < len(before):
+        return None
+    if is_of_parts(before, name) and {_owner(each) for each in stops} < {_owner(each) for each in before}:
         return None
     first = stops[0]
     its_kind, its_name = next(iter(first["of"].items()))
     if its_kind == "calibration" and (its_kind, its_name) != (kind, name) and kind != "compass":
         return first["stopped"] | {"why": f"{FOLLOWS} {its_name}, which was stopped: {first['stopped']['why']}"}
     return dict(first["stopped"])
+
+
+def is_of_parts(before: Sequence[Record], name: str) -> bool:
+    """Say whether a job joins the parts of a mooring, NAME/ROLE: it does without those that are stopped."""
+    return any(_owner(record).startswith(f"{name}/") for record in before)
+
+
+def _owner(record: Record) -> str:
+    return str(next(iter(record["of"].values()), ""))
 
 
 def stopped(record: Record, why: Mapping[str, Any]) -> Record:

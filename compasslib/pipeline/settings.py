@@ -5,7 +5,7 @@ A stage is given only the keys that it uses, so that a change of one key re-runs
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -69,10 +69,11 @@ class Moorings:
     def all_raw_files(self, wildcards: Any) -> list[str]:
         """List the raw files of the instruments that one mooring uses."""
         mooring = self._mooring(wildcards)
-        used = [mooring.instruments[role] for role in used_instruments(mooring)]
+        used = [mooring.instruments[role] for role in self.instrument_names(wildcards)]
         series = [file for each in mooring.covariates.values() if each.format == "table" for file in each.files]
         instruments = [file for each in used for file in (*each.files, *each.pressure_files)]
-        return [*instruments, *series, *self.ready_pairs(wildcards)]
+        pairs = [file for member in self.members(wildcards) for file in self.ready_pairs(member)]
+        return [*instruments, *series, *pairs]
 
     def form(self, wildcards: Any) -> str:
         return str(self._instrument(wildcards).format)
@@ -127,15 +128,35 @@ class Moorings:
         published = self._mooring(wildcards).fit.fitted == "von_appen"
         return rules | {"predict": rules["predict"] and not published}
 
+    def members(self, wildcards: Any) -> list[Wildcards]:
+        """List a mooring's parts, one for each affected instrument; a part is its own."""
+        return [Wildcards(name) for name in self.cruise.whole.get(wildcards.mooring, [wildcards.mooring])]
+
+    def of_members(self, file: str) -> Callable[[Any], list[str]]:
+        """Give the function that lists a file of results of each affected instrument."""
+        return lambda wildcards: [f"results/{member.mooring}/{file}" for member in self.members(wildcards)]
+
+    def affected(self, wildcards: Any) -> list[str]:
+        """List the records of all affected instruments."""
+        return [self.compromised(member) for member in self.members(wildcards)]
+
     def compromised(self, wildcards: Any) -> str:
         return _record(wildcards.mooring, self._mooring(wildcards).compromised)
 
     def reference(self, wildcards: Any) -> list[str]:
         """List the records of the references; none where the mooring has none."""
-        return [_record(wildcards.mooring, role) for role in self._mooring(wildcards).reference]
+        member = self.members(wildcards)[0].mooring
+        return [_record(member, role) for role in self._mooring(wildcards).reference]
 
     def records(self, wildcards: Any) -> list[str]:
+        if wildcards.mooring not in self.cruise.moorings:
+            return []
         return [_record(wildcards.mooring, role) for role in used_instruments(self._mooring(wildcards))]
+
+    def archived(self, wildcards: Any) -> list[str]:
+        """List corrected.nc and overlap.nc; none where several affected instruments have them."""
+        folder = f"results/{wildcards.mooring}"
+        return [f"{folder}/corrected.nc", f"{folder}/overlap.nc"] if wildcards.mooring in self.cruise.moorings else []
 
     def method(self, wildcards: Any) -> str:
         return str(self._mooring(wildcards).fit.fitted)
@@ -172,16 +193,26 @@ class Moorings:
     def gridded(self, wildcards: Any) -> list[str]:
         """Return the files of the gridded product: none where it is left out, daily means where they are asked for."""
         wanted = self._mooring(wildcards).product
-        files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid else []
+        files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid and self.is_whole(wildcards) else []
         return [f"results/{wildcards.mooring}/{file}" for file in files]
 
+    def is_whole(self, wildcards: Any) -> bool:
+        """Say whether it is a mooring, not one affected instrument of several."""
+        return wildcards.mooring in self.cruise.whole
+
     def figures(self, wildcards: Any) -> list[str]:
-        names = (*FIGURES, *(OF_GRID if self.gridded(wildcards) else ()))
+        names = (
+            *(FIGURES if wildcards.mooring in self.cruise.moorings else ()),
+            *(OF_GRID if self.gridded(wildcards) else ()),
+        )
         return drawn(self.cruise, f"results/{wildcards.mooring}", names)
 
     def instrument_names(self, wildcards: Any) -> list[str]:
-        """Return the names of the affected instrument and of the references."""
-        return used_instruments(self._mooring(wildcards))
+        """Return the names of the affected instruments and of the references."""
+        return [
+            *(self._mooring(each).compromised for each in self.members(wildcards)),
+            *self._mooring(wildcards).reference,
+        ]
 
     def reference_compasses(self, wildcards: Any) -> list[dict[str, Any]]:
         """Return how well each reference's directions are known, and whether they are from magnetic north."""
@@ -217,7 +248,8 @@ class Moorings:
 
     def configuration(self) -> dict[str, list[str]]:
         """List the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
-        moorings = {f"mooring {name}": [CONFIG, file] for name, file in self.cruise.mooring_files.items()}
+        of_whole = {name: self.cruise.mooring_files[parts[0]] for name, parts in self.cruise.whole.items()}
+        moorings = {f"mooring {name}": [CONFIG, file] for name, file in (self.cruise.mooring_files | of_whole).items()}
         calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
         both = compasses.members(self.cruise.moorings, self.cruise.calibrations).items()
         joined = {
@@ -261,7 +293,7 @@ class Moorings:
         }
 
     def _mooring(self, wildcards: Any) -> Mooring:
-        return self.cruise.moorings[wildcards.mooring]
+        return self.cruise.moorings[self.members(wildcards)[0].mooring]
 
     def _instrument(self, wildcards: Any) -> Instrument:
         return self._mooring(wildcards).instruments[wildcards.role]

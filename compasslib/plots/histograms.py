@@ -35,7 +35,7 @@ COLOURS = {
     "before": RECORDED,
     "after": CORRECTED,
 }
-STATISTICS = {"mean_deg": "mean (°)", "median_absolute_deg": "median |Δ| (°)", "rms_deg": "rms (°)"}
+STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median |Δ|", "rms_deg": "rms"}  # degrees
 
 
 def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: Mapping[str, Any]) -> None:
@@ -90,11 +90,11 @@ def _write_statistics(axes: Axes, assessment: Mapping[str, Any]) -> None:
     for when in ("before", "after"):
         entry = assessment[when]
         cells = [_with_interval(entry, key) for key in STATISTICS] if entry["n"] else ["–"] * len(STATISTICS)
-        rows.append([when, str(entry["n"]), *cells])
-    for texts, x in zip(rows, (-0.12, 0.15, 0.60), strict=True):
+        rows.append([f"{when} (°)", str(entry["n"]), *cells])
+    for texts, x in zip(rows, (-0.12, 0.11, 0.62), strict=True):
         for row, text in enumerate(texts):
-            colour = COLOURS.get(texts[0], "#444444") if row == 0 else "#222222"
-            axes.text(x, 1.0 - 0.25 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=7.0)
+            colour = COLOURS.get(texts[0].partition(" ")[0], "#444444") if row == 0 else "#222222"
+            axes.text(x, 1.0 - 0.25 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=8.0)
 
 
 def _with_interval(entry: Mapping[str, Any], key: str) -> str:

@@ -26,7 +26,7 @@ class Daily:
     time_s: Floats  # (d,) noon
     piece: Piece
     errors: HeadingErrors
-    deviation_deg: Floats  # (d,)
+    deviation_deg: Floats  # (a, d)
     count: NDArray[np.int_]  # (d, z) times that went in
     shrinkage: Floats  # (d,)
 
@@ -49,15 +49,18 @@ class DailyMeans:
         """Add some of the times."""
         there, flow, sources = piece.source >= 0, piece.cells.velocity, np.maximum(piece.source, 0)
         flow = np.where(there, flow, 0.0)
-        modes, random = self.errors.modes[:, piece.slots], self.errors.random[piece.slots, None]
+        modes, random = self.errors.modes[:, piece.slots], self.errors.random[:, piece.slots]
+        of_affected = there & (sources < len(random))
+        here = np.arange(random.shape[1])[:, None]
+        random2 = np.where(of_affected, random[np.minimum(sources, len(random) - 1), here] ** 2, 0.0)
         quality = piece.quality
         columns = {
             "count": there.astype(float), "flow": flow,
             "noise": np.where(there, piece.noise, 0.0), "spread": np.where(there, piece.spread, 0.0),
             "cells": np.where(there, piece.cells.count, 0), "interpolated": (quality == INTERPOLATED).astype(float),
-            "east2": np.where(there & (sources == 0), (random * flow.imag) ** 2, 0.0),
-            "north2": np.where(there & (sources == 0), (random * flow.real) ** 2, 0.0),
-            "cross": np.where(there & (sources == 0), -(random**2) * flow.real * flow.imag, 0.0),
+            "east2": np.where(of_affected, random2 * flow.imag**2, 0.0),
+            "north2": np.where(of_affected, random2 * flow.real**2, 0.0),
+            "cross": np.where(of_affected, -random2 * flow.real * flow.imag, 0.0),
         }  # fmt: skip
         for k, mode in enumerate(modes):
             columns[f"mode{k}"] = flow * np.nan_to_num(mode)[:, None] * self.errors.shares[sources, k]
@@ -84,7 +87,7 @@ class DailyMeans:
             piece = Piece(
                 slice(0, 0), empty_cells(0, depths, False), none.astype(np.intp), none.astype(np.int8), *[none] * 5
             )
-            return Daily(nothing, piece, self.errors, nothing, none.astype(int), nothing)
+            return Daily(nothing, piece, self.errors, product.deviation_deg, none.astype(int), nothing)
         count = sums["count"]
         per_source = np.array([sums[f"source{s}"] for s in range(len(self.errors.shares))])
         source = np.argmax(per_source, axis=0)
@@ -126,14 +129,14 @@ class DailyMeans:
             n = np.bincount(days[known], minlength=size)
             return np.where(n > 0, np.bincount(days[known], series[known], size) / np.maximum(n, 1), np.nan)
 
-        random2 = mean(self.errors.random**2)
+        random2 = np.array([mean(series) for series in self.errors.random**2])
         per_day = np.bincount(days, minlength=size)
         errors = replace(
             self.errors,
             modes=np.array([mean(mode) for mode in self.errors.modes]).reshape(len(self.errors.modes), size),
             random=np.sqrt(random2 * mean_factor(per_day, self.errors.memory_s / axes.step_s)),
         )
-        sine, cosine = (mean(part) for part in angles.sin_cos(product.deviation_deg))
+        sine, cosine = (np.array([mean(series) for series in part]) for part in angles.sin_cos(product.deviation_deg))
         return Daily(
             first + DAY_S * (np.arange(size) + 0.5), piece, errors,
             np.asarray(angles.wrap180(angles.direction(sine, cosine))), np.where(there, count, 0).astype(int),

@@ -46,14 +46,14 @@ class HeadingErrors:
 
     names: tuple[str, ...]  # of the modes
     modes: Floats  # (k, t) radians per unit normal, NaN where no heading is
-    random: Floats  # (t,) radians, of the affected instrument
+    random: Floats  # (a, t) radians, of each affected instrument
     memory_s: float  # of the random part: e-folding time
-    shares: Floats  # (s, k) of each mode in the heading error of each instrument, the affected one first
+    shares: Floats  # (s, k) of each mode in the heading error of each instrument, affected ones first
 
     def variance(self, source: int) -> Floats:
         """Return the variance of the heading of an instrument, (t,) square radians."""
         common = np.einsum("k,kt->t", self.shares[source] ** 2, np.nan_to_num(self.modes) ** 2)
-        return common + self.random**2 if source == 0 else common
+        return common + self.random[source] ** 2 if source < len(self.random) else common
 
 
 def declination_sigma(field: EarthField) -> float:
@@ -272,10 +272,11 @@ def sum_sigma(
     turned = weight_east * flow.imag - weight_north * flow.real
     by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
     modes = np.nansum(np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares), axis=1)
-    random = by_source[0] * np.nan_to_num(errors.random)
+    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
+    remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
     rest = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
     inflation = (1.0 + 2.0 * memory_s / step_s) / depths_apart
-    return float(np.sqrt(np.sum(modes**2) + _remembered(random, errors.memory_s / step_s) + inflation * rest.sum()))
+    return float(np.sqrt(np.sum(modes**2) + remembered + inflation * rest.sum()))
 
 
 def _remembered(series: Floats, memory: float) -> float:

@@ -136,11 +136,11 @@ class Piece:
 class GriddedProduct:
     """The velocities of a mooring on fixed depths and times, in pieces along time."""
 
-    sources: tuple[Source, ...]  # the affected instrument first
+    sources: tuple[Source, ...]  # affected instruments first
     learnt: tuple[Learnt, ...]
     axes: Axes
     errors: HeadingErrors
-    deviation_deg: Floats  # (t,) by which recorded velocities of the affected instrument were turned
+    deviation_deg: Floats  # (a, t) by which recorded velocities of each affected instrument were turned
     max_gap_m: float
     max_gap_s: float
     memory_s: float  # of errors that turn with no heading
@@ -185,8 +185,9 @@ class GriddedProduct:
         return replace(cells, spread=cells.spread + moving[:, None] ** 2)
 
     def _combine(self, each: list[Cells], inner: slice) -> Piece:
-        # References stand before the affected instrument: their headings are known better.
-        order = [*range(1, len(each)), 0]
+        # References stand before affected instruments: their headings are known better.
+        affected = len(self.errors.random)
+        order = [*range(affected, len(each)), *range(affected)]
         cells, taken = merge([each[k] for k in order])
         source = np.where(taken >= 0, np.array(order)[taken], -1)
         heading = self.heading_variance[:, inner]
@@ -232,7 +233,7 @@ def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridR
     """Return the axes: those of the affected instrument, as far as any of them measured, or as they are asked for.
 
     Args:
-        sources: the affected instrument first.
+        sources: affected instruments first; the first gives the steps.
     """
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
@@ -293,9 +294,9 @@ def grid(
     """Grid the instruments of a mooring; cells are computed when the product is gone through.
 
     Args:
-        sources: the affected instrument first, then references; where they overlap, a reference stands alone.
+        sources: affected instruments first, then references; where they overlap, a reference stands alone.
         errors: at the times of the axes.
-        deviation_deg: (t,) corrected minus recorded heading.
+        deviation_deg: (a, t) corrected minus recorded heading of each affected instrument.
     """
     max_gap_s = 60.0 * rules.max_gap_minutes
     learnt = learn(sources, surveys, max_gap_s, water_depth_m)

@@ -24,13 +24,13 @@ class ReferenceCompass:
     name: str
     sigma_deg: float  # of a constant error
     magnetic: bool  # whether its directions were turned by the declination of the mooring
-    weight: float  # share of the pairs
 
 
 @dataclass(frozen=True)
 class AffectedHeadings:
-    """Corrected headings of the affected instrument at n samples, and the parts of their error."""
+    """Corrected headings of an affected instrument at n samples, and the parts of their error."""
 
+    name: str
     time_s: Floats
     used: Bools  # (n,) whether velocities of the sample go into the grid
     heading_deg: Floats
@@ -40,11 +40,23 @@ class AffectedHeadings:
     doubted_deg: Floats  # (n,) standard deviation of what is suspected, within sigma_deg
     unexplained_deg: float  # standard deviation of what was seen and not corrected, within sigma_deg
     veer_deg: float  # of the mean current between the depths, where the coefficients' covariance does not hold it
-    of_pairs: bool  # whether the coefficients come from pairs with the references
+    weights: (
+        Floats  # (r,) share of each reference in the pairs behind the coefficients; zero where they are of no pairs
+    )
+
+
+@dataclass(frozen=True)
+class _Decomposition:
+    """The heading error of one affected instrument along t times."""
+
+    names: tuple[str, ...]
+    modes: Floats  # (k, t) radians per unit normal
+    random: Floats  # (t,) radians
+    memory_s: float
 
 
 def heading_errors(
-    affected: AffectedHeadings,
+    affected: Sequence[AffectedHeadings],
     references: Sequence[ReferenceCompass],
     axes: Axes,
     max_gap_s: float,
@@ -59,18 +71,37 @@ def heading_errors(
     Args:
         declination_deg: standard deviation of the declination.
     """
-    samples = len(affected.time_s)
     constants = {"declination": declination_deg}
     constants |= {f"compass of {r.name}": r.sigma_deg for r in references[: MAX_REFERENCES - 1]}
     if others := references[MAX_REFERENCES - 1 :]:
         name = "compass of " + " and ".join(r.name for r in others)
         constants[name] = max(r.sigma_deg for r in others)
+    count = (MAX_MODES - len(constants)) // len(affected)
+    parts = [_decompose(each, axes, max_gap_s, count) for each in affected]
+    constant = np.repeat(np.array(list(constants.values()))[:, None] * angles.DEGREE, len(axes.time_s), axis=1)
+    named = [(part.names, f" of {each.name}" * (len(parts) > 1)) for part, each in zip(parts, affected, strict=True)]
+    shares = _shares(affected, references, len(constants), [len(part.modes) for part in parts])
+    return HeadingErrors(
+        (*constants, *(f"{name}{of}" for names, of in named for name in names)),
+        np.concatenate([constant, *(part.modes for part in parts)]),
+        np.array([part.random for part in parts]),
+        max(part.memory_s for part in parts),
+        shares,
+    )
+
+
+def _decompose(affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int) -> _Decomposition:
+    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part."""
+    samples = len(affected.time_s)
     by_time = {"veer": np.full(samples, affected.veer_deg), "unexplained": np.full(samples, affected.unexplained_deg)}
     by_time |= {"doubts": affected.doubted_deg}
     by_time = {name: series for name, series in by_time.items() if np.any(series > 0.0)}
-    leading, left = compress(affected.columns_deg, MAX_MODES - len(constants) - len(by_time))
-    within = np.sum(affected.columns_deg**2, axis=1)
-    within += sum((series**2 for name, series in by_time.items() if name != "veer"), np.zeros(samples))
+    columns, name = affected.columns_deg, "coefficients"
+    within = np.sum(columns**2, axis=1)
+    within += sum((series**2 for key, series in by_time.items() if key != "veer"), np.zeros(samples))
+    if len(by_time) + 2 > count:  # several instruments share the modes
+        columns, name, by_time = np.column_stack([columns, *by_time.values()]), "errors", {}
+    leading, left = compress(columns, count - len(by_time))
     random = np.maximum(affected.sigma_deg**2 - within, 0.0) + left
     undecided = (affected.probability > 0.0) & (affected.probability < MIN_PROBABILITY)
     random = np.where(undecided, np.inf, random)  # either of two headings: no normal error
@@ -79,31 +110,33 @@ def heading_errors(
     finite = np.where(np.isinf(columns), HOPELESS, columns)
     along = average_slots(finite, affected.time_s, axes, max_gap_s).T * angles.DEGREE
     variance = along[-1] * angles.DEGREE
-    count = len(axes.time_s)
-    known = np.isfinite(variance)
-    constant = np.repeat(np.array(list(constants.values()))[:, None] * angles.DEGREE, count, axis=1)
     step_s = float(np.median(np.diff(affected.time_s))) if samples > 1 else axes.step_s
-    names = (*constants, *by_time, *(f"coefficients {k + 1}" for k in range(leading.shape[1])))
-    return HeadingErrors(
-        names,
-        np.concatenate([constant, along[:-1]]),
-        np.where(known, np.sqrt(np.where(variance > 100.0, np.nan, variance)), np.nan),
+    return _Decomposition(
+        (*by_time, *(f"{name} {k + 1}" for k in range(leading.shape[1]))),
+        along[:-1],
+        np.where(np.isfinite(variance), np.sqrt(np.where(variance > 100.0, np.nan, variance)), np.nan),
         memory_of(affected.heading_deg, step_s),
-        _shares(affected, references, names),
     )
 
 
-def _shares(affected: AffectedHeadings, references: Sequence[ReferenceCompass], names: Sequence[str]) -> Floats:
-    """Return the share of each mode in the heading error of each instrument, the affected one first."""
-    shares = np.zeros((1 + len(references), len(names)))
-    shares[0] = 1.0
-    weights = np.array([r.weight for r in references]) * affected.of_pairs
-    modes = [1 + min(k, MAX_REFERENCES - 1) for k in range(len(references))]
-    shares[0, 1 : 1 + min(len(references), MAX_REFERENCES)] = 0.0
-    for k, (reference, mode) in enumerate(zip(references, modes, strict=True)):
-        shares[0, mode] += weights[k]
-        shares[1 + k, mode] = 1.0
-        shares[1 + k, 0] = float(reference.magnetic)
-    if affected.of_pairs and references:
-        shares[0, 0] = float(np.sum(weights * [r.magnetic for r in references]))
+def _shares(
+    affected: Sequence[AffectedHeadings], references: Sequence[ReferenceCompass], constants: int, modes: Sequence[int]
+) -> Floats:
+    """Return the share of each mode in the heading error of each instrument, affected ones first.
+
+    Args:
+        constants: number of modes that are the declination's and the references' compasses.
+        modes: number of modes of each affected instrument, which follow them.
+    """
+    shares = np.zeros((len(affected) + len(references), constants + sum(modes)))
+    of_reference = [1 + min(k, MAX_REFERENCES - 1) for k in range(len(references))]
+    magnetic = np.array([r.magnetic for r in references], dtype=float)
+    ends = constants + np.cumsum([0, *modes])
+    for k, each in enumerate(affected):
+        shares[k, ends[k] : ends[k + 1]] = 1.0
+        shares[k, 0] = each.weights @ magnetic if np.any(each.weights) else 1.0
+        np.add.at(shares[k], of_reference, each.weights)
+    for k, mode in enumerate(of_reference):
+        shares[len(affected) + k, mode] = 1.0
+        shares[len(affected) + k, 0] = magnetic[k]
     return shares

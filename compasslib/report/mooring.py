@@ -30,7 +30,9 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
             return explanation.diagnosis_caption(results.diagnosis)
         return words.caption("mooring", figure, r=results)
 
-    pictures = sections.collect_figures(results.folder, root, caption, small=small)
+    folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # the whole mooring's besides
+    collected = [sections.collect_figures(folder, root, caption, small=small) for folder in folders]
+    pictures = {name: figure for figures in collected for name, figure in figures.items()}
     if not (results.fit["n_pairs"] or results.product["coefficients"]):
         pictures = {name: entry for name, entry in pictures.items() if name not in OF_PAIRS}
     findings = explanation.report_findings(results.diagnosis, product=True)
@@ -63,9 +65,9 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
             *sections.table("mooring", "inputs", inputs=results.inputs, names=nonzero, zero=zero),
         ),
         links=tuple(
-            (file, sections.relative_link(results.folder / file, root))
+            (file, sections.relative_link(there, root))
             for file in FILES
-            if (results.folder / file).exists()
+            for there in [folder / file for folder in folders if (folder / file).exists()][:1]
         ),
         cells=words.cells("mooring", "row", r=results)[0],
     )

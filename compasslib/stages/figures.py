@@ -13,8 +13,8 @@ from compasslib.plots import curves
 from compasslib.plots import deviation as curve
 from compasslib.plots import diagnosis as hypotheses
 from compasslib.plots import histograms as frequencies
-from compasslib.plots import section as sections
 from compasslib.plots import timeseries as water
+from compasslib.plots.section import COLUMNS, draw_profile, draw_section
 from compasslib.preparation.references import combine_references
 
 
@@ -38,7 +38,7 @@ def figures(
     averaged = water.average_currents(shown, reference)
     headings = {"recorded": curves.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     counts = tables.read_histograms(histograms)
-    section = read_section(gridded[0], sections.COLUMNS) if gridded else None
+    section = read_section(gridded[0], COLUMNS) if gridded else None
     for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
         to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
         water.draw_sticks(to["sticks"], averaged)
@@ -50,7 +50,18 @@ def figures(
         curve.draw_scatter(to["scatter"], both, corrected)
         water.draw_timeline(to["timeline"], corrected, both)
         if section is not None:
-            sections.draw_section(to["section"], section)
-            sections.draw_profile(to["profile"], section)
+            draw_section(to["section"], section)
+            draw_profile(to["profile"], section)
+    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
+    say(f"{mooring}: {len(figures)} figures")
+
+
+def sections(
+    mooring: str, *, gridded: Sequence[str], figures: Sequence[str], pictures: str, say: Callable[[str], None]
+) -> None:
+    """Draw section and mean profile of a mooring of several affected instruments."""
+    section = read_section(gridded[0], COLUMNS)
+    for figure in figures:
+        (draw_section if Path(figure).stem == "section" else draw_profile)(figure, section)
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")

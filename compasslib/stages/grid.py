@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,28 +21,40 @@ from compasslib.inference import product as products
 from compasslib.inference.product import Product
 from compasslib.product.daily import DailyMeans
 from compasslib.product.errors import REFERENCE_SIGMA_DEG, compass_modes, declination_sigma
-from compasslib.product.grid import GridRules, average_angle, make_axes, survey
+from compasslib.product.grid import GridRules, Source, Survey, average_angle, make_axes, survey
 from compasslib.product.grid import grid as make_grid
 from compasslib.product.headings import AffectedHeadings, ReferenceCompass, heading_errors
 from compasslib.product.seam import compare_at_seam, describe_seam
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs, Record
-from compasslib.types import Floats
+from compasslib.types import Bools
+
+
+@dataclass(frozen=True)
+class _Affected:
+    """An affected instrument and how it was corrected."""
+
+    source: Source
+    survey: Survey
+    corrected: CorrectedRecord
+    made_by: Product
+    pairs: Pairs
+    headings: AffectedHeadings
+    doubtful: bool  # whether only flag 3 is there to be used
 
 
 def grid(
     mooring: str,
     *,
-    corrected: str,
-    record: str,
+    corrected: Sequence[str],
+    records: Sequence[str],
     references: Sequence[str],
-    pairs: str,
-    deviation: str,
-    assessment: str,
-    field: str,
+    pairs: Sequence[str],
+    deviations: Sequence[str],
+    assessments: Sequence[str],
+    fields: Sequence[str],
     observatory: Sequence[str],
     gridded: Sequence[str],
     options: Mapping[str, Any],
-    names: Sequence[str],
     compasses: Sequence[Mapping[str, Any]],
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
@@ -50,10 +64,10 @@ def grid(
     """Write velocities on fixed depths and times.
 
     Args:
+        corrected: of each affected instrument, as records, pairs, deviations, assessments and fields.
         gridded: gridded.nc, and gridded_daily.nc where it is asked for.
         references: records of the reference instruments, perhaps none.
         options: of the mooring's product.
-        names: of the affected instrument and the references.
         compasses: ``sigma_deg``, a number or None, and ``magnetic`` of each reference.
         attributes: of the archive, by the YAML files.
         sources: raw files, relative to the cruise folder.
@@ -61,94 +75,133 @@ def grid(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    along, made_by = earthfield.field_from_json(read_json(field)), products.from_json(read_json(deviation))
-    product = netcdf.read_corrected(corrected, velocities=False)
-    recording = netcdf.read_record(record, velocities=bool(made_by.applied))
-    flags = tuple(options["flags"])
-    affected = archive.affected_source(names[0], corrected, product, recording, flags)
-    surveyed = survey(affected)
-    doubtful = surveyed.empty and PROBABLY_BAD not in flags
-    if doubtful:
-        affected = archive.affected_source(names[0], corrected, product, recording, (PROBABLY_BAD,))
-        surveyed = survey(affected)
-        doubtful = not surveyed.empty
+    along, flags = earthfield.field_from_json(read_json(fields[0])), tuple(options["flags"])
+    names = [Path(path).stem for path in references]
+    affected = [
+        _read_affected(*files, along=along, observatory=observatory, flags=flags, references=len(references))
+        for files in zip(corrected, records, pairs, deviations, strict=True)
+    ]
     each = [
         archive.reference_source(name, path, netcdf.read_record(path, velocities=False), along, flags)
-        for name, path in zip(names[1:], references, strict=True)
+        for name, path in zip(names, references, strict=True)
     ]
-    surveys = [surveyed, *map(survey, each)]
+    instruments = [*(part.source for part in affected), *each]
+    surveys = [*(part.survey for part in affected), *map(survey, each)]
     rules = GridRules(**options["grid"])
-    axes = make_axes([affected, *each], surveys, rules)
-    near, gap_s = netcdf.read_pairs(pairs), 60.0 * rules.max_gap_minutes
-    used = (PROBABLY_BAD,) if doubtful else flags
-    headings = _affected_headings(product, made_by, near, recording, along, observatory, used)
-    trusted = _reference_compasses(names[1:], compasses, near, declination_sigma(along))
-    errors = heading_errors(headings, trusted, axes, gap_s, declination_sigma(along))
-    turned = np.where(headings.used, product.deviation_deg, np.nan)
+    axes, gap_s, sigma_deg = (
+        make_axes(instruments, surveys, rules),
+        60.0 * rules.max_gap_minutes,
+        declination_sigma(along),
+    )
+    trusted = _reference_compasses(names, compasses, sigma_deg)
+    errors = heading_errors([part.headings for part in affected], trusted, axes, gap_s, sigma_deg)
+    turned = [np.where(part.headings.used, part.corrected.deviation_deg, np.nan) for part in affected]
+    turns = [average_angle(x, part.headings.time_s, axes, gap_s) for x, part in zip(turned, affected, strict=True)]
     whole = make_grid(
-        [affected, *each], surveys, axes, rules, errors,
-        average_angle(turned, product.record.time_s, axes, gap_s),
-        water_depth_m=site["water_depth_m"],
+        instruments, surveys, axes, rules, errors, np.array(turns), water_depth_m=site["water_depth_m"]
     )  # fmt: skip
-    seam = compare_at_seam(near, read_json(assessment))
-    recorded, right = (int(np.isfinite(x).sum()) for x in (product.record.heading_deg, product.heading_corrected_deg))
+    seams = [compare_at_seam(part.pairs, read_json(file)) for part, file in zip(affected, assessments, strict=True)]
     described = archive.FileDescription(
-        Site(**site), along, attributes, provenance.processing(made_by, along, sources), (recorded, right),
-        also={f"seam_{key}": value for key, value in seam.items() if value is not None},
+        Site(**site), along, attributes, _describe_processing(affected, along, sources), _count_headings(affected),
+        also=_seam_attributes(affected, seams),
     )  # fmt: skip
     means = DailyMeans(axes, errors) if gridded[1:] else None
     counts = archive.write_gridded(gridded[0], whole, described, means)
     if means is not None:
         archive.write_daily(gridded[1], whole, described, means)
+    doubtful = [part.source.name for part in affected if part.doubtful]
+    only = f"; all of {', '.join(doubtful)} have flag 3" if doubtful else ""
     say(
         f"{mooring}: {len(axes.time_s)} times of {axes.step_s / 60.0:g} minutes, {len(axes.depth_m)} depths from "
         f"{axes.depth_m[0]:g} to {axes.depth_m[-1]:g} m; {counts['filled']} of {counts['cells']} cells have a "
-        f"velocity, {counts['interpolated']} of them interpolated{'; all of flag 3' * doubtful}"
+        f"velocity, {counts['interpolated']} of them interpolated{only}"
     )
-    if sentence := describe_seam(seam):
-        say(f"{mooring}: {sentence}")
+    for part, seam in zip(affected, seams, strict=True):
+        if sentence := describe_seam(seam):
+            say(f"{mooring}: {f'{part.source.name}: ' * (len(affected) > 1)}{sentence}")
+
+
+def _read_affected(
+    corrected: str, record: str, pairs: str, deviation: str, *,
+    along: EarthField, observatory: Sequence[str], flags: tuple[int, ...], references: int,
+) -> _Affected:  # fmt: skip
+    """Read an affected instrument; where none of its velocities has one of the flags, those of flag 3 are used."""
+    made_by, product = products.from_json(read_json(deviation)), netcdf.read_corrected(corrected, velocities=False)
+    recording, name = netcdf.read_record(record, velocities=bool(made_by.applied)), Path(record).stem
+    source = archive.affected_source(name, corrected, product, recording, flags)
+    surveyed = survey(source)
+    doubtful = surveyed.empty and PROBABLY_BAD not in flags
+    if doubtful:
+        source = archive.affected_source(name, corrected, product, recording, (PROBABLY_BAD,))
+        surveyed = survey(source)
+        doubtful = not surveyed.empty
+    near, used = (
+        netcdf.read_pairs(pairs),
+        np.isin(product.heading_corrected_quality, (PROBABLY_BAD,) if doubtful else flags),
+    )
+    headings = _affected_headings(name, product, made_by, near, recording, along, observatory, used, references)
+    return _Affected(source, surveyed, product, made_by, near, headings, doubtful)
 
 
 def _affected_headings(
-    product: CorrectedRecord, made_by: Product, pairs: Pairs, recording: Record, along: EarthField,
-    observatory: Sequence[str], flags: Sequence[int],
+    name: str, product: CorrectedRecord, made_by: Product, pairs: Pairs, recording: Record, along: EarthField,
+    observatory: Sequence[str], used: Bools, references: int,
 ) -> AffectedHeadings:  # fmt: skip
     """Collect the corrected headings and the parts of their error."""
     series = covariates.logged_series(recording, observatory) if made_by.applied else {}
     at = products.compass_along_record(made_by, recording, along, series)
-    time_s = product.record.time_s
-    columns = compass_modes(made_by.fit, at, record_readings(recording), product.heading_corrected_deg)
+    index = np.zeros(len(pairs), dtype=int) if pairs.reference_index is None else pairs.reference_index
+    weights = np.bincount(index, minlength=references)[:references] / max(len(pairs), 1)
     return AffectedHeadings(
-        time_s=time_s,
-        used=np.isin(product.heading_corrected_quality, flags),
+        name=name,
+        time_s=product.record.time_s,
+        used=used,
         heading_deg=product.heading_corrected_deg,
         sigma_deg=product.heading_uncertainty_deg,
         probability=product.branch_probability,
-        columns_deg=columns,
-        doubted_deg=evaluate_doubts(made_by.doubts, time_s)[1],
+        columns_deg=compass_modes(made_by.fit, at, record_readings(recording), product.heading_corrected_deg),
+        doubted_deg=evaluate_doubts(made_by.doubts, product.record.time_s)[1],
         unexplained_deg=made_by.left_deg,
         veer_deg=pairs.veer_deg if made_by.fit.method == "von_appen" else 0.0,
-        of_pairs=made_by.fit.method != "calibration" and len(pairs) > 0,
+        weights=weights * (made_by.fit.method != "calibration"),
     )
 
 
 def _reference_compasses(
-    names: Sequence[str], compasses: Sequence[Mapping[str, Any]], pairs: Pairs, declination_deg: float
+    names: Sequence[str], compasses: Sequence[Mapping[str, Any]], declination_deg: float
 ) -> list[ReferenceCompass]:
-    """Return the references' compasses, each with its share of the pairs.
+    """Return the references' compasses.
 
     Directions that were true already were turned by somebody else, with another declination.
     """
-    index = np.zeros(len(pairs), dtype=int) if pairs.reference_index is None else pairs.reference_index
-    counts: Floats = np.bincount(index, minlength=max(len(names), 1)).astype(float)
-    shares = counts / max(counts.sum(), 1.0)
     usual = {True: REFERENCE_SIGMA_DEG, False: float(np.hypot(REFERENCE_SIGMA_DEG, declination_deg))}
-    return [
-        ReferenceCompass(
-            name,
-            usual[given["magnetic"]] if given["sigma_deg"] is None else given["sigma_deg"],
-            given["magnetic"],
-            float(share),
-        )
-        for name, given, share in zip(names, compasses, shares, strict=False)
-    ]
+    sigmas = [usual[x["magnetic"]] if x["sigma_deg"] is None else x["sigma_deg"] for x in compasses]
+    given = zip(names, sigmas, compasses, strict=True)
+    return [ReferenceCompass(name, sigma_deg, compass["magnetic"]) for name, sigma_deg, compass in given]
+
+
+def _describe_processing(affected: Sequence[_Affected], along: EarthField, sources: Sequence[str]) -> dict[str, Any]:
+    """Describe how the headings were corrected; of several instruments, each by its name."""
+    each = {part.source.name: provenance.processing(part.made_by, along, sources) for part in affected}
+    first = next(iter(each.values()))
+    if len(each) == 1:
+        return first
+    named = {
+        key: "; ".join(f"{name}: {x[key]}" for name, x in each.items()) for key in ("method", "effects", "coefficients")
+    }
+    return first | named
+
+
+def _count_headings(affected: Sequence[_Affected]) -> tuple[int, int]:
+    """Count recorded and corrected headings."""
+    recorded = sum(np.isfinite(part.corrected.record.heading_deg).sum() for part in affected)
+    return int(recorded), int(sum(np.isfinite(part.corrected.heading_corrected_deg).sum() for part in affected))
+
+
+def _seam_attributes(affected: Sequence[_Affected], seams: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Name the comparison at the seam as global attributes, of several instruments with their names."""
+    attributes: dict[str, Any] = {}
+    for part, seam in zip(affected, seams, strict=True):
+        prefix = f"seam_{part.source.name}_" if len(affected) > 1 else "seam_"
+        attributes |= {f"{prefix}{key}": value for key, value in seam.items() if value is not None}
+    return attributes

@@ -154,6 +154,24 @@ rule figures:
         "../scripts/figures.py"
 
 
+rule sections:
+    """Sections and mean profiles of a mooring of several affected instruments."""
+    input:
+        PLAN.inputs("sections"),
+    output:
+        "results/{mooring}/logs/sections.json",
+    log:
+        "results/{mooring}/logs/sections.log",
+    benchmark:
+        "results/{mooring}/benchmarks/sections.tsv"
+    wildcard_constraints:
+        mooring=PLAN.names("sections"),
+    params:
+        **PLAN.params("sections"),
+    script:
+        "../scripts/sections.py"
+
+
 rule check_conventions:
     """CF, ACDD and OceanSITES against one mooring's netCDF files; in each run where the options say so."""
     input:

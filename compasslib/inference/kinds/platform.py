@@ -109,7 +109,7 @@ def too_few(headings: int, points: Points, why: str = "") -> str:
     left = angles.wrap180(points.deviation_deg - series_design(points.recorded_deg) @ _five(points))
     sizes = {k: _harmonic(points.recorded_deg, left, k) for k in (3, 4)}
     return (
-        f"{headings} headings carry at most {headings} coefficients and five are the curve's: what those leave "
+        f"{headings} headings determine at most {headings} coefficients and five are the curve's: what those leave "
         f"({angles.rms(left):.1f}° rms) is in the third ({sizes[3]:.1f}) and fourth harmonics "
         f"({sizes[4]:.1f}° rms, each fitted alone), sextantal and octantal; neither can be tested; {SWING}"
     )

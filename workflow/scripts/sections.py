@@ -1,0 +1,6 @@
+"""Draw the currents of a mooring of several affected instruments: gridded.nc -> results/MOORING/figures/*.png."""
+
+from compasslib.pipeline.job import job
+from compasslib.stages.figures import sections
+
+job(snakemake, sections)
