@@ -173,14 +173,8 @@ class Plan:
             ),
             "correct": stage(
                 *("correct", "correct.correct"),
-                reads={
-                    "record": of.compromised,
-                    "pairs": pairs,
-                    "deviation": "deviation.json",
-                    "assessment": "assessment.json",
-                    "field": field_,
-                    "observatory": of.observatory,
-                },
+                reads={name: judging[name] for name in ("record", "pairs", "field", "observatory")}
+                | {name: judged[name] for name in ("deviation", "assessment")},
                 writes={"corrected": "corrected.nc"} | tables,
                 settings=archived,
             ),
@@ -206,15 +200,8 @@ class Plan:
             ),
             "figures": stage(
                 *("figures", "figures.figures"),
-                reads={
-                    "pairs": pairs,
-                    "deviation": "deviation.json",
-                    "diagnosis": "diagnosis.json",
-                    "assessment": "assessment.json",
-                    "histograms": "histograms.csv",
-                    "product": "corrected.nc",
-                    "gridded": of.gridded,
-                },
+                reads=judged
+                | {"pairs": pairs, "histograms": "histograms.csv", "product": "corrected.nc", "gridded": of.gridded},
                 writes={"figures": of.figures, "pictures": "work/pictures.json"},
             ),
             "sections": stage(
