@@ -279,7 +279,13 @@ class Plan:
         files = {
             "summary": [*self.per_mooring(*summarized, "overlap.nc"), *self.records_of_instruments()],
         }
-        files["report"] = [*self.pictures(), *self.per_mooring("work/pictures.json"), *self.pictures_of_cruise()]
+        summarized_by = [SUMMARY] if cruise.moorings else []
+        files["report"] = [
+            *summarized_by,
+            *self.pictures(),
+            *self.per_mooring("work/pictures.json"),
+            *self.pictures_of_cruise(),
+        ]
         files["report"] += [*self.calibrated(), *self.joined()]
         templates = provenance.digest(of.templates())
         return {
@@ -304,7 +310,7 @@ class Plan:
             "report": Stage(
                 *("report.report", CRUISE, "report"),
                 self.code("report", templates),
-                reads={"files": lambda wildcards: [*self.table(), *files["report"]]},
+                reads={"files": lambda wildcards: files["report"]},
                 writes={"page": "report.html"},
                 settings={
                     "attributes": lambda wildcards: cruise.options.attributes,
@@ -441,9 +447,6 @@ class Plan:
         moorings = self.cruise.moorings.items()
         return [f"{CRUISE}/{name}/work/{role}.nc" for name, mooring in moorings for role in used_instruments(mooring)]
 
-    def table(self) -> list[str]:
-        return [SUMMARY] if self.cruise.moorings else []
-
     def pictures(self) -> list[str]:
         names = (*self.cruise.moorings, *self.together)
         return [file for name in names for file in self.moorings.figures(Wildcards(name))]
@@ -471,7 +474,7 @@ class Plan:
         made = [file for name in self.cruise.whole for file in self.moorings.gridded(Wildcards(name))]
         checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
         checked += [f"{CRUISE}/{name}/conventions.json" for name in self.together if checked]
-        made += [*checked, *self.table(), *self.pictures_of_cruise(), *self.calibrated()]
+        made += [*checked, *([SUMMARY] if self.cruise.moorings else []), *self.pictures_of_cruise(), *self.calibrated()]
         made += [file for file in self.joined() if not file.endswith(".json")]
         return [*self.per_mooring(*last), *self.pictures(), *made, REPORT]
 
