@@ -276,17 +276,9 @@ class Plan:
         cruise, of = self.cruise, self.moorings
         summarized = ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json")
         configuration = of.configuration()
-        files = {
-            "summary": [*self.per_mooring(*summarized, "overlap.nc"), *self.records_of_instruments()],
-        }
-        summarized_by = [SUMMARY] if cruise.moorings else []
-        files["report"] = [
-            *summarized_by,
-            *self.pictures(),
-            *self.per_mooring("work/pictures.json"),
-            *self.pictures_of_cruise(),
-        ]
-        files["report"] += [*self.calibrated(), *self.joined()]
+        files = {"summary": [*self.per_mooring(*summarized, "overlap.nc"), *self.records_of_instruments()]}
+        files["report"] = [*self.table(), *self.pictures(), *self.per_mooring("work/pictures.json")]
+        files["report"] += [*self.pictures_of_cruise(), *self.calibrated(), *self.joined()]
         templates = provenance.digest(of.templates())
         return {
             "summary": Stage(
@@ -447,6 +439,9 @@ class Plan:
         moorings = self.cruise.moorings.items()
         return [f"{CRUISE}/{name}/work/{role}.nc" for name, mooring in moorings for role in used_instruments(mooring)]
 
+    def table(self) -> list[str]:
+        return [SUMMARY] if self.cruise.moorings else []
+
     def pictures(self) -> list[str]:
         names = (*self.cruise.moorings, *self.together)
         return [file for name in names for file in self.moorings.figures(Wildcards(name))]
@@ -474,7 +469,7 @@ class Plan:
         made = [file for name in self.cruise.whole for file in self.moorings.gridded(Wildcards(name))]
         checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
         checked += [f"{CRUISE}/{name}/conventions.json" for name in self.together if checked]
-        made += [*checked, *([SUMMARY] if self.cruise.moorings else []), *self.pictures_of_cruise(), *self.calibrated()]
+        made += [*checked, *self.table(), *self.pictures_of_cruise(), *self.calibrated()]
         made += [file for file in self.joined() if not file.endswith(".json")]
         return [*self.per_mooring(*last), *self.pictures(), *made, REPORT]
 
