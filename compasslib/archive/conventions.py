@@ -253,9 +253,8 @@ def _names(nc: netCDF4.Dataset) -> Remarks:
             yield f"variable {name} is not named in capitals"
         if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
             yield f"{name}:standard_name is not {NAMES[name]}"
-        if (
-            "TIME" in [other for other in variable.dimensions if other not in (variables.BEAM.name, "MODE")][1:]
-        ):  # CF 2.4: to the left
+        left = (variables.BEAM.name, "MODE", "AFFECTED")  # CF 2.4: dimensions of neither space nor time stand first
+        if "TIME" in [other for other in variable.dimensions if other not in left][1:]:
             yield f"{name}: TIME is not the first of its dimensions"
         if not _attribute(variable, "long_name"):
             yield f"{name}:long_name is missing"
