@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
 RUN := $(BIN)/compass run "$(CRUISE)" --cores $(CORES)
 
-.PHONY: install slurm run verify check-archive test check bench accuracy proof docs clean lock
+.PHONY: concealed install slurm run verify check-archive test check bench accuracy proof docs clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -30,6 +30,11 @@ slurm: install  ## what a cluster under Slurm needs besides; then: snakemake --w
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 	$(RUN)
+
+concealed: install  ## four moorings with a concealed cause, drawn by SEED, beside the truth
+	$(BIN)/python -m compasslib.demo.concealed build/concealed-$(SEED) $(SEED)
+	$(BIN)/compass run build/concealed-$(SEED) --cores $(CORES)
+	@echo "Said beside planted: build/concealed-$(SEED)/results/concealed.html"
 
 verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
 	$(BIN)/compass verify "$(CRUISE)"

@@ -71,6 +71,8 @@ def write_raw(into: Path) -> list[str]:
     shutil.copytree(PROJECT / "config", into / "demonstration/config", dirs_exist_ok=True)
     settings = into / "demonstration/config/config.yaml"
     settings.write_text(settings.read_text().replace("demonstration: true", "demonstration: false"))
+    for concealed in (into / "demonstration/config/moorings").glob("C*.yaml"):
+        concealed.unlink()
     for k in range(1, 8):
         demonstration.write_mooring(f"EG{k}", into / "demonstration/raw", into / f"truth/EG{k}.csv")
     for cruise, moorings in (("sealed", "config/moorings"), ("calibrations", "[]")):

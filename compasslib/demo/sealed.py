@@ -126,6 +126,9 @@ class Wish:
 
     wide: bool = False  # headings round the circle, or some seventy degrees of it
     hours: int = 8800
+    site: tuple[float, float, float] | None = None  # latitude, longitude, depth of the water in metres; else drawn
+    begin_s: float | None = None  # of the deployment; else drawn
+    strength: float | None = None  # of the iron, over the earth's horizontal field; else drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,14 +158,17 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     rng = stream(seed, name, "ground")
     latitude, longitude = float(rng.uniform(52.0, 68.0)), float(rng.uniform(-45.0, 5.0))
     depth = float(rng.uniform(250.0, 700.0))
+    latitude, longitude, depth = wish.site or (latitude, longitude, depth)
     begin = FIRST_S + DAY_S * int(rng.integers(0, 4000))
+    begin = begin if wish.begin_s is None else wish.begin_s
     stamps = begin + HOUR_S * np.arange(wish.hours, dtype=float)
     span = (begin - MARGIN_S, float(stamps[-1]) + MARGIN_S)
     field = compass.earth_field(latitude, longitude, span)
     currents = _currents(seed, name, wish, site=(latitude, depth), span_s=span, along_deg=float(rng.uniform(0, 360)))
     declination, horizontal, vertical = (float(x.mean()) for x in field.at(stamps))
     motion = mooring.make_motion(seed, name, _rig(rng, depth), currents, declination_deg=declination)
-    meter = magnetometer.build(rng, (horizontal, vertical), float(rng.choice(STRENGTHS)))
+    strength = float(rng.choice(STRENGTHS)) if wish.strength is None else wish.strength
+    meter = magnetometer.build(rng, (horizontal, vertical), strength)
     temperature = _temperature(stream(seed, name, "temperature"), motion)
     supply = _supply(stream(seed, name, "supply"), currents.time_s, temperature)
     return Ground(

@@ -19,7 +19,7 @@ from typing import Any
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
-from compasslib.pipeline.records import RESULTS, KnownHashes, is_future, recall, simulated
+from compasslib.pipeline.records import RESULTS, KnownHashes, is_future, recall, simulated, truth_file
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, LOCK = ".snakemake", ".snakemake/compasslib.lock"
@@ -261,7 +261,7 @@ def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
 
 def _may_write(name: str, raw: Sequence[str], known: KnownHashes) -> bool:
     ours = simulated(name)
-    foreign = [file for file in (*raw, f"truth/{name}.csv") if _foreign(file, known.sha256(file), ours.get(file, ()))]
+    foreign = [file for file in (*raw, truth_file(name)) if _foreign(file, known.sha256(file), ours.get(file, ()))]
     if foreign and not all(os.path.isfile(file) for file in raw):
         missing = next(file for file in raw if not os.path.isfile(file))
         actual = f"a file or link that is there already, while {missing} is missing"

@@ -7,8 +7,8 @@ The table of stages serves the Snakefile and ``process.process_mooring``. Snakem
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +18,7 @@ from compasslib import plugins, readers
 from compasslib.archive import provenance
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
-from compasslib.pipeline import records
+from compasslib.pipeline import records, stages
 from compasslib.pipeline.settings import (
     SCRIPTS,
     Calibrations,
@@ -29,40 +29,10 @@ from compasslib.pipeline.settings import (
     hash_code,
     used_instruments,
 )
+from compasslib.pipeline.stages import CRUISE, OF_CRUISE, Given, Stage
 
-OF_CRUISE = ("curves", "differences", "currents")
-JUDGED = ("diagnosis", "deviation", "assessment")
-ALONE = (*JUDGED, "summary")  # of each mooring whose compass has others
-SIMULATED = tuple(f"EG{k}" for k in range(1, 8))  # the moorings of the demonstration cruise
-CRUISE, MOORING = "results", "results/{mooring}"
-CALIBRATION, COMPASS = "results/calibrations/{calibration}", "results/compasses/{compass}"
+SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *records.CONCEALED)  # the moorings of the demonstration cruise
 SUMMARY, REPORT, MANIFEST = "results/summary.csv", "results/report.html", "results/ro-crate-metadata.json"
-
-Given = Callable[[Any], Any]
-Files = Mapping[str, "str | tuple[str, ...] | Given"]
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A stage and what its function takes, by the names of its arguments; what it does not take is only waited for.
-
-    Args:
-        function: module and name below ``compasslib.stages``.
-        folder: of its results, with wildcards.
-        label: of its log, record and benchmark in that folder.
-        code: gives one hash of the modules behind it.
-        reads: files below ``folder``, or what gives their paths in the cruise.
-        writes: the same.
-        settings: what gives each other argument.
-    """
-
-    function: str
-    folder: str
-    label: str
-    code: Given
-    reads: Files = field(default_factory=dict)
-    writes: Files = field(default_factory=dict)
-    settings: Mapping[str, Given] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -90,246 +60,13 @@ class Plan:
     @cached_property
     def stages(self) -> dict[str, Stage]:
         """The stages by the names of their rules."""
-        return self._of_moorings() | self._of_calibrations() | self._of_compasses() | self._of_cruise()
+        return (
+            stages.of_moorings(self) | stages.of_calibrations(self) | stages.of_compasses(self) | stages.of_cruise(self)
+        )
 
     def code(self, rule: str, also: str = "") -> Given:
         """Give the function that hashes the modules behind the script of a rule."""
         return lambda wildcards: hash_code(provenance.sources(self.scripts / f"{rule}.py"), also)
-
-    def _of_moorings(self) -> dict[str, Stage]:
-        of, pairs, field_, fit = self.moorings, "overlap.nc", "work/field.json", "work/fit.json"
-        judging = {
-            "record": of.compromised,
-            "references": of.reference,
-            "pairs": pairs,
-            "wide": "wide/overlap.nc",
-            "fit": fit,
-            "field": field_,
-            "observatory": of.observatory,
-        }
-        judged = {name: f"{name}.json" for name in JUDGED}
-        tables = {"table": "table.csv", "histograms": "histograms.csv"}
-        options = {"options": of.diagnose, "sphere_distance_m": of.sphere_distance_m}
-        checked = provenance.installed("compliance-checker")
-        archived = {"site": of.site, "attributes": of.attributes, "sources": of.all_raw_files}
-
-        def stage(rule: str, function: str, label: str = "", code: Given | None = None, **parts: Any) -> Stage:
-            return Stage(function, MOORING, label or rule, code or self.code(rule), **parts)
-
-        return {
-            "read": stage(
-                *("read", "read.read", "read_{role}"),
-                code=lambda wildcards: of.reader_code(wildcards, self.scripts),
-                reads={"companions": of.companion_files, "raw": of.raw_files},
-                writes={"record": "work/{role}.nc"},
-                settings={
-                    "form": of.form,
-                    "reader": of.reader_settings,
-                    "deployment": of.deployment,
-                    "series": of.series,
-                },
-            ),
-            "overlap": stage(
-                *("overlap", "overlap.overlap"),
-                reads={
-                    "upper": of.compromised,
-                    "lower": of.reference,
-                    "observatory": of.observatory,
-                    "ready": of.ready_pairs,
-                },
-                writes={"field": field_, "pairs": pairs, "wide": "wide/overlap.nc"},
-                settings={"place": of.place_and_declination, "rules": of.pairing_rules, "columns": of.pair_columns},
-            ),
-            "fit": stage(
-                *("fit", "fit.fit"),
-                reads={"record": of.compromised, "pairs": pairs, "field": field_},
-                writes={"fit": fit},
-                settings={"method": of.method, "tilt": of.tilt, "given": of.given_compass},
-            ),
-            "carry": stage(
-                *("carry", "fit.carry", "fit"),
-                reads={"calibration": of.calibration, "record": of.compromised, "pairs": pairs, "field": field_},
-                writes={"fit": fit},
-            ),
-            "diagnose": stage(
-                *("diagnose", "diagnose.diagnose"),
-                reads=judging,
-                writes=judged,
-                settings=options,
-            ),
-            "diagnose_alone": stage(
-                *("diagnose_alone", "diagnose.diagnose"),
-                code=self.code("diagnose"),
-                reads=judging,
-                writes={name: f"work/alone/{name}.json" for name in ALONE},
-                settings=options,
-            ),
-            "share": stage(
-                *("share", "diagnose.share", "diagnose"),
-                reads={"joined": self.compasses.joined, "alone": tuple(f"work/alone/{n}.json" for n in JUDGED)}
-                | judging,
-                writes=judged,
-                settings=options | {"tilt": of.tilt},
-            ),
-            "correct": stage(
-                *("correct", "correct.correct"),
-                reads={name: judging[name] for name in ("record", "pairs", "field", "observatory")}
-                | {name: judged[name] for name in ("deviation", "assessment")},
-                writes={"corrected": "corrected.nc"} | tables,
-                settings=archived,
-            ),
-            "grid": stage(
-                *("grid", "grid.grid"),
-                reads={
-                    "corrected": of.of_members("corrected.nc"),
-                    "records": of.affected,
-                    "references": of.reference,
-                    "pairs": of.of_members(pairs),
-                    "deviations": of.of_members("deviation.json"),
-                    "assessments": of.of_members("assessment.json"),
-                    "fields": of.of_members(field_),
-                    "observatory": of.observatory,
-                },
-                writes={"gridded": of.gridded},
-                settings={"options": of.product, "compasses": of.reference_compasses} | archived,
-            ),
-            "compare": stage(
-                *("compare", "correct.compare"),
-                reads={"pairs": pairs, "deviation": "deviation.json"},
-                writes={"forms": "forms.json"},
-            ),
-            "figures": stage(
-                *("figures", "figures.figures"),
-                reads=judged
-                | {"pairs": pairs, "histograms": "histograms.csv", "product": "corrected.nc", "gridded": of.gridded},
-                writes={"figures": of.figures, "pictures": "work/pictures.json"},
-            ),
-            "sections": stage(
-                *("sections", "figures.sections"),
-                reads={"gridded": of.gridded},
-                writes={"figures": of.figures, "pictures": "work/pictures.json"},
-            ),
-            "check_conventions": stage(
-                *("conventions", "cruise.conventions"),
-                code=self.code("conventions", checked),
-                reads={"products": of.archived, "gridded": of.gridded, "records": of.records},
-                writes={"conventions": "conventions.json"},
-            ),
-        }
-
-    def _of_calibrations(self) -> dict[str, Stage]:
-        of = self.calibrations
-        made = {"calibration": "calibration.json", "table": "table.csv", "points": "points.csv"}
-
-        def code(rule: str, module: Callable[[Any], list[str]]) -> Given:
-            return lambda wildcards: hash_code(provenance.sources(self.scripts / f"{rule}.py", *module(wildcards)))
-
-        return {
-            "calibrate": Stage(
-                *("calibrate.calibrate", CALIBRATION, "calibrate"),
-                code("calibrate", of.module),
-                reads={"raw": of.raw_files, "earlier": of.earlier},
-                writes=made,
-                settings={"kind": of.kind, "settings": of.settings},
-            ),
-            "diagnose_calibration": Stage(
-                *("diagnose.diagnose_calibration", CALIBRATION, "diagnose"),
-                code("diagnose_calibration", of.diagnosis_module),
-                # Waits for the calibration, so that what cannot be read is said once.
-                reads={"calibration": "calibration.json", "raw": of.raw_files},
-                writes={"diagnosis": "diagnosis.json"},
-                settings={"kind": of.kind, "settings": of.settings, "options": of.diagnose},
-            ),
-            "diagnosis_figure": Stage(
-                *("drawings.diagnosis_figure", CALIBRATION, "diagnosis_figure"),
-                self.code("diagnosis_figure"),
-                reads={"diagnosis": "diagnosis.json"},
-                writes={"figures": of.diagnosis_figures},
-            ),
-            "calibration_figures": Stage(
-                *("drawings.calibration_figures", CALIBRATION, "figures"),
-                self.code("calibration_figures"),
-                reads=made,
-                writes={"figures": of.figures},
-            ),
-        }
-
-    def _of_compasses(self) -> dict[str, Stage]:
-        of = self.compasses
-        return {
-            "join": Stage(
-                *("diagnose.join", COMPASS, "join"),
-                self.code("join"),
-                reads={"summaries": of.summaries, "calibrations": of.calibrations},
-                writes={"joined": "compass.json", "diagnosis": "diagnosis.json"},
-                settings={"spheres": of.spheres, "min_effect_deg": of.min_effect_deg},
-            ),
-            "joined_figures": Stage(
-                *("drawings.joined_figures", COMPASS, "figures"),
-                self.code("joined_figures"),
-                reads={"joined": "compass.json"},
-                writes={"figures": of.figures},
-            ),
-        }
-
-    def _of_cruise(self) -> dict[str, Stage]:
-        cruise, of = self.cruise, self.moorings
-        summarized = ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json")
-        configuration = of.configuration()
-        files = {"summary": [*self.per_mooring(*summarized, "overlap.nc"), *self.records_of_instruments()]}
-        files["report"] = [*self.table(), *self.pictures(), *self.per_mooring("work/pictures.json")]
-        files["report"] += [*self.pictures_of_cruise(), *self.calibrated(), *self.joined()]
-        templates = provenance.digest(of.templates())
-        return {
-            "summary": Stage(
-                *("cruise.summary", CRUISE, "summary"),
-                self.code("summary"),
-                reads={"files": lambda wildcards: files["summary"]},
-                writes={"summary": "summary.csv"},
-                settings={
-                    "roles": lambda wildcards: {name: used_instruments(m) for name, m in cruise.moorings.items()},
-                },
-            ),
-            "cruise_figures": Stage(
-                *("drawings.cruise_figures", CRUISE, "cruise_figures"),
-                self.code("cruise_figures"),
-                reads={
-                    "deviations": lambda wildcards: self.per_mooring("deviation.json"),
-                    "assessments": lambda wildcards: self.per_mooring("assessment.json"),
-                },
-                writes={"figures": lambda wildcards: drawn(cruise, CRUISE, OF_CRUISE)},
-            ),
-            "report": Stage(
-                *("report.report", CRUISE, "report"),
-                self.code("report", templates),
-                reads={"files": lambda wildcards: files["report"]},
-                writes={"page": "report.html"},
-                settings={
-                    "attributes": lambda wildcards: cruise.options.attributes,
-                    "moorings": lambda wildcards: of.described(),
-                    "calibrations": lambda wildcards: list(cruise.calibrations),
-                    "compasses": lambda wildcards: list(self.compasses.members),
-                },
-            ),
-            "provenance": Stage(
-                *("cruise.provenance", CRUISE, "provenance"),
-                self.code("provenance"),
-                reads={
-                    "settings": lambda wildcards: sorted({file for group in configuration.values() for file in group}),
-                    "products": lambda wildcards: self.products(),
-                },
-                writes={"manifest": "ro-crate-metadata.json"},
-                settings={
-                    "configuration": lambda wildcards: configuration,
-                    "attributes": lambda wildcards: cruise.options.attributes,
-                },
-            ),
-            "complete": Stage(
-                *("cruise.complete", CRUISE, "complete"),
-                self.code("complete"),
-                settings={"folders": lambda wildcards: self.folders()},
-            ),
-        }
 
     @cached_property
     def jobs(self) -> dict[str, tuple[str, Wildcards]]:
@@ -355,6 +92,8 @@ class Plan:
             yield from ((rule, Wildcards(compass=name)) for rule in ("join", "joined_figures"))
         if self.cruise.moorings:
             yield from ((rule, Wildcards()) for rule in ("summary", "cruise_figures"))
+        if self.concealed:
+            yield "concealed", Wildcards()
         if self.cruise.moorings or self.cruise.calibrations:
             yield from ((rule, Wildcards()) for rule in ("report", "provenance", "complete"))
 
@@ -424,6 +163,13 @@ class Plan:
         wholes = [name for name in self.cruise.whole if name not in self.cruise.moorings]
         return [name for name in wholes if self.moorings.gridded(Wildcards(name))]
 
+    @cached_property
+    def concealed(self) -> list[str]:
+        """Moorings of a demonstration that one page sets beside the truth."""
+        return [
+            name for name in self.cruise.moorings if self.cruise.options.demonstration and name in records.CONCEALED
+        ]
+
     def folders(self) -> list[str]:
         """List the folders of results of all moorings, calibrations and compasses."""
         calibrations = (f"{CRUISE}/calibrations/{name}" for name in self.cruise.calibrations)
@@ -458,8 +204,8 @@ class Plan:
         return [file for file in self._writers_of_parts() if file.startswith(f"{CRUISE}/compasses/")]
 
     def _writers_of_parts(self) -> list[str]:
-        stages = self._of_calibrations() | self._of_compasses()
-        jobs = [(stages[rule], of) for rule, of in self._jobs() if rule in stages]
+        parts = stages.of_calibrations(self) | stages.of_compasses(self)
+        jobs = [(parts[rule], of) for rule, of in self._jobs() if rule in parts]
         paths = [{n: self._paths(stage.folder, given, of) for n, given in stage.writes.items()} for stage, of in jobs]
         return [file for group in paths for file in records.flat(group)]
 

@@ -21,6 +21,7 @@ from compasslib.archive.files import atomic_write, write_json
 from compasslib.errors import InputError, TransientError
 
 RESULTS = "results"
+CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # moorings of the demonstration whose truth one page alone reads
 REMEMBERED = ".snakemake/compasslib.hashes"
 SIMULATED = ".snakemake/compasslib.simulated"  # what a simulation was about to put in place, a file a mooring
 MANY = 1000
@@ -295,6 +296,11 @@ def is_future(path: str, now: float) -> bool:
     with suppress(OSError):
         return os.stat(path).st_mtime > now
     return False
+
+
+def truth_file(name: str) -> str:
+    """Name the file in which the simulation of a mooring tells the truth; no stage but one page reads it."""
+    return f"concealed/{name}.json" if name in CONCEALED else f"truth/{name}.csv"
 
 
 def simulated(name: str) -> dict[str, set[str]]:

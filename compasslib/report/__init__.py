@@ -133,6 +133,11 @@ def gather(
 
 def write(path: str | Path, report: Report) -> None:
     """Write the page; the same results give the same bytes."""
+    write_page(path, "report.html", report=report)
+
+
+def write_page(path: str | Path, template: str, **given: Any) -> None:
+    """Fill a template of a page, which gets the style and its hash besides."""
     import jinja2  # only where a page is made
 
     loader = jinja2.FileSystemLoader(words.TEMPLATES)
@@ -141,7 +146,7 @@ def write(path: str | Path, report: Report) -> None:
     )
     style = (words.TEMPLATES / "style.css").read_text(encoding="utf-8")
     known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()  # the one style that a browser may use
-    text = made.get_template("report.html").render(report=report, style=style, style_hash=known)
+    text = made.get_template(template).render(**given, style=style, style_hash=known)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

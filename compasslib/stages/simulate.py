@@ -10,7 +10,7 @@ from pathlib import Path
 
 from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN, write_json
-from compasslib.demo import demonstration
+from compasslib.demo import concealed, demonstration
 from compasslib.errors import InputError
 from compasslib.pipeline import records
 
@@ -21,8 +21,9 @@ def simulate(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Calla
     Raises:
         InputError: the simulation does not write one of the files.
     """
+    world = concealed if name in concealed.CASES else demonstration
     with put(name, [*raw, truth]) as folder:
-        demonstration.write_mooring(name, folder / "raw", folder / truth, seed)
+        world.write_mooring(name, folder / "raw", folder / truth, seed)
     say(f"{name}: simulated raw files written; the truth stands apart in {truth}")
 
 

@@ -7,16 +7,38 @@ for NAME in SIMULATED:
             f"simulate_{NAME}"
         output:
             raw=SIMULATED[NAME],
-            truth=f"truth/{NAME}.csv",
+            truth=records.truth_file(NAME),
         log:
             f"results/{NAME}/logs/simulate.log",
         benchmark:
             f"results/{NAME}/benchmarks/simulate.tsv"
         priority: 1  # all moorings first: one that came last would end on one core
         params:
-            files={"reads": {}, "writes": {"raw": SIMULATED[NAME], "truth": f"truth/{NAME}.csv"}},
+            files={"reads": {}, "writes": {"raw": SIMULATED[NAME], "truth": records.truth_file(NAME)}},
             name=NAME,
             seed=CRUISE.options.seed,
             code=PLAN.code("simulate"),
         script:
             "../scripts/simulate.py"
+
+
+if PLAN.concealed:
+
+    localrules:
+        concealed,
+
+    rule concealed:
+        """The only rule that reads the truth: what was said of the moorings C1, C2, ... beside what was planted."""
+        input:
+            PLAN.inputs("concealed"),
+        output:
+            report("results/concealed.html", caption="../report/page.rst", category="Cruise"),
+            "results/logs/concealed.json",
+        log:
+            "results/logs/concealed.log",
+        benchmark:
+            "results/benchmarks/concealed.tsv"
+        params:
+            **PLAN.params("concealed"),
+        script:
+            "../scripts/concealed.py"

@@ -1,0 +1,184 @@
+"""Demonstration moorings C1 to C4: what is wrong with each is drawn by a seed, told in ``concealed/NAME.json`` alone.
+
+python -m compasslib.demo.concealed FOLDER SEED    a cruise of these moorings by another seed
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.archive.files import atomic_write
+from compasslib.archive.provenance import PROJECT
+from compasslib.demo import sealed
+from compasslib.demo.sealed import Effect, Ground, Wish
+from compasslib.demo.series import HOUR_S, Floats
+from compasslib.demo.water import Layers
+
+BEGIN_S, HOURS = 1406851200.0, 3000  # 1 August 2014, four months
+IRON_NT, SMALLEST_DEG, LARGEST_DEG = 250.0, 2.5, 4.0
+SHEAR = 2.2  # of C4's water, over that of the others
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What is planted in a mooring."""
+
+    words: str
+    driver: str
+    effect: Callable[[float], Effect]  # by its size
+    date_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """A mooring of the page: where it stands, its iron, and what may be wrong with it."""
+
+    title: str
+    wish: Wish
+    causes: Callable[[Ground, np.random.Generator], list[Cause]]
+    shear: float = 1.0
+
+
+def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int) -> None:
+    """Write one mooring's raw files and, elsewhere, what was planted and the correct headings.
+
+    Args:
+        raw_dir: the cruise's folder of raw files; the mooring's stand in ``raw_dir/name``.
+    """
+    case, rng = CASES[name], np.random.default_rng([seed, *name.encode()])
+    ground = sealed.make(seed, name, case.wish)
+    ground = replace(ground, currents=replace(ground.currents, layers=_sheared(ground, case.shear)))
+    planted, effects = [], []
+    for cause in case.causes(ground, rng):
+        effect, size_deg = _sized(ground, cause.effect, float(rng.uniform(SMALLEST_DEG, LARGEST_DEG)))
+        effects.append(effect)
+        date = None if cause.date_s is None else str(np.datetime64(round(cause.date_s), "s"))
+        planted.append({"what": cause.words, "driver": cause.driver, "date": date, "size_deg": round(size_deg, 2)})
+    truth = sealed.write(ground, effects, Path(raw_dir) / name, sealed.Export())
+    told = {
+        "mooring": name,
+        "title": case.title,
+        "seed": seed,
+        "planted": planted,
+        "time_s": truth.time_s.tolist(),
+        "heading_deg": [None if np.isnan(x) else round(x, 3) for x in truth.heading_deg.tolist()],
+    }
+    Path(truth_path).parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(Path(truth_path)) as temporary:
+        temporary.write_text(json.dumps(told) + "\n", encoding="utf-8")
+
+
+def visible_deg(ground: Ground, effects: list[Effect]) -> float:
+    """Compute the rms by which effects change the readings, beyond what five coefficients of a deviation take up."""
+    time = ground.stamp_s
+    plain, changed = sealed.read(ground, [], time), sealed.read(ground, effects, time)
+    turn = np.exp(1j * np.deg2rad(changed.recorded_deg - plain.recorded_deg))
+    off, angle = np.rad2deg(np.angle(turn)), np.deg2rad(plain.heading_deg)
+    columns = np.stack(
+        [np.ones(len(angle)), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], axis=1
+    )
+    return float(np.std(off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]))
+
+
+def _sized(ground: Ground, effect: Callable[[float], Effect], wanted_deg: float) -> tuple[Effect, float]:
+    """Scale an effect until its visible size is nearly the wanted one."""
+    size, visible = 1.0, 0.0
+    for _ in range(4):
+        visible = visible_deg(ground, [effect(size)])
+        if abs(visible - wanted_deg) < 0.1 * wanted_deg:
+            break
+        size *= float(np.clip(wanted_deg / max(visible, 1e-3), 0.2, 5.0))
+    return effect(size), visible
+
+
+def _sheared(ground: Ground, factor: float) -> Layers:
+    return ground.currents.layers.times(np.full(ground.currents.time_s.size, factor))
+
+
+def _unit(series: Floats) -> Floats:
+    return np.asarray((series - series.mean()) / series.std())
+
+
+def _along(ground: Ground, series: Floats) -> Floats:
+    """Interpolate a series of the water's times to the ensembles."""
+    return np.interp(ground.stamp_s, ground.currents.time_s, series)
+
+
+def _iron(series: Floats, direction: Floats) -> Callable[[float], Effect]:
+    return lambda size: Effect("iron", body_nt=IRON_NT * size * series[:, None] * direction)
+
+
+def _shift(series: Floats) -> Callable[[float], Effect]:
+    return lambda size: Effect("reading", reading=lambda gamma: size * series[:, None] + 0.0 * gamma)
+
+
+def _direction(rng: np.random.Generator) -> Floats:
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    return np.array([np.cos(angle), np.sin(angle), 0.4 * rng.normal()])
+
+
+def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
+    date = float(ground.stamp_s[int(rng.uniform(0.3, 0.7) * ground.stamp_s.size)])
+    after = (ground.stamp_s > date).astype(float)
+    upright = _iron(np.ones(ground.stamp_s.size), np.array([0.0, 0.0, 4.0 * rng.choice([-1.0, 1.0])]))
+    return [
+        Cause("the sphere's iron changed at once", "time", _iron(after, _direction(rng)), date),
+        Cause("vertical iron, which reaches the compass as the sphere leans (heeling)", "tilt", upright),
+    ]
+
+
+def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
+    time, speed = ground.stamp_s, _along(ground, np.abs(ground.currents.surface + ground.currents.column))
+    every, near = rng.uniform(20.0, 60.0) * HOUR_S, rng.uniform(0.12, 0.3)
+    turns = ((time - time[0]) / every) % 1.0
+    passing = np.exp(-0.5 * (np.minimum(turns, 1.0 - turns) / near) ** 2)
+    strummed = np.exp(-0.5 * ((speed - np.quantile(speed, rng.uniform(0.4, 0.7))) / (0.3 * speed.std())) ** 2)
+    warm = _unit(_along(ground, ground.temperature_c))
+    bent = _unit(np.gradient(np.convolve(warm, np.ones(12) / 12.0, "same")))
+    causes = [
+        Cause(
+            f"a profiler passed on the wire every {every / HOUR_S:.0f} hours", "time", _iron(passing, _direction(rng))
+        ),
+        Cause("the wire strummed at one speed and shook the compass", "speed", _shift(strummed)),
+        Cause("a board bent while it warmed or cooled", "temperature", _shift(bent)),
+    ]
+    return [causes[int(rng.integers(len(causes)))]]
+
+
+def _warmed(ground: Ground, rng: np.random.Generator) -> list[Cause]:
+    warm = _unit(_along(ground, ground.temperature_c))
+    return [Cause("the iron's magnetism fell with warmth", "temperature", _iron(warm, _direction(rng)))]
+
+
+def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:
+    return Wish(wide=wide, hours=HOURS, site=(latitude, longitude, depth_m), begin_s=BEGIN_S, strength=strength)
+
+
+CASES = {
+    "C1": Case("iron that changed, and leans", _wish(60.5, -41.2, 420.0, wide=True, strength=0.25), _knocked),
+    "C2": Case("a cause that nobody listed", _wish(61.0, -40.1, 510.0, wide=True, strength=0.2), _unlisted),
+    "C3": Case("a two-valued compass, and warmth", _wish(62.1, -38.6, 380.0, wide=True, strength=1.3), _warmed),
+    "C4": Case(
+        "nothing, though it looks so", _wish(63.4, -36.0, 600.0, wide=False, strength=0.3), lambda *_: [], SHEAR
+    ),
+}
+
+
+def main(folder: str, seed: str) -> None:
+    """Write a cruise of these moorings, to be drawn by a seed."""
+    to = Path(folder) / "config/moorings"
+    to.mkdir(parents=True, exist_ok=True)
+    for name in CASES:
+        shutil.copy(PROJECT / f"config/moorings/{name}.yaml", to)
+    (to.parent / "config.yaml").write_text(f"moorings: config/moorings\ndemonstration: true\nseed: {int(seed)}\n")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

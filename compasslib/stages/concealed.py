@@ -1,0 +1,51 @@
+"""Set what was said of the moorings with a concealed cause beside what was planted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from compasslib.archive import netcdf
+from compasslib.archive.files import read_json
+from compasslib.deviation.correction import correct_headings, record_readings
+from compasslib.deviation.model import fit_from_json
+from compasslib.preparation.references import combine_references
+from compasslib.report import concealed as revealing
+from compasslib.report import write_page
+from compasslib.types import Floats
+
+
+def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say: Callable[[str], None]) -> None:
+    """Write the page; the only stage that reads the truth.
+
+    Args:
+        truths: of each mooring; those without a corrected record are left out.
+        corrected: corrected.nc of the moorings that were not stopped.
+    """
+    there = {Path(path).parent.name for path in corrected}
+    root, shown = Path(page).parent, [path for path in truths if Path(path).stem in there]
+    names = [Path(path).stem for path in shown]
+    moorings = [
+        revealing.reveal(name, root, read_json(path), _headings(root / name))
+        for name, path in zip(names, shown, strict=True)
+    ]
+    write_page(page, "concealed.html", moorings=moorings)
+    say(f"{page}: {len(moorings)} moorings beside the truth")
+
+
+def _headings(folder: Path) -> dict[str, Floats]:
+    """Read the headings of a mooring: as recorded, by the fitted coefficients alone, and as corrected."""
+    product = netcdf.read_corrected(folder / "corrected.nc", velocities=False)
+    near = combine_references(netcdf.read_pairs(folder / "overlap.nc"))
+    fit = fit_from_json(read_json(folder / "deviation.json"))
+    alone = correct_headings(record_readings(product.record), fit, near, None).heading_deg
+    return {
+        "time_s": product.record.time_s,
+        "recorded_deg": product.record.heading_deg,
+        "fit_deg": alone,
+        "corrected_deg": product.heading_corrected_deg,
+        "sigma_deg": product.heading_uncertainty_deg,
+        "flag": np.asarray(product.heading_corrected_quality, dtype=float),
+    }

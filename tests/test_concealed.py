@@ -1,0 +1,84 @@
+"""Moorings whose cause is concealed: what is planted, who may read it, and the page that sets it beside the results."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from launch import PROJECT
+from sea import cruise
+
+from compasslib.archive import netcdf
+from compasslib.config.cruise import load_cruise
+from compasslib.demo import concealed
+from compasslib.pipeline import plan, records
+from compasslib.pipeline.process import run_stages
+from compasslib.stages.concealed import concealed as set_beside
+
+
+def test_no_stage_but_the_page_s_reads_the_truth_and_no_manifest_lists_it():
+    planned = plan.plan(load_cruise(PROJECT))
+    readers = [
+        rule
+        for rule, job in planned.jobs.values()
+        if any(
+            Path(path).parts[0] in ("concealed", "truth") for path in records.flat(planned.files(rule, job)["reads"])
+        )
+    ]
+    assert readers == ["concealed"] and planned.concealed == list(records.CONCEALED)
+    given = "".join(str(rule_setting) for stage in planned.stages.values() for rule_setting in stage.settings)
+    assert "truth" not in given and not any("concealed" in path for path in planned.products())
+    assert "results/logs/concealed.json" in planned.everything()
+
+
+def told(folder: Path, name: str) -> dict:
+    return json.loads((folder / f"{name}.json").read_text())
+
+
+@pytest.mark.parametrize("name", list(concealed.CASES))
+def test_causes_are_drawn_by_the_seed_and_of_the_size_that_is_told(tmp_path, name):
+    for seed in (1, 2):
+        concealed.write_mooring(name, tmp_path / f"{seed}/raw", tmp_path / f"{seed}/{name}.json", seed)
+    first, second = (told(tmp_path / f"{seed}", name) for seed in (1, 2))
+    assert first["heading_deg"] != second["heading_deg"]
+    assert (tmp_path / f"1/raw/{name}/top.000").read_bytes() != (tmp_path / f"2/raw/{name}/top.000").read_bytes()
+    lowest, highest = 0.8 * concealed.SMALLEST_DEG, 1.2 * concealed.LARGEST_DEG
+    assert all(lowest < cause["size_deg"] < highest for cause in first["planted"] + second["planted"])
+    assert [len(x["planted"]) for x in (first, second)] == [{"C1": 2, "C4": 0}.get(name, 1)] * 2
+    start, end = (np.datetime64(text).astype("datetime64[s]").astype(float) for text in ("2014-08-01", "2014-12-04"))
+    assert start <= first["time_s"][0] < first["time_s"][-1] <= end  # as in config/moorings
+
+
+@pytest.fixture(scope="module")
+def processed(tmp_path_factory):
+    """A mooring's results, and a truth from which its corrected headings are off by 2 degrees at half of the times."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("C1",), n=400)
+    made = folder / "results/C1"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        run_stages(load_cruise(Path()), "C1", made.absolute(), last=("corrected.nc", "work/pictures.json"))
+    product = netcdf.read_corrected(made / "corrected.nc", velocities=False)
+    off = np.where(np.arange(400) < 200, 2.0, -2.0)
+    planted = {"what": "a <planted> change", "driver": "time", "date": "2007-09-10T00:00:00", "size_deg": 2.0}
+    truth = {
+        "mooring": "C1", "title": "a case", "seed": 7, "planted": [planted],
+        "time_s": product.record.time_s.tolist(),
+        "heading_deg": [None, *(product.heading_corrected_deg - off)[1:].tolist()],
+    }  # fmt: skip
+    (folder / "concealed").mkdir()
+    (folder / "concealed/C1.json").write_text(json.dumps(truth))
+    return SimpleNamespace(folder=folder, sigma_deg=product.heading_uncertainty_deg[1:])
+
+
+def test_the_page_sets_said_beside_planted_and_measures_the_headings(processed):
+    page, lines = processed.folder / "results/concealed.html", []
+    truths = [str(processed.folder / f"concealed/{name}.json") for name in ("C1", "C2")]
+    set_beside(page=str(page), truths=truths, corrected=[str(page.parent / "C1/corrected.nc")], say=lines.append)
+    text = page.read_text()
+    assert "a &lt;planted&gt; change" in text and "<planted>" not in text and "on 2007-09-10 at 00:00" in text
+    assert "2.0° (2.0–2.0)" in text  # the corrected headings' rms, with its interval
+    within = f"{100 * np.mean(processed.sigma_deg * 1.959964 >= 2.0):.0f} %"
+    assert within in text and text.count("data:image/png") == 2 and lines[0].endswith("1 moorings beside the truth")
