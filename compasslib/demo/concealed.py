@@ -14,8 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.archive.files import atomic_write
-from compasslib.archive.provenance import PROJECT
 from compasslib.demo import sealed
 from compasslib.demo.sealed import Effect, Ground, Wish
 from compasslib.demo.series import HOUR_S, Floats
@@ -71,8 +69,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
         "heading_deg": [None if np.isnan(x) else round(x, 3) for x in truth.heading_deg.tolist()],
     }
     Path(truth_path).parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(Path(truth_path)) as temporary:
-        temporary.write_text(json.dumps(told) + "\n", encoding="utf-8")
+    Path(truth_path).write_text(json.dumps(told) + "\n", encoding="utf-8")
 
 
 def visible_deg(ground: Ground, effects: list[Effect]) -> float:
@@ -176,7 +173,7 @@ def main(folder: str, seed: str) -> None:
     to = Path(folder) / "config/moorings"
     to.mkdir(parents=True, exist_ok=True)
     for name in CASES:
-        shutil.copy(PROJECT / f"config/moorings/{name}.yaml", to)
+        shutil.copy(Path(__file__).parents[2] / f"config/moorings/{name}.yaml", to)
     (to.parent / "config.yaml").write_text(f"moorings: config/moorings\ndemonstration: true\nseed: {int(seed)}\n")
 
 
