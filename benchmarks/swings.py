@@ -1,9 +1,9 @@
 """Do the stated uncertainties of a swing hold? Simulated swings with known truth, and the one real log.
 
-Headings: one reading each on 8, 16 or 36 headings, the water drifting. Logs: 14 to 40 minutes at one sample a second,
-on legs or in slow circles, with a helmsman's wander, a receiver that smooths and lags, speeds that vary, outliers, and
-water whose drift changes; with and without the ship's own speed log. The declination is given with its error. The same
-seed draws the same swings.
+Headings: one reading each on 8, 16 or 36 headings, or on five and towards a mark, the water drifting. Logs: 14 to 40
+minutes at one sample a second, on legs or in slow circles, with a helmsman's wander, a receiver that smooths and lags,
+speeds that vary, outliers, and water whose drift changes; with and without the ship's own speed log. The declination is
+given with its error. The same seed draws the same swings.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from compasslib import angles
 from compasslib.calibrations import swing
 from compasslib.deviation.series import series_deviation
 
-KINDS = ("8 headings", "16 headings", "36 headings", "log", "log and ship's log")
+KINDS = ("5 headings and a mark", "8 headings", "16 headings", "36 headings", "log", "log and ship's log")
 TRUTH_SIGMA = np.array([1.0, 5.0, 5.0, 2.0, 1.0])
 DECLINATION_DEG, DECLINATION_SIGMA_DEG = 3.0, 0.4
 WIDEST_DRIFT_KN, OUTLIERS = 1.0, 0.004
@@ -72,7 +72,8 @@ def recorded(truth: np.ndarray, heading: np.ndarray) -> np.ndarray:
 
 def headings(rng: np.random.Generator, n: int, truth: np.ndarray) -> Row:
     """Draw readings on n headings at one speed or at speeds that vary."""
-    beta = angles.wrap360(360.0 * np.arange(n) / n + rng.normal(0.0, 2.0, n))
+    beta = angles.wrap360(np.append(90.0 * np.arange(4), 45.0) if n == 5 else 360.0 * np.arange(n) / n)
+    beta = angles.wrap360(beta + rng.normal(0.0, 2.0, n))
     speed = rng.uniform(6.0, 9.0) + rng.choice([0.1, 1.0]) * rng.normal(size=n)
     ground = speed * np.exp(1j * np.deg2rad(90.0 - beta - DECLINATION_DEG)) + disc(rng, WIDEST_DRIFT_KN)
     course = angles.direction(ground.real, ground.imag) + rng.normal(0.0, 0.7, n)
@@ -134,7 +135,12 @@ def measured(index: int, seed: int, folder: Path) -> dict[str, object]:
         writer = csv.writer(stream)
         writer.writerow(rows)
         writer.writerows(zip(*([str(x) for x in column] for column in rows.values()), strict=True))
-    given = {"declination_deg": DECLINATION_DEG + rng.normal(0.0, DECLINATION_SIGMA_DEG)}
+    marks = {}
+    if "mark" in kind:
+        towards = rng.uniform(0.0, 90.0)  # in the quadrant of the fifth course
+        shown = float(angles.wrap360(recorded(truth, np.array([towards]))[0] + rng.normal()))
+        marks = {"visual": [{"compass_deg": shown, "true_deg": towards + DECLINATION_DEG}]}
+    given = marks | {"declination_deg": DECLINATION_DEG + rng.normal(0.0, DECLINATION_SIGMA_DEG)}
     found = swing.calibrate([path], {**given, "declination_sigma_deg": DECLINATION_SIGMA_DEG})
     if found.why:
         return {"kind": kind, "why": found.why}

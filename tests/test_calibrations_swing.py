@@ -9,7 +9,7 @@ import pytest
 from matplotlib.image import imread
 
 from compasslib import angles, calibrations, compass
-from compasslib.calibrations import swing
+from compasslib.calibrations import budget, swing
 from compasslib.calibrations.result import Calibration
 from compasslib.deviation.series import series_deviation
 from compasslib.errors import InputError
@@ -96,6 +96,8 @@ def test_both_columns_prefer_the_true_heading(eight):
     found = swing.calibrate([eight], {"declination_deg": DECLINATION})
     assert found.residual_rms_deg == pytest.approx(4.05, abs=0.005)
     assert "the true heading is used" in " ".join(found.warnings)
+    table_3 = {k: round(x, 4) for k, x in found.details["pseudo_minus_true"].items()}
+    assert table_3 == {"A": -0.25, "D": 0.25, "E": -0.25}  # MM Table 3 and its note
 
 
 def test_true_headings_without_noise_come_back(tmp_path):
@@ -199,7 +201,7 @@ def test_one_visual_mark_and_the_two_headings(tmp_path):
     bare = swing.calibrate([written(tmp_path, **columns)], SURE)
     one = swing.calibrate([written(tmp_path, **columns)], SURE | {"visual": marks[:1]})
     two = swing.calibrate([written(tmp_path, **columns)], SURE | {"visual": marks, "visual_sigma_deg": 0.3})
-    assert bare.details["residual_b_c"] is None
+    assert set(bare.details["residual_b_c"]) == {"opposite_courses"}
     across = np.array(angles.sin_cos(40.0))
     left = [float(across @ f.covariance[1:3, 1:3] @ across) for f in (bare, one)]
     assert left[1] < 0.15 * left[0]  # what lies across the mark is told, what lies along it is not
@@ -207,6 +209,32 @@ def test_one_visual_mark_and_the_two_headings(tmp_path):
     both = two.details["residual_b_c"]["two_headings"]
     assert (both["B"], both["C"]) == pytest.approx((5.0, -3.0), abs=0.3)  # second order of the drift
     assert {"B", "C", "theta_1", "theta_2"} <= set(one.details["residual_b_c"]["one_heading"])
+
+
+@pytest.mark.parametrize("set_deg", [0.0, 40.0, 130.0, 220.0])
+def test_five_courses_and_one_mark_state_what_the_drift_leaves(tmp_path, set_deg):
+    """Moncunill's complete method on exact data with S/d = 10: B and C are off along the mark's heading alone."""
+    truth = np.array([0.4, 1.6, -2.0, 1.5, -0.6])
+    gamma = np.array([0.0, 90.0, 180.0, 270.0, 45.0])
+    through = angles.components(8.0, gamma + series_deviation(truth, gamma))
+    east, north = np.add(through, angles.components([0.8], set_deg))
+    columns = {"compass_deg": gamma, "cog_deg": angles.direction(east, north), "speed_kn": np.hypot(east, north)}
+    mark = [{"compass_deg": float(recorded(np.array([40.0]), truth)[0]), "true_deg": 40.0}]
+    found = swing.calibrate([written(tmp_path, **columns)], SURE | {"visual": mark})
+    off = found.coefficients - truth
+    assert np.all(np.abs(off) < 1.96 * sigmas(found)) and budget.expanded(found.sources) < 8.0
+    drift = found.details["residual_b_c"]["one_heading"]["drift"]
+    by_mark = [found.details["residual_b_c"]["one_heading"][k] for k in "BC"]
+    error = 5.73 * np.cos(np.deg2rad(set_deg - 40.0)) * np.array([drift["along"]["B"], drift["along"]["C"]])
+    assert np.subtract(by_mark, truth[1:3]) == pytest.approx(-error, abs=0.6)  # second order
+    assert not any("lies in the quadrant of" in text for text in found.warnings)
+    elsewhere = swing.calibrate(
+        [written(tmp_path, **columns)], SURE | {"visual": [{"compass_deg": 130, "true_deg": 130}]}
+    )
+    assert any("lies in the quadrant of SE and D comes from NE alone" in text for text in elsewhere.warnings)
+    assert np.hypot(*error) <= drift["largest_deg"] and "second mark 60 to 120° away" in drift["text"]
+    by_speed = [found.details["residual_b_c"]["opposite_courses"][k] for k in "BC"]
+    assert by_speed == pytest.approx(truth[1:3], abs=0.6)
 
 
 def test_heading_for_the_sun(tmp_path):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from compasslib import angles
 from compasslib.calibrations import swing
-from compasslib.calibrations.swing import adjustment
+from compasslib.calibrations.swing import adjustment, correctors
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError
 
@@ -117,6 +117,57 @@ def test_nullifying():  # MM section 7.2, point 7
     assert found["text"].startswith("Nullify B:")
     without = series_design(np.arange(0.0, 360.0, 15.0)) @ [0.2, 0.0, -3.0, 0.5, 0.1]
     assert found["residual_table_deg"]["B"] == pytest.approx(without)
+
+
+@pytest.mark.parametrize("first", [("E", "N"), ("W", "S"), ("N", "W")])
+def test_the_adjustment_leaves_the_drift_of_the_water_alone(first):
+    """MM (6) to (9), (16), (17) and with the water (27) to (34): A, D and E stay, B and C end as x and -y."""
+    a, b, c, _, e = before = np.array([0.7, 6.0, -4.0, 1.5, -0.6])
+    x, y = 2.0, -1.0
+    nullified = {step["course"]: step for step in correctors.adjust(before, first)}
+    for course, left in (("E", ("B", e - a)), ("W", ("B", a - e)), ("N", ("C", -a - e)), ("S", ("C", a + e))):
+        if course in first:  # (6), (6 bis), (7), (7 bis)
+            assert nullified[course][left[0]] == pytest.approx(left[1]) and nullified[course]["after_deg"] == 0.0
+    assert abs(nullified["W" if "E" in first else "E"]["before_deg"]) == pytest.approx(2.0 * abs(a - e))  # (8)
+    last = correctors.adjust(before, first)[-1]
+    assert (last["B"], last["C"]) == pytest.approx((0.0, 0.0), abs=1e-12)  # (16), (17) halved
+    last = correctors.adjust(before, first, (x, y))[-1]
+    assert (last["B"], last["C"]) == pytest.approx((x, -y))  # (31), (32) with equal pseudo-deviations
+    first_step = correctors.adjust(before, ("E", "N"))[0]
+    assert first_step["before_deg"] == pytest.approx(a + b - e) and first_step["magnets"] == "longitudinal"
+    assert "shows 090.0" in first_step["text"] and c == before[2]
+
+
+@pytest.mark.parametrize(("d", "e"), [(4.0, 0.0), (4.0, 2.0), (-3.0, 1.0), (1.0, -5.0)])
+def test_spheres_and_magnets_nullify_their_terms(d, e):
+    """By the field of two spheres of soft iron in the earth's, added to the ship's, through the exact compass."""
+    iron = np.array(
+        [0.0, np.sin(np.deg2rad(5.0)), np.sin(np.deg2rad(-3.0)), np.sin(np.deg2rad(d)), np.sin(np.deg2rad(e))]
+    )
+    soft = np.array([[iron[3], iron[4]], [iron[4], -iron[3]]])
+    placed = correctors.spheres(d, e, 100.0)
+    across = np.array([-np.sin(np.deg2rad(placed["slew_deg"])), np.cos(np.deg2rad(placed["slew_deg"]))])
+    spheres = 2.0 * (50.0 / placed["distance_mm"]) ** 3 * (3.0 * np.outer(across, across) - np.eye(2))
+    left = soft + spheres
+    assert abs(left[0, 0] - left[1, 1]) < 1e-9 and abs(left[0, 1] + left[1, 0]) < 1e-9
+    field = [
+        iron[1] * 20000.0 + correctors.magnet_field(5.0, 20000.0),
+        iron[2] * 20000.0 + correctors.magnet_field(-3.0, 20000.0),
+    ]
+    assert field == pytest.approx([0.0, 0.0], abs=1e-9)
+    planned = correctors.plan(np.array([0.0, 5.0, -3.0, d, e]), 9.0, 20000.0)
+    assert "towards the stern" in planned["text"] and "soft-iron spheres" in planned["text"]
+    assert "text" not in correctors.plan(np.array([0.0, 1.0, 0.0, 0.0, 0.0]), 1.0, None)
+
+
+def test_the_directive_force_is_that_of_the_exact_compass_at_first_order():  # MM (53)
+    from compasslib import compass
+
+    exact, heading = np.array([0.0, 0.06, -0.04, 0.03, 0.02]), np.arange(0.0, 360.0, 10.0)
+    q = compass.level_field(exact, heading)
+    force = adjustment.directive_force(exact / angles.DEGREE, heading)
+    assert np.max(np.abs(force["relative"] - np.real(q * np.conj(angles.phasor(heading))))) < 0.01
+    assert force["least"] == min(force["relative"]) and force["on_deg"] in heading
 
 
 def test_red_ends_forward_take_a_positive_b_away():

@@ -150,7 +150,7 @@ QUALITY = {
     "side_lobe": True,
 }  # fmt: skip
 FIT = {
-    "method": "exact", "name": None, "tilt": False, "model": "exact", "coefficients": None, "covariance": None,
+    "method": "exact", "name": (), "tilt": False, "model": "exact", "coefficients": None, "covariance": None,
     "file": None, "columns": None,
 }  # fmt: skip
 
@@ -181,7 +181,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
-            "compass": None, "sphere": None, "compass_sigma_deg": None, "sphere_distance_m": None, "fit": None,
+            "compass": None, "sphere": None, "compass_sigma_deg": None, "parts": (), "sphere_distance_m": None, "fit": None,
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
             "bin_size": None, "first_bin": None, "flags": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
@@ -343,7 +343,7 @@ def test_a_calibration_is_named_by_its_file(cruise: Path) -> None:
     )
     placed = "kind: platform\nfile: raw/EG4/deep.csv\nlatitude: 48.4\nlongitude: -4.5\ndate: 2022-09-29\n"
     write(cruise, "config/calibrations/aqd.yaml", placed)
-    assert config.load_cruise(cruise).moorings["EG4"].fit.name == "aqd"
+    assert config.load_cruise(cruise).moorings["EG4"].fit.name == ("aqd",)
 
 
 def test_the_cruise_with_real_records_is_read() -> None:
@@ -465,7 +465,7 @@ BAD_LINES = [
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
     ("    sphere_distance_m: [0.6, 0.4]", "instruments.top.sphere_distance_m: expected a distance in metres, or [from, to], found a list; write for example sphere_distance_m: [0.4, 0.6]"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, sphere_distance_m, fit, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, parts, sphere_distance_m, fit, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
     ("    declination_applied: {heading: 3}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found heading; write both, for example {heading: 0, velocity: -17.4}"),
     ("    declination_applied: {heading: 3, velocity: 181}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found a mapping; write for example declination_applied: 0"),
     ("    format: netcdf\n    flags: {good: [1], bad: ['1']}", "instruments.top.flags: expected each meaning once, found '1' twice; delete one of the two"),

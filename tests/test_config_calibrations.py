@@ -55,7 +55,7 @@ def test_the_example_of_the_contract_is_read_and_its_defaults_are_filled_in(crui
     assert calibrations.settings(loaded["aqd"]) == {
         "declination": "auto", "latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0, "withhold": [],
         "table_step_deg": 10, "format": "csv", "columns": {}, "budget": None,
-        "mounting_deg": None,
+        "mounting_deg": None, "object": None, "parts": [],
         "uncertainty": dict.fromkeys(budget.ROWS),
     }  # fmt: skip
 
@@ -104,11 +104,11 @@ BAD = [
     ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation: expected up or down, or a list of two of these, found a list; write for example orientation: [up, down]"),
     ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\nheading_alignment: [1, 2, 3]\n", "heading_alignment: expected degrees, or a list of two, found a list; write for example heading_alignment: [0, 45]"),
     ("kind: swing\nfile: raw/cal/aqd.csv\nvisual: [{compass_deg: 40}]\n", "visual[0].true_deg: expected degrees from 0 to 360, found nothing; add for example true_deg: 42"),
-    ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind: expected platform, swing, magnetometer, declination or two_heads, found 'platfrom'; write platform"),
-    ("file: raw/cal/aqd.csv\n", "kind: expected platform, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),
+    ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found 'platfrom'; write platform"),
+    ("file: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),
     ("kind: platform\n", "file: expected a path, a list of paths or a glob, relative to the cruise folder, found nothing; add for example file: raw/cal/aqd.csv"),
     ("kind: platform\nfile: raw/cal/no.csv\n", "file: expected an existing file, found no file raw/cal/no.csv; put it there or correct the path, relative to the cruise folder"),
-    (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, compare_with, compass, sphere, format, columns, mounting_deg, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),
+    (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, parts, compare_with, compass, sphere, format, columns, mounting_deg, object, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),
     (EXAMPLE.replace("48.4", "98.4"), "latitude: expected a number from -90 to 90, found 98.4; check the sign and the order of latitude and longitude"),
     (EXAMPLE.replace("latitude: 48.4\n", ""), "latitude: expected latitude beside longitude, found nothing; add latitude or delete longitude"),
     (EXAMPLE.replace("2022-09-29", "29.9.2022"), "date: expected a date or UTC time from 1980 to 2100, found '29.9.2022'; write for example date: 2022-09-29"),

@@ -7,6 +7,7 @@ from sea import MILD, pairs
 from compasslib import angles
 from compasslib.deviation.series import (
     fit_series,
+    fit_series_about_mean,
     inverse_table,
     invert_series,
     series_deviation,
@@ -62,6 +63,19 @@ def test_fit_recovers_a_curve_without_noise():
     fit = fit_series(clean)
     assert fit.coefficients == pytest.approx(truth, abs=1e-6)
     assert fit.recorded_range_deg == (0.0, 360.0) and not fit.folded
+
+
+def test_the_inverted_stretch_may_be_that_which_holds_most_headings():
+    """Where a curve folds and the mooring lay on its steady side, an author would invert that side."""
+    coefficients, heading = (0.0, 100.0, 0.0, 0.0, 0.0), np.linspace(120.0, 240.0, 60)
+    recorded = angles.wrap360(heading - series_deviation(coefficients, heading))
+    sluggish, steady = invert_series(coefficients, recorded), invert_series(coefficients, recorded, heading)
+    assert np.abs(angles.difference(steady, heading)).max() < 0.02
+    assert np.isnan(sluggish).all()
+    turned = invert_series(coefficients, recorded, np.append(heading[:5], np.linspace(-40.0, 40.0, 60)))
+    assert np.array_equal(turned, sluggish, equal_nan=True)
+    seen, _ = pairs((0, 0, 0, 0, 0), n=500)
+    assert fit_series_about_mean(seen) == pytest.approx(fit_series(seen).coefficients, abs=1e-6)
 
 
 def test_shared_noise_biases_it_as_the_design_says():

@@ -45,6 +45,7 @@ class Kind:
 
 KINDS: dict[str, Kind] = {
     "platform": Kind("platform"),
+    "tilt": Kind("tilt", ("tilt",), by_heading=False),
     "magnetometer": Kind("magnetometer", ("magnetometer",), formats=("table", "mmp_acm")),
     "swing": Kind("swing", ("swing",), formats=("table", "nmea0183")),
     "declination": Kind("declination", ("series", "disturbance"), by_heading=False, formats=("iaga2002",)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +26,7 @@ from compasslib.deviation.model import (
 from compasslib.deviation.series import invert_series, series_range
 from compasslib.records import BAD, EarthField, Pairs, Record
 from compasslib.statistics.noise import effective_sample_size
+from compasslib.types import Floats
 
 METHOD, GIVEN = "calibration", "coefficients"
 HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
@@ -34,21 +35,66 @@ MIN_CONTRADICTION_DEG = 5.0
 MIN_NOISE_DEG, MAX_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
 
 
-def carry_to_mooring(content: Mapping[str, Any], field: EarthField, record: Record, pairs: Pairs) -> DeviationFit:
-    """Carry the exact compass of a calibration into a mooring's field; no coefficients where that is unknown.
+def carry_to_mooring(
+    contents: Sequence[Mapping[str, Any]],
+    field: EarthField,
+    record: Record,
+    pairs: Pairs,
+    *,
+    parts: Sequence[str] = (),
+) -> DeviationFit:
+    """Carry the exact compass of calibrations into a mooring's field; no coefficients where that is unknown.
+
+    Of two, before and after the deployment, the mean is taken, and their difference is a uniform uncertainty.
 
     Args:
+        contents: calibration.json of one or two.
         pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
+        parts: what stands near the mooring's compass, as its file states it.
     """
-    if missing := _missing_part(content):
-        return DeviationFit(METHOD, len(pairs), why=f"calibration {content['name']}: {missing}")
-    transferred = _transfer(content, field)
-    noise = ScatterNoise(compass_deg=float(np.clip(content["residual_rms_deg"] or 0.0, MIN_NOISE_DEG, MAX_NOISE_DEG)))
-    warnings = (transferred.warning, *content.get("doubts", ()), *too_exact(content["residual_rms_deg"]))
-    named = tuple(f"calibration {content['name']}: {warning}" for warning in warnings if warning)
-    coefficients, covariance = transferred.coefficients, transferred.covariance
-    fit = DeviationFit(METHOD, len(pairs), coefficients, covariance, noise=noise, warnings=named)
+    if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each))]:
+        return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
+    transferred = [_transfer(each, field) for each in contents]
+    named = []
+    for content, carried in zip(contents, transferred, strict=True):
+        exact = too_exact(content["residual_rms_deg"])
+        warnings = (carried.warning, *content.get("doubts", ()), *exact, other_parts(content.get("parts", ()), parts))
+        named += [f"calibration {content['name']}: {warning}" for warning in warnings if warning]
+    change = transferred[-1].coefficients - transferred[0].coefficients
+    coefficients = transferred[0].coefficients + change / 2.0
+    covariance = np.mean([each.covariance for each in transferred], axis=0) + np.outer(change, change) / 12.0
+    if len(contents) > 1:
+        named.append(_change(contents, [each.coefficients for each in transferred])["text"])
+    scatter = max(content["residual_rms_deg"] or 0.0 for content in contents)
+    noise = ScatterNoise(compass_deg=float(np.clip(scatter, MIN_NOISE_DEG, MAX_NOISE_DEG)))
+    fit = DeviationFit(METHOD, len(pairs), coefficients, covariance, noise=noise, warnings=tuple(named))
     return evaluate_on_record(fit, record, pairs)
+
+
+def other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> str:
+    """Say where a compass was calibrated among other parts than it is moored with; empty where none are stated."""
+    there, here = ({part.casefold() for part in parts} for parts in (calibrated, moored))
+    if there == here:
+        return ""
+    differing = [part for part in (*calibrated, *moored) if (part.casefold() in there) != (part.casefold() in here)]
+    stated = "with " + ", ".join(calibrated) if calibrated else "without stated parts"
+    near = "with " + ", ".join(moored) if moored else "without stated parts"
+    return (
+        f"calibrated {stated}, moored {near}: {', '.join(differing)} may turn the compass by more than the "
+        "stated uncertainty; calibrate with what is moored, or correct parts"
+    )
+
+
+def _change(contents: Sequence[Mapping[str, Any]], coefficients: Sequence[Floats]) -> dict[str, Any]:
+    """Describe the change of a compass between two calibrations, both carried to the mooring."""
+    shown = [compass.recorded_heading(each, HEADINGS_DEG) for each in coefficients]
+    size = angles.rms(angles.difference(*shown))
+    before, after = (f"{each['name']} ({each['place']['date'] or 'not dated'})" for each in contents)
+    text = (
+        f"the compass changed by {size:.1f}° rms between the calibrations {before} and {after}: the mean of both is "
+        "used, and the change is in the uncertainty of all headings"
+    )
+    return {"rms_deg": size, "text": text}
 
 
 def compass_from_coefficients(
@@ -119,15 +165,21 @@ def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
     )
 
 
-def origin(content: Mapping[str, Any], field: EarthField) -> dict[str, Any]:
-    """Describe for deviation.json where the model comes from."""
-    source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
-    if not _missing_part(content):
-        transferred = _transfer(content, field)
-        ends = {"if_all_hard": transferred.if_all_hard, "if_all_induced": transferred.if_all_induced}
-        source |= {"coefficients": content["exact"]["coefficients"]}
-        source |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
-    return {"calibration": source}
+def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str, Any]:
+    """Describe for deviation.json where the model comes from: the calibration, and the one after the deployment."""
+    sources, carried = [], []
+    for content in contents:
+        source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
+        if not _missing_part(content):
+            transferred = _transfer(content, field)
+            carried.append(transferred.coefficients)
+            ends = {"if_all_hard": transferred.if_all_hard, "if_all_induced": transferred.if_all_induced}
+            source |= {"coefficients": content["exact"]["coefficients"]}
+            source |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
+        sources.append(source)
+    after = {"calibration_after": sources[1]} if len(sources) > 1 else {}
+    change = {"calibration_change": _change(contents, carried)} if len(carried) > 1 else {}
+    return {"calibration": sources[0]} | after | change
 
 
 def _missing_part(content: Mapping[str, Any]) -> str:

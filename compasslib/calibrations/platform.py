@@ -61,12 +61,13 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         InputError: a file cannot be read, a column is absent or is not in degrees, headings run against each other, or
             a constant of a quarter turn and more is not settled by ``mounting_deg``.
     """
-    columns, notes = _read_columns(files, settings)
+    columns, notes = read_columns(files, settings)
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
     mounting = settings.get("mounting_deg")
     reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
     read = BenchReadings(reference, columns["recorded_deg"][known])
-    rows = budget.sources(settings.get("uncertainty") or {}, settings.get("budget"))
+    given = settings.get("uncertainty") or {}
+    rows = budget.sources(given, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
     fitted = calibrate_readings("platform", read, rows, table_step_deg=step)
     where = ", ".join(str(file) for file in files)
@@ -83,11 +84,12 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     warnings = [*notes]
     if not known.all():
         warnings.append(f"{int(np.sum(~known))} lines without both headings are excluded")
-    warnings += [*fitted.warnings, *misfits]
-    if absent := budget.absent(rows):
-        holds = "only the scatter about the curve" if not rows else "the other rows only"
-        warnings.append(f"the budget has no row {', '.join(absent)}: the expanded uncertainty includes {holds}")
-    return replace(fitted, details={**fitted.details, "doubts": misfits}, warnings=tuple(warnings))
+    warnings += [*fitted.warnings, *misfits, *budget.notes(given, rows)]
+    details: dict[str, Any] = {**fitted.details, "doubts": misfits}
+    if settings.get("budget") == budget.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
+        level = (settings.get("field") or {}).get("horizontal_nT", budget.PAPER_FIELD_NT)
+        details["physical_field"] = budget.physical_field(fitted.sources, level)
+    return replace(fitted, details=details, warnings=tuple(warnings))
 
 
 def _refuse_mistaken(fitted: Calibration, read: BenchReadings, where: str) -> None:
@@ -204,7 +206,7 @@ def calibrate_readings(
         sources=rows,
         table=_table(chosen, table_step_deg, budget.common(rows)),
         points=points,
-        details={**empty.details, **_details(fits, chosen, budget.common(rows))},
+        details={**empty.details, "errors": _extremes(-observed.deviation_deg), **_details(fits, chosen, sources)},
         warnings=_warnings(readings, settings, fits, chosen),
     )
 
@@ -246,12 +248,25 @@ def _points(readings: BenchReadings, chosen: FittedCurve | None) -> dict[str, Fl
     return columns | {"fitted_deg": fitted, "residual_deg": angles.wrap180(points.deviation_deg - fitted)}
 
 
-def _details(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
-    models = {name: {"why": fit} if isinstance(fit, str) else curves.curve_to_json(fit) for name, fit in fits.items()}
+def _details(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, sources: Sequence[Source]) -> dict[str, Any]:
+    models: dict[str, dict[str, Any]] = {}
+    for name, fit in fits.items():
+        if isinstance(fit, str):
+            models[name] = {"why": fit}
+            continue
+        total = budget.expanded((*sources, budget.residual(fit.scatter_deg, fit.dof)))
+        models[name] = curves.curve_to_json(fit) | {"expanded_deg": total} | _extremes(-fit.residual_deg)
+    common_deg = budget.common(tuple(sources))
     scores = [f"{name} {fit.score_deg:.2f}" for name, fit in fits.items() if isinstance(fit, FittedCurve)]
     chosen_by = f"{chosen.form.name}; degrees rms on headings left out one by one: {', '.join(scores)}"
     shift = {} if chosen.form is POLYNOMIAL else {"constant_shift": _constant_shift(fits, chosen, common_deg)}
     return {"models": models, "chosen_by": chosen_by, **shift}
+
+
+def _extremes(error_deg: Floats) -> dict[str, float]:
+    """Describe errors, recorded minus reference, as Le Menn et al. 2023 do: the largest, and from peak to peak."""
+    largest = float(error_deg[np.argmax(np.abs(error_deg))])
+    return {"max_error_deg": largest, "peak_to_peak_deg": float(np.ptp(error_deg))}
 
 
 def _constant_shift(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
@@ -321,10 +336,10 @@ def _warnings(
     return tuple(warnings)
 
 
-def _read_columns(
-    files: Sequence[str | Path], settings: Mapping[str, Any]
+def read_columns(
+    files: Sequence[str | Path], settings: Mapping[str, Any], roles: Sequence[str] = ROLES
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
-    """Read reference and recorded heading, files one after the other, and notes.
+    """Read a bench's columns of angles by role, files one after the other, and notes.
 
     Args:
         settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out, and
@@ -335,18 +350,18 @@ def _read_columns(
     """
     paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
     where = ", ".join(str(path) for path in paths)
-    header = {role: (settings.get("columns") or {}).get(role, role) for role in ROLES}
+    header = {role: (settings.get("columns") or {}).get(role, role) for role in roles}
     layout = delimited.Layout.from_settings(settings)
     names = set().union(*(delimited.read_header(path, [*header.values()], layout) for path in paths))
     if unknown := sorted(withheld - set(header) - names):
         expected = f"columns of it ({', '.join(sorted(names)) or 'an empty file'})"
         raise InputError(f"{where}: withhold", expected=expected, found=unknown[0], advice="correct withhold")
-    for role in ROLES:
+    for role in roles:
         if {role, header[role]} & withheld:
             expected, needed = "columns that the calibration can do without", f"{role}, which it needs"
             raise InputError("withhold", expected=expected, found=needed, advice="take it out of withhold")
     tables = [delimited.read_table(path, header, ADVICE, layout) for path in paths]
-    columns = {role: np.concatenate([table.columns[role] for table in tables]) for role in ROLES}
+    columns = {role: np.concatenate([table.columns[role] for table in tables]) for role in roles}
     for role, values in columns.items():
         if (largest := np.nanmax(np.abs(values), initial=0.0)) > MAX_ANGLE_DEG:
             advice = "turn the column to degrees"

@@ -12,8 +12,9 @@ import numpy as np
 from compasslib import angles
 from compasslib.calibrations import budget
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
+from compasslib.calibrations.objects import changes_by_object, describe_object
 from compasslib.calibrations.settings import resolve_settings
-from compasslib.deviation.model import MIN_HORIZONTAL_NT
+from compasslib.deviation.model import FieldAtPlace, separate_iron, weak_field_warnings
 from compasslib.types import Floats
 
 LETTERS = "ABCDE"
@@ -22,6 +23,7 @@ MAX_DATE_ERROR_S = 180 * 86400.0
 POSITION = ("latitude", "longitude")
 SIGNIFICANCE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
 MIN_P_VALUE = 0.001  # smaller ones are not printed
+NO_BENCH = "compare_with names no bench without the object, so that its influence is not known"
 MIN_AMPLITUDE_SIGMAS = 3.0  # standard deviations of an amplitude under which it has no phase
 
 
@@ -42,7 +44,7 @@ class DeviationTable:
 class Calibration:
     """The result of one calibration; without coefficients where there was too little, and ``why`` then says so."""
 
-    kind: str  # platform | swing | magnetometer | declination | two_heads
+    kind: str  # platform | tilt | swing | magnetometer | declination | two_heads
     model: str  # the curve that was chosen
     n: int  # observations used
     coverage: int  # occupied sectors of 10 degrees of the recorded heading, of 36
@@ -66,12 +68,10 @@ def to_json(
 
     Args:
         settings: as ``resolve_settings`` returns them.
-        earlier: calibration.json of those that it is to be compared with, by name; at most one.
+        earlier: calibration.json of those that it is to be compared with, by name.
     """
-    field, warnings = settings.get("field"), [*made.warnings]
-    if field is not None and field["horizontal_nT"] < MIN_HORIZONTAL_NT:
-        weak = f"the horizontal field is {field['horizontal_nT']:.0f} nT"
-        warnings.append(f"{weak}; below {MIN_HORIZONTAL_NT:.0f} nT no correction is reliable")
+    place = _place(settings, made.details)
+    weak = weak_field_warnings(place["field"]["horizontal_nT"]) if place["field"] else ()
     common = {
         "name": name,
         "kind": made.kind,
@@ -83,15 +83,18 @@ def to_json(
         "coverage": made.coverage,
         "uncertainty": _uncertainty(made),
         "exact": {"coefficients": _named(made.exact), "covariance": made.exact_covariance} if made.exact.size else None,
-        "place": _place(settings, made.details),
-        "comparison": next((compare(made, page, name) for name, page in earlier.items()), None),
+        "place": place,
+        "parts": list(settings.get("parts") or ()),
+        "comparison": next((compare(made, page, name, place["field"]) for name, page in earlier.items()), None),
+        "compared": _compared(name, made, earlier),
         "why": made.why,
-        "warnings": warnings,
+        "warnings": [*made.warnings, *weak],
     }
+    near = _object(common | {"object": settings.get("object")}, earlier)
     taken = [key for key in made.details if key in common and made.details[key] != common[key]]
     if taken:
         raise ValueError(f"details of kind {made.kind} use the names {taken}, which every calibration has")
-    return {**common, **made.details}
+    return {**common, **made.details, **near}
 
 
 def from_json(content: Mapping[str, Any]) -> Calibration:
@@ -149,8 +152,7 @@ def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str,
 
 
 def _uncertainty(made: Calibration) -> dict[str, Any]:
-    uncertainty = made.sources and (made.coefficients.size or made.exact.size)
-    standard = budget.combined(made.sources) if uncertainty else None
+    standard = budget.combined(made.sources) if made.sources and not made.why else None
     return {
         "rows": {row.name: {"standard_deg": row.standard_deg, "how": row.how} for row in made.sources},
         "standard_deg": standard,
@@ -159,12 +161,44 @@ def _uncertainty(made: Calibration) -> dict[str, Any]:
     }
 
 
-def compare(after: Calibration, before: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _object(content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Describe what an object changes against the first of the earlier calibrations, the one without it."""
+    if not content["object"]:
+        return {}
+    without, *others = [*earlier.values(), content]
+    if not earlier or without.get("object"):
+        return {"object": {**content["object"], "text": NO_BENCH}}
+    changes = changes_by_object(without, others)
+    return {"object": content["object"] | (describe_object(changes, content["object"]["size_m"]) if changes else {})}
+
+
+def _compared(name: str, made: Calibration, earlier: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Describe the curves of several calibrations and the one-cycle part of each against the first's."""
+    if not earlier:
+        return []
+    first = next(iter(earlier))
+    curves = [(each, from_json(page)) for each, page in earlier.items()] + [(name, made)]
+    compared = []
+    for each, calibration in curves:
+        against = compare(calibration, earlier[first], first) if each != first else {}
+        part = against.get("one_cycle") or {"amplitude_deg": None, "phase_deg": None}
+        compared.append({"name": each, "coefficients": _named(calibration.coefficients), **part})
+    return compared
+
+
+def compare(
+    after: Calibration, before: Mapping[str, Any], name: str, field: Mapping[str, float] | None = None
+) -> dict[str, Any]:
     """Compare a calibration with an earlier one of the same compass, as before its batteries were demagnetised.
 
     Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here each coefficient's
     difference stands beside its uncertainty, with the probability (chi square) of so large a difference where there is
-    none. Rows of the budget that both share are left out: they cancel.
+    none. Rows of the budget that both share are left out: they cancel. At another dip the two separate hard iron from
+    what the vertical field induces.
+
+    Args:
+        before: calibration.json of the earlier one, of this name.
+        field: the earth's at the later one, None where it is unknown.
     """
     if not after.coefficients.size or before["coefficients"] is None:
         missing = name if before["coefficients"] is None else "this calibration"
@@ -194,12 +228,35 @@ def compare(after: Calibration, before: Mapping[str, Any], name: str) -> dict[st
         "with": name,
         "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
         "difference": difference,
+        "iron": _separate(after, before, field),
         "p_value": p_value,
         "differ": p_value < SIGNIFICANCE,
         "text": f"This calibration and {name} {'differ' if p_value < SIGNIFICANCE else 'do not differ significantly'} "
         f"({chance}). The one-cycle part goes from {size['before']:.2f} to {size['after']:.2f} degrees, by "
         f"{size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}.",
     }
+
+
+def _separate(
+    after: Calibration, before: Mapping[str, Any], field: Mapping[str, float] | None
+) -> dict[str, Any] | None:
+    """Separate hard and induced iron of a compass that was calibrated at another dip before."""
+    home, exact = before["place"]["field"], _numbers((before["exact"] or {}).get("coefficients"))
+    if not (field and home and exact.size and after.exact.size):
+        return None
+    places = [FieldAtPlace(each["horizontal_nT"], each["vertical_nT"]) for each in (field, home)]
+    parts = separate_iron(after.exact, exact, *places)
+    if parts is None:
+        return None
+    hard, induced = parts["B"]["hard_nT"], parts["B"]["induced_nT"]
+    text = f"Of B hard iron makes {hard:+.0f} nT and the vertical field induces {induced:+.0f} nT here, over lambda"
+    if after.kind == "swing":
+        side = "aft" if induced * places[0].vertical_nT > 0.0 else "forward"
+        text += (
+            f": a Flinders bar {side} of the compass, its upper end level with the card, takes away the second, its "
+            "length by the maker's table for that pull, and longitudinal magnets the first"
+        )
+    return {**parts, "text": text}
 
 
 def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, float, float]:

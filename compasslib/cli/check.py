@@ -134,7 +134,7 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
     series, unusable = _inspect_covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
-    by = f"calibration {mooring.fit.name}" if mooring.fit.name else mooring.fit.method
+    by = f"calibration {' and '.join(mooring.fit.name)}" if mooring.fit.name else mooring.fit.method
     also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
     also += "" if mooring.reference or mooring.fit.name else "; no reference, so nothing is corrected"
     place = f"{name}: {position(mooring.latitude, mooring.longitude)}"

@@ -17,6 +17,7 @@ from compasslib.config.schema import (
     Declination,
     Files,
     Name,
+    Names,
     Number,
     Section,
     TableKeys,
@@ -76,8 +77,8 @@ Orientations = Annotated[tuple[str, ...], BeforeValidator(_of_both(_orientation)
 class KindKey(Section):
     """The key that says which others there are."""
 
-    kind: Literal["platform", "swing", "magnetometer", "declination", "two_heads"] = key(
-        "platform, swing, magnetometer, declination or two_heads", "platform"
+    kind: Literal["platform", "tilt", "swing", "magnetometer", "declination", "two_heads"] = key(
+        "platform, tilt, swing, magnetometer, declination or two_heads", "platform"
     )
 
 
@@ -93,7 +94,8 @@ class CalibrationFile(KindKey):
     date_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29", None, alias="date")
     withhold: tuple[Text, ...] = key("a list of column names", "[heading_deg]", ())
     table_step_deg: Literal[10, 15] = key("10 or 15", "10", 10)
-    compare_with: Name | None = key("the NAME of another file in config/calibrations", "before", None)
+    parts: tuple[Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
+    compare_with: Names = key("the NAME of another file in config/calibrations, or a list of names", "before", ())
     compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
     sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
 
@@ -137,7 +139,7 @@ class PlatformColumns(Section):
 
 
 class Uncertainty(Section):
-    """Rows of a platform's budget; what each number is stands in ``calibration.budget.ROWS``."""
+    """Rows of the budgets of platform and tilt; what each number is stands in ``calibrations.budget.ROWS``."""
 
     graduation_deg: Number | None = _row("a standard uncertainty")
     slope_deg: Number | None = _row("a largest error")
@@ -149,14 +151,39 @@ class Uncertainty(Section):
     maker_accuracy_deg: Number | None = _row("a maker's accuracy")
 
 
+class NearObject(Section):
+    """An object whose influence is measured on the bench."""
+
+    distance_m: Number = key("metres above 0, at most 100", "0.6", gt=0, le=100)
+    size_m: Number = key("metres above 0, at most 100", "0.2", gt=0, le=100)
+
+
 class Platform(TableFile):
     """A compass on a bench whose directions are known."""
 
     format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
     columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
     mounting_deg: Number | None = key("degrees from -360 to 360", "180", None, ge=-360, le=360)
+    object: NearObject | None = key("a mapping", "{distance_m: 0.6, size_m: 0.2}", None)
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
     uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())
+
+
+class TiltColumns(Section):
+    """Headers of a tilt sensor's table where they differ from the roles."""
+
+    reference_tilt_deg: Text | None = _header("degrees")
+    recorded_pitch_deg: Text | None = _header("degrees")
+    recorded_roll_deg: Text | None = _header("degrees")
+
+
+class TiltFile(TableFile):
+    """A tilt sensor on a platform that is tilted."""
+
+    format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
+    columns: TiltColumns = key("a mapping", "{reference_tilt_deg: protractor}", TiltColumns())
+    budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
+    uncertainty: Uncertainty = key("a mapping", "{protractor_deg: 0.12}", Uncertainty())
 
 
 class SwingColumns(Section):
@@ -199,6 +226,7 @@ class SwingFile(TableFile):
     visual: tuple[VisualMark, ...] = key("a list of headings for a mark", "[{compass_deg: 40, true_deg: 42}]", ())
     sun: tuple[SunMark, ...] = key("a list of headings", "[{compass_deg: 40, time_utc: 2022-09-29T09:00Z}]", ())
     visual_sigma_deg: Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
+    course_sigma_deg: Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
     vessel_length_m: Number | None = key("metres above 0, at most 1000", "40", None, gt=0, le=1000)
 
     @property
@@ -257,6 +285,7 @@ class TwoHeads(CalibrationFile):
 
 MODELS: dict[str, type[CalibrationFile]] = {
     "platform": Platform,
+    "tilt": TiltFile,
     "swing": SwingFile,
     "magnetometer": MagnetometerFile,
     "declination": DeclinationSeries,
@@ -274,13 +303,14 @@ def settings(file: CalibrationFile) -> dict[str, Any]:
 
 def check_comparisons(files: dict[str, CalibrationFile]) -> tuple[str, str] | None:
     """Find the first calibration whose comparison leads nowhere or in a circle, and describe it."""
-    for name, file in files.items():
-        visited, other = [name], file.compare_with
-        while other is not None:
-            if other not in files:
-                return name, shown(other)
-            if other in visited:
-                return name, f"a circle of comparisons, {' - '.join([*visited, other])}"
-            visited.append(other)
-            other = files[other].compare_with
+    for name in files:
+        paths = [[name]]
+        while paths:
+            visited = paths.pop(0)
+            for other in files[visited[-1]].compare_with:
+                if other not in files:
+                    return name, shown(other)
+                if other in visited:
+                    return name, f"a circle of comparisons, {' - '.join([*visited, other])}"
+                paths.append([*visited, other])
     return None

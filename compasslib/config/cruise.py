@@ -181,17 +181,17 @@ def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
     raw = read(place.root, file, "name: EG4")
     mooring = validate(Mooring, _with_options(raw, options), file, place)
     for fit in (each.fit for each in mooring.split().values()):
-        calibration = f"{CALIBRATIONS}/{fit.name}.yaml"
-        if fit.name is not None and not os.path.isfile(place.root / calibration):
-            advice = "write that file or correct the name"
-            raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
+        for name in fit.name:
+            calibration = f"{CALIBRATIONS}/{name}.yaml"
+            if not os.path.isfile(place.root / calibration):
+                advice = "write that file or correct the name"
+                raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
     return mooring
 
 
-def _refuse_unplaced(calibrations: dict[str, CalibrationFile], name: str | None, file: str) -> None:
-    """Refuse a fit by a calibration whose coefficients nobody can carry to the mooring."""
-    fitted = calibrations.get(name or "")
-    if fitted is not None and not fitted.placed:
+def _refuse_unplaced(calibrations: dict[str, CalibrationFile], names: Sequence[str], file: str) -> None:
+    """Refuse a fit by calibrations whose coefficients nobody can carry to the mooring."""
+    for name in (name for name in names if name in calibrations and not calibrations[name].placed):
         of, carry = f"{CALIBRATIONS}/{name}.yaml", "to carry its coefficients to the mooring"
         expected, where = f"latitude, longitude and date in {of}, {carry}", f"{file}: fit.name"
         raise InputError(where, expected=expected, found="none", advice="add them there")

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from compasslib.config.section import Coefficients, Covariance, Files, Name, Number, Section, Switch, Text, key
+from compasslib.config.section import Coefficients, Covariance, Files, Names, Number, Section, Switch, Text, key
 from compasslib.config.values import problem, shown
 
 
@@ -28,7 +28,7 @@ class FitOptions(Section):
     method: Literal["exact", "von_appen", "calibration", "coefficients", "pairs"] = key(
         "exact, von_appen, calibration, coefficients or pairs", "exact", "exact"
     )
-    name: Name | None = key("the NAME of config/calibrations/NAME.yaml", "aqd2022", None)
+    name: Names = key("the NAME of config/calibrations/NAME.yaml, or [before, after]", "aqd2022", ())
     tilt: Switch = key("true or false", "true", False)
     model: Literal["exact", "von_appen"] = key("exact or von_appen", "exact", "exact")
     coefficients: Coefficients | None = key("the five numbers A to E", "{A: 0, B: 0.3, C: 0.1, D: 0, E: 0}", None)
@@ -61,10 +61,13 @@ class FitOptions(Section):
 
     @model_validator(mode="after")
     def _name_goes_with_calibration(self) -> Self:
-        if self.method == "calibration" and self.name is None:
+        if self.method == "calibration" and not self.name:
             advice = "write fit: {method: calibration, name: NAME}"
             raise problem("name", "the NAME of config/calibrations/NAME.yaml", "nothing", advice)
-        if self.method != "calibration" and self.name is not None:
+        if self.method != "calibration" and self.name:
             expected = f"no name beside method: {self.method}"
-            raise problem("name", expected, shown(self.name), "delete it or write method: calibration")
+            raise problem("name", expected, shown(self.name[0]), "delete it or write method: calibration")
+        if len(self.name) > 2 or len(set(self.name)) < len(self.name):
+            expected, found = "one calibration, or two others, [before, after]", ", ".join(self.name)
+            raise problem("name", expected, found, "write the one before and the one after the deployment")
         return self

@@ -184,7 +184,23 @@ def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | Non
 
 
 SEMICIRCULAR = (1, 2)  # B and C
+MIN_DIP_CHANGE = 0.2  # of Z/H between two places, over the larger, from which hard and induced iron separate
 MIN_HORIZONTAL_NT = 5000.0  # below this horizontal field no correction is to be trusted (Le Menn et al. 2023)
+
+
+def weak_field_warnings(horizontal_nT: ArrayLike) -> tuple[str, ...]:
+    """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7).
+
+    Args:
+        horizontal_nT: along time, or at a calibration; none or NaN where it is not known.
+    """
+    least = float(np.nanmin(horizontal_nT, initial=np.inf))
+    if least >= MIN_HORIZONTAL_NT:
+        return ()
+    return (
+        f"the horizontal field is {least:.0f} nT; below {MIN_HORIZONTAL_NT:.0f} nT no correction is reliable (Le Menn "
+        "et al. 2023, section 7): compare with a gyrocompass or an observatory",
+    )
 
 
 @dataclass(frozen=True)
@@ -229,11 +245,36 @@ def transfer_coefficients(
     )
 
 
+def separate_iron(
+    here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace
+) -> dict[str, dict[str, float]] | None:
+    """Separate hard iron from what the vertical field induces, by coefficients at two dips; None where they are alike.
+
+    B H = (P + c Z) / lambda and C H = (Q + f Z) / lambda: two places give both terms.
+
+    Args:
+        here: A to E of the exact compass, dimensionless, (5,); those of the other place follow.
+
+    Returns:
+        By B and C: hard_nT and induced_nT at the first place, both over lambda.
+    """
+    ratios = [each.vertical_nT / each.horizontal_nT for each in (field, field_there)]
+    if abs(ratios[0] - ratios[1]) < MIN_DIP_CHANGE * max(map(abs, ratios)):
+        return None
+    pulls = [
+        np.asarray(each, dtype=float)[1:3] * place.horizontal_nT
+        for each, place in ((here, field), (there, field_there))
+    ]
+    induced = (pulls[0] - pulls[1]) / (field.vertical_nT - field_there.vertical_nT) * field.vertical_nT
+    return {
+        letter: {"hard_nT": float(pull - part), "induced_nT": float(part)}
+        for letter, pull, part in zip("BC", pulls[0], induced, strict=True)
+    }
+
+
 def _transfer_warning(all_hard: Floats, all_induced: Floats, away: FieldAtPlace) -> str:
-    if away.horizontal_nT < MIN_HORIZONTAL_NT:
-        return (
-            f"the horizontal field is {away.horizontal_nT:.0f} nT; below {MIN_HORIZONTAL_NT:.0f} nT no correction holds"
-        )
+    if weak := weak_field_warnings(away.horizontal_nT):
+        return weak[0]
     apart = float(np.hypot(*(all_hard - all_induced)[list(SEMICIRCULAR)]))
     if apart < 0.01:
         return ""

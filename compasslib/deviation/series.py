@@ -59,6 +59,16 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     )
 
 
+def fit_series_about_mean(pairs: Pairs) -> Floats:
+    """Fit the series to deviations on the turn about their mean, as an author sees them plotted, (5,) degrees.
+
+    Von Appen 2015, Figs 6 and 7. ``fit_series`` compares them around the circle, which admits curves of any amplitude.
+    """
+    heading, deviation = observed_heading(pairs), observed_deviation(pairs)
+    middle = angles.wrap180(angles.mean(deviation))
+    return np.linalg.lstsq(series_design(heading), middle + angles.difference(deviation, middle))[0]
+
+
 def series_range(coefficients: Floats) -> tuple[tuple[float, float], bool]:
     """Compute the recorded headings that a series inverts, from and to, and whether others fold.
 
@@ -84,29 +94,41 @@ def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
     return 1.0 - angles.DEGREE * (b * cosine - c * sine + 2.0 * d * cosine2 - 2.0 * e * sine2)
 
 
-def inverse_table(coefficients: ArrayLike) -> tuple[Floats, Floats]:
+def inverse_table(coefficients: ArrayLike, headings_deg: ArrayLike | None = None) -> tuple[Floats, Floats]:
     """Tabulate (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
 
     Without a fold the region is the whole circle. With one it is the stretch around the least d gamma / d beta where
-    the compass runs backwards (the green curves of the paper's Fig. 7).
+    the compass runs backwards (the green curves of the paper's Fig. 7), or the stretch that holds most headings.
+
+    Args:
+        headings_deg: correct headings, (n,), most of which the region is to hold.
     """
     grid = np.arange(0.0, 360.0, STEP_DEG)
     steepness = series_slope(coefficients, grid)
     if steepness.min() >= 0.0:
         beta = np.append(grid, 360.0)
         return beta - series_deviation(coefficients, beta), beta
-    around = np.roll(np.arange(grid.size), -int(np.argmin(steepness)))
-    ahead = int(np.argmax(steepness[around] >= 0.0))
-    behind = int(np.argmax(steepness[around[::-1]] >= 0.0))
-    start = grid[around[0]]
-    beta = start + STEP_DEG * np.arange(-behind + 1, ahead)
+    seed = int(np.argmin(steepness))
+    if headings_deg is not None:
+        stretch = np.cumsum(np.diff(steepness >= 0.0, prepend=steepness[-1] >= 0.0))
+        stretch[stretch == stretch[-1]] = stretch[0] if stretch[0] == 0 else stretch[-1]  # the last one ends at north
+        cell = (angles.wrap360(headings_deg) / STEP_DEG).astype(int) % grid.size
+        seed = int(np.argmax(stretch == np.argmax(np.bincount(stretch[cell]))))
+    around, forward = np.roll(np.arange(grid.size), -seed), steepness >= 0.0
+    ahead = int(np.argmax(forward[around] != forward[seed]))
+    behind = int(np.argmax(forward[around[::-1]] != forward[seed]))
+    beta = grid[seed] + STEP_DEG * np.arange(-behind + 1, ahead)
     gamma = beta - series_deviation(coefficients, beta)
-    return gamma[::-1], beta[::-1]
+    return (gamma, beta) if forward[seed] else (gamma[::-1], beta[::-1])
 
 
-def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
-    """Invert the series for each recorded heading, NaN outside the inverted region."""
-    gamma, beta = inverse_table(coefficients)
+def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike, headings_deg: ArrayLike | None = None) -> Floats:
+    """Invert the series for each recorded heading, NaN outside the inverted region.
+
+    Args:
+        headings_deg: correct headings, (n,), most of which the region is to hold; the most sluggish one where absent.
+    """
+    gamma, beta = inverse_table(coefficients, headings_deg)
     recorded = np.asarray(recorded_deg, dtype=float)
     with np.errstate(invalid="ignore"):
         unwrapped = gamma[0] + angles.wrap360(recorded - gamma[0])

@@ -229,8 +229,14 @@ class Moorings:
         covariates = self._mooring(wildcards).covariates.values()
         return [file for each in covariates if each.format == "iaga2002" for file in each.files]
 
-    def calibration(self, wildcards: Any) -> str:
-        return _calibration(str(self._mooring(wildcards).fit.name))
+    def calibrations(self, wildcards: Any) -> list[str]:
+        """List the calibration of a mooring, or those before and after it."""
+        return [_calibration(name) for name in self._mooring(wildcards).fit.name]
+
+    def parts(self, wildcards: Any) -> list[str]:
+        """List what stands near the affected compass."""
+        mooring = self._mooring(wildcards)
+        return list(mooring.instruments[mooring.compromised].parts)
 
     def site(self, wildcards: Any) -> dict[str, Any]:
         mooring = self._mooring(wildcards)
@@ -309,9 +315,8 @@ class Calibrations:
         return list(self.cruise.calibrations[wildcards.calibration].files)
 
     def earlier(self, wildcards: Any) -> list[str]:
-        """List the calibration to compare with; none where it stands alone."""
-        other = self.cruise.calibrations[wildcards.calibration].compare_with
-        return [] if other is None else [_calibration(other)]
+        """List the calibrations to compare with; none where it stands alone."""
+        return [_calibration(other) for other in self.cruise.calibrations[wildcards.calibration].compare_with]
 
     def kind(self, wildcards: Any) -> str:
         return str(self.cruise.calibrations[wildcards.calibration].kind)
@@ -327,7 +332,9 @@ class Calibrations:
 
     def figures(self, wildcards: Any) -> list[str]:
         folder = f"results/calibrations/{wildcards.calibration}"
-        return drawn(self.cruise, folder, calibrations.figure_names(self.kind(wildcards)))
+        names, kind = calibrations.figure_names(self.kind(wildcards)), self.kind(wildcards)
+        compared = bool(self.earlier(wildcards)) and KINDS[kind].by_heading
+        return drawn(self.cruise, folder, [*names, *(["compared"] if compared else [])])
 
     def diagnosis_figures(self, wildcards: Any) -> list[str]:
         return drawn(self.cruise, f"results/calibrations/{wildcards.calibration}", ("diagnosis",))

@@ -99,8 +99,9 @@ def of_moorings(plan: Plan) -> dict[str, Stage]:
         ),
         "carry": stage(
             *("carry", "fit.carry", "fit"),
-            reads={"calibration": of.calibration, "record": of.compromised, "pairs": pairs, "field": field_},
+            reads={"calibrations": of.calibrations, "record": of.compromised, "pairs": pairs, "field": field_},
             writes={"fit": fit},
+            settings={"parts": of.parts},
         ),
         "diagnose": stage(
             *("diagnose", "diagnose.diagnose"),

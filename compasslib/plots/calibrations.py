@@ -8,6 +8,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from compasslib.plots.page import (
     empty,
     legend,
     page,
+    signed,
 )
 from compasslib.types import Floats
 
@@ -46,6 +48,7 @@ COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURP
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.22, "linewidth": 0}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+NAME_CHARACTERS = 20  # of a calibration in a legend
 MOST_BARS = 100  # points that still have a bar of their own
 RECORDED, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
 
@@ -59,6 +62,9 @@ def draw_figure(figure: str, path: str | Path, shown: Page) -> None:
     common = {"deviation": draw_deviation, "residuals": draw_residuals, "certificate": draw_certificate}
     if figure in common:
         common[figure](path, shown)
+        return
+    if figure == "compared":
+        draw_compared(path, shown)
         return
     draw = draw_swing if figure == "swing" else getattr(instruments, f"draw_{figure}")
     draw(path, shown.calibration, shown.content["name"])
@@ -87,6 +93,39 @@ def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
     axes.set_ylim(_limits(shown.points.get("deviation_deg", np.zeros(0)), line))
     axes.set(xlabel=RECORDED, ylabel=DEVIATION)
     return handles
+
+
+def draw_compared(path: str | Path, shown: Page) -> None:
+    """Draw the series of several calibrations, this one's readings, and the shift of each against the first."""
+    turn, curves = np.arange(0.0, 360.1, 1.0), [each for each in shown.content["compared"] if each["coefficients"]]
+    with page(path, 3.6) as figure:
+        axes, handles = figure.subplots(), list[Artist]()
+        for colour, each in zip(cycle((BLACK, SKY, ORANGE, GREEN, PURPLE, BLUE, VERMILION)), curves):
+            letters = np.nan_to_num([x if x is not None else np.nan for x in each["coefficients"].values()])
+            axes.plot(turn, series_design(turn) @ letters, color=colour)
+            handles.append(Line2D([], [], color=colour, label=_shift_label(each, first=each is curves[0])))
+        points = shown.points
+        if {"recorded_deg", "deviation_deg"} <= set(points) and curves:
+            axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
+            handles.append(Line2D([], [], **POINT, label="readings of the last"))
+        if not curves:
+            empty(axes, "no curves")
+            return
+        axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        degrees(axes.xaxis, (0.0, 360.0))
+        axes.set(xlabel=RECORDED, ylabel=DEVIATION)
+        legend(figure, handles, columns=1)
+
+
+def _shift_label(compared: Mapping[str, Any], *, first: bool) -> str:
+    """Name a calibration and say how far its one-cycle part is turned and grown against the first, k = 2."""
+    name = textwrap.shorten(compared["name"], NAME_CHARACTERS, placeholder="…")
+    if first:
+        return f"{name} (first)"
+    phase, size = compared["phase_deg"], compared["amplitude_deg"]
+    shift = f"shift {signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°" if phase else "no phase"
+    grown = f", amplitude {signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°" if size else ""
+    return f"{name}: {shift}{grown}"
 
 
 def draw_residuals(path: str | Path, shown: Page) -> None:

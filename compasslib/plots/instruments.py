@@ -46,6 +46,36 @@ DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "marke
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 
 
+def draw_tilt(path: str | Path, calibration: Calibration, name: str) -> None:
+    """Draw the corrections of pitch and roll against the recorded tilt, with the curves and their 95 % band."""
+    axes, points = calibration.details.get("axes", {}), calibration.points
+    dot = DOT | {"markersize": 3.5, "color": BLACK}
+    with page(path, 3.0) as figure:
+        for k, (panel, axis) in enumerate(zip(figure.subplots(1, 2, sharey=True), ("pitch", "roll"), strict=True)):
+            here, fit = points.get("axis", np.zeros(0)) == k, axes.get(axis, {})
+            if "coefficients" not in fit:
+                empty(panel, f"{axis}: no curve")
+                continue
+            panel.axhline(0.0, color=BLACK, linewidth=0.6)
+            low, high = fit["recorded_range_deg"]
+            along = np.linspace(low, high, 101)
+            design = np.vander(along, len(fit["coefficients"]), increasing=True)
+            curve = design @ list(fit["coefficients"].values())
+            variance = np.einsum("ni,ij,nj->n", design, np.array(fit["covariance"]), design) + fit["common_deg"] ** 2
+            half = WITHIN * np.sqrt(variance)
+            panel.fill_between(along, curve - half, curve + half, **BAND)
+            panel.plot(along, curve, color=GREEN)
+            panel.plot(points["recorded_tilt_deg"][here], points["correction_deg"][here], **dot)
+            panel.set_xlabel(f"Recorded {axis} (°)")
+        figure.axes[0].set_ylabel("Correction (°)")
+        handles = [
+            Line2D([], [], **dot, label="reference minus recorded tilt"),
+            Line2D([], [], color=GREEN, label="fitted curve"),
+            Patch(**BAND, label="95 % interval, budget included"),
+        ]
+        legend(figure, handles, columns=1)
+
+
 def draw_magnetometer(path: str | Path, calibration: Calibration, name: str) -> None:
     """Draw readings before and after, the modulus against the heading, and what to add to a recorded heading."""
     if not calibration.points:

@@ -11,7 +11,7 @@ from compasslib.report import explanation, sections, words
 from compasslib.report.sections import CalibrationResults, ReportSection
 
 FILES = ("calibration.json", "table.csv", "points.csv", "diagnosis.json", "figures", "logs")
-TABLES = ("coefficients", "iron", "cardinal", "storms", "budget")
+TABLES = ("coefficients", "forms", "tilts", "iron", "cardinal", "storms", "budget")
 COMPASS_FILES = ("compass.json", "diagnosis.json", "figures", "logs")
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from compasslib import earthfield
@@ -10,6 +11,7 @@ from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import describe_fit, deviation_json, fit_deviation
+from compasslib.deviation.model import weak_field_warnings
 from compasslib.preparation.references import combine_references
 
 
@@ -32,27 +34,41 @@ def fit(
         given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
     """
     own, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
+    there = earthfield.field_from_json(read_json(field))
+    weak = weak_field_warnings(there.horizontal_nT)
     if given is not None:
         known = at_mooring.compass_from_coefficients(**given, record=own, pairs=near)
+        known = replace(known, warnings=(*known.warnings, *weak))
         write_json(fit, deviation_json(known, own) | {"calibration": {"name": "of the mooring's file", "kind": method}})
         say(describe_fit(mooring, known))
         return
-    dip_ratio = tilt * earthfield.dip_ratio(earthfield.field_from_json(read_json(field)))
-    fitted = fit_deviation(method, near, dip_ratio=dip_ratio)
+    fitted = fit_deviation(method, near, dip_ratio=tilt * earthfield.dip_ratio(there))
+    fitted = replace(fitted, warnings=(*fitted.warnings, *weak))
     write_json(fit, deviation_json(fitted, own))
     say(describe_fit(mooring, fitted))
 
 
 def carry(
-    mooring: str, *, calibration: str, record: str, pairs: str, field: str, fit: str, say: Callable[[str], None]
+    mooring: str,
+    *,
+    calibrations: Sequence[str],
+    record: str,
+    pairs: str,
+    field: str,
+    parts: Sequence[str],
+    fit: str,
+    say: Callable[[str], None],
 ) -> None:
     """Write the calibration's model as it is in the mooring's field.
 
     Args:
+        calibrations: calibration.json of one, or of those before and after the deployment.
         pairs: they are held against it; nothing is fitted to them.
+        parts: what stands near the mooring's compass.
     """
     own, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
-    elsewhere = read_json(calibration)
-    carried = at_mooring.carry_to_mooring(elsewhere, there, own, combine_references(netcdf.read_pairs(pairs)))
+    elsewhere = [read_json(path) for path in calibrations]
+    near = combine_references(netcdf.read_pairs(pairs))
+    carried = at_mooring.carry_to_mooring(elsewhere, there, own, near, parts=parts)
     write_json(fit, deviation_json(carried, own) | at_mooring.origin(elsewhere, there))
     say(describe_fit(mooring, carried))

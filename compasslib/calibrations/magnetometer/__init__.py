@@ -36,7 +36,6 @@ FOLDED = (
     "can correct it; subtract hard_iron from the raw axes instead."
 )
 TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
-WEAK_FIELD_NT = 5000.0  # Le Menn et al. 2023, section 7
 MAX_RESIDUAL_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
 MAX_AXIS_RATIO = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
 TURNS = ("forward", "starboard", "vertical")
@@ -231,8 +230,6 @@ def _residuals(solved: SolvedIron) -> dict[str, float]:
 def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> list[str]:
     """List the conditions of the correction, in sentences."""
     level, tilted = solved.choice.level, solved.log.tilted
-    weak = field is not None and field["horizontal_nT"] < WEAK_FIELD_NT
-    too_weak = f"The horizontal field is under {WEAK_FIELD_NT:.0f} nT: no correction can be relied on"
     sentences_where = {
         "The logged heading agrees with the corrected axes: it is taken as correct and gives the mounting, A.": (
             solved.logged_is_correct
@@ -247,7 +244,6 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
             "S11" in solved.choice.undetermined
         ),
         "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
-        f"{too_weak} (Le Menn et al. 2023, section 7).": weak,
     }
     texts = [sentence for sentence, holds in sentences_where.items() if holds]
     if field is None:

@@ -18,7 +18,7 @@ from compasslib import angles, earthfield
 from compasslib.calibrations.budget import Source
 from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG
 from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.swing import adjustment, model, observations
+from compasslib.calibrations.swing import adjustment, correctors, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
 from compasslib.deviation.series import series_design, series_deviation
@@ -98,7 +98,7 @@ def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
     sigma = options.declination_sigma_deg
     if sigma is None:
         sigma = float(np.hypot(MODEL_DEG, MODEL_NT / horizontal)) if horizontal else UNKNOWN_FIELD_DEG
-    return Swing(observed, options, float(declination), sigma, _marks(options, place))
+    return Swing(observed, options, float(declination), sigma, _marks(options, place), horizontal)
 
 
 def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
@@ -156,7 +156,8 @@ def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
         "pseudo_deviation_deg": _to_json(psi),
         "cardinal_bound_deg": float(adjustment.error_bound_deg(ratio)),
         "drift_ratio": ratio,
-        "residual_b_c": _residual_b_c(principal, swing),
+        "residual_b_c": _residual_b_c(principal, swing, ratio),
+        "pseudo_minus_true": _pseudo_minus_true(principal, swing),
         "declination_deg": swing.declination_deg,
         "latitude": place[0] if place else None,
         "longitude": place[1] if place else None,
@@ -167,22 +168,45 @@ def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _residual_b_c(principal: Mapping[str, Any], swing: Swing) -> dict[str, Any] | None:
-    """Compute residual B and C by MM's own ways: two headings 60 to 120 degrees apart, else one (Lushnikov)."""
+def _pseudo_minus_true(principal: Mapping[str, Any], swing: Swing) -> dict[str, float] | None:
+    """Compute what A, D and E by courses over ground differ by from those by true headings, MM Table 3, degrees."""
+    observed = swing.observed
+    if not np.isfinite(observed.also_course_deg).all() or not len(observed):
+        return None
+    psi = adjustment.pseudo_deviations(observed.also_course_deg, observed.recorded_deg)
+    by_course = adjustment.principal_coefficients(psi, swing.declination_deg)
+    return {letter: float(by_course[letter]) - float(principal[letter]) for letter in "ADE"}  # type: ignore[arg-type]
+
+
+def _residual_b_c(principal: Mapping[str, Any], swing: Swing, drift_ratio: float) -> dict[str, Any] | None:
+    """Compute residual B and C by MM's own ways: two headings 60 to 120 degrees apart, else one (Lushnikov).
+
+    Beside them stand B and C with the drift by speeds on opposite courses, and what drift leaves of one heading.
+    """
     known = {letter: principal[letter] for letter in "ADE"}
     bars = principal["B_bar"], principal["C_bar"]
-    if not (swing.marks and np.isfinite([*known.values(), *bars]).all()):
+    if not np.isfinite([*known.values(), *bars]).all():
         return None
+    observed, residual = swing.observed, dict[str, Any]()
     shown = [(c, float(angles.difference(t - swing.declination_deg, c))) for c, t in swing.marks]
-    lushnikov = adjustment.residual_by_lushnikov(known, bars, *shown[0])
-    residual: dict[str, Any] = {"one_heading": {**lushnikov, "compass_deg": shown[0][0], "deviation_deg": shown[0][1]}}
+    if shown:
+        compass_deg, deviation_deg = shown[0]
+        one = {**adjustment.residual_by_lushnikov(known, bars, *shown[0])}
+        residual["one_heading"] = {**one, "compass_deg": compass_deg, "deviation_deg": deviation_deg}
     if len(shown) > 1:
         try:
             b, c = adjustment.residual_from_two_headings(known, shown[0], shown[1])
             residual["two_headings"] = {"B": b, "C": c}
         except InputError as error:
             residual["two_headings"] = {"why": str(error)}
-    return residual
+    if shown and drift_ratio and "B" not in residual.get("two_headings", {}):
+        residual["one_heading"]["drift"] = adjustment.drift_in_one_heading(drift_ratio, sum(shown[0]))
+    if observed.over_ground and swing.has_speed:
+        speeds = adjustment.mean_by_point(observed.speed_kn, observed.course_deg, observed.recorded_deg)
+        if water := adjustment.drift_by_opposite_courses(speeds):
+            by_speed = {"B": bars[0] + water["x"], "C": bars[1] - water["y"]}
+            residual["opposite_courses"] = {**by_speed, **water}
+    return residual or None
 
 
 def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
@@ -190,12 +214,15 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
     table = adjustment.deviation_table(coefficients, covariance, swing.options.table_step_deg)
     lag_s = [float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
     drift = model.separate_drift(swing, series) if swing.observed.over_ground else None
+    planned = adjustment.plan_magnets(coefficients, swing.options.table_step_deg)
     more = {
         "drift": drift,
         "cardinal_without_water": _without_water(shell.details["cardinal"], drift, swing.declination_deg),
         "lag_s": lag_s if swing.observed.timed else None,
         "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, shell.details["speed_kn"]),
-        "nullify": adjustment.plan_magnets(coefficients, swing.options.table_step_deg),
+        "nullify": planned,
+        "correctors": correctors.plan(coefficients, planned["largest_deg"]["none"], swing.horizontal_nT),
+        "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
         "n_effective": series.noises[COURSE].n_effective,
         "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
     }
@@ -305,6 +332,7 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
         *observed.warnings,
         *_heading_warnings(swing, series),
         *_drift_warnings(swing, series),
+        *_quadrant_warnings(swing),
         *_time_warnings(swing, series),
     ]
     stated = observed.variation_deg
@@ -376,6 +404,22 @@ def _drift_warnings(swing: Swing, series: SwingFit) -> list[str]:
             "is possible"
         )
     return warnings
+
+
+def _quadrant_warnings(swing: Swing) -> list[str]:
+    """Warn where the one quadrantal course is not of the mark's quadrant (MM section 7.1, point 4)."""
+    psi = adjustment.pseudo_deviations(swing.observed.course_deg, swing.observed.recorded_deg)
+    steered = [point for point in adjustment.POINTS[1::2] if np.isfinite(psi[point])]
+    if len(steered) != 1 or not swing.marks or not swing.observed.over_ground:
+        return []
+    wanted = {adjustment.POINTS[2 * int(angles.wrap360(compass) // 90.0) + 1] for compass, _ in swing.marks}
+    if wanted <= set(steered):
+        return []
+    return [
+        f"the mark lies in the quadrant of {', '.join(sorted(wanted))} and D comes from {steered[0]} alone, so that an "
+        "error of D by higher harmonics enters B and C: steer the quadrantal course of the mark's quadrant, between "
+        "the first two cardinal courses"
+    ]
 
 
 def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:

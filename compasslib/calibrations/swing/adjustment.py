@@ -1,7 +1,9 @@
 """Coefficients from the eight principal courses: Moncunill Marimon et al. 2023 (MM), J. Navigation.
 
 A pseudo-deviation is the course over ground minus the compass course. A, D and E from it are free of the water's set
-and drift but for second-order terms; B and C hold them in full, and a single visual reference takes them out again.
+and drift but for second-order terms; B and C hold them in full. A single visual reference, (54) to (60), corrects what
+lies across its heading; along it the drift stays. Two references 60 to 120 degrees apart, or speeds over ground on
+opposite courses, take it out.
 """
 
 from __future__ import annotations
@@ -26,11 +28,12 @@ NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # between two headings that tell B and 
 NAN = float("nan")
 LIMIT_DEG, SHORT_M, MIN_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
 TWO_SIGMA = 1.959964
+SPEED_SCATTER = 0.02  # of the speed through the water at one setting of the engine, assumed
 NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
 
 
-def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
-    """Average course minus compass on each of the eight points, degrees, NaN where none was steered.
+def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
+    """Average values on each of the eight points, NaN where none was steered.
 
     Each observation belongs to the nearest point, by the courses or by the compass: whichever was steered on points.
     """
@@ -39,13 +42,15 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
         return angles.rms(heading_deg - STEP_DEG * np.rint(heading_deg / STEP_DEG))
 
     steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=rms_from_points)
-    nearest = np.rint(steered / STEP_DEG).astype(int) % len(POINTS)
-    psi = angles.difference(course_deg, recorded_deg)
-    psi_deg = {}
-    for k, point in enumerate(POINTS):
-        mean = angles.wrap180(angles.mean(psi[nearest == k])) if (nearest == k).any() else NAN
-        psi_deg[point] = float(mean)
-    return psi_deg
+    nearest, values = np.rint(steered / STEP_DEG).astype(int) % len(POINTS), np.asarray(values, dtype=float)
+    return {
+        point: float(np.mean(values[nearest == k])) if (nearest == k).any() else NAN for k, point in enumerate(POINTS)
+    }
+
+
+def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
+    """Average course minus compass on each of the eight points, degrees, NaN where none was steered."""
+    return mean_by_point(angles.difference(course_deg, recorded_deg), course_deg, recorded_deg)
 
 
 def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, float | dict[str, float]]:
@@ -152,6 +157,67 @@ def residual_by_lushnikov(
         "theta_1": across,
         "theta_2": along,
     }
+
+
+def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
+    """Describe what an unknown drift leaves in B and C by Lushnikov's method, which MM do not mention, degrees.
+
+    Step (60) takes the part along the heading from B bar and C bar, drift included: (B, C) errs by
+    -57.3 (d/S) cos(set - heading) along (cos heading, -sin heading), the deviation most 90 degrees off the heading.
+
+    Args:
+        ratio: largest drift over the ship's speed, d/S; any smaller drift, in any direction, is as likely.
+        heading_deg: for the mark, magnetic.
+    """
+    sine, cosine = (float(x) for x in angles.sin_cos(heading_deg))
+    largest = ratio / angles.DEGREE
+    along, worst = np.array([cosine, -sine]), angles.wrap360([heading_deg + 90.0, heading_deg - 90.0])
+    text = (
+        f"B and C by one mark hold the drift of the water: up to {largest:.1f}° ({largest / 2.0:.1f}° standard) along "
+        f"({cosine:+.2f} B, {-sine:+.2f} C). It errs the deviation most on {worst[0]:03.0f}° and {worst[1]:03.0f}° and "
+        f"not on {angles.wrap360(heading_deg):03.0f}°. Head for a second mark 60 to 120° away, or log the speed over "
+        "ground on opposite courses at one engine speed"
+    )
+    return {
+        "sigma_deg": largest / 2.0,
+        "largest_deg": largest,
+        "along": {"B": cosine, "C": -sine},
+        "covariance": (np.outer(along, along) * (largest / 2.0) ** 2).tolist(),
+        "text": text,
+    }
+
+
+def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float] | None:
+    """Compute x and y of (22) from speeds over ground on the four cardinal courses, degrees; None where one is missing.
+
+    The ship's speed through the water must be the same on opposite courses: where it scatters by a share s, x and y
+    have a standard uncertainty of 57.3 s / sqrt 2.
+
+    Args:
+        speed_kn: over ground, by point.
+    """
+    n, e, s, w = (speed_kn[point] for point in "NESW")
+    if not np.isfinite([n, e, s, w]).all():
+        return None
+    return {
+        "x": (n - s) / (n + s) / angles.DEGREE,
+        "y": (e - w) / (e + w) / angles.DEGREE,
+        "sigma_deg": SPEED_SCATTER / np.sqrt(2.0) / angles.DEGREE,
+    }
+
+
+def directive_force(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
+    """Compute H' cos(deviation) over lambda H by magnetic heading, MM (53): how strongly the needle is directed.
+
+    Args:
+        coefficients: A to E, degrees, (5,).
+        heading_deg: magnetic, (n,).
+    """
+    (sine, cosine), (sine2, cosine2) = angles.sin_cos(heading_deg), angles.sin_cos(2.0 * heading_deg)
+    _, b, c, d, e = coefficients * angles.DEGREE
+    relative = 1.0 + b * cosine - c * sine + d * cosine2 - e * sine2
+    least = int(np.argmin(relative))
+    return {"relative": relative.tolist(), "least": float(relative[least]), "on_deg": float(heading_deg[least])}
 
 
 def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_deg: float) -> float:

@@ -40,8 +40,10 @@ MAX_PRIOR_SHARE = 0.5  # drift is told from B and C where the swing halves its p
 LOG_SIGMA = 0.1  # of a ship's log's scale
 SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
 MIN_WATER_KN = 0.5
+PRIOR_DOF = 10.0  # degrees of freedom that the prior of a scatter is worth
 SMOOTHED_S = 60.0  # over which speeds are averaged
 HARMONICS = (3, 4)  # which compasses have too
+MIN_LEFT = 1e-6  # of a harmonic of amplitude 1 beside the compass's own terms
 MIN_SPEED_SHARE = 0.3  # of a speed, where the drift is faster than the ship
 COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
 
@@ -56,6 +58,7 @@ class Block:
     blocks: NDArray[np.int_] | None = None  # (n,) number of the block in time; None: their order says nothing
     sigma: float | None = None  # scatter, where it is known
     groups: NDArray[np.int_] | None = None  # (n,) which were taken on one heading
+    prior_sigma: float | None = None  # scatter of a reading, where too few degrees of freedom show it
 
 
 @dataclass(frozen=True)
@@ -109,13 +112,24 @@ def _noises(
             count, total = np.bincount(block.groups), np.bincount(block.groups, residual)
             occupied = count > 0
             dof = int(occupied.sum()) - basis.shape[1]
-            if 1 <= dof < noise.dof:
-                between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / dof)
+            if dof < noise.dof:
+                between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / max(dof, 1))
                 scatter = np.maximum(noise.sigma, between)
-                noise = SwingNoise(scatter, n_effective=float(occupied.sum()), dof=float(dof))
+                noise = SwingNoise(scatter, n_effective=float(occupied.sum()), dof=float(max(dof, 0)))
+        noise = _with_prior(noise, block)
         # So few residuals that their scatter may be small by chance must not overrule the priors.
         noises[block.name] = replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
     return noises
+
+
+def _with_prior(noise: SwingNoise, block: Block) -> SwingNoise:
+    """Take the prior of a scatter where no degree of freedom shows it."""
+    if block.prior_sigma is None or noise.dof >= 1.0:
+        return noise
+    repeats = 1.0  # a reading that repeats a heading has its error again
+    if block.groups is not None:
+        repeats = len(block.groups) / len(np.unique(block.groups))
+    return replace(noise, sigma=np.maximum(noise.sigma, block.prior_sigma * np.sqrt(repeats)), dof=PRIOR_DOF)
 
 
 def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
@@ -168,6 +182,7 @@ class Swing:
     declination_deg: float
     declination_sigma_deg: float
     marks: tuple[tuple[float, float], ...] = ()  # (recorded, true) headings by a visual mark or the sun
+    horizontal_nT: float | None = None  # the earth's field, None where it is unknown
 
     @property
     def has_speed(self) -> bool:
@@ -293,7 +308,8 @@ def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compas
     across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift towards east and north
     higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
     higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
-    basis, slopes = span_basis(higher), np.zeros((len(speed), SIZE))
+    # On five headings rounding is all that is left of them.
+    basis, slopes = span_basis(higher, least=MIN_LEFT), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
     slopes[:, CHANGES] = across * observations.since_middle(swing.observed.time_s)[:, None]
     return angles.difference(angles.direction(east, north), facing_deg), slopes
@@ -320,7 +336,8 @@ def _blocks(swing: Swing, curve: Curve) -> list[Block]:
     in_time = observations.number_blocks(observed.time_s) if observed.timed else None
     slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
     groups = None if observed.timed else observations.group_headings(observed.recorded_deg)
-    blocks = [Block(COURSE, partial(_course, swing=swing, curve=curve), slow, in_time, groups=groups)]
+    course = partial(_course, swing=swing, curve=curve)
+    blocks = [Block(COURSE, course, slow, in_time, groups=groups, prior_sigma=swing.options.course_sigma_deg)]
     if swing.marks:
         observe = partial(_mark, swing=swing, curve=curve)
         blocks.append(Block(VISUAL, observe, sigma=swing.options.visual_sigma_deg))

@@ -40,6 +40,7 @@ class SwingOptions:
     visual: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, true_deg}: heading for a mark of known true bearing
     sun: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, time_utc}: heading for the sun
     visual_sigma_deg: float = 1.0  # standard uncertainty of such a heading
+    course_sigma_deg: float = 1.0  # the same of a course and the reading on it, where too few headings show it
     vessel_length_m: float | None = None
     table_step_deg: float = 10.0  # 10 or 15
 
@@ -64,6 +65,7 @@ class Observations:
     turn_deg_s: Floats  # (n,) over the 20 s before, 0 without times
     steady_turn_deg_s: Floats  # (n,) over the minute about it, quick turns left out; 0 without times
     settled_deg: Floats  # (n,) recorded headings, means over 20 s
+    also_course_deg: Floats  # (n,) over ground where course_deg is of the bow, NaN where absent
     place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
     variation_deg: float = float("nan")  # declination that the log states
     left_out: Mapping[str, int] = field(default_factory=dict)
@@ -140,6 +142,7 @@ def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         turn_deg_s=np.zeros(log.time_s.shape),
         steady_turn_deg_s=np.zeros(log.time_s.shape),
         settled_deg=log.heading_deg,
+        also_course_deg=empty if over_ground else log.course_deg,
         place=place,
         variation_deg=float(np.median(stated)) if stated.size else float("nan"),
         warnings=log.warnings,
@@ -163,6 +166,7 @@ def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations
         turn_deg_s=np.zeros(empty.shape),
         steady_turn_deg_s=np.zeros(empty.shape),
         settled_deg=columns["compass_deg"],
+        also_course_deg=columns["cog_deg"] if both else empty,
         warnings=(
             *dict.fromkeys(note for said in notes for note in said),
             *["both true_deg and cog_deg are there: the true heading is used, the course is not"] * both,

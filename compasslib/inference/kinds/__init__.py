@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # the Snakefile needs the table only
 # Each module's diagnose(files, settings, options) returns the Diagnosis; a kind is imported only by its own job.
 KINDS: dict[str, str] = {
     "platform": "compasslib.inference.kinds.platform",
+    "tilt": "compasslib.inference.kinds.tilt",
     "magnetometer": "compasslib.inference.kinds.magnetometer",
     "swing": "compasslib.inference.kinds.swing",
     "two_heads": "compasslib.inference.kinds.two_heads",

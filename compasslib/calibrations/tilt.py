@@ -1,0 +1,232 @@
+"""A tilt sensor on a platform that is tilted: Le Menn et al. 2023, section 2 and Table 5."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib import angles
+from compasslib.calibrations import budget, curves
+from compasslib.calibrations.budget import Source
+from compasslib.calibrations.curves import CurveForm, FittedCurve, Points
+from compasslib.calibrations.platform import read_columns
+from compasslib.calibrations.result import Calibration
+from compasslib.types import Floats
+
+KIND = "tilt"
+ROLES = ("reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg")
+AXES = ("pitch", "roll")
+FORMS = {"line": "AB", "quadratic": "ABC", "cubic": "ABCD"}  # in powers of the recorded tilt
+SAME_TILT_DEG = 0.2  # readings at a reference as near as this repeat one setting of the platform
+LEVEL_DEG = 0.5  # of the least reference tilt: there both axes are level
+SKEW_DEG, SKEW_SHARE = 1.0, 0.25  # of the other axis, from which a platform tilts both
+TURNED_DEG = 5.0  # of the instrument on the platform: the recorded tilt is then 0.4 % too small
+TABLE_STEP_DEG = 5.0
+
+
+@dataclass(frozen=True)
+class AxisReadings:
+    """Readings with the platform tilted about one axis, (n,) each, degrees."""
+
+    reference_deg: Floats  # in the sense in which the instrument counts
+    recorded_deg: Floats
+    turned_deg: float  # of the instrument on the platform, by what the other axis recorded; NaN where unknown
+    notes: tuple[str, ...] = ()
+
+
+def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform.
+
+    Args:
+        files: CSV files with the platform's tilt and the recorded pitch and roll, degrees.
+        settings: ``columns``, ``withhold``, the keys of tables, ``budget``, ``uncertainty``.
+
+    Raises:
+        InputError: a file cannot be read, or a column is absent or is not in degrees.
+    """
+    columns, notes = read_columns(files, settings, ROLES)
+    known = np.isfinite(np.sum([columns[role] for role in ROLES], axis=0))
+    reference, *recorded = (columns[role][known] for role in ROLES)
+    readings, skew = split_axes(reference, np.array(recorded))
+    given = settings.get("uncertainty") or {}
+    rows = budget.sources(given, settings.get("budget"), KIND)
+    warnings = [*notes, *(note for read in readings.values() for note in read.notes), *budget.notes(given, rows, KIND)]
+    if not known.all():
+        warnings.append(f"{int(np.sum(~known))} lines without reference tilt, pitch and roll are excluded")
+    if skew:
+        warnings.append(f"{skew} readings tilt pitch and roll together and are excluded: tilt one axis at a time")
+    return replace(
+        calibrate_axes(readings, rows, settings.get("field")), n=int(known.sum()) - skew, warnings=tuple(warnings)
+    )
+
+
+def calibrate_axes(
+    readings: Mapping[str, AxisReadings], sources: Sequence[Source], field: Mapping[str, float] | None = None
+) -> Calibration:
+    """Fit a polynomial to each axis, the axis with the larger scatter in the budget.
+
+    Args:
+        readings: by axis.
+        sources: rows of the uncertainty budget.
+        field: the earth's field at the place, nT, None where it is unknown.
+    """
+    fits = {axis: _fit(read) for axis, read in readings.items()}
+    fitted = {axis: fit for axis, fit in fits.items() if isinstance(fit, FittedCurve)}
+    reasons = "; ".join(f"{axis}: {fit}" for axis, fit in fits.items() if isinstance(fit, str))
+    points = [_points(k, readings[axis], fits[axis]) for k, axis in enumerate(AXES)]
+    empty = Calibration(
+        kind=KIND,
+        model="none",
+        n=sum(len(read.recorded_deg) for read in readings.values()),
+        coverage=0,
+        sources=tuple(sources),
+        points={name: np.concatenate([each[name] for each in points]) for name in points[0]},
+    )
+    if not fitted:
+        return replace(empty, why=f"{reasons}; tilt the platform in 8 steps or more, one axis at a time")
+    residuals = {axis: budget.residual(curve.scatter_deg, curve.dof) for axis, curve in fitted.items()}
+    widest = max(residuals.values(), key=lambda row: row.standard_deg)
+    described = {
+        axis: _describe(axis, readings[axis], fitted[axis], (*sources, row)) for axis, row in residuals.items()
+    }
+    axes = {axis: described.get(axis, {"why": fit}) for axis, fit in fits.items()}
+    residual = empty.points["residual_deg"]
+    return replace(
+        empty,
+        model=", ".join(f"{axis} by a {curve.form.name}" for axis, curve in fitted.items()),
+        residual_rms_deg=angles.rms(residual[np.isfinite(residual)]),
+        sources=(*sources, widest),
+        details={"axes": axes, "heading_error": _heading_error((*sources, widest), field)},
+    )
+
+
+def split_axes(reference_deg: Floats, recorded_deg: Floats) -> tuple[dict[str, AxisReadings], int]:
+    """Assign each reading to the axis that leans, level readings to both; count those that lean on both.
+
+    Args:
+        reference_deg: tilts of the platform, (n,); with signs, or their sizes alone.
+        recorded_deg: pitch and roll, (2, n).
+    """
+    if not len(reference_deg):
+        nothing = AxisReadings(np.zeros(0), np.zeros(0), np.nan)
+        return dict.fromkeys(AXES, nothing), 0
+    size = np.abs(reference_deg)
+    level = (size <= size.min() + LEVEL_DEG) & (size <= SKEW_DEG)
+    zero = np.median(recorded_deg[:, level], axis=1) if level.any() else np.zeros(2)
+    lean = recorded_deg - zero[:, None]
+    most, least = np.max(np.abs(lean), axis=0), np.min(np.abs(lean), axis=0)
+    skew = ~level & (least > np.maximum(SKEW_DEG, SKEW_SHARE * most))
+    axis = np.argmax(np.abs(lean), axis=0)
+    readings = {
+        name: _axis_readings(name, reference_deg, lean, recorded_deg[k], level | (axis == k) & ~skew, level, k)
+        for k, name in enumerate(AXES)
+    }
+    return readings, int(skew.sum())
+
+
+def _axis_readings(
+    name: str,
+    reference_deg: Floats,
+    lean_deg: Floats,
+    recorded_deg: Floats,
+    chosen: NDArray[np.bool_],
+    level: NDArray[np.bool_],
+    k: int,
+) -> AxisReadings:
+    """Give one axis's readings the instrument's sign, repeats of a setting averaged."""
+    if not (chosen & ~level).any():
+        return AxisReadings(np.zeros(0), np.zeros(0), np.nan)
+    reference, lean, other = reference_deg[chosen], lean_deg[k][chosen], lean_deg[1 - k][chosen]
+    notes = []
+    if np.min(reference) >= 0.0 and np.min(lean) < -LEVEL_DEG:
+        reference = np.where(level[chosen], reference, np.sign(lean) * reference)
+        notes = [f"{name}: reference tilts have no sign; that of the recorded tilt is taken"]
+    elif np.sum(reference * lean) < 0.0:
+        reference = -reference
+        notes = [f"{name}: the platform counts tilts in the other sense; reference tilts are taken with the other sign"]
+    slope = float(np.sum(other * lean) / np.sum(lean**2))
+    turned = float(angles.wrap180(angles.direction(slope, 1.0)))
+    if abs(turned) > TURNED_DEG:
+        notes.append(
+            f"{name}: the other axis leans by {abs(slope):.0%} of it: the instrument stood turned by {turned:+.0f} "
+            f"degrees on the platform, which makes the recorded tilt {1.0 - 1.0 / np.hypot(1.0, slope):.1%} too small"
+        )
+    _, which = np.unique(np.round(reference / SAME_TILT_DEG), return_inverse=True)
+    count = np.bincount(which)
+    mean_reference, mean_recorded = (np.bincount(which, x) / count for x in (reference, recorded_deg[chosen]))
+    return AxisReadings(mean_reference, mean_recorded, turned, tuple(notes))
+
+
+def _fit(read: AxisReadings) -> FittedCurve | str:
+    if not len(read.recorded_deg):
+        return "no reading leans this axis alone"
+    points = Points(read.recorded_deg, read.reference_deg - read.recorded_deg, np.ones(len(read.recorded_deg)))
+    span = np.linspace(read.recorded_deg.min(), read.recorded_deg.max(), 21)
+    fits = [curves.fit_curve(_form(name, letters, span), points) for name, letters in FORMS.items()]
+    fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
+    return curves.select_curve(fitted) if fitted else str(fits[0])
+
+
+def _form(name: str, letters: str, span_deg: Floats) -> CurveForm:
+    design = partial(np.vander, N=len(letters), increasing=True)
+    return CurveForm(
+        name=name,
+        letters=letters,
+        source="Le Menn et al. 2023, section 2",
+        solve=lambda points: curves.least_squares(design(points.recorded_deg), points.deviation_deg, points.weight),
+        deviation=lambda coefficients, recorded: design(recorded) @ coefficients,
+        gradient=lambda coefficients, recorded: design(recorded),
+        around=lambda coefficients: design(span_deg),
+    )
+
+
+def _describe(axis: str, read: AxisReadings, curve: FittedCurve, rows: tuple[Source, ...]) -> dict[str, Any]:
+    low, high = float(read.recorded_deg.min()), float(read.recorded_deg.max())
+    steps = np.arange(np.ceil(low / TABLE_STEP_DEG), np.floor(high / TABLE_STEP_DEG) + 1) * TABLE_STEP_DEG
+    sigma = np.hypot(curve.sigma(steps), budget.common(rows))
+    error = -curve.deviation(np.linspace(low, high, 101))
+    return {
+        **curves.curve_to_json(curve),
+        "covariance": curve.covariance,
+        "form": curve.form.name,
+        "n": len(read.recorded_deg),
+        "recorded_range_deg": [low, high],
+        "max_error_deg": float(error[np.argmax(np.abs(error))]),
+        "turned_deg": read.turned_deg,
+        "expanded_deg": budget.expanded(rows),
+        "common_deg": budget.common(rows),
+        "table": {"recorded_deg": steps, "correction_deg": curve.deviation(steps), "sigma_deg": sigma},
+        "text": f"{axis.capitalize()}: a {curve.form.name} through {len(read.recorded_deg)} tilts from {low:.1f} to "
+        f"{high:.1f} degrees leaves {angles.rms(curve.residual_deg):.2f} degrees rms; the largest error is "
+        f"{float(error[np.argmax(np.abs(error))]):+.2f} degrees, the expanded uncertainty of a corrected tilt "
+        f"{budget.expanded(rows):.2f} degrees (k = 2).",
+    }
+
+
+def _heading_error(rows: tuple[Source, ...], field: Mapping[str, float] | None) -> dict[str, Any] | None:
+    """Turn a tilt's uncertainty into that of a heading that is levelled by it: times vertical over horizontal field."""
+    if field is None:
+        return None
+    ratio = abs(field["vertical_nT"]) / field["horizontal_nT"]
+    heading = ratio * budget.expanded(rows)
+    text = f"A compass that levels its field by these tilts gains up to {heading:.2f} degrees of heading by them here"
+    return {"expanded_deg": heading, "text": f"{text}: vertical over horizontal field is {ratio:.2f}."}
+
+
+def _points(k: int, read: AxisReadings, fit: FittedCurve | str) -> dict[str, Floats]:
+    correction = read.reference_deg - read.recorded_deg
+    unknown = np.full(len(correction), np.nan)
+    fitted = fit.deviation(read.recorded_deg) if isinstance(fit, FittedCurve) else unknown
+    return {
+        "axis": np.full(len(correction), float(k)),
+        "reference_tilt_deg": read.reference_deg,
+        "recorded_tilt_deg": read.recorded_deg,
+        "correction_deg": correction,
+        "residual_deg": correction - fitted,
+    }

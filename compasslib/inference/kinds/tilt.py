@@ -1,0 +1,18 @@
+"""A tilt sensor's calibration: the catalogue's effects act on headings, and none of them is compared with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from compasslib.inference import diagnosis
+from compasslib.inference.comparison import Options
+from compasslib.inference.diagnosis import Diagnosis
+
+WHY = "a tilt sensor's calibration has no headings, on which the effects of the catalogue act"
+
+
+def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
+    """Describe why a tilt sensor's calibration is not diagnosed."""
+    return diagnosis.insufficient(WHY)

@@ -1,0 +1,34 @@
+"""Every row of the three papers: the page is that of the code, each row's code and test exist, numbers agree."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import papers
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[1]
+ROWS = [pytest.param(row, id=f"{row.place} {row.what[:30]}") for rows in papers.PAPERS.values() for row in rows]
+
+
+def test_the_page_is_that_which_the_code_makes():
+    page = (PROJECT / "docs/background/papers.md").read_text()
+    assert page == papers.page(), "make it anew: python benchmarks/papers.py > docs/background/papers.md"
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_a_row_is_in_the_software_and_agrees_with_what_is_printed_or_says_why_not(row):
+    assert bool(row.code) == bool(row.test) and (row.code or row.why)
+    assert row.printed == row.ours or row.why
+    if not row.code:
+        return
+    if "/" in row.code:
+        assert (PROJECT / row.code).exists()
+    else:
+        module, _, name = row.code.partition(":")
+        assert not name or hasattr(import_module(f"compasslib.{module}"), name)
+        import_module(f"compasslib.{module}")
+    file, name = row.test.split("::")
+    assert re.search(rf"^def {name}\(", (PROJECT / "tests" / file).read_text(), re.MULTILINE)
