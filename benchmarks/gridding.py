@@ -23,6 +23,7 @@ import numpy as np
 import runs  # noqa: F401 - makes tests/world importable
 import yaml
 
+from compasslib.archive.gridded_reader import open_gridded
 from compasslib.config import cruise as config
 from compasslib.demo import magnetometer, mooring, sealed
 from compasslib.demo import water as sea
@@ -30,7 +31,7 @@ from compasslib.demo.adcp import Adcp, Setup
 from compasslib.demo.sealed import Effect, Export, Ground, Wish
 from compasslib.earthfield import field_from_json
 from compasslib.pipeline import process
-from compasslib.product.errors import HeadingErrors, declination_sigma, sum_sigma
+from compasslib.product.errors import declination_sigma
 from compasslib.stages import grid as stage
 from tests.world import draw
 
@@ -131,19 +132,10 @@ class Grid:
     """A gridded file and the truth at its cells."""
 
     def __init__(self, nc: netCDF4.Dataset, truth: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
-        read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731
-        self.time_s = np.round((read("TIME") - 7305.0) * DAY_S)
-        self.depth_m, self.source = read("DEPTH"), read("SOURCE")
-        self.flow = read("UCUR") + 1j * read("VCUR")
-        self.sigma = read("UCUR_UNCERTAINTY"), read("VCUR_UNCERTAINTY")
-        self.errors = HeadingErrors(
-            (),
-            read("HEADING_ERROR_MODE"),
-            read("HEADING_ERROR_RANDOM"),
-            nc["HEADING_ERROR_RANDOM"].memory_hours * 3600.0,
-            read("HEADING_ERROR_SHARE"),
-        )
-        self.memory_s, self.quality = nc["UCUR_UNCERTAINTY"].error_memory_hours * 3600.0, read("UCUR_QC")
+        self.grid = open_gridded(Path(nc.filepath()))
+        self.time_s, self.depth_m, self.quality = np.round(self.grid.time_s), self.grid.depth_m, self.grid.quality
+        self.flow, self.sigma = self.grid.velocity, (self.grid.east_sigma, self.grid.north_sigma)
+        self.source = self.grid.source + 1
         self.truth = truth(self.time_s, self.depth_m)
 
     def of_days(self, noon_s: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
@@ -166,13 +158,8 @@ class Grid:
         """Return whether the mean transport over all cells lies within 1.96 of its standard deviation."""
         good = np.isfinite(self.flow) & np.isfinite(self.sigma[0])
         weight = np.where(good, 1.0 / good.sum(), 0.0)
-        heading = np.array([self.errors.variance(s) for s in range(len(self.errors.shares))])
-        source = np.where(good, self.source.astype(int) - 1, -1)
-        turned = np.where(good, heading[np.maximum(source, 0), np.arange(len(source))[:, None]], 0.0)
-        rest = (self.sigma[0] ** 2 + self.sigma[1] ** 2 - turned * np.abs(self.flow) ** 2) / 2.0
         east, north = weight * np.cos(angle), weight * np.sin(angle)
-        sigma = sum_sigma(east, north, self.flow, np.maximum(rest, 0.0), source, self.errors, 3600.0,
-                          memory_s=self.memory_s)  # fmt: skip
+        _, sigma = self.grid.sum_cells(east, north)
         off = np.nansum(east * (self.flow - self.truth).real + north * (self.flow - self.truth).imag)
         return {"cover section": float(abs(off) < 1.96 * sigma), "section z2": float((off / sigma) ** 2)}
 

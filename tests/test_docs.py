@@ -62,6 +62,22 @@ def test_the_library_page_runs_and_the_ten_lines_correct_a_record(tmp_path):
     assert "bench.csv" in ran.stdout.splitlines()[-1]
 
 
+def test_the_notebook_runs_and_its_transport_has_an_uncertainty(tmp_path):
+    made = compasslib.process_mooring(cruise(tmp_path / "c", ("EG4",), n=300), "EG4", tmp_path / "made")
+    (tmp_path / "results").mkdir()
+    made.rename(tmp_path / "results/EG4")
+    page = json.loads((PROJECT / "docs/notebooks/section_and_transport.ipynb").read_text())
+    code = "\n".join("".join(cell["source"]) for cell in page["cells"] if cell["cell_type"] == "code")
+    assert not any(cell.get("outputs") for cell in page["cells"])
+    environment = os.environ | {"MPLBACKEND": "agg"}
+    ran = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    along, joined, alone = map(float, re.findall(r"(-?[0-9.]+) ± ([0-9.]+) m²/s \(95 %\); ± ([0-9.]+)", ran.stdout)[0])
+    assert abs(along) > joined > alone > 0.0  # a heading error is common to all cells of a time
+
+
 @pytest.mark.parametrize("room", [*ROOMS, APART])
 def test_each_room_shows_a_worked_example(room, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
