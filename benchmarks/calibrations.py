@@ -18,12 +18,14 @@ import targets
 from targets import Measured
 
 from compasslib import angles, compass
-from compasslib.calibrations import platform
+from compasslib.calibrations import platform, tilt
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.tilt import AxisReadings
 from compasslib.deviation.series import series_deviation
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # error of each setting of the bench; of each reading
+TILT_DEG = 0.15  # of a tilt and its reading
 ALLOWED = {"least": 0.93, "most": 0.97}
 
 
@@ -123,10 +125,29 @@ def run(design: Design, benches: int, seed: int) -> list[Measured]:
     ]
 
 
+def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
+    """Try a tilt sensor on so many tilts of each axis; offset, gain and a bend are drawn."""
+    rng, reference, shares = np.random.default_rng([seed, steps]), np.linspace(-20.0, 20.0, steps), []
+    for _ in range(platforms):
+        true = rng.normal(size=(2, 3)) * [0.5, 0.02, rng.choice([0.0, 0.001])]
+        recorded = reference - np.array([np.polynomial.Polynomial(each)(reference) for each in true])
+        recorded += rng.normal(0.0, TILT_DEG, recorded.shape)
+        reads = {axis: AxisReadings(reference, each, 0.0) for axis, each in zip(tilt.AXES, recorded, strict=True)}
+        axes, inside = tilt.calibrate_axes(reads, ()).details["axes"], []
+        for axis, each in zip(tilt.AXES, true, strict=True):
+            at = axes[axis]["table"]
+            fitted = reference - np.polynomial.Polynomial(each)(reference)
+            off = at["correction_deg"] - np.interp(at["recorded_deg"], fitted, reference - fitted)
+            inside.append(np.abs(off) <= 1.96 * at["sigma_deg"])
+        shares.append(float(np.mean(np.concatenate(inside))))
+    return targets.mean(f"tilts, {steps} of each axis: within 95 %", shares, **ALLOWED, unit=" %", times=100.0)
+
+
 def main(benches: int = 1000, seed: int = 2007) -> int:
     """Print the tables of all designs; 1 where one of them misses."""
     targets.head("headings", "model used")
-    return targets.report([one for design in DESIGNS for one in run(design, benches, seed)])
+    lines = [one for design in DESIGNS for one in run(design, benches, seed)]
+    return targets.report([*lines, *(run_tilts(steps, benches, seed) for steps in (9, 17))])
 
 
 if __name__ == "__main__":

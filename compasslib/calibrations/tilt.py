@@ -24,6 +24,7 @@ ROLES = ("reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg")
 AXES = ("pitch", "roll")
 FORMS = {"line": "AB", "quadratic": "ABC", "cubic": "ABCD"}  # in powers of the recorded tilt
 SAME_TILT_DEG = 0.2  # readings at a reference as near as this repeat one setting of the platform
+MIN_DOF = 4  # of a form with a higher power
 LEVEL_DEG = 0.5  # of the least reference tilt: there both axes are level
 SKEW_DEG, SKEW_SHARE = 1.0, 0.25  # of the other axis, from which a platform tilts both
 TURNED_DEG = 5.0  # of the instrument on the platform: the recorded tilt is then 0.4 % too small
@@ -168,9 +169,10 @@ def _fit(read: AxisReadings) -> FittedCurve | str:
         return "no reading leans this axis alone"
     points = Points(read.recorded_deg, read.reference_deg - read.recorded_deg, np.ones(len(read.recorded_deg)))
     span = np.linspace(read.recorded_deg.min(), read.recorded_deg.max(), 21)
-    fits = [curves.fit_curve(_form(name, letters, span), points) for name, letters in FORMS.items()]
-    fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
-    return curves.select_curve(fitted) if fitted else str(fits[0])
+    # Not the form that fits best: a bend that is too small to be seen would be missing from the uncertainty.
+    carried = [name for name, letters in FORMS.items() if len(points) - len(letters) >= MIN_DOF]
+    name = carried[-1] if carried else next(iter(FORMS))
+    return curves.fit_curve(_form(name, FORMS[name], span), points)
 
 
 def _form(name: str, letters: str, span_deg: Floats) -> CurveForm:

@@ -40,7 +40,6 @@ MAX_PRIOR_SHARE = 0.5  # drift is told from B and C where the swing halves its p
 LOG_SIGMA = 0.1  # of a ship's log's scale
 SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
 MIN_WATER_KN = 0.5
-PRIOR_DOF = 10.0  # degrees of freedom that the prior of a scatter is worth
 SMOOTHED_S = 60.0  # over which speeds are averaged
 HARMONICS = (3, 4)  # which compasses have too
 MIN_LEFT = 1e-6  # of a harmonic of amplitude 1 beside the compass's own terms
@@ -123,13 +122,13 @@ def _noises(
 
 
 def _with_prior(noise: SwingNoise, block: Block) -> SwingNoise:
-    """Take the prior of a scatter where no degree of freedom shows it."""
+    """Take the stated scatter, as known, where no degree of freedom shows it."""
     if block.prior_sigma is None or noise.dof >= 1.0:
         return noise
     repeats = 1.0  # a reading that repeats a heading has its error again
     if block.groups is not None:
         repeats = len(block.groups) / len(np.unique(block.groups))
-    return replace(noise, sigma=np.maximum(noise.sigma, block.prior_sigma * np.sqrt(repeats)), dof=PRIOR_DOF)
+    return replace(noise, sigma=np.maximum(noise.sigma, block.prior_sigma * np.sqrt(repeats)), dof=np.inf)
 
 
 def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
