@@ -145,6 +145,18 @@ def test_a_sound_record_has_no_doubtful_stretch(iron, seed):
     assert find_doubtful_windows(seen, fit_exact(seen)) == ()
 
 
+def test_a_slope_within_a_few_headings_is_no_doubtful_stretch():
+    """Water that veers by 6 degrees with the heading is none of another compass, however steep it is there."""
+    seen, heading = pairs(MILD, n=3000, seed=2)
+    near = np.flatnonzero(np.abs(angles.difference(heading, 90.0)) < 8.0)
+    at = np.arange(3000)
+    at[1200:1320] = near[np.arange(120) % len(near)]
+    names = ("heading_deg", "upper_east", "upper_north", "lower_east", "lower_north")
+    stayed = replace(seen, **{name: getattr(seen, name)[at] for name in names})
+    slope = np.where(at == np.arange(3000), 0.0, 1.2 * angles.difference(heading[at], 90.0))
+    assert find_doubtful_windows(turned(stayed, "upper", slope), fit_exact(seen)) == ()
+
+
 def with_others(seen: Pairs, every: int) -> Pairs:
     """Return pairs whose affected instrument's every k-th sample is that of another time."""
     at = np.arange(len(seen))

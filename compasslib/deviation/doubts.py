@@ -78,8 +78,9 @@ FAR_SIGMAS = np.array([8.0, 8.0, 3.0, 6.0])
 GROWS = 0.5  # of these, for a window beside one that is far off
 # Least spread between windows: mean turn and heading dependence in degrees, logarithm of the scatter, share lost.
 LEAST_SPREAD = np.array([5.0, 5.0, 5.0, 0.2, 0.03])
-# Least departure that matters, in the same units; the heading dependence as the length of its two components.
-LEAST_TURN_DEG, LEAST_DEPENDENCE_DEG, LEAST_LOG_SCATTER, LEAST_LOST = 20.0, 10.0, 0.5, 0.25
+# Least departure that matters, in the same units; of the heading dependence its rms at the window's headings.
+LEAST_TURN_DEG, LEAST_DEPENDENCE_DEG, LEAST_LOG_SCATTER, LEAST_LOST = 20.0, 20.0, 0.5, 0.25
+LEAST_DOUBT_DEG = 10.0  # standard deviation of the error that a doubt suspects
 # Period and remainder of the index of samples that are compared with the others.
 INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
 # Least turn and log scatter of one index against the others, and excess of its rms; sound moorings 5°, 0.26.
@@ -95,6 +96,7 @@ class Windows:
     first: NDArray[np.intp]  # (k,) index of the first pair
     last: NDArray[np.intp]  # (k,) index of the last pair
     features: Floats  # (k, 5) mean turn, sine and cosine of the corrected heading (degrees), log scatter, share lost
+    spread: Floats  # (k, 2, 2) covariance of sine and cosine of the corrected heading
     rms_deg: Floats  # (k,) of the residual
 
 
@@ -129,8 +131,8 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     residuals = Residuals(residual, fit.noise.width_deg(*pair_speeds(pairs)), heading)
     parts = _cut(pairs.time_s)
     first, last = (np.array([selected[k] for selected in parts]) for k in (0, -1))
-    features = np.array([_features(selected, residuals) for selected in parts])
-    windows = Windows(first, last, features, np.array([residuals.rms_deg(selected) for selected in parts]))
+    features, spread = (np.array(x) for x in zip(*(_features(selected, residuals) for selected in parts), strict=True))
+    windows = Windows(first, last, features, spread, np.array([residuals.rms_deg(selected) for selected in parts]))
     far = _far_windows(windows)
     usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
     return (*_by_index(pairs.time_s, residuals), *_doubts(pairs, windows, far, usual))
@@ -185,23 +187,26 @@ def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
     return [selected for selected in cut if len(selected) >= MIN_WINDOW_PAIRS // 2]
 
 
-def _features(selected: NDArray[np.intp], residuals: Residuals) -> list[float]:
+def _features(selected: NDArray[np.intp], residuals: Residuals) -> tuple[list[float], Floats]:
+    """Describe the residuals of a window, see ``Windows``; the mean turn is that at its mean heading."""
     residual, lost, width, heading = residuals.residual_deg, residuals.lost, residuals.width_deg, residuals.heading_deg
     known = selected[~lost[selected]]
     if len(known) < MIN_WINDOW_PAIRS // 4:
-        return [0.0, 0.0, 0.0, 0.0, float(lost[selected].mean())]
+        return [0.0, 0.0, 0.0, 0.0, float(lost[selected].mean())], np.zeros((2, 2))
     weight = 1.0 / width[known] ** 2
     turn = float(angles.argument(np.sum(weight * angles.phasor(residual[known]))))
     left = angles.difference(residual[known], turn)
-    sine, cosine = angles.sin_cos(heading[known])
-    design = np.column_stack([np.ones(len(known)), sine, cosine])
+    columns = np.column_stack(angles.sin_cos(heading[known]))
+    # About their mean: where a window has few headings, a turn and a dependence would else stand for each other.
+    design = np.column_stack([np.ones(len(known)), columns - np.average(columns, axis=0, weights=weight)])
     # The prior keeps a window of one heading from telling a turn as a dependence on heading.
     normal = (design.T * weight) @ design + np.diag([0.0, 1.0, 1.0]) / 30.0**2
     bounded = np.clip(left, -CLIP * width[known], CLIP * width[known])
     fitted = np.linalg.solve(normal, (design.T * weight) @ bounded)
     scatter = np.clip((left - design @ fitted) / width[known], -CLIP, CLIP)
     turn = float(angles.wrap180(turn + fitted[0]))
-    return [turn, fitted[1], fitted[2], 0.5 * float(np.log(np.mean(scatter**2) + 1e-6)), float(lost[selected].mean())]
+    log_scatter = 0.5 * float(np.log(np.mean(scatter**2) + 1e-6))
+    return [turn, fitted[1], fitted[2], log_scatter, float(lost[selected].mean())], np.cov(design[:, 1:].T)
 
 
 def _far_windows(windows: Windows) -> Bools:
@@ -215,7 +220,7 @@ def _far_windows(windows: Windows) -> Bools:
     z = off / spread
     matters = np.column_stack([
         np.abs(off[:, 0]) > LEAST_TURN_DEG,
-        np.hypot(off[:, 1], off[:, 2]) > LEAST_DEPENDENCE_DEG,
+        np.einsum("ki,kij,kj->k", off[:, 1:3], windows.spread, off[:, 1:3]) > LEAST_DEPENDENCE_DEG**2,
         off[:, 3] > LEAST_LOG_SCATTER,
         off[:, 4] > LEAST_LOST,
     ])  # fmt: skip
@@ -234,7 +239,7 @@ def _doubts(pairs: Pairs, windows: Windows, far: Bools, usual_deg: float) -> Ite
         from_s = pairs.time_s[windows.first[begin]] if begin else -np.inf
         to_s = pairs.time_s[windows.last[end - 1]] if end < n else np.inf
         rms = float(np.sqrt(np.mean(windows.rms_deg[begin:end] ** 2)))
-        sigma = float(min(np.sqrt(max(rms**2 - usual_deg**2, LEAST_DEPENDENCE_DEG**2)), UNIFORM_SIGMA_DEG))
+        sigma = float(min(np.sqrt(max(rms**2 - usual_deg**2, LEAST_DOUBT_DEG**2)), UNIFORM_SIGMA_DEG))
         shown = [iso_time(float(pairs.time_s[k])) for k in (windows.first[begin], windows.last[end - 1])]
         why = (
             f"from {shown[0]} to {shown[1]} directions differ from the reference by {rms:.0f}° rms and by "
