@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 
+import iaga_files
 import numpy as np
 import pytest
 from bench import FOLDED, MILD, readings, ring, write_table
@@ -17,6 +18,7 @@ from compasslib import angles, calibrations, compass
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring, budget, platform, result
+from compasslib.calibrations.bench import measure_homogeneity
 from compasslib.calibrations.objects import ObjectChange, describe_object
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.deviation import describe_fit, fit_deviation
@@ -214,6 +216,31 @@ def test_each_form_states_its_expanded_uncertainty_and_the_errors_that_it_leaves
     assert left[2] < abs(left[0]) < left[1] < errors["peak_to_peak_deg"]
     rows = words.cells("calibration", "forms", c=page(made))
     assert len(rows) == 2 + 1 + 4 and sum("(used)" in row[0] for row in rows) == 1
+
+
+def test_an_observatory_takes_the_fields_changes_off_and_a_spun_instrument_tells_the_homogeneity(tmp_path):
+    """Le Menn et al. 2023, section 2 and Table 3: 0.38 degrees at most between rotation and spinning."""
+    read, step_s = readings(ring(36), noise_deg=0.02), 600.0
+    day = iaga_files.series(1, step_s=60.0, swing_deg=1.5)
+    time_s = day.time_s[60] + step_s * np.arange(36)
+    daily = np.interp(time_s, day.time_s, day.declination_deg)
+    turned = BenchReadings(read.reference_deg, angles.wrap360(read.recorded_deg - (daily - daily.mean())))
+    rows = zip(turned.reference_deg, turned.recorded_deg, time_s.astype("datetime64[s]"), strict=True)
+    bench, station = tmp_path / "bench.csv", tmp_path / "mde.min"
+    bench.write_text("reference_deg,recorded_deg,time_utc\n" + "\n".join(f"{a:.3f},{b:.3f},{t}" for a, b, t in rows))
+    station.write_text("\n".join([*iaga_files.header("DHZF"), *iaga_files.rows(day, "DHZF")]) + "\n")
+    spun = readings(ring(4) + 5.0, noise_deg=0.0)
+    off = np.array([0.38, -0.1, 0.05, -0.33])
+    spun_path = write_table(tmp_path / "spun.csv", BenchReadings(spun.reference_deg + off, spun.recorded_deg))
+    plain = calibrations.calibrate("platform", [bench], {})
+    settings = {"observatory": [str(station)], "spun": [str(spun_path)]}
+    made = calibrations.calibrate("platform", [bench, spun_path, station], settings)
+    assert plain.residual_rms_deg > 4.0 * made.residual_rms_deg and made.n == 36
+    assert made.details["observatory"]["corrected"] == 36
+    assert made.details["homogeneity"]["max_deg"] == pytest.approx(0.38, abs=0.05)
+    row = next(source for source in made.sources if source.name == "homogeneity_deg")
+    assert row.standard_deg == pytest.approx(abs(made.details["homogeneity"]["max_deg"]) / 3.0**0.5)
+    assert "at least 4 tell it" in measure_homogeneity(*vars(read).values(), *np.ones((2, 3)))["text"]
 
 
 # --- what is written ------------------------------------------------------------------------------------------------

@@ -55,7 +55,7 @@ def test_the_example_of_the_contract_is_read_and_its_defaults_are_filled_in(crui
     assert calibrations.settings(loaded["aqd"]) == {
         "declination": "auto", "latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0, "withhold": [],
         "table_step_deg": 10, "format": "csv", "columns": {}, "budget": None,
-        "mounting_deg": None, "object": None, "parts": [],
+        "mounting_deg": None, "object": None, "parts": [], "spun": [], "observatory": [],
         "uncertainty": dict.fromkeys(budget.ROWS),
     }  # fmt: skip
 
@@ -108,11 +108,11 @@ BAD = [
     ("file: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),
     ("kind: platform\n", "file: expected a path, a list of paths or a glob, relative to the cruise folder, found nothing; add for example file: raw/cal/aqd.csv"),
     ("kind: platform\nfile: raw/cal/no.csv\n", "file: expected an existing file, found no file raw/cal/no.csv; put it there or correct the path, relative to the cruise folder"),
-    (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, parts, compare_with, compass, sphere, format, columns, mounting_deg, object, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),
+    (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, parts, compare_with, compass, sphere, format, columns, mounting_deg, spun, observatory, object, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),
     (EXAMPLE.replace("48.4", "98.4"), "latitude: expected a number from -90 to 90, found 98.4; check the sign and the order of latitude and longitude"),
     (EXAMPLE.replace("latitude: 48.4\n", ""), "latitude: expected latitude beside longitude, found nothing; add latitude or delete longitude"),
     (EXAMPLE.replace("2022-09-29", "29.9.2022"), "date: expected a date or UTC time from 1980 to 2100, found '29.9.2022'; write for example date: 2022-09-29"),
-    (EXAMPLE.replace("columns: {}", "columns: {x: mx}"), "columns.x: expected a key out of reference_deg, recorded_deg, found the unknown 'x'; delete it, or indent it below the key that it belongs to"),
+    (EXAMPLE.replace("columns: {}", "columns: {x: mx}"), "columns.x: expected a key out of reference_deg, recorded_deg, time_utc, found the unknown 'x'; delete it, or indent it below the key that it belongs to"),
     (EXAMPLE + "format: pd0\n", "format: expected csv, found 'pd0'; write for example format: csv"),
     (EXAMPLE + "table_step_deg: 12\n", "table_step_deg: expected 10 or 15, found 12; write for example table_step_deg: 10"),
     (EXAMPLE + "budget: gum\n", "budget: expected le_menn, found 'gum'; write for example budget: le_menn"),

@@ -81,6 +81,8 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
 
     offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
     form = settings.get("format") or offered[0]
-    with detect.format_hints(form, files, offered=offered, advice="correct file or kind in the calibration's file"):
+    series = set(settings.get("observatory") or ())  # of another format
+    tables = [file for file in files if str(file) not in series]
+    with detect.format_hints(form, tables, offered=offered, advice="correct file or kind in the calibration's file"):
         made: Calibration = module.calibrate(files, resolve_settings(settings))
     return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))

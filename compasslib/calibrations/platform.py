@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations import budget, curves
+from compasslib.calibrations import bench, budget, curves
 from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.result import Calibration, DeviationTable
@@ -55,18 +55,31 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         files: CSV files with the magnetic reference direction and the recorded heading, degrees.
         settings: ``columns``, ``withhold``, the keys of tables, ``table_step_deg``, ``budget``, ``uncertainty``;
             ``mounting_deg``, how far clockwise of the bench's direction the instrument stood;
-            ``declination_deg`` of the place.
+            ``declination_deg`` of the place; ``observatory`` and ``spun``, which of the files are a record of the
+            field and readings of the instrument spun in one place.
 
     Raises:
         InputError: a file cannot be read, a column is absent or is not in degrees, headings run against each other, or
             a constant of a quarter turn and more is not settled by ``mounting_deg``.
     """
-    columns, notes = read_columns(files, settings)
+    spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
+    files = [file for file in files if str(file) not in {*spun, *observatory}]
+    columns, notes = read_columns(files, settings, (*ROLES, "time_utc") if observatory else ROLES)
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
     mounting = settings.get("mounting_deg")
     reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
+    conditions: dict[str, Any] = {}
+    if observatory:
+        reference, conditions["observatory"] = bench.correct_field(reference, columns["time_utc"][known], observatory)
     read = BenchReadings(reference, columns["recorded_deg"][known])
     given = settings.get("uncertainty") or {}
+    if spun:
+        turned = read_columns(spun, settings)[0]
+        spun_reference = angles.wrap360(turned["reference_deg"] + (mounting or 0.0))
+        found = bench.measure_homogeneity(read.reference_deg, read.recorded_deg, spun_reference, turned["recorded_deg"])
+        conditions["homogeneity"] = found
+        if given.get("homogeneity_deg") is None and found["max_deg"] is not None:
+            given = {**given, "homogeneity_deg": abs(found["max_deg"])}
     rows = budget.sources(given, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
     fitted = calibrate_readings("platform", read, rows, table_step_deg=step)
@@ -85,7 +98,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if not known.all():
         warnings.append(f"{int(np.sum(~known))} lines without both headings are excluded")
     warnings += [*fitted.warnings, *misfits, *budget.notes(given, rows)]
-    details: dict[str, Any] = {**fitted.details, "doubts": misfits}
+    details: dict[str, Any] = {**fitted.details, **conditions, "doubts": misfits}
     if settings.get("budget") == budget.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
         level = (settings.get("field") or {}).get("horizontal_nT", budget.PAPER_FIELD_NT)
         details["physical_field"] = budget.physical_field(fitted.sources, level)
@@ -362,7 +375,7 @@ def read_columns(
             raise InputError("withhold", expected=expected, found=needed, advice="take it out of withhold")
     tables = [delimited.read_table(path, header, ADVICE, layout) for path in paths]
     columns = {role: np.concatenate([table.columns[role] for table in tables]) for role in roles}
-    for role, values in columns.items():
+    for role, values in ((role, columns[role]) for role in roles if role != "time_utc"):
         if (largest := np.nanmax(np.abs(values), initial=0.0)) > MAX_ANGLE_DEG:
             advice = "turn the column to degrees"
             raise InputError(f"{where}: {role}", expected="degrees", found=f"{largest:g}", advice=advice)

@@ -136,6 +136,7 @@ class PlatformColumns(Section):
 
     reference_deg: Text | None = _header("degrees, magnetic")
     recorded_deg: Text | None = _header("degrees, magnetic")
+    time_utc: Text | None = _header("UTC")
 
 
 class Uncertainty(Section):
@@ -164,6 +165,8 @@ class Platform(TableFile):
     format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
     columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
     mounting_deg: Number | None = key("degrees from -360 to 360", "180", None, ge=-360, le=360)
+    spun: Files = key("a path, a list of paths or a glob, relative to the cruise folder", "raw/cal/spun.csv", ())
+    observatory: Files = key("a path, a list of paths or a glob, relative to the cruise folder", "raw/obs/*.min", ())
     object: NearObject | None = key("a mapping", "{distance_m: 0.6, size_m: 0.2}", None)
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
     uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())

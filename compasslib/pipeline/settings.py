@@ -312,7 +312,8 @@ class Calibrations:
     cruise: Cruise
 
     def raw_files(self, wildcards: Any) -> list[str]:
-        return list(self.cruise.calibrations[wildcards.calibration].files)
+        file = self.cruise.calibrations[wildcards.calibration]
+        return [*file.files, *getattr(file, "spun", ()), *getattr(file, "observatory", ())]
 
     def earlier(self, wildcards: Any) -> list[str]:
         """List the calibrations to compare with; none where it stands alone."""
