@@ -230,7 +230,10 @@ VON_APPEN = [
     Row("Figs 6, 7", "deviation with scatter, β → γ, γ → β", "plots.deviation", "test_plots.py::test_figure_is_whole_and_legible"),
     Row("Figs 8, 9", "histograms of headings and directions, scatter of directions", "plots.histograms",
         "test_plots.py::test_directions_are_counted_and_compared_in_their_panels"),
-    Row("Figs 2, 4, 5", "array, definition of angles and synthetic curves as figures", why="not drawn"),
+    Row("Fig. 2", "the array, drawn from configuration (`results/figures/array.png`)", "plots.array:draw_array",
+        "test_plots.py::test_the_array_as_configured_holds_few_moorings_with_their_names_and_many_without"),
+    Row("Figs 4, 5", "definition of angles; synthetic curves, as figures", "plots.array:draw_synthetic_curves",
+        "test_plots.py::test_the_synthetic_curves_and_angles_of_the_paper_are_drawn_as_printed"),
     Row("introduction", "calibration before and after a deployment", "calibrations.at_mooring:carry_to_mooring",
         "test_calibrations_platform.py::test_the_change_between_two_calibrations_is_told_and_stands_in_the_uncertainty"),
     Row("introduction", "a calibration at another latitude", "deviation.model:transfer_coefficients",
@@ -255,6 +258,16 @@ software computes from the same numbers when the page is made. Paths are below `
 """
 
 
+PICTURES = """![Angles](../angles.png)
+
+*Von Appen 2015, Fig. 4: α of the current and β of magnetic north from beam 3, γ as the needle has it, δ of magnetic from true north.*
+
+![Synthetic curves](../synthetic.png)
+
+*Von Appen 2015, Fig. 5: deviation, recorded heading and lookup table of series with B alone.*
+"""
+
+
 def page() -> str:
     """Format all rows as Markdown, a table for each paper."""
     parts = [HEAD]
@@ -264,7 +277,7 @@ def page() -> str:
         parts.append("| place | what | where | held by | printed | ours |\n|---|---|---|---|---|---|")
         parts += [_line(row) for row in rows]
         parts.append("")
-    return "\n".join(parts)
+    return "\n".join([*parts, PICTURES])
 
 
 def _line(row: Row) -> str:

@@ -92,6 +92,14 @@ def sea(folder: Path) -> None:
     measured.draw(measured.profiles(), DOCS / "sea.png")
 
 
+def papers(folder: Path) -> None:
+    """Figures 4 and 5 of von Appen 2015."""
+    from compasslib.plots import array
+
+    array.draw_angles(DOCS / "angles.png")
+    array.draw_synthetic_curves(DOCS / "synthetic.png")
+
+
 def plots(*names: str) -> list[str]:
     """Return modules of plots that draw figures of a mooring."""
     return [f"compasslib/plots/{name}.py" for name in (*DRAWN, *names)]
@@ -119,6 +127,7 @@ MAKERS = {
         cruise="examples/redeployed",
     ),
     "diagnosis": Maker(diagnosis, ("diagnosis.png",), [*plots("diagnosis"), "tests/world/draw.py"]),
+    "papers": Maker(papers, ("angles.png", "synthetic.png"), ["compasslib/plots/page.py", "compasslib/plots/array.py"]),
     "sea": Maker(sea, ("sea.png",), ["compasslib/plots/page.py", "benchmarks/sea.py"]),
 }
 

@@ -43,7 +43,7 @@ def test_it_keeps_the_contract(done):
     for file in ("table.csv", "histograms.csv", "figures/histograms.png"):
         assert (done / "results/M1" / file).is_file()
     assert {path.name for path in (done / "results/figures").iterdir()} == {
-        f"{name}.png" for name in ("curves", "differences", "currents")
+        f"{name}.png" for name in ("array", "curves", "differences", "currents")
     }
 
 

@@ -282,6 +282,29 @@ class Moorings:
     def described(self) -> dict[str, dict[str, Any]]:
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
 
+    def array(self) -> list[dict[str, Any]]:
+        """Describe where each mooring and its instruments stand; all of its affected instruments are drawn at once."""
+        moorings = {name.split("/")[0]: mooring for name, mooring in self.cruise.moorings.items()}
+        roles = {(name, role): "reference" for name, mooring in moorings.items() for role in mooring.reference}
+        roles |= {(name.split("/")[0], m.compromised): "affected" for name, m in self.cruise.moorings.items()}
+        return [
+            {
+                "name": name,
+                "latitude": mooring.latitude,
+                "longitude": mooring.longitude,
+                "water_depth_m": mooring.water_depth,
+                "instruments": [
+                    {
+                        "depth_m": None if each.format == "mmp_acm" else each.depth,
+                        "orientation": each.orientation,
+                        "role": roles.get((name, role), "other"),
+                    }
+                    for role, each in mooring.instruments.items()
+                ],
+            }
+            for name, mooring in moorings.items()
+        ]
+
     def serial_number(self, wildcards: Any) -> str | None:
         """Look up the serial number in the metadata, the mooring's attributes being the affected instrument's."""
         stated = self._instrument(wildcards).attributes

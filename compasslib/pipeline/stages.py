@@ -13,7 +13,7 @@ from compasslib.pipeline.settings import drawn, hash_code, used_instruments
 if TYPE_CHECKING:
     from compasslib.pipeline.plan import Plan
 
-OF_CRUISE = ("curves", "differences", "currents")
+OF_CRUISE = ("array", "curves", "differences", "currents")
 JUDGED = ("diagnosis", "deviation", "assessment")
 ALONE = (*JUDGED, "summary")  # of each mooring whose compass has others
 CRUISE, MOORING = "results", "results/{mooring}"
@@ -255,6 +255,7 @@ def of_cruise(plan: Plan) -> dict[str, Stage]:
                 "assessments": lambda wildcards: plan.per_mooring("assessment.json"),
             },
             writes={"figures": lambda wildcards: drawn(cruise, CRUISE, OF_CRUISE)},
+            settings={"array": lambda wildcards: of.array()},
         ),
         "report": Stage(
             *("report.report", CRUISE, "report"),

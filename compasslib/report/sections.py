@@ -294,6 +294,7 @@ TITLES = {
     "disturbance": "Disturbances of the field",
 }
 TITLES |= {
+    "array": "The array",
     "curves": "Deviations",
     "differences": "Differences from the reference",
     "currents": "Mean currents and variance ellipses",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from compasslib.archive import calibrations as archive
 from compasslib.archive.files import read_json
@@ -12,6 +13,7 @@ from compasslib.plots import calibrations as plots
 from compasslib.plots import deviation
 from compasslib.plots import diagnosis as hypotheses
 from compasslib.plots import moorings as together
+from compasslib.plots.array import draw_array
 
 
 def calibration_figures(
@@ -44,18 +46,27 @@ def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Ca
 
 
 def cruise_figures(
-    *, deviations: Sequence[str], assessments: Sequence[str], figures: Sequence[str], say: Callable[[str], None]
+    *,
+    deviations: Sequence[str],
+    assessments: Sequence[str],
+    array: Sequence[Mapping[str, Any]],
+    figures: Sequence[str],
+    say: Callable[[str], None],
 ) -> None:
-    """Draw the figures that hold all moorings which have results, by their files' names.
+    """Draw the array as configured, and the figures that hold all moorings which have results, by their files' names.
 
     Args:
         deviations: deviation.json of each mooring.
         assessments: assessment.json of the same.
+        array: arguments of ``plots.array.draw_array``.
     """
     moorings = [
         together.AssessedMooring(Path(file).parent.name, product.from_json(read_json(file)).fit, read_json(assessment))
         for file, assessment in zip(deviations, assessments, strict=True)
     ]
     for figure in figures:
-        together.draw_figure(Path(figure).stem, figure, moorings)
+        if Path(figure).stem == "array":
+            draw_array(figure, array)
+        else:
+            together.draw_figure(Path(figure).stem, figure, moorings)
     say(f"{len(figures)} figures of {len(moorings)} moorings")
