@@ -6,9 +6,11 @@ import ast
 import fcntl
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import unquote
@@ -21,7 +23,7 @@ from sea import cruise
 from snakemake.iocontainers import Namedlist
 
 from compasslib import __version__
-from compasslib.archive import crate, provenance, verification
+from compasslib.archive import crate, deposit, provenance, verification
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
 from compasslib.errors import InputError
@@ -36,7 +38,8 @@ def processed(tmp_path_factory):
     """A processed cruise of one mooring whose name and attributes need care in an identifier."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=SAMPLES)
     (folder / "config/config.yaml").write_text(
-        "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram}\n"
+        "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram,"
+        " license: CC-BY-4.0, publisher_url: https://example.org/}\n"
     )
     ran = snakemake(folder)
     assert ran.returncode == 0, ran.stderr
@@ -59,6 +62,58 @@ def of_type(page: dict, kind: str) -> list[dict]:
 def ids(reference: object) -> list[str]:
     """Return the identifiers of one reference or a list of them."""
     return [one["@id"] for one in (reference if isinstance(reference, list) else [reference])]
+
+
+# --------------------------------------------------------------------------------------------------------- the deposit
+@pytest.fixture(scope="module")
+def unpacked(processed, tmp_path_factory):
+    """The cruise exported as one ZIP and unpacked elsewhere."""
+    into = tmp_path_factory.mktemp("deposit")
+    count = deposit.deposit(processed, into / "c.zip", config.load_cruise(processed).options.attributes)
+    with zipfile.ZipFile(into / "c.zip") as packed:
+        assert packed.testzip() is None and len(packed.namelist()) == count
+        packed.extractall(into / "there")
+    return into / "there"
+
+
+def test_a_deposit_is_a_workflow_run_crate_that_holds_what_it_lists(unpacked):
+    """Workflow Run Crate 0.5, every MUST and what an owner's keys and this software can give of the SHOULDs."""
+    page = json.loads((unpacked / "ro-crate-metadata.json").read_text())
+    entities = {entity["@id"]: entity for entity in page["@graph"]}
+    root, workflow = entities["./"], entities["workflow/Snakefile"]
+    assert set(workflow["@type"]) == {"File", "SoftwareSourceCode", "ComputationalWorkflow"}
+    assert ids(root["mainEntity"]) == [workflow["@id"]] and ids(entities["#run"]["instrument"]) == [workflow["@id"]]
+    assert [entities[ids(root[role])[0]]["name"] for role in ("author", "publisher", "license")] == [
+        "A. Fram", "Sea", "CC-BY-4.0",
+    ]  # fmt: skip
+    for action in of_type(page, "CreateAction"):
+        assert ids(action["agent"]) == ids(root["author"]) and re.fullmatch(
+            r"[\d-]{10}T[\d:]{8}\+00:00", action["endTime"]
+        )
+        assert action["description"] and all(
+            item in entities for part in ("object", "result") for item in ids(action[part])
+        )
+    files = {unquote(identifier) for identifier in ids(root["hasPart"])}
+    assert files | {"ro-crate-metadata.json", crate.FILE} == tree(unpacked, files_only=True)
+    known = {
+        entity["name"]: entity["sha256"]
+        for entity in page["@graph"]
+        if "File" in entity["@type"] and "sha256" in entity
+    }
+    assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
+
+
+def test_an_unpacked_deposit_verifies_and_one_of_changed_results_is_refused(unpacked, archive, tmp_path):
+    assert verify(unpacked)[0] == 0
+    attributes = config.load_cruise(archive).options.attributes
+    (archive / "results/M1/corrected.nc").write_bytes(b"other")
+    with pytest.raises(InputError, match=r"results/M1/corrected\.nc: expected the file that the manifest lists"):
+        deposit.deposit(archive, tmp_path / "c.zip", attributes)
+    with pytest.raises(InputError, match="found no publisher_url; add publisher_url, its address"):
+        deposit.deposit(
+            archive, tmp_path / "c.zip", {key: x for key, x in attributes.items() if key != "publisher_url"}
+        )
+    assert not (tmp_path / "c.zip").exists()
 
 
 # ----------------------------------------------------------------------------------------------------------- the crate
@@ -357,8 +412,8 @@ def renamed(archive):
     return archive
 
 
-def tree(folder: Path) -> set[str]:
-    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+def tree(folder: Path, *, files_only: bool = False) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file() or not files_only}
 
 
 def test_results_of_what_is_configured_no_more_are_named_listed_and_removed_when_asked(renamed, processed):

@@ -120,7 +120,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
         InputError: there is no manifest, or it is none.
     """
     root = Path(cruise)
-    page = _manifest(root)
+    page = read_manifest(root)
     listed, misplaced, results = crate.listed(page), crate.misplaced(page), Results(root, configured)
     # Files that the manifest does not list, in folders outside results/ that a simulation wrote into.
     wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
@@ -155,7 +155,7 @@ def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable
     entries = differences(cruise, configured)
     for line in entries:
         say(escaped(line))
-    files = f"{len(crate.listed(_manifest(Path(cruise))))} files as listed"
+    files = f"{len(crate.listed(read_manifest(Path(cruise))))} files as listed"
     if entries:
         advice = "restore them, or make run again if the change was meant"
         if any(line.startswith(FORMER) for line in entries):
@@ -170,7 +170,12 @@ def escaped(path: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _manifest(root: Path) -> dict[str, Any]:
+def read_manifest(root: Path) -> dict[str, Any]:
+    """Read the manifest of a cruise.
+
+    Raises:
+        InputError: there is none, or it lists no file.
+    """
     page: dict[str, Any] = read_json(root / crate.FILE)
     expected, advice = "a manifest that lists the files of a run", "make run writes it"
     try:

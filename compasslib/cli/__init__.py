@@ -25,7 +25,7 @@ from compasslib import __version__
 from compasslib.errors import InputError
 
 FAILED, INTERRUPTED = 1, 130
-FORMS = ("csv", "mat", "pd0", "oceansites")  # of compass export
+FORMS = ("csv", "mat", "pd0", "oceansites", "rocrate")  # of compass export
 MODULES = {"correct": "check", "explain": "results", "verify": "results"}  # of commands that share one
 AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 
@@ -112,17 +112,17 @@ def _parser() -> argparse.ArgumentParser:
     export = _command(
         commands,
         "export",
-        "export a corrected record to CSV, MATLAB, PD0 or OceanSITES",
+        "export a corrected record to CSV, MATLAB, PD0 or OceanSITES, or the cruise as a research object crate",
         "EG4 --cruise my_cruise --to pd0 --into to_deposit",
     )
-    export.add_argument("mooring", metavar="MOORING", help="its name")
+    export.add_argument("mooring", metavar="MOORING", nargs="?", help="its name; none with rocrate")
     export.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
     export.add_argument(
         "--to",
         required=True,
         choices=FORMS,
         help="csv: one row per sample and bin; mat: MATLAB structures; pd0: the raw file with corrected headings; "
-        "oceansites: corrected.nc under its OceanSITES name",
+        "oceansites: corrected.nc under its OceanSITES name; rocrate: the whole cruise as one ZIP to deposit",
     )
     export.add_argument("--into", metavar="FOLDER", help="folder of the files (default: CRUISE/export)")
 

@@ -6,6 +6,7 @@ import glob
 import io
 import itertools
 import shutil
+import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import provenance, variables
+from compasslib.archive.deposit import deposit
 from compasslib.archive.files import HALF_WRITTEN, atomic_write, open_netcdf, read_attribute, read_series, write_json
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
 from compasslib.cli import results
@@ -53,6 +55,11 @@ def export(asked: Namespace) -> int:
     Raises:
         InputError: there are no results, a file is there already, or the raw files are not those of the results.
     """
+    if asked.to == "rocrate":
+        return _export_cruise(asked)
+    if asked.mooring is None:
+        advice = "write for example compass export EG4 --to csv"
+        raise InputError("MOORING", expected=f"the name of a mooring with --to {asked.to}", found="none", advice=advice)
     source = results.mooring_folder(asked.cruise, asked.mooring) / "corrected.nc"
     into = Path(asked.into or Path(asked.cruise) / "export")
     if asked.to == "pd0":
@@ -64,6 +71,22 @@ def export(asked: Namespace) -> int:
         forms: dict[str, Callable[..., None]] = {"csv": write_csv, "mat": write_mat, "oceansites": write_oceansites}
         forms[asked.to](source, *files)
     print(*files, sep="\n")
+    return 0
+
+
+def _export_cruise(asked: Namespace) -> int:
+    """Pack the whole cruise as a crate to deposit."""
+    if asked.mooring is not None:
+        expected, advice = "no mooring, as the crate is of the whole cruise", f"leave {asked.mooring} out"
+        raise InputError("--to rocrate", expected=expected, found=asked.mooring, advice=advice)
+    root = Path(asked.cruise).resolve()
+    (file,) = _available_files(Path(asked.into or Path(asked.cruise) / "export"), f"{root.name}.crate.zip")
+    count = deposit(root, file, config.load_cruise(root).options.attributes)
+    print(file)
+    print(
+        f"{count} files; a repository asks besides for a title, an identifier (DOI) and the ORCID of each author",
+        file=sys.stderr,
+    )
     return 0
 
 

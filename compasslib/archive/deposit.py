@@ -1,0 +1,203 @@
+"""A cruise as one ZIP to deposit: a Workflow Run Crate (RO-Crate 1.1) whose root is the cruise folder.
+
+Profile: https://w3id.org/ro/wfrun/workflow/0.5. It holds the files that the manifest lists, each compared with its hash
+as it is packed, the manifest itself, so that the unpacked folder is verified as any, and the workflow's rules.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from compasslib.archive import crate, provenance
+from compasslib.archive.crate import Entity
+from compasslib.archive.files import atomic_write
+from compasslib.archive.verification import read_manifest
+from compasslib.errors import InputError
+
+METADATA, README = "ro-crate-metadata.json", "README.md"
+WORKFLOW_FILE, RUN = "workflow/Snakefile", "#run"
+PROFILES = {
+    "https://w3id.org/ro/wfrun/process/0.5": ("Process Run Crate", "0.5"),
+    "https://w3id.org/ro/wfrun/workflow/0.5": ("Workflow Run Crate", "0.5"),
+    "https://w3id.org/workflowhub/workflow-ro-crate/1.0": ("Workflow RO-Crate", "1.0"),
+}
+BIOSCHEMAS = "https://bioschemas.org/profiles/ComputationalWorkflow/1.0-RELEASE"
+# What only an owner can give: the key among the attributes of config.yaml, and what it is.
+OWNERS = {
+    "license": "under which the data may be used, best a URL",
+    "institution": "that publishes the data",
+    "publisher_url": "its address",
+    "principal_investigator": "who answers for the data",
+}
+OPTIONAL = {
+    "principal_investigator_orcid": "https://orcid.org/...",
+    "software_url": "where the version of this software that was used is kept",
+}
+SNAKEMAKE: Entity = {
+    "@id": "https://w3id.org/workflowhub/workflow-ro-crate#snakemake",
+    "@type": "ComputerLanguage",
+    "name": "Snakemake",
+    "identifier": {"@id": "https://doi.org/10.1093/bioinformatics/bty350"},
+    "url": {"@id": "https://snakemake.github.io/"},
+}
+ABOUT = """# {title}
+
+Moored current records whose compass was corrected, as one Workflow Run Crate. `results/` holds the products, `config/`
+and `raw/` what they were made from, `workflow/` the rules, `ro-crate-metadata.json` the description of all files.
+
+The unpacked folder is compared with its manifest by `compass verify FOLDER`.
+"""
+BLOCK_BYTES = 1 << 20  # copied at a time
+
+
+def deposit(cruise: str | Path, to: str | Path, attributes: Mapping[str, Any]) -> int:
+    """Pack a processed cruise, and return the number of its files.
+
+    Args:
+        to: the ZIP file.
+        attributes: of the cruise.
+
+    Raises:
+        InputError: there is no manifest, a file is not as it lists, or a key that only an owner can give is missing.
+    """
+    root = Path(cruise)
+    if missing := [key for key in OWNERS if not str(attributes.get(key, "")).strip()]:
+        advice = "add " + "; ".join(f"{key}, {OWNERS[key]}" for key in missing)
+        expected = f"the attributes {', '.join(OWNERS)}"
+        raise InputError("config/config.yaml: attributes", expected=expected, found=f"no {missing[0]}", advice=advice)
+    page = read_manifest(root)
+    listed = crate.listed(page)
+    rules = {f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path for path in _rules()}
+    if (lock := provenance.RELEASE_FILES / crate.LOCK).is_file():
+        rules[crate.LOCK] = lock
+    described = compose(page, attributes, {name: provenance.sha256(path) for name, path in rules.items()}, root)
+    texts = {METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n"}
+    texts[README] = ABOUT.format(title=next(x["name"] for x in described["@graph"] if x["@id"] == "./"))
+    with atomic_write(to) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in texts.items():
+            archive.writestr(_entry(name), text)
+        for name, path in sorted({**{name: root / name for name in (*listed, crate.FILE)}, **rules}.items()):
+            digest = hashlib.sha256()
+            with path.open("rb") as source, archive.open(_entry(name), "w", force_zip64=True) as target:
+                while block := source.read(BLOCK_BYTES):
+                    digest.update(block)
+                    target.write(block)
+            if listed.get(name, digest.hexdigest()) != digest.hexdigest():
+                expected, advice = "the file that the manifest lists", "run the cruise again, then export"
+                raise InputError(name, expected=expected, found="another", advice=advice)
+    return len(listed) + len(rules) + len(texts) + 1
+
+
+def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mapping[str, str], root: Path) -> Entity:
+    """Compose the metadata of the deposit from the manifest.
+
+    Args:
+        page: the manifest, whose paths are relative to results/.
+        rules: SHA-256 of the workflow's files by their paths in the deposit.
+        root: the cruise folder, whose records of jobs tell when each ended.
+    """
+    author = str(attributes.get("principal_investigator_orcid", "#principal_investigator"))
+    terms = str(attributes["license"])
+    license_id, publisher = terms if "://" in terms else "#license", str(attributes["publisher_url"])
+    moved = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
+    moved |= dict(_addresses(page["@graph"], attributes)) | {f"#{crate.LOCK}": quote(crate.LOCK)}
+    apart = {"./", METADATA, crate.PROFILE, *(f"#{key}" for _, (key, _) in crate.PEOPLE.items())}
+    entities = {x["@id"]: x for x in (_moved(x, moved) for x in page["@graph"] if x["@id"] not in apart)}
+    files = [identifier for identifier, entity in entities.items() if entity["@type"] == "File"]
+    for name, digest in rules.items():
+        entities[quote(name)] = {
+            "@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": "text/plain",
+        }  # fmt: skip
+    actions, ends = [x for x in entities.values() if x["@type"] == "CreateAction"], dict(_ends(root))
+    last = max(ends.values(), default=provenance.date_created())
+    for action in actions:
+        action |= {"agent": {"@id": author}, "endTime": ends.get(action["@id"].removeprefix("#"), last)}
+        action.setdefault("description", f"{action['name']}: stopped")
+    made = {item["@id"] for action in actions for item in _list(action.get("result"))}
+    read = {item["@id"] for action in actions for item in _list(action.get("object"))} - made
+    entities[WORKFLOW_FILE] |= {
+        "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
+        "programmingLanguage": {"@id": SNAKEMAKE["@id"]}, "version": provenance.software().split(" ", 1)[1],
+        "license": {"@id": license_id}, "author": {"@id": author}, "conformsTo": {"@id": BIOSCHEMAS},
+        **({"url": str(attributes["software_url"])} if "software_url" in attributes else {}),
+    }  # fmt: skip
+    run = {
+        "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": {"@id": WORKFLOW_FILE},
+        "description": "All jobs of the workflow; each has an action of its own", "agent": {"@id": author},
+        "endTime": last, "object": _references(read), "result": _references(made),
+    }  # fmt: skip
+    whole = next(entity for entity in page["@graph"] if entity["@id"] == "./") | {
+        "conformsTo": _references(PROFILES), "license": {"@id": license_id}, "author": {"@id": author},
+        "publisher": {"@id": publisher}, "mainEntity": {"@id": WORKFLOW_FILE},
+        "hasPart": _references({*files, *map(quote, rules), README}),
+        "mentions": _references([RUN, *(action["@id"] for action in actions)]),
+    }  # fmt: skip
+    organization = {"@type": "Organization", "name": str(attributes["institution"]), "url": publisher}
+    added: list[Entity] = [
+        {
+            "@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"},
+            "conformsTo": _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]]),
+        },
+        whole, SNAKEMAKE, run,
+        {"@id": README, "@type": "File", "name": README, "encodingFormat": "text/markdown", "about": {"@id": "./"}},
+        {"@id": license_id, "@type": "CreativeWork", "name": terms},
+        {"@id": publisher, **organization},
+        {
+            "@id": author, "@type": "Person", "name": str(attributes["principal_investigator"]),
+            "affiliation": {"@id": publisher},
+        },
+        {"@id": BIOSCHEMAS, "@type": "CreativeWork", "name": "Bioschemas ComputationalWorkflow profile"},
+    ]  # fmt: skip
+    for profile, (name, version) in PROFILES.items():
+        added.append({"@id": profile, "@type": "CreativeWork", "name": name, "version": version})
+    return {"@context": crate.CONTEXT, "@graph": [*added, *entities.values()]}
+
+
+def _addresses(graph: Sequence[Entity], attributes: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give programs an identifier that leads to them, where an address is known."""
+    for entity in graph:
+        if entity["@type"] == "SoftwareApplication":
+            url = entity.get("url") or attributes.get("software_url")
+            if url:
+                yield entity["@id"], f"{url}#{quote(str(entity['softwareVersion']))}"
+
+
+def _moved(entity: Any, identifiers: Mapping[str, str]) -> Any:
+    """Copy an entity with other identifiers."""
+    if isinstance(entity, dict):
+        copied = {key: identifiers.get(x, x) if key == "@id" else _moved(x, identifiers) for key, x in entity.items()}
+        software = entity.get("@type") == "SoftwareApplication" and copied["@id"].startswith("http")
+        return {"url": copied["@id"].partition("#")[0], **copied} if software else copied
+    return [_moved(item, identifiers) for item in entity] if isinstance(entity, list) else entity
+
+
+def _list(given: Any) -> list[Any]:
+    return given if isinstance(given, list) else [given] if given else []
+
+
+def _references(identifiers: Iterable[str]) -> list[Entity]:
+    return [{"@id": identifier} for identifier in sorted(identifiers)]
+
+
+def _rules() -> list[Path]:
+    return [path for part in ("Snakefile", "rules/*.smk", "scripts/*.py") for path in provenance.WORKFLOW.glob(part)]
+
+
+def _ends(root: Path) -> Iterator[tuple[str, str]]:
+    """Tell when each job ended, by the date of its record, and the name of its action."""
+    for path in (root / crate.FOLDER).glob("**/logs/*.json"):
+        name = "/".join(part for part in path.relative_to(root / crate.FOLDER).with_suffix("").parts if part != "logs")
+        yield quote(name), datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+    entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+    return entry
