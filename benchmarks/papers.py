@@ -238,7 +238,7 @@ VON_APPEN = [
         "test_calibrations_platform.py::test_the_change_between_two_calibrations_is_told_and_stands_in_the_uncertainty"),
     Row("introduction", "a calibration at another latitude", "deviation.model:transfer_coefficients",
         "test_deviation_transfer.py::test_without_knowledge_the_truth_lies_between_the_extremes_and_it_is_said"),
-    Row("introduction", "a lowered profiler beside a ship's", "examples/lowered_adcp",
+    Row("introduction", "a lowered profiler beside a ship's: a how-to on made data", "docs/howto/lowered.md",
         "test_example_lowered.py::test_headings_are_right_within_the_stated_uncertainty_also_below_the_overlap"),
     Row("footnote 1", "wrong tables in an instrument's firmware", why="harmonics of the heading are effects of the search; no empirical form of the curve"),
     Row("section 5", "distance from the iron", "deviation.distance:estimate_safe_distance",
