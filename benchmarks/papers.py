@@ -240,7 +240,8 @@ VON_APPEN = [
         "test_deviation_transfer.py::test_without_knowledge_the_truth_lies_between_the_extremes_and_it_is_said"),
     Row("introduction", "a lowered profiler beside a ship's: a how-to on made data", "docs/howto/lowered.md",
         "test_example_lowered.py::test_headings_are_right_within_the_stated_uncertainty_also_below_the_overlap"),
-    Row("footnote 1", "wrong tables in an instrument's firmware", why="harmonics of the heading are effects of the search; no empirical form of the curve"),
+    Row("footnote 1", "wrong tables in an instrument's firmware: an empirical form of a bench's curve", "calibrations.curves:EMPIRICAL",
+        "test_calibrations_curves.py::test_a_wrong_table_in_the_firmware_is_a_curve_of_the_heading_alone_and_a_compass_is_none"),
     Row("section 5", "distance from the iron", "deviation.distance:estimate_safe_distance",
         "test_deviation_tables.py::test_deviation_falls_with_the_cube_of_the_distance_within_bounds_that_hold_what_is_assumed"),
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from bench import FOLDED, MILD, readings, ring
 
 from compasslib import angles, compass
 from compasslib.calibrations import budget, curves, platform
-from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
+from compasslib.calibrations.curves import EMPIRICAL, EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.deviation.series import series_deviation
 
@@ -30,9 +30,9 @@ def calibrated(read: BenchReadings, **keys):
 # --- the forms ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL, ONE_CYCLE], ids=lambda form: form.name)
+@pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL], ids=lambda form: form.name)
 def test_every_form_has_the_derivative_that_it_says(form):
-    coefficients = np.array([0.02, 0.15, 0.1, 0.03, -0.02, 0.01, 0.02])[: len(form.letters)]
+    coefficients = np.append([0.02, 0.15, 0.1, 0.03, -0.02, 0.01, 0.02], np.full(6, 0.03))[: len(form.letters)]
     heading, step = np.arange(1.0, 360.0, 13.0), 1e-6
     numeric = np.stack(
         [
@@ -95,6 +95,19 @@ def test_the_polynomial_is_that_of_le_menn_7_and_jumps_at_north():
     assert np.allclose(curves.published_polynomial(curve)[:3], [-2.0, 0.03, 1e-4], rtol=1e-6)
     made = calibrated(BenchReadings(angles.wrap360(heading + deviation), heading))
     assert made.model == "polynomial" and any("not periodic: it jumps by -23.8" in text for text in made.warnings)
+
+
+def test_a_wrong_table_in_the_firmware_is_a_curve_of_the_heading_alone_and_a_compass_is_none():
+    """Von Appen 2015, footnote 1. A table with one wrong stretch; of 60 compasses at most three are taken for one."""
+    rng, recorded = np.random.default_rng(5), ring(36) + 4.0
+    wrong = 6.0 * np.exp(-0.5 * (angles.difference(recorded, 120.0) / 35.0) ** 2)
+    read = BenchReadings(angles.wrap360(recorded + wrong + rng.normal(0.0, 0.3, 36)), recorded)
+    made = calibrated(read)
+    assert made.model == "empirical" and any("wrong table in the firmware" in text for text in made.warnings)
+    truth = 6.0 * np.exp(-0.5 * (angles.difference(made.table.heading_deg, 120.0) / 35.0) ** 2)
+    assert angles.rms(made.table.deviation_deg - truth) < 0.35
+    assert made.details["models"]["exact"]["residual_rms_deg"] > 0.45
+    assert sum(calibrated(smith_bench(seed=seed)).model == "empirical" for seed in range(60)) <= 3
 
 
 def test_the_five_term_series_leaves_4_05_degrees_of_the_published_eight_headings():
@@ -160,7 +173,7 @@ def test_the_exact_compass_is_chosen_where_the_iron_is_strong_and_the_series_whe
     correct = angles.wrap360(recorded + series_deviation(4.0 * SERIES, recorded) + noise)
     made = calibrated(BenchReadings(correct, recorded))
     assert made.model == "smith" and "smith 0." in made.details["chosen_by"]
-    assert set(made.details["models"]) == {"smith", "exact", "polynomial", "one_cycle"}
+    assert set(made.details["models"]) == {form.name for form in platform.FORMS}
 
 
 def test_a_table_every_ten_or_fifteen_degrees_with_what_all_headings_share():

@@ -17,7 +17,7 @@ from test_plots_calibrations import drawn
 from compasslib import angles, calibrations, compass
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
-from compasslib.calibrations import at_mooring, budget, platform, result
+from compasslib.calibrations import MODELS, at_mooring, budget, platform, result
 from compasslib.calibrations.bench import measure_homogeneity
 from compasslib.calibrations.objects import ObjectChange, describe_object
 from compasslib.calibrations.platform import BenchReadings
@@ -208,14 +208,14 @@ def test_each_form_states_its_expanded_uncertainty_and_the_errors_that_it_leaves
     off = angles.difference(readings(noise_deg=0.0).recorded_deg, readings(noise_deg=0.0).reference_deg)
     assert errors["max_error_deg"] == pytest.approx(off[np.argmax(np.abs(off))], abs=2e-3)  # three decimals in the file
     assert errors["peak_to_peak_deg"] == pytest.approx(np.ptp(off), abs=2e-3)
-    assert {form for form in models if "expanded_deg" in models[form]} == {"smith", "exact", "polynomial", "one_cycle"}
+    assert {form for form in models if "expanded_deg" in models[form]} == set(MODELS)
     chosen = models[made.model]
     assert chosen["expanded_deg"] == pytest.approx(page(made)["uncertainty"]["expanded_deg"])
     assert models["one_cycle"]["expanded_deg"] > 2.0 * chosen["expanded_deg"]
     left = [models["one_cycle"][key] for key in ("max_error_deg", "peak_to_peak_deg", "residual_rms_deg")]
     assert left[2] < abs(left[0]) < left[1] < errors["peak_to_peak_deg"]
     rows = words.cells("calibration", "forms", c=page(made))
-    assert len(rows) == 2 + 1 + 4 and sum("(used)" in row[0] for row in rows) == 1
+    assert len(rows) == 2 + 1 + 5 and sum("(used)" in row[0] for row in rows) == 1
 
 
 def test_an_observatory_takes_the_fields_changes_off_and_a_spun_instrument_tells_the_homogeneity(tmp_path):

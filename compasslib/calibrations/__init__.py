@@ -58,6 +58,7 @@ MODELS = {  # words for the curves along the heading
     "exact": "exact compass",
     "polynomial": "polynomial of degree 6",
     "one_cycle": "one cycle",
+    "empirical": "empirical, six harmonics",
 }
 
 

@@ -195,6 +195,9 @@ def _missing_part(content: Mapping[str, Any]) -> str:
 def _transfer(content: Mapping[str, Any], field: EarthField) -> TransferredCoefficients:
     given, home = content["exact"], content["place"]["field"]
     covariance = np.array(given["covariance"], dtype=float)
+    # What a form of the curve took up that is no iron stays in the corrected headings.
+    exact = content.get("models", {}).get("exact", {}).get("residual_rms_deg")
+    covariance[0, 0] += max((exact or 0.0) ** 2 - (content["residual_rms_deg"] or 0.0) ** 2, 0.0) * angles.DEGREE**2
     # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
     covariance[0, 0] += ((content["uncertainty"]["standard_deg"] or 0.0) * angles.DEGREE) ** 2
     away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))

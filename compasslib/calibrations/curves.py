@@ -1,8 +1,9 @@
-"""Deviation curves through reference and recorded headings: one weighted least-squares solver, four forms.
+"""Deviation curves through reference and recorded headings: one weighted least-squares solver, five forms.
 
 Three forms are series in the recorded heading: one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (their eq. 5
 with von Appen's letters: D goes with sin 2, E with cos 2) and a polynomial of degree six (eq. 7). The fourth is the
-exact compass of Evans and Smith. Each form is judged on headings that were left out.
+exact compass of Evans and Smith, the fifth an empirical series of six harmonics, for what is no iron. Each form is
+judged on headings that were left out.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
 # A curve that is vaguer than this anywhere on the circle, in scatters of one reading, is not determined.
 MAX_VAGUENESS = 3.0
 POLYNOMIAL_DEGREE = 6
+HARMONICS = 6  # of an empirical curve
 MAX_RESIDUAL_DEG = 10.0  # rms residual beyond which a curve is not one of these readings
 MIN_DOF_TO_SELECT = 3  # degrees of freedom; fewer choose by chance
 EXPANDED_SHARE = 0.9545  # what two standard deviations of a normal distribution hold
@@ -218,6 +220,18 @@ POLYNOMIAL = _series(
     "ABCDEFG",
     "Le Menn et al. 2023, eq. (7)",
     lambda x: np.vander(angles.wrap360(x) / 180.0 - 1.0, POLYNOMIAL_DEGREE + 1, increasing=True),
+)
+
+
+def harmonic_design(recorded_deg: Floats) -> Floats:
+    """Compute the columns 1, sin k, cos k up to the sixth harmonic, (n, 13)."""
+    columns = [np.stack(angles.sin_cos(k * np.asarray(recorded_deg)), axis=-1) for k in range(1, HARMONICS + 1)]
+    return np.column_stack([np.ones(np.shape(recorded_deg)), *columns])
+
+
+# What no iron makes, such as a wrong table in the firmware: of the heading alone, and the same in any field.
+EMPIRICAL = _series(
+    "empirical", "ABCDEFGHIJKLM", "von Appen 2015, footnote 1: any curve of the heading", harmonic_design
 )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.calibrations import bench, budget, curves
 from compasslib.calibrations.budget import Source
-from compasslib.calibrations.curves import EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
+from compasslib.calibrations.curves import EMPIRICAL, EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.errors import InputError
 from compasslib.readers import delimited
@@ -26,7 +26,7 @@ STEP_DEG = 2.0  # of a constant from the distance of two settings
 POOR_DEG, MIN_RATIO = 3.0, 3.0  # rms about the curve from which a mistake is looked for, and how much it must explain
 EVEN, MIN_EVEN = 0.02, 8  # scatter of the distances of headings that were set, over their mean
 UNITS = {"gon": 400.0, "radians": 360.0 * angles.DEGREE, "compass points": 32.0, "tens of degrees": 36.0}  # in a turn
-FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE)
+FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL)
 SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
 MIN_HEADINGS = 16  # fewer leave the third and fourth harmonics too little room
 WIDE_GAP_DEG = 90.0
@@ -337,6 +337,11 @@ def _warnings(
         warnings.append(f"readings far from the curve through the others, at recorded degrees (off by): {places}")
     if chosen.form is ONE_CYCLE and isinstance(fits[SMITH.name], str):
         warnings.append(f"reduced to one cycle, A, B and C: five terms: {fits[SMITH.name]}; D and E stay unknown")
+    if chosen.form is EMPIRICAL:
+        warnings.append(
+            "the curve has harmonics that no iron makes, such as by a wrong table in the firmware: it holds for the "
+            "heading alone and in any field, and the coefficients A to E are not the whole of it"
+        )
     if chosen.form is POLYNOMIAL:
         low, high = (float(chosen.deviation(np.array([end]))[0]) for end in (0.0, 359.999))
         warnings.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")

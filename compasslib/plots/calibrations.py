@@ -21,6 +21,7 @@ from matplotlib.patches import Patch
 from compasslib import angles, compass
 from compasslib.archive.calibrations import Page
 from compasslib.calibrations import MODELS
+from compasslib.calibrations.curves import harmonic_design
 from compasslib.calibrations.result import LETTERS, Calibration
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.series import series_design
@@ -44,7 +45,7 @@ from compasslib.plots.page import (
 )
 from compasslib.types import Floats
 
-COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE}
+COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE, "empirical": BLUE}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.22, "linewidth": 0}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
@@ -169,6 +170,8 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[F
     numbers = np.array(list(coefficients.values()))
     if name == "polynomial":
         return turn, np.polynomial.Polynomial(numbers)(turn)
+    if name == "empirical":
+        return turn, harmonic_design(turn) @ numbers
     if name != "exact":
         return turn, series_design(turn)[:, : len(numbers)] @ numbers
     # Along the correct heading, so that a compass that cannot turn full circle is drawn whole.
