@@ -48,7 +48,7 @@ def demonstration(cruise: Path) -> None:
     """EG4 of the demonstration cruise before and after, and the top of the report."""
     figures = cruise / "results/EG4/figures"
     beside(DOCS / "currents.png", [figures / f"{name}.png" for name in CURRENTS])
-    for name in ("deviation", "scatter"):
+    for name in ("deviation", "scatter", "section"):
         shutil.copyfile(figures / f"{name}.png", DOCS / f"eg4_{name}.png")
 
 
@@ -108,8 +108,8 @@ def plots(*names: str) -> list[str]:
 MAKERS = {
     "demonstration": Maker(
         demonstration,
-        ("currents.png", "eg4_deviation.png", "eg4_scatter.png"),
-        [*plots("timeseries", "deviation"), "compasslib/demo/demonstration.py"],
+        ("currents.png", "eg4_deviation.png", "eg4_scatter.png", "eg4_section.png"),
+        [*plots("timeseries", "deviation", "section"), "compasslib/demo/demonstration.py"],
         cruise=".",
     ),
     "report": Maker(

@@ -72,14 +72,14 @@ def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Flo
 
 WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days of water, and enough pairs for four numbers
 MIN_WINDOWS = 6  # from which the others tell what is usual
-# Robust standard deviations beyond which a window is far off the others: turn, dependence, log scatter, share lost.
-# Real water between two depths turned for five days by 28°, and with the heading by 30° (eh2): 6 of them.
-FAR_SIGMAS = np.array([8.0, 8.0, 3.0, 6.0])
+# Robust standard deviations beyond which a window is far off the others: turn, log scatter, share lost; of the heading
+# dependence, medians of what it makes. Real water between two depths turned for five days by 28° (eh2): 6 of them.
+FAR_SIGMAS = np.array([8.0, 6.0, 3.0, 6.0])
 GROWS = 0.5  # of these, for a window beside one that is far off
-# Least spread between windows: mean turn and heading dependence in degrees, logarithm of the scatter, share lost.
-LEAST_SPREAD = np.array([5.0, 5.0, 5.0, 0.2, 0.03])
-# Least departure that matters, in the same units; of the heading dependence its rms at the window's headings.
-LEAST_TURN_DEG, LEAST_DEPENDENCE_DEG, LEAST_LOG_SCATTER, LEAST_LOST = 20.0, 20.0, 0.5, 0.25
+# Least spread between windows: mean turn and what the heading dependence makes in degrees, log scatter, share lost.
+LEAST_SPREAD = np.array([5.0, 3.0, 0.2, 0.03])
+# Least departure that matters, in the same units.
+LEAST_DEPARTURE = np.array([20.0, 20.0, 0.5, 0.25])
 LEAST_DOUBT_DEG = 10.0  # standard deviation of the error that a doubt suspects
 # Period and remainder of the index of samples that are compared with the others.
 INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
@@ -215,16 +215,10 @@ def _far_windows(windows: Windows) -> Bools:
     if len(features) < MIN_WINDOWS:
         return np.zeros(len(features), dtype=bool)
     off = features - np.median(features, axis=0)
-    off[:, 0] = angles.wrap180(off[:, 0])
-    spread = np.maximum(1.4826 * np.median(np.abs(off), axis=0), LEAST_SPREAD)
-    z = off / spread
-    matters = np.column_stack([
-        np.abs(off[:, 0]) > LEAST_TURN_DEG,
-        np.einsum("ki,kij,kj->k", off[:, 1:3], windows.spread, off[:, 1:3]) > LEAST_DEPENDENCE_DEG**2,
-        off[:, 3] > LEAST_LOG_SCATTER,
-        off[:, 4] > LEAST_LOST,
-    ])  # fmt: skip
-    departure = np.column_stack([np.abs(z[:, 0]), np.hypot(z[:, 1], z[:, 2]), z[:, 3], z[:, 4]]) / FAR_SIGMAS
+    dependence = np.sqrt(np.einsum("ki,kij,kj->k", off[:, 1:3], windows.spread, off[:, 1:3]))
+    off = np.column_stack([np.abs(angles.wrap180(off[:, 0])), dependence, off[:, 3], off[:, 4]])
+    spread = np.maximum(np.median(np.abs(off), axis=0) * [1.4826, 1.0, 1.4826, 1.4826], LEAST_SPREAD)
+    matters, departure = off > LEAST_DEPARTURE, off / spread / FAR_SIGMAS
     far, near = (np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS))
     for _ in range(len(far)):  # a stretch begins in a window: those beside it that are nearly far off belong to it
         far = far | (near & (np.append(far[1:], False) | np.append(False, far[:-1])))
