@@ -12,6 +12,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -115,6 +116,15 @@ def test_citation_and_codemeta_speak_of_this_version_by_one_name():
     assert [one["name"] for one in head["authors"]] == [one["name"] for one in cited["authors"]]
     newest = re.search(r"^## (\S+)", (PROJECT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert newest and newest[1] == compasslib.__version__
+
+
+def test_conda_installs_within_the_bounds_of_the_project():
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
+    wanted = {*project["dependencies"], *project["optional-dependencies"]["workflow"]}
+    *listed, pip = yaml.safe_load((PROJECT / "environment.yaml").read_text())["dependencies"]
+    other = {"matplotlib-base": "matplotlib", "snakemake-minimal": "snakemake"}  # conda's names
+    entries = {re.sub(r"^[\w-]+", lambda m: other.get(m[0], m[0]), line).lower() for line in (*listed, *pip["pip"])}
+    assert entries - {"pip", ".", f"python{project['requires-python']}"} == {line.lower() for line in wanted}
 
 
 # An hour of measurements, a browser, and a cruise that the reader of the tutorial drafts step by step.
