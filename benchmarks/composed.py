@@ -57,14 +57,15 @@ def measure(every: dict, index: int, seed: int, *, red: bool) -> dict:
     first = [one.named for one in found.findings]
     told = {n for one in found.findings for n in (one.named, *one.alternatives)}
     words = {described(n) for n in told} - {None}
+    drivers = {one[1] for one in words} | {one.driver for one in found.current}
     sides = {side_of(COMPOSED + "/".join(one)) for one in right}
     row = {
         "family": name, "size": size, "verdict": found.verdict, "first": first, "set": sorted(told), "seconds": seconds,
         "side": max(found.sides.get(side, 0.0) for side in sides) >= 0.5 if found.sides else False,
         "in_set": bool(words & right),
         "is_first": bool({described(n) for n in first} & right),
-        "driver": bool({one[1] for one in words} & {one[1] for one in right}),
-        "wrong_only": bool(told) and not {one[1] for one in words} & {one[1] for one in right},
+        "driver": bool(drivers & {one[1] for one in right}),
+        "wrong_only": bool(told) and not drivers & {one[1] for one in right},
         "consistent": found.verdict == "consistent",
     }  # fmt: skip
     if effect.veer is None and found.verdict != "insufficient":

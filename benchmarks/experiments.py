@@ -27,9 +27,9 @@ from compasslib.effects.forward import earth_field_in_body, invert_heading, nort
 from compasslib.inference import design, experiments
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import SURE
 from compasslib.inference.inference import Inference
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.inference.posterior import SURE
 from compasslib.preparation.references import combine_references, join_references
 from compasslib.records import Pairs, take
 from tests.world import pairs as sea

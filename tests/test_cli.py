@@ -315,7 +315,7 @@ def test_damaged_results_are_refused(copied, capsys, file, content):
 
 def test_results_that_lack_something_deep_are_refused(copied, capsys):
     rewrite(copied / "diagnosis.json", findings=[{"effect": "heeling"}])
-    assert "expected results of this version, found KeyError: 'alternatives'" in refused(capsys, "explain", str(copied))
+    assert "expected results of this version, found KeyError: 'side'" in refused(capsys, "explain", str(copied))
 
 
 def test_a_mooring_without_results_is_refused(copied, capsys):

@@ -168,7 +168,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "predict": True, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
         },
         "fit": FIT,
-        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5},
+        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5, "prior_odds": 1.0, "surrogates": 19},
         "conventions": {"check": False},
         "product": PRODUCT,
         "figures": {"formats": ("png",)},
@@ -187,7 +187,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
         "attributes": {}, "fit": FIT,
-        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5}, "confirmed": {"constant": False}, "product": PRODUCT,
+        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5, "prior_odds": 1.0, "surrogates": 19}, "confirmed": {"constant": False}, "product": PRODUCT,
         "quality": QUALITY, "covariates": {},
     }  # fmt: skip
 
@@ -226,8 +226,20 @@ def test_a_mooring_overrides_the_options(cruise: Path) -> None:
     write(cruise, "config/moorings/M1.yaml", SHORTEST)
     own, general = config.load_cruise(cruise).moorings.values()
     assert (own.fit.method, general.fit.method) == ("exact", "von_appen")
-    assert own.diagnose.model_dump() == {"enabled": False, "apply": False, "min_effect_deg": 2.0}
-    assert general.diagnose.model_dump() == {"enabled": True, "apply": False, "min_effect_deg": 2.0}
+    assert own.diagnose.model_dump() == {
+        "enabled": False,
+        "apply": False,
+        "min_effect_deg": 2.0,
+        "prior_odds": 1.0,
+        "surrogates": 19,
+    }
+    assert general.diagnose.model_dump() == {
+        "enabled": True,
+        "apply": False,
+        "min_effect_deg": 2.0,
+        "prior_odds": 1.0,
+        "surrogates": 19,
+    }
 
 
 def test_every_key_of_the_other_formats_is_read(cruise: Path) -> None:
@@ -431,7 +443,7 @@ BAD_LINES = [
     ("fit: {method: exact, name: aqd}", "fit.name: expected no name beside method: exact, found 'aqd'; delete it or write method: calibration"),
     ("diagnose: {apply: maybe}", "diagnose.apply: expected true or false, found 'maybe'; write for example apply: true"),
     ("diagnose: {apply: 'true'}", "diagnose.apply: expected true or false, found 'true'; write true without quotes"),
-    ("diagnose: yes", "diagnose: expected a mapping, found 'yes'; write below it keys out of enabled, apply, min_effect_deg"),
+    ("diagnose: yes", "diagnose: expected a mapping, found 'yes'; write below it keys out of enabled, apply, min_effect_deg, prior_odds, surrogates"),
     ("attributes: {ship: [a, b]}", "attributes.ship: expected a text or a number, found a list; write it in quotes: ship: '...'"),
     ("attributes: {Software_Version: 9}", "attributes.Software_Version: expected attributes that describe, such as institution, title or comment, found 'Software_Version', which the product states itself; delete it"),
     ("    attributes: {date_created: 1970-01-01}", "instruments.top.attributes.date_created: expected attributes that describe, such as institution, title or comment, found 'date_created', which the product states itself; delete it"),
@@ -533,6 +545,8 @@ BAD_OPTIONS = [
     ("overlap: {max_minuts: 20}", "overlap.max_minuts: expected a key out of max_minutes, max_metres, bins, predict, grid_minutes, grid_tolerance_minutes, found the unknown 'max_minuts'; write max_minutes"),
     ("overlap: {grid_minutes: 0}", "overlap.grid_minutes: expected minutes above 0, at most 1440, found 0; write for example grid_minutes: 60"),
     ("fit: {method: calibration, name: aqd}", "fit.method: expected exact or von_appen for a whole cruise, found 'calibration'; write it in the mooring's own file"),
+    ("diagnose: {prior_odds: 0}", "diagnose.prior_odds: expected odds above 0, to 1000, found 0; write for example prior_odds: 1"),
+    ("diagnose: {surrogates: -1}", "diagnose.surrogates: expected a whole number from 0 to 9999, found -1; write for example surrogates: 19"),
     ("diagnose: {min_effect_deg: -1}", "diagnose.min_effect_deg: expected degrees from 0 to 180, found -1; write for example min_effect_deg: 0.5"),
     ("moorings: config/mooring", "moorings: expected a folder with files NAME.yaml, found no folder config/mooring; put the mooring files there, or write moorings: [] where the cruise has none"),
     ("moorings: raw", "moorings: expected a folder with files NAME.yaml, found none in raw; put the mooring files there, or write moorings: [] where the cruise has none"),

@@ -46,7 +46,7 @@ def test_a_constant_is_as_unsure_as_slow_water_makes_it():
 @pytest.mark.parametrize("seed", range(3))
 def test_slow_veer_alone_is_no_finding(seed):
     found = told(veered(4.0, seed))
-    assert found.verdict == "consistent" and found.sides["compass"] < 0.2
+    assert found.verdict == "consistent" and found.sides["compass"] < 0.5
 
 
 def test_a_large_slip_is_seen_through_it():

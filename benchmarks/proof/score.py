@@ -19,6 +19,7 @@ CATALOGUE = (
     "course_lag", "beam_gain", "velocity_bias", "reference_deviation", "reference_slip", "reference_beams",
     "reference_bias", "moving_iron", "tilt_offset",
 )  # fmt: skip
+CURRENT = ("current_veer", "mooring_motion", "beam_gain", "velocity_bias")  # what ``current`` says of a mooring
 LIKE = {"moving_iron": "heeling"}  # a magnet that swings with the lean does to a heading what vertical iron does
 FIELD = "field_forward field_starboard field_down"
 # What is composed says the same as a name where it acts at the same place and is driven by the same.
@@ -37,6 +38,16 @@ WORST = 1e-4  # probability below which a forecast is not punished further
 def sets(diagnosis: dict[str, Any]) -> list[list[str]]:
     """Return the names of each finding, the best first; what is composed is spelt out."""
     return [[first(one), *one["alternatives"]] for one in diagnosis["findings"]]
+
+
+def named_sets(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[str]]:
+    """Return the names of each finding; what is said of the current is a right one where the current was planted.
+
+    Two depths of real water always differ: where none was planted, saying so is neither right nor wrong.
+    """
+    found = sets(diagnosis)
+    planted = [name for one in truth["effects"] for name in one["right"] if name in CURRENT]
+    return [*found, planted[:1]] if planted and diagnosis.get("current") else found
 
 
 def first(finding: dict[str, Any]) -> str:
@@ -61,7 +72,7 @@ def right(name: str, effect: dict[str, Any]) -> bool:
 
 def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
     """Return in a few words how a diagnosis stands to the truth."""
-    named, left = sets(diagnosis), diagnosis["unexplained"] is not None
+    named, left = named_sets(truth, diagnosis), diagnosis["unexplained"] is not None
     if truth["kind"] == "insufficient":
         return "right" if diagnosis["verdict"] == "insufficient" else "wrong name" if named else "missed"
     if diagnosis["verdict"] in ("insufficient", "stopped"):
@@ -107,7 +118,7 @@ def _doubt(truth: dict[str, Any], named: list[list[str]], left: bool) -> str:
 
 def points(truth: dict[str, Any], diagnosis: dict[str, Any]) -> float:
     """Return 1 for what a perfect tool would say, less for every name too many, 0 for what is wrong."""
-    outcome, named = judge(truth, diagnosis), sets(diagnosis)
+    outcome, named = judge(truth, diagnosis), named_sets(truth, diagnosis)
     if truth["kind"] in (*QUIET, *UNNAMED, "insufficient"):
         return {"right": 1.0, "name beside": 0.5}.get(outcome, 0.0)
     if truth["kind"] == "undecidable":
@@ -174,14 +185,14 @@ def names(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[float]]
 
     Where the water alone may differ, its names are right; those of a set that hold the truth together count together.
     """
-    told = []
+    given = []
     for one in diagnosis["findings"]:
         stated = {first(one): one.get("probability", 1.0)} | one.get("alternatives_probability", {})
         held = {name: _true(name, one, truth) for name in stated}
         together = [p for name, p in stated.items() if held[name]]
-        told += [[round(float(min(sum(together), 1.0)), 6), 1.0]] if together else []
-        told += [[round(float(p), 6), 0.0] for name, p in stated.items() if not held[name]]
-    return told
+        given += [[round(float(min(sum(together), 1.0)), 6), 1.0]] if together else []
+        given += [[round(float(p), 6), 0.0] for name, p in stated.items() if not held[name]]
+    return given
 
 
 def _true(name: str, finding: dict[str, Any], truth: dict[str, Any]) -> bool:
@@ -196,7 +207,7 @@ def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
     """Return what the diagnosis itself says of effects that it did not name."""
     if diagnosis["verdict"] in ("insufficient", "stopped"):
         return str(diagnosis.get("why", ""))
-    given = [name for each in sets(diagnosis) for name in each]
+    given = [name for each in named_sets(truth, diagnosis) for name in each]
     untested = {one["effect"]: one["why"] for one in diagnosis.get("not_testable", [])}
     small = {one["effect"]: one["rms_effect_deg"] for one in diagnosis.get("negligible", [])}
     needed, said = diagnosis.get("detectable_deg", {}), []

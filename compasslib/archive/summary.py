@@ -27,6 +27,7 @@ COLUMNS = (
     "folded",
     "verdict",
     "effects",
+    "side",
     "warnings",
 )
 
@@ -45,6 +46,7 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
     heading, deviation = read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
     corrected = np.isfinite(heading)
     paths = record_paths(folder, roles)
+    current = ["water"] * bool(diagnosis.get("current"))
     of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
     return {
         "name": name,
@@ -57,6 +59,7 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
         "folded": fit["folded"],
         "verdict": diagnosis["verdict"],
         "effects": " ".join(finding["effect"] for finding in diagnosis["findings"]),
+        "side": " ".join(dict.fromkeys([*(finding["side"] for finding in diagnosis["findings"]), *current])),
         "warnings": " | ".join([*_warnings(folder, roles, fit, diagnosis, verdict), *of_records]),
     }
 

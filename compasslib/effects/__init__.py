@@ -85,7 +85,18 @@ from compasslib.effects.water import (
 )
 from compasslib.errors import InputError
 
-__all__ = ["CATALOGUE", "COMPOSED", "SIDES", "SLOW_WATER", "Effect", "Scene", "all_effects", "meanings", "side_of"]
+__all__ = [
+    "CATALOGUE",
+    "COMPOSED",
+    "SIDES",
+    "SLOW_WATER",
+    "Effect",
+    "Scene",
+    "all_effects",
+    "driver_of",
+    "meanings",
+    "side_of",
+]
 
 # Roughly in the order in which they act, the forms of an effect together; other packages' come after them.
 CATALOGUE: tuple[type[Effect], ...] = (
@@ -177,6 +188,17 @@ def side_of(effect: str) -> str:
         acts_on = effect.removeprefix(COMPOSED).split("/")[0]
         return "water" if acts_on.startswith("flow") else "clock" if acts_on == "clock" else "compass"
     return SIDES[effect] if effect in SIDES else {term.name: term.side for term in all_effects()}[effect]
+
+
+def driver_of(effect: str) -> str:
+    """Return the driver of an effect: of a composed one its second word, of slow water time.
+
+    Raises:
+        KeyError: no such effect.
+    """
+    if effect.startswith(COMPOSED):
+        return effect.split("/")[1]
+    return {term.name: term.driver for term in reversed(all_effects())}.get(effect, "time")
 
 
 def meanings(effect: str) -> dict[str, str]:

@@ -20,7 +20,7 @@ from compasslib.types import Floats
 
 COMPOSED = "composed:"
 TIDE_S = 12.4206 * HOUR_S
-MIN_SLOPE = 0.2  # least plausible slope of a reading with lobes
+MIN_SLOPE = 0.2  # slope of a reading below which it is not inverted
 
 # Drivers: departure that the scene must have, unit. Those without a departure come from the time itself.
 DRIVERS: Mapping[str, tuple[str, str]] = {
@@ -283,10 +283,8 @@ class ComposedEffect(Effect):
         return x
 
     @property
-    def plausible(self) -> bool:
-        """Whether values are as physics has them, and a reading that is off at some headings turns with the field."""
-        if not super().plausible:
-            return False
+    def possible(self) -> bool:
+        """Whether a reading that is off at some headings always turns with the field."""
         reach = float(getattr(self, "reach_deg", np.inf))
         return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > MIN_SLOPE
 
@@ -296,7 +294,7 @@ class ComposedEffect(Effect):
         if acted in LOBES:
             size = np.hypot(*self.amplitudes(scene).T)
             return bool(1.0 - LOBES[acted] * angles.DEGREE * size.max(initial=0.0) > 0.0)
-        return self.plausible
+        return self.possible
 
 
 NEWTON, PROBE_DEG = 8, 1e-3
@@ -331,16 +329,14 @@ def compose_effect(
     *,
     name: str = "",
     words: str = "",
-    least: float = -np.inf,
-    most: float = np.inf,
+    usual: float = np.inf,
 ) -> type[ComposedEffect]:
     """Make the class of the terms that are composed of three words.
 
     Args:
         name: of the effect, where physics has one for it.
         words: its physics, where it has a name.
-        least: no plausible value of its parameters is below it.
-        most: none is above it.
+        usual: standard deviation that is expected of its parameters beforehand.
     """
     acted, shape = TARGETS[acts_on], FORMS[form]
     unit = " ".join(DRIVERS[each][1] if each in DRIVERS else each for each in driver.split("*"))
@@ -350,7 +346,7 @@ def compose_effect(
         for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
             plain = not power or unit == "1"
             per = base if plain else f"{base}/{bracketed}" + ("" if power == 1.0 else f"^{power:g}")
-            members.append((f"{column}{suffix}", float, parameter(per, f"{column} part", step, least=least, most=most)))
+            members.append((f"{column}{suffix}", float, parameter(per, f"{column} part", step, usual=usual)))
     members += [(n, float, place_parameter(unit if u == "of the driver" else u)) for n, u in shape.places]
     space = {
         "name": name or f"{COMPOSED}{acts_on}/{driver}/{form}",
@@ -360,6 +356,7 @@ def compose_effect(
         "needs": (*driver_needs(driver), *acted.needs),
         "words": words,
         "composition": (acts_on, driver, form),
+        "driver": name if form == "always" else driver,
         "__doc__": f"{acts_on.replace('_', ' ').capitalize()}, {shape.words.format(driver.replace('_', ' '))}.",
         "__module__": __name__,
     }
@@ -368,7 +365,7 @@ def compose_effect(
 
 
 # What is common enough to have a name.
-LARGEST_GAIN = 0.15  # of one beam pair over the other's: beyond it beams are broken, and no velocity is
+USUAL_GAIN, USUAL_BIAS_M_S = 0.05, 0.02  # of one beam pair over the other's; of a velocity, by ringing
 MOVES = "iron near the compass moves as the instrument leans, a battery or a cable"
 Pressure = compose_effect(
     "field_horizontal", "depth", "linear", name="pressure",
@@ -377,15 +374,15 @@ Pressure = compose_effect(
 IronMovedByPitch = compose_effect("field_horizontal", "pitch", "linear", name="moving_iron", words=MOVES)
 IronMovedByRoll = compose_effect("field_horizontal", "roll", "linear", name="moving_iron", words=MOVES)
 PivotFriction = compose_effect(
-    "reading", "turn_rate", "sign", name="pivot_friction", most=0.0,  # it holds back
+    "reading", "turn_rate", "sign", name="pivot_friction",
     words="the compass sticks on its pivot and stops short of each heading, on the side that it comes from",
 )  # fmt: skip
 BeamGain = compose_effect(
-    "flow_gain", "time", "always", name="beam_gain", least=-LARGEST_GAIN, most=LARGEST_GAIN,
+    "flow_gain", "time", "always", name="beam_gain", usual=USUAL_GAIN,
     words="the beam pairs of this instrument are of unequal gain, which turns currents and no heading",
 )  # fmt: skip
 VelocityBias = compose_effect(
-    "flow_offset", "time", "always", name="velocity_bias",
+    "flow_offset", "time", "always", name="velocity_bias", usual=USUAL_BIAS_M_S,
     words="the velocities of this instrument have a constant offset in its own frame, as by ringing",
 )  # fmt: skip
 
@@ -393,6 +390,12 @@ VelocityBias = compose_effect(
 def effect_by_name(effect: str) -> type[ComposedEffect]:
     """Look up the class of a composed effect by its name, composed:ACTS_ON/DRIVER/FORM."""
     return compose_effect(*effect.removeprefix(COMPOSED).split("/"))
+
+
+def as_current(term: ComposedEffect) -> ComposedEffect:
+    """Make the term by which the current would follow the same driver in the same form, of no size."""
+    kind = compose_effect("flow_direction", *term.composition[1:])
+    return kind(**{f.name: getattr(term, f.name) for f in fields(term) if not f.metadata["step"]})
 
 
 def place_effect(kind: type[ComposedEffect], *at: float) -> ComposedEffect:

@@ -34,6 +34,7 @@ class FieldDisturbance(Proportional):
     """Magnetic north moves by a share of what an observatory recorded."""
 
     name: ClassVar[str] = "field_disturbance"
+    driver: ClassVar[str] = "observatory"
     words: ClassVar[str] = "magnetic north moved as the observatory recorded it, most of all on these dates"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     acts_on: ClassVar = "north"
@@ -48,6 +49,7 @@ class VectorDisturbance(Proportional):
     """Magnetic north moves by shares of both horizontal components that an observatory recorded."""
 
     name: ClassVar[str] = "field_disturbance"
+    driver: ClassVar[str] = "observatory"
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "(dE cos D - dN sin D)/H, a transfer term for either component; east positive"
     needs: ClassVar[tuple[str, ...]] = ("declination_observatory", "horizontal_observatory")
@@ -61,12 +63,13 @@ class IndexedDisturbance(Effect):
     """Magnetic north is the less sure, the larger a global index of storms: its course is not known."""
 
     name: ClassVar[str] = "field_disturbance"
+    driver: ClassVar[str] = "index"
     detector: ClassVar[str] = "directions that scatter more where the index is larger"
     acts_on: ClassVar = "north"
     literature: ClassVar[str] = "standard deviation c ap/H (Bartels 1957 for ap); either way"
     needs: ClassVar[tuple[str, ...]] = ("storm_index",)
 
-    nT_ap: float = parameter("nT", "across magnetic north, one standard deviation a unit of ap", 5.0, least=0.0)
+    nT_ap: float = parameter("nT", "across magnetic north, one standard deviation a unit of ap", 5.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         return x + self.nT_ap * scene.departures["storm_index"] / scene.horizontal_nT / angles.DEGREE
@@ -80,6 +83,7 @@ class DeclinationError(Effect):
     """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
 
     name: ClassVar[str] = "declination_error"
+    driver: ClassVar[str] = ""
     words: ClassVar[str] = "the declination is off by a constant"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
     detector: ClassVar[str] = "an observatory's mean against the model"

@@ -61,18 +61,14 @@ class Scene:
         return np.asarray(self.time_s >= date_s, dtype=float)
 
 
-def parameter(
-    unit: str, meaning: str, step: float, *, least: float = -np.inf, most: float = np.inf, usual: float = np.inf
-) -> Any:
+def parameter(unit: str, meaning: str, step: float, *, usual: float = np.inf) -> Any:
     """Declare a parameter that is 0 where the effect is absent.
 
     Args:
         step: a change that turns the heading by very roughly a degree, for differences.
-        least: no plausible value of this effect is below it.
-        most: none is above it.
-        usual: standard deviation that is expected beforehand, for what a record may hardly show.
+        usual: standard deviation of its prior; where absent that of a turn of some degrees in the record.
     """
-    described = {"unit": unit, "meaning": meaning, "step": step, "range": (least, most), "usual": usual}
+    described = {"unit": unit, "meaning": meaning, "step": step, "usual": usual}
     return field(default=0.0, metadata=described)
 
 
@@ -97,6 +93,7 @@ class Effect(ABC):
     literature: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
     recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # whose search tests it
+    driver: ClassVar[str] = "time"  # on what its size depends; empty where it is constant
     words: ClassVar[str] = ""  # its physics in words, of all forms of an effect on the first
     shows_along: ClassVar[tuple[str, ...]] = ()  # covariates along which it shows, on the first form; empty: time
     separated_by: ClassVar[Mapping[str, str]] = {}  # by the name of another effect: what observation separates the two
@@ -153,10 +150,9 @@ class Effect(ABC):
         return float(getattr(self, "date_s", 0.0))
 
     @property
-    def plausible(self) -> bool:
-        """Whether all fitted parameters are within the plausible ranges of the effect."""
-        ranges = [f.metadata["range"] for f in fields(self) if f.metadata["step"]]
-        return all(low <= value <= high for value, (low, high) in zip(self.values, ranges, strict=True))
+    def possible(self) -> bool:
+        """Whether such a compass can be: a reading has one heading, and none precedes it. No size is excluded else."""
+        return True
 
     @property
     def values(self) -> Floats:

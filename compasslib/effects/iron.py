@@ -27,6 +27,7 @@ class HardIron(Effect):
     """A constant field in the body frame is added."""
 
     name: ClassVar[str] = "hard_iron"
+    driver: ClassVar[str] = "heading"
     words: ClassVar[str] = "a magnetised part that turns with the instrument adds a constant field (hard iron)"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -46,7 +47,6 @@ class HardIron(Effect):
 # Step of the hard iron: a knock, a shackle that shifts, gear that comes or goes.
 
 USUAL_NT = 2000.0  # of a step, and within a year: some degrees where the earth's horizontal field is weak
-LARGEST_NT = 6000.0  # a sphere's own iron is of this size; more does not come or go under water
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class HardIronStep(Effect):
     recordings: ClassVar[tuple[str, ...]] = READINGS
     literature: ClassVar[str] = "Poisson's P and Q, a step in time; forward and starboard positive"
 
-    b_x_nT: float = parameter("nT", "step forward", 200.0, least=-LARGEST_NT, most=LARGEST_NT, usual=USUAL_NT)
-    b_y_nT: float = parameter("nT", "step to starboard", 200.0, least=-LARGEST_NT, most=LARGEST_NT, usual=USUAL_NT)
+    b_x_nT: float = parameter("nT", "step forward", 200.0, usual=USUAL_NT)
+    b_y_nT: float = parameter("nT", "step to starboard", 200.0, usual=USUAL_NT)
     date_s: float = date_parameter()
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
@@ -128,6 +128,7 @@ class SupplyVoltageOfField(Effect):
     """A horizontal field in the body frame grows with the supply voltage."""
 
     name: ClassVar[str] = "supply_voltage"
+    driver: ClassVar[str] = "voltage"
     words: ClassVar[str] = "the compass depends on its supply voltage"
     shows_along: ClassVar[tuple[str, ...]] = ("supply_voltage",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -154,6 +155,7 @@ class SupplyVoltageOfReading(Proportional):
     """The reading grows with the supply voltage."""
 
     name: ClassVar[str] = "supply_voltage"
+    driver: ClassVar[str] = "voltage"
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     instrument: ClassVar[bool] = True
@@ -171,6 +173,7 @@ class TemperatureOfField(Effect):
     """A horizontal field in the body frame grows with temperature."""
 
     name: ClassVar[str] = "temperature"
+    driver: ClassVar[str] = "temperature"
     words: ClassVar[str] = "the compass, its iron or the zero of its tilts depends on temperature"
     shows_along: ClassVar[tuple[str, ...]] = ("temperature",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -199,6 +202,7 @@ class TemperatureOfReading(Proportional):
     """The reading grows with temperature."""
 
     name: ClassVar[str] = "temperature"
+    driver: ClassVar[str] = "temperature"
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
@@ -217,6 +221,7 @@ class Heeling(Effect):
     """A constant field along the body's vertical is added; the levelling brings it into the heading."""
 
     name: ClassVar[str] = "heeling"
+    driver: ClassVar[str] = "tilt"
     words: ClassVar[str] = "the compass tilts over iron along its own vertical (heeling error)"
     shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -227,7 +232,7 @@ class Heeling(Effect):
     instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"
 
-    b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0, least=-25e3, most=25e3)
+    b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         return x + np.array([0.0, 0.0, self.b_z_nT])
@@ -253,6 +258,7 @@ class LevelHardIron(Effect):
     """Hard iron as a level turn shows it: two components."""
 
     name: ClassVar[str] = "hard_iron"
+    driver: ClassVar[str] = "heading"
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive"
 
@@ -263,11 +269,15 @@ class LevelHardIron(Effect):
         return x + np.array([self.b_x_nT, self.b_y_nT, 0.0])
 
 
+USUAL_SHARE = 0.3  # of soft iron: what a magnetometer beside a battery shows
+
+
 @dataclass(frozen=True)
 class LevelSoftIron(Effect):
     """Soft iron as the modulus of a level turn shows it: what stretches the circle to an ellipse."""
 
     name: ClassVar[str] = "soft_iron"
+    driver: ClassVar[str] = "heading"
     words: ClassVar[str] = "a part that the earth's field magnetises distorts it (soft iron)"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -276,12 +286,17 @@ class LevelSoftIron(Effect):
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
 
-    stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
-    shear: float = parameter("1", "shear, (d + b)/2", 0.02, least=-0.8, most=0.8)
+    stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, usual=USUAL_SHARE)
+    shear: float = parameter("1", "shear, (d + b)/2", 0.02, usual=USUAL_SHARE)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         rows = [[self.stretch, self.shear, 0.0], [self.shear, -self.stretch, 0.0], [0.0, 0.0, 0.0]]
         return x + x @ np.array(rows)
+
+    @property
+    def possible(self) -> bool:
+        """Whether no field is turned over: the ellipse keeps its sense."""
+        return float(np.hypot(self.stretch, self.shear)) < 1.0
 
 
 @dataclass(frozen=True)
@@ -289,18 +304,27 @@ class SoftIronInSpace(Effect):
     """Soft iron as the modulus over all orientations shows it: a symmetric matrix whose trace is the scale."""
 
     name: ClassVar[str] = "soft_iron"
+    driver: ClassVar[str] = "heading"
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     literature: ClassVar[str] = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
 
-    stretch: float = parameter("1", "stretch, (xx - yy)/2, forward against starboard", 0.02, least=-0.8, most=0.8)
+    stretch: float = parameter("1", "stretch, (xx - yy)/2, forward against starboard", 0.02, usual=USUAL_SHARE)
     vertical: float = parameter(
-        "1", "vertical stretch, zz minus the mean of xx and yy, over 1.5", 0.02, least=-0.8, most=0.8
+        "1", "vertical stretch, zz minus the mean of xx and yy, over 1.5", 0.02, usual=USUAL_SHARE
     )
-    xy: float = parameter("1", "shear between forward and starboard", 0.02, least=-0.8, most=0.8)
-    xz: float = parameter("1", "shear between forward and down", 0.02, least=-0.8, most=0.8)
-    yz: float = parameter("1", "shear between starboard and down", 0.02, least=-0.8, most=0.8)
+    xy: float = parameter("1", "shear between forward and starboard", 0.02, usual=USUAL_SHARE)
+    xz: float = parameter("1", "shear between forward and down", 0.02, usual=USUAL_SHARE)
+    yz: float = parameter("1", "shear between starboard and down", 0.02, usual=USUAL_SHARE)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
+        return x + x @ self._induced
+
+    @property
+    def _induced(self) -> Floats:
         a, v = self.stretch, self.vertical
-        rows = [[a - v / 2.0, self.xy, self.xz], [self.xy, -a - v / 2.0, self.yz], [self.xz, self.yz, v]]
-        return x + x @ np.array(rows)
+        return np.array([[a - v / 2.0, self.xy, self.xz], [self.xy, -a - v / 2.0, self.yz], [self.xz, self.yz, v]])
+
+    @property
+    def possible(self) -> bool:
+        """Whether no field is turned over."""
+        return bool(np.linalg.eigvalsh(np.eye(3) + self._induced).min() > 0.0)

@@ -28,6 +28,7 @@ class LargeDeviation(Proportional):
     """The reading is that of the exact compass, not that of the series."""
 
     name: ClassVar[str] = "large_deviation"
+    driver: ClassVar[str] = "heading"
     words: ClassVar[str] = "the deviation is too large for the small-angle series; the exact compass fits"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     recordings: ClassVar[tuple[str, ...]] = ("mooring", "platform", "swing")
@@ -41,7 +42,6 @@ class LargeDeviation(Proportional):
 
 # A harmonic of the recorded heading: a readout or a calibration table with teeth.
 
-MIN_HARMONIC_SLOPE = 0.2  # least plausible slope of a reading: a readout that hardly turns with the field is none
 NEWTON_STEPS = 4  # Newton's steps from a table of whole degrees: the last digit of a double
 
 
@@ -57,9 +57,9 @@ class Harmonic(Effect):
     cosine_deg: float = parameter("degrees", "cosine part", 1.0)
 
     @property
-    def plausible(self) -> bool:
-        """Whether the reading always turns with the field: the order times the amplitude is well under a radian."""
-        return self._flattest >= MIN_HARMONIC_SLOPE
+    def possible(self) -> bool:
+        """Whether the reading always turns with the field: the order times the amplitude is under a radian."""
+        return self._flattest > 0.0
 
     @property
     def _flattest(self) -> float:
@@ -71,7 +71,7 @@ class Harmonic(Effect):
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
         """Invert the harmonic; NaN everywhere where some readings have three solutions."""
-        if self._flattest <= 0.0:
+        if not self.possible:
             return np.full_like(reading_deg, np.nan)
         period = 360.0 / self.order
         whole = np.linspace(0.0, period, int(period) + 1)
@@ -93,6 +93,7 @@ class Sextantal(Harmonic):
     """The reading is shifted by the third harmonic of what the compass would have recorded."""
 
     name: ClassVar[str] = "sextantal"
+    driver: ClassVar[str] = "heading"
     words: ClassVar[str] = "the reading has a third harmonic of the recorded heading (sextantal deviation)"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -112,6 +113,7 @@ class Octantal(Harmonic):
     """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
 
     name: ClassVar[str] = "octantal"
+    driver: ClassVar[str] = "heading"
     words: ClassVar[str] = "the reading has a fourth harmonic of the recorded heading (octantal deviation)"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     recordings: ClassVar[tuple[str, ...]] = READINGS
@@ -172,6 +174,7 @@ class CompassLag(Effect):
     """The reading is what the heading was some time before."""
 
     name: ClassVar[str] = "compass_lag"
+    driver: ClassVar[str] = "turn_rate"
     words: ClassVar[str] = "the compass lags when the instrument turns"
     shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -183,7 +186,7 @@ class CompassLag(Effect):
     literature: ClassVar[str] = "first order: reading minus lag times its rate of turn, clockwise positive"
     needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
 
-    lag_s: float = parameter("s", "time by which the reading is late", 300.0, least=0.0)
+    lag_s: float = parameter("s", "time by which the reading is late", 300.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         return x - self.lag_s * scene.departures["turn_rate"]
@@ -197,6 +200,7 @@ class TiltUncompensated(Effect):
     """A share of the levelling is left out."""
 
     name: ClassVar[str] = "tilt_uncompensated"
+    driver: ClassVar[str] = "tilt"
     words: ClassVar[str] = "the reading is not compensated for tilt"
     shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
     separated_by: ClassVar[Mapping[str, str]] = {"moving_iron": "the magnetometer's three axes with tilt"}
@@ -204,7 +208,7 @@ class TiltUncompensated(Effect):
     instrument: ClassVar[bool] = True
     literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
 
-    share: float = parameter("1", "share of the levelling that is left out", 0.05, least=0.65, most=1.5)
+    share: float = parameter("1", "share of the levelling that is left out", 0.05, usual=1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Turn the field so that correct levelling gives what is left without levelling."""
@@ -228,6 +232,7 @@ class TemperatureOfTilt(Effect):
     """The zero of the tilt sensor shifts with temperature, and the compass levels by it."""
 
     name: ClassVar[str] = "temperature"
+    driver: ClassVar[str] = "temperature"
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
@@ -245,6 +250,7 @@ class TiltOffset(Effect):
     """The tilts are off by constants, and the compass levels by them."""
 
     name: ClassVar[str] = "tilt_offset"
+    driver: ClassVar[str] = "tilt"
     words: ClassVar[str] = "the tilts by which the compass is compensated have constant errors"
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
@@ -265,13 +271,14 @@ class StuckTilt(Effect):
     """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
 
     name: ClassVar[str] = "stuck_tilt"
+    driver: ClassVar[str] = "tilt"
     words: ClassVar[str] = "the tilt sensors are stuck, and the compass is compensated with their last values"
     stage: ClassVar = "sensor"
     literature: ClassVar[str] = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
     needs: ClassVar[tuple[str, ...]] = ("lean_pitch", "lean_roll")
     always_present: ClassVar[bool] = True  # a sensor that shows one value for weeks
 
-    share: float = parameter("1", "share of the predicted lean", 0.05, least=0.3, most=2.0)
+    share: float = parameter("1", "share of the predicted lean", 0.05, usual=1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Replace the field by that of the leaning body, in place of the body as the tilts have it."""
@@ -285,12 +292,13 @@ class CompassDelay(Effect):
     """The reading is the heading of some time before, exactly: quick swings are no straight lines."""
 
     name: ClassVar[str] = "compass_lag"
+    driver: ClassVar[str] = "turn_rate"
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer", "two_heads")
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
 
-    lag_s: float = parameter("s", "time by which the reading is late", 0.1, least=-60.0, most=60.0)
+    lag_s: float = parameter("s", "time by which the reading is late", 0.1)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         assert isinstance(scene, TurningScene) and scene.turned is not None
@@ -318,6 +326,7 @@ class MountingOffset(Effect):
     """The heading is counted from another direction than the axes."""
 
     name: ClassVar[str] = "mounting_offset"
+    driver: ClassVar[str] = ""
     words: ClassVar[str] = "the heading is turned by a constant from the magnetometer's axes"
     shows_along: ClassVar[tuple[str, ...]] = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -340,12 +349,13 @@ class ReadingLevelled(Effect):
     """The recorded heading is levelled by the tilts, the simulated one is not."""
 
     name: ClassVar[str] = "tilt_uncompensated"
+    driver: ClassVar[str] = "tilt"
     recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
     stage: ClassVar = "sensor"
     words: ClassVar[str] = "the recorded heading is compensated for tilt, the simulated one is not"
     literature: ClassVar[str] = "physics page, section 4: n = T m instead of m; 1 means that all levelling was left out"
 
-    share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, least=0.5, most=1.5)
+    share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, usual=1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Level the field in part."""

@@ -16,7 +16,6 @@ from compasslib import angles
 from compasslib.effects.effect import Effect, Scene, elapsed_share, parameter
 from compasslib.types import Floats
 
-MAX_LAG_S = 60.0
 FILTER_REACH = 5.0  # time constants after which a filter has forgotten
 TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over ground less that of the water"
 
@@ -26,6 +25,7 @@ class SetAndDrift(Effect):
     """The water carries the ship; it keeps its set and drift."""
 
     name: ClassVar[str] = "water_drift"
+    driver: ClassVar[str] = "heading"
     words: ClassVar[str] = (
         "the current carries the vessel sideways, so that its course over ground differs from its heading"
     )
@@ -75,12 +75,18 @@ class LateReading(Effect):
     """The compass shows the heading of some time before."""
 
     name: ClassVar[str] = "compass_lag"
+    driver: ClassVar[str] = "turn_rate"
     recordings: ClassVar[tuple[str, ...]] = ("swing",)
     stage: ClassVar = "readout"
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
 
-    lag_s: float = parameter("s", "time by which the reading is late", 1.0, least=0.0, most=MAX_LAG_S)
+    lag_s: float = parameter("s", "time by which the reading is late", 1.0)
+
+    @property
+    def possible(self) -> bool:
+        """Whether it is late: else another side is."""
+        return self.lag_s >= 0.0
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Add to the delay of the reading, seconds."""
@@ -92,6 +98,7 @@ class LateCourse(Effect):
     """The course over ground is that of some time before: a receiver's filter, a hull that slides on in a turn."""
 
     name: ClassVar[str] = "course_lag"
+    driver: ClassVar[str] = "turn_rate"
     words: ClassVar[str] = "the course over ground lags: the receiver filters it, and a hull slides on in a turn"
     shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
     separated_by: ClassVar[Mapping[str, str]] = {"clock_offset": "headings and courses logged by one clock"}
@@ -101,7 +108,12 @@ class LateCourse(Effect):
     acts_on: ClassVar = "time"
     literature: ClassVar[str] = "a delay; for slow turns its first order, course minus lag times the rate of turn"
 
-    lag_s: float = parameter("s", "time by which the course is late", 1.0, least=0.0, most=MAX_LAG_S)
+    lag_s: float = parameter("s", "time by which the course is late", 1.0)
+
+    @property
+    def possible(self) -> bool:
+        """Whether it is late: else another side is."""
+        return self.lag_s >= 0.0
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Add to the delay of the reading, seconds."""
@@ -113,13 +125,19 @@ class FilteredCourse(Effect):
     """The course over ground follows the heading as a filter of first order does."""
 
     name: ClassVar[str] = "course_lag"
+    driver: ClassVar[str] = "turn_rate"
     recordings: ClassVar[tuple[str, ...]] = ("swing",)
     side: ClassVar = "reference"
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "a filter of first order of the velocity: a receiver's, or the inertia of a hull"
 
-    lag_s: float = parameter("s", "mean delay of the filter", 1.0, least=0.0, most=MAX_LAG_S)
+    lag_s: float = parameter("s", "mean delay of the filter", 1.0)
+
+    @property
+    def possible(self) -> bool:
+        """Whether it is late: else another side is."""
+        return self.lag_s >= 0.0
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Filter headings of a sample a second, not wrapped."""

@@ -9,8 +9,7 @@ from compasslib import angles
 from compasslib.effects.effect import Effect, Proportional, Scene, date_parameter, parameter
 from compasslib.types import Floats
 
-# In narrow headings the harmonics stand for each other, up to 60 degrees each. Real veer ran from +22 to -7 degrees.
-USUAL_DEG = 15.0
+USUAL_DEG = 6.0  # of each harmonic: real directional shear ran from +22 to -7 degrees round the directions of the flow
 
 
 @dataclass(frozen=True)
@@ -18,6 +17,7 @@ class VeerWithSpeed(Proportional):
     """The directional shear between the two depths grows with the speed of the flow."""
 
     name: ClassVar[str] = "current_veer"
+    driver: ClassVar[str] = "speed"
     words: ClassVar[str] = "directional shear of the current between the two depths"
     shows_along: ClassVar[tuple[str, ...]] = ("speed", "separation", "depth")
     side: ClassVar = "water"
@@ -33,6 +33,7 @@ class VeerWithSeparation(Proportional):
     """The directional shear is in proportion to the metres between the two depths."""
 
     name: ClassVar[str] = "current_veer"
+    driver: ClassVar[str] = "separation"
     side: ClassVar = "water"
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "Ekman's spiral, linear over few metres; lower minus upper direction, clockwise"
@@ -46,6 +47,7 @@ class VeerWithDepth(Effect):
     """The directional shear changes as the pair is blown down to other water."""
 
     name: ClassVar[str] = "current_veer"
+    driver: ClassVar[str] = "depth"
     side: ClassVar = "water"
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "directional shear of the water column, linear in depth; lower minus upper, clockwise"
@@ -62,6 +64,7 @@ class VeerWithDirection(Proportional):
     """The directional shear differs by direction of the flow."""
 
     name: ClassVar[str] = "current_veer"
+    driver: ClassVar[str] = "flow_direction"
     side: ClassVar = "water"
     acts_on: ClassVar = "water"
     literature: ClassVar[str] = "steering by topography, two harmonics; lower minus upper direction, clockwise"
@@ -81,6 +84,7 @@ class MooringMotion(Proportional):
     """The instrument's own velocity is missing from what it measures, across the flow while the lean turns."""
 
     name: ClassVar[str] = "mooring_motion"
+    driver: ClassVar[str] = "motion"
     words: ClassVar[str] = "the mooring's own motion is in the measured current"
     shows_along: ClassVar[tuple[str, ...]] = ("speed",)
     side: ClassVar = "water"
@@ -107,6 +111,7 @@ class ReferenceDeviation(OfReference, Proportional):
     """The reference's compass has a deviation of its own."""
 
     name: ClassVar[str] = "reference_deviation"
+    driver: ClassVar[str] = "reference_heading"
     words: ClassVar[str] = "the compass of the reference has a deviation of its own"
     shows_along: ClassVar[tuple[str, ...]] = ("reference_heading",)
     literature: ClassVar[str] = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
@@ -138,6 +143,7 @@ class ReferenceBeams(OfReference):
     """One beam pair of the reference gives larger velocities than the other."""
 
     name: ClassVar[str] = "reference_beams"
+    driver: ClassVar[str] = "reference_heading"
     words: ClassVar[str] = "the beams of the reference are of unequal gain"
     shows_along: ClassVar[tuple[str, ...]] = ("reference_heading",)
     literature: ClassVar[str] = "-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one"
@@ -154,6 +160,7 @@ class ReferenceBias(OfReference):
     """A constant velocity in its own frame is added to what the reference measures, as by ringing."""
 
     name: ClassVar[str] = "reference_bias"
+    driver: ClassVar[str] = "reference_heading"
     words: ClassVar[str] = "the velocities of the reference have a constant offset in its own frame"
     shows_along: ClassVar[tuple[str, ...]] = ("speed",)
     literature: ClassVar[str] = "(bias/speed) sin(angle of the bias - angle of the flow), first order"

@@ -7,7 +7,7 @@ short one, whose effects may be a thousand times its noise, are each refitted in
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -73,7 +73,9 @@ class Options:
 
     min_effect_deg: float = 0.5  # visible size, rms, below which a mismatch does not matter
     apply: bool = True  # whether findings on the compass side are handed to the correction
-    alarm: float = 0.006  # probability that noise alone gives a name, and that it gives an unexplained mismatch
+    alarm: float = 0.006  # probability that noise alone gives an unexplained mismatch, or a name of a short record
+    prior_odds: float = 1.0  # of a fault of compass or clock in a long record, beforehand
+    surrogates: int = 19  # of a record without an effect, by which a finding is held against chance
     reference_magnetic: bool = True  # whether the reference has a compass too
     share: bool = False  # whether to collect information for other records of the compass
 
@@ -330,6 +332,7 @@ def build_finding(
     proof: HeldOut,
     place: CovariateRange,
     span_s: tuple[float, float] | None = None,
+    heading_error_deg: float | None = None,
 ) -> Finding:
     """Build the finding of one term of the likeliest hypothesis.
 
@@ -339,6 +342,7 @@ def build_finding(
         size_deg: visible size, rms.
         place: where it shows; of a term with a date, since then.
         span_s: when it acts, where that is not always.
+        heading_error_deg: rms error that headings would have without it.
     """
     probability, others = next(iter(chances.values())), dict(list(chances.items())[1:])
     effect, composition = _name_and_composition(term)
@@ -356,9 +360,10 @@ def build_finding(
         physics=f"{physics}, which no listed effect does" if composition else physics,
         what=comparison.what,
     )
-    return Finding(
+    made = Finding(
         effect=effect,
         side=term.side,
+        driver=term.driver,
         alternatives=tuple(others),
         where=place,
         when_s=(begin, end) if comparison.clocked else None,
@@ -369,7 +374,12 @@ def build_finding(
         probability=probability,
         alternatives_probability=others,
         composition=composition,
+        heading_error_deg=heading_error_deg,
     )
+    stated = made.statement
+    text += wording.amplitude_text(vars(proof.amplitude) if proof.amplitude else None, heading_error_deg)
+    text += wording.level_text(stated.level, stated.probability, stated.side, stated.driver)
+    return replace(made, text=text)
 
 
 def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") -> Finding:

@@ -387,3 +387,17 @@ def _predict_from_neighbours(flow: NDArray[np.complex128], time_s: Floats) -> ND
 
 def _complex(east: Floats, north: Floats) -> NDArray[np.complex128]:
     return np.asarray(east + 1j * north)
+
+
+def hat_columns(x: Floats, count: int) -> Floats:
+    """Build hat functions on knots at even quantiles, (n, k)."""
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
+    if len(knots) < 2:
+        return np.zeros((len(x), 0))
+    eye = np.eye(len(knots))
+    return np.column_stack([np.interp(x, knots, row) for row in eye])
+
+
+def standardize(x: Floats) -> Floats:
+    """Standardize a series and clip far outliers, (n,)."""
+    return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)

@@ -28,7 +28,9 @@ from compasslib.deviation.model import DeviationFit
 from compasslib.inference import product as products
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, Options
+from compasslib.inference.current import SEPARATED_BY, CurrentStatement
 from compasslib.inference.finding import (
+    SURE,
     UNTESTED,
     BinnedResidual,
     CovariateRange,
@@ -39,7 +41,7 @@ from compasslib.inference.finding import (
     curve_json,
 )
 from compasslib.inference.joint_compass import RecordInformation
-from compasslib.inference.posterior import Posterior, Slot
+from compasslib.inference.posterior import FindingPosterior, Posterior
 from compasslib.inference.product import Product, Series, WeightedCompass
 from compasslib.records import EarthField, Pairs, Record
 from compasslib.types import Floats
@@ -55,6 +57,12 @@ UNSETTLED = (
 SURE_CONSTANT = 0.95  # probability above which no other name is listed
 MOST_OUTLIERS = 0.03  # share of directions that say nothing; of 19 sound moorings up to 0.006, of a refuted one 0.02
 SIDES = ("none", "compass", "clock", "reference", "water")
+MOST_FACTOR = 1e12  # Bayes factor that is stated
+UNEXPLAINED_FACTOR = 15.0  # by which an established mismatch that nothing fits denies that nothing acts
+RIVALS = {  # what acts as well as the compass along some covariates
+    "water": ("speed", "depth", "separation", "time"),
+    "reference": ("reference_heading",),
+}
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,8 @@ class Diagnosis:
     warnings: tuple[str, ...] = ()  # sentences for the summary
     information: RecordInformation | None = None  # for other records of the same compass
     experiments: tuple[tuple[str, float], ...] = ()  # what to observe, and the chance that one name is left then
+    current: tuple[CurrentStatement, ...] = ()  # what the current does, which the simulation assumed it would not
+    prior_odds: float | None = None  # of a fault of compass or clock, where they were asked for
 
     def __post_init__(self) -> None:
         """Keep an effect that was judged in any of its forms from standing among those that could not be tested."""
@@ -87,10 +97,21 @@ class Diagnosis:
         untested = tuple(entry for entry in self.not_testable if entry[0] not in judged)
         object.__setattr__(self, "not_testable", untested)
 
+    @property
+    def bayes_factor(self) -> float | None:
+        """The factor by which the record changes the odds of a fault of compass or clock."""
+        if self.prior_odds is None or not self.sides:
+            return None
+        fault = self.sides["compass"] + self.sides["clock"]
+        return min(fault / max(1.0 - fault, 1e-300) / self.prior_odds, MOST_FACTOR)
+
     def to_json(self) -> dict[str, Any]:
         """Encode diagnosis.json."""
         return {
             "verdict": self.verdict,
+            "prior_odds": self.prior_odds,
+            "bayes_factor": self.bayes_factor,
+            "current": [stated.to_json() for stated in self.current],
             "findings": [finding.to_json() for finding in self.findings],
             "unexplained": None if self.unexplained is None else self.unexplained.to_json(),
             "separated_by": self.separated_by,
@@ -110,7 +131,7 @@ class Diagnosis:
 
     def log_line(self, name: str) -> str:
         """Summarize the diagnosis for the log; findings and warnings on lines of their own."""
-        texts = [finding.text for finding in self.findings]
+        texts = [*(finding.text for finding in self.findings), *(stated.text for stated in self.current)]
         texts += [self.unexplained.text] if self.unexplained else []
         texts += [self.why] if self.why else []
         texts += [f"warning: {warning}" for warning in self.warnings]
@@ -122,13 +143,18 @@ def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Di
     return Diagnosis("insufficient", why=why, not_testable=not_testable)
 
 
-def overall_verdict(findings: Sequence[Finding], unexplained: Unexplained | None) -> str:
-    """Choose the verdict from findings and an unexplained mismatch."""
+def overall_verdict(
+    findings: Sequence[Finding], unexplained: Unexplained | None, current: Sequence[CurrentStatement] = ()
+) -> str:
+    """Choose the verdict from findings, an unexplained mismatch and what the current does."""
     if unexplained is not None:
         return "unexplained"
+    contested = any(item.probability < SURE for item in current)
     if not findings:
-        return "consistent"
-    return "ambiguous" if any(finding.alternatives for finding in findings) else "explained"
+        return "ambiguous" if contested else "explained" if current else "consistent"
+    settled = [item.level == "effect" and not item.alternatives and item.held_out.confirmed for item in findings]
+    sure = not contested and all(settled)
+    return "explained" if sure else "ambiguous"
 
 
 @dataclass(frozen=True)
@@ -138,11 +164,14 @@ class Outcome:
     comparison: Comparison
     posterior: Posterior
     findings: tuple[Finding, ...]  # of the likeliest hypothesis, in the order of its terms
-    slots: tuple[Slot, ...]  # places of the findings
+    finding_posteriors: tuple[FindingPosterior, ...]  # places of the findings
     left: Unexplained | None
     small: tuple[tuple[str, float], ...]  # what is left and does not matter, visible degrees
     curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of what was found and is left
     noise: Mapping[str, tuple[float, float]]  # each with its standard error
+    current: tuple[CurrentStatement, ...] = ()
+    current_probability: float = 0.0  # that the current exceeds the size that matters
+    prior_odds: float | None = None  # of a fault
     taken_back: frozenset[str] = frozenset()  # names that the search gave, and that only stood for something else
     ranked: tuple[RankedEffect, ...] = ()  # each effect alone
     deniable: bool = False  # whether held-out readings that agree worse take a name back
@@ -177,12 +206,17 @@ def combine_outcomes(
     sides = min((_side_probabilities(part, stands) for part in parts), key=lambda item: item["none"], default={})
     for item in extra:
         sides = exclude_nothing(item.side, sides) if item in merged else sides
+    if left is not None:
+        sides = spread_unexplained(sides, left.covariates)
+    sides = _with_current(sides, max((part.current_probability for part in parts), default=0.0))
+    current = tuple(stated for part in parts for stated in part.current)
     phrases = [wording.separating_observations(f.named, f.alternatives) for f in merged if f.alternatives]
+    phrases += [SEPARATED_BY] * any(item.probability < SURE for item in current)
     if separated_by and any(item.side == "compass" for item in merged):
         phrases.append(separated_by)
     compared = [part.comparison.what for part in parts]
     return Diagnosis(
-        verdict=overall_verdict(merged, left),
+        verdict=overall_verdict(merged, left, current),
         findings=merged,
         unexplained=left,
         separated_by="; ".join(dict.fromkeys(phrases)) or None,
@@ -193,6 +227,8 @@ def combine_outcomes(
         hypotheses=_rank_effects(parts),
         sides=sides,
         noise=parts[0].noise if parts else {},
+        current=current,
+        prior_odds=parts[0].prior_odds if parts else None,
     )
 
 
@@ -207,21 +243,46 @@ def exclude_nothing(side: str, sides: Mapping[str, float]) -> dict[str, float]:
     }
 
 
+def spread_unexplained(sides: Mapping[str, float], covariates: Sequence[str]) -> dict[str, float]:
+    """Move what an established mismatch takes from none to the sides that act along its covariates."""
+    if not sides:
+        return {}
+    moved = sides["none"] * (1.0 - 1.0 / UNEXPLAINED_FACTOR)
+    rival = next((side for side, names in RIVALS.items() if set(covariates) & set(names)), "compass")
+    result = dict(sides) | {"none": sides["none"] - moved}
+    for side in ("compass", rival):
+        result[side] += moved / 2.0
+    return result
+
+
 def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosis:
     """Add findings that were made before the search, strongest first."""
     if not first:
         return diagnosis
     findings = tuple(sorted((*first, *diagnosis.findings), key=lambda finding: -finding.rms_effect_deg))
     sides = exclude_nothing(first[0].side, diagnosis.sides)
-    return replace(diagnosis, findings=findings, verdict=overall_verdict(findings, diagnosis.unexplained), sides=sides)
+    verdict = overall_verdict(findings, diagnosis.unexplained, diagnosis.current)
+    return replace(diagnosis, findings=findings, verdict=verdict, sides=sides)
 
 
 def _side_probabilities(part: Outcome, stands: Sequence[Finding]) -> dict[str, float]:
     """Compute the probability of each side; what is too small or was taken back counts as nothing."""
     standing, fallen = set[str](), set(part.taken_back)
-    for finding, slot in zip(part.findings, part.slots, strict=True):
+    for finding, slot in zip(part.findings, part.finding_posteriors, strict=True):
         (standing if finding in stands else fallen).update((slot.effect, *slot.alternatives))
     return part.posterior.sides(fallen - standing)
+
+
+def _with_current(sides: Mapping[str, float], exceeded: float) -> dict[str, float]:
+    """Move to the water what the current takes from none.
+
+    Args:
+        exceeded: probability that the current exceeds the size that matters.
+    """
+    if not sides:
+        return {}
+    water = sides["none"] * exceeded
+    return dict(sides) | {"none": sides["none"] - water, "water": sides["water"] + water}
 
 
 def _unconfirmed(finding: Finding) -> Unexplained:
@@ -386,9 +447,15 @@ def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) 
     text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
     place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]
     left = Unexplained(("time",), CovariateRange("time", *span, place), span, size, (), text)
+    sides = spread_unexplained(diagnosis.sides, ())
     warnings = tuple(doubt.why for doubt in doubts)
     if diagnosis.verdict == "insufficient":
         return replace(diagnosis, warnings=(*warnings, *diagnosis.warnings))
     return replace(
-        diagnosis, verdict="unexplained", unexplained=left, why=text, warnings=(*warnings, *diagnosis.warnings)
+        diagnosis,
+        verdict="unexplained",
+        unexplained=left,
+        why=text,
+        sides=sides,
+        warnings=(*warnings, *diagnosis.warnings),
     )

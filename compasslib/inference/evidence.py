@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,26 +18,29 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from compasslib.effects import Effect
+from compasslib.effects.composed import ComposedEffect, as_current
 from compasslib.effects.effect import USUAL_DEG
 from compasslib.effects.forward import heading_jacobian
 from compasslib.inference import design
+from compasslib.inference.current import CurrentPosterior, coupled_drivers, infer_current
 from compasslib.inference.design import ColumnGroup, FittedModel, Products
-from compasslib.inference.grammar import Found
+from compasslib.inference.grammar import Composition
 from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
 from compasslib.inference.posterior import Hypothesis
 from compasslib.statistics.resampling import EVEN_BLOCKS, blocks_by_span, cluster_variance_inflation
 from compasslib.statistics.whitening import whitened_basis
 from compasslib.types import Floats
 
+# Power of all evidence: the form of what acts and the noise are both simpler than nature (benchmarks/temperature.py).
+TEMPERATURE = 0.5
 ALIKE = 4  # power of what two groups have in common, by which they share their noise
 BLOCK_S = 3 * 86400.0  # longer than the memory that the filter leaves
 ANYTHING = 1e6  # variance of what is free, in units of one sample's
-ROUNDING = 1e-6  # share of what is known of a column that single precision may lose where the base is fitted anew
 FAINT = 1e-3  # of a wave of slow water: variance over that of white noise below which it is left out
 
 
 @dataclass(frozen=True)
-class Tried:
+class HypothesisIndex:
     """Columns of some hypotheses, those of as many columns together."""
 
     count: int
@@ -54,81 +57,93 @@ class Candidates:
     information: Floats  # (p + q, p + q) products of the whitened columns, those of slow water last
     score: Floats  # (p + q,)
     visible: Floats  # (p, p) mean products of the visible columns, square degrees
+    current_visible: Floats  # the same of the current's columns
     uneven: Floats  # (g,) variance of each group's score over what the fitted noise makes of it, at least 1
     scatter: float  # variance of blocks of days over that of even noise, of the middle group; it is in the products
     slow: SlowNoiseBasis | None
-    white: Floats  # (n, p + q) the whitened columns
-    innovation: Floats  # (n,) the whitened residual, over its standard deviation
-    base: Floats  # (n, b) what was projected out of both, orthonormal
     shares: Sequence[float]  # (g,) log share of each group in the odds of its effect
-    free: int = 0  # columns at the end of which anything is expected
+    currents: Mapping[int, NDArray[np.intp]] = field(default_factory=dict)  # columns by which the current does the same
 
     @cached_property
     def kinds(self) -> list[type[Effect]]:
         """The class of each candidate."""
         return [type(group.term) for group in self.groups if group.term is not None]
 
-    def beside(self, water: SlowNoiseParams | None) -> Products:
-        """Return the products beside slow water of one kind, none where absent."""
-        return beside(self.information, self.score, len(self.usual), self.slow, water, free=self.free)
+    def marginalize(self, water: SlowNoiseParams | None, absent: Collection[str] = ()) -> Products:
+        """Integrate slow water of one kind and the current out of the products.
 
-    def only(self, some: Sequence[int]) -> Candidates:
-        """Return some of the candidates beside the same slow water."""
+        Args:
+            absent: drivers that the current is taken not to follow.
+        """
+        slow = self.slow.without_current(absent) if self.slow is not None and absent else self.slow
+        return marginalize_slow_noise(self.information, self.score, len(self.usual), noise_variances(slow, water))
+
+    def rivals(self, hypothesis: Hypothesis) -> set[str]:
+        """Collect the drivers of the current that a compass's reading follows instead under a hypothesis."""
+        return set().union(*(coupled_drivers(self.kinds[k].driver) for k in hypothesis if k in self.currents))
+
+    def current(self, hypothesis: Hypothesis, water: SlowNoiseParams | None) -> CurrentPosterior | None:
+        """Infer what the current does beside a hypothesis and slow water, None where it is not in the noise."""
+        if self.slow is None or not self.slow.drivers:
+            return None
+        last, end = len(self.score), len(self.usual)
+        current, slow = np.arange(last - len(self.slow.drivers), last), np.arange(end, last - len(self.slow.drivers))
+        effects = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
+        at = np.concatenate([current, effects, slow])
+        variance = np.append(np.ones(len(effects)), noise_variances(self.slow, water)[: len(slow)])
+        products = marginalize_slow_noise(
+            TEMPERATURE * self.information[np.ix_(at, at)], TEMPERATURE * self.score[at], len(current), variance
+        )
+        return infer_current(self.slow.drivers, products.information, products.score)
+
+    def subset(self, some: Sequence[int]) -> Candidates:
+        """Select some of the candidates, with the same slow noise."""
         count = np.array([len(self.parts[k]) for k in some], dtype=int)
-        own = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in some)])
-        at = np.concatenate([own, np.arange(len(self.usual), len(self.score))])
+        kept = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in some)])
+        at = np.concatenate([kept, np.arange(len(self.usual), len(self.score))])
         return replace(
             self,
             groups=[self.groups[k] for k in some],
-            parts=np.split(np.arange(len(own)), np.cumsum(count)[:-1]) if len(count) else [],
-            usual=self.usual[own],
+            parts=np.split(np.arange(len(kept)), np.cumsum(count)[:-1]) if len(count) else [],
+            usual=self.usual[kept],
             information=self.information[np.ix_(at, at)],
             score=self.score[at],
-            visible=self.visible[np.ix_(own, own)],
+            visible=self.visible[np.ix_(kept, kept)],
             uneven=self.uneven[list(some)],
-            white=self.white[:, at],
             shares=[self.shares[k] for k in some],
+            currents={},
         )
 
-    def on(self, some: NDArray[np.bool_]) -> Candidates:
-        """Return the same by some of the samples only, (n,), the base fitted anew."""
-        white = np.concatenate([self.white[some], self.base[some].astype(np.float32)], axis=1)
-        information = (white.T @ white).astype(float)
-        own = np.arange(len(self.score))
-        information[own, own] += ROUNDING * np.diag(self.information)
-        score = (white.T @ self.innovation[some]).astype(float)
-        return replace(self, information=information, score=score, free=self.base.shape[1])
-
-    def tried(self, hypotheses: Sequence[Hypothesis]) -> Tried:
-        """Return the columns of hypotheses, those of as many columns together."""
+    def index(self, hypotheses: Sequence[Hypothesis]) -> HypothesisIndex:
+        """Index the columns of hypotheses, those of as many columns together."""
         count = np.array([len(part) for part in self.parts])
-        sizes = np.array([sum(count[k] for k in one) for one in hypotheses], dtype=int)
+        sizes = np.array([sum(count[k] for k in hypothesis) for hypothesis in hypotheses], dtype=int)
         parts = []
         for size in np.unique(sizes[sizes > 0]):
             at = np.flatnonzero(sizes == size)
-            own = [hypotheses[int(i)] for i in at]
-            index = np.array([np.concatenate([self.parts[k] for k in one]) for one in own])
-            uneven = np.array([max(self.uneven[k] for k in one) for one in own])
+            alike = [hypotheses[int(i)] for i in at]
+            index = np.array([np.concatenate([self.parts[k] for k in hypothesis]) for hypothesis in alike])
+            uneven = np.array([max(self.uneven[k] for k in hypothesis) for hypothesis in alike])
             parts.append((at, index, uneven))
-        return Tried(len(hypotheses), parts)
+        return HypothesisIndex(len(hypotheses), parts)
 
-    def log_evidence(self, products: Products, tried: Tried, best: Hypothesis = ()) -> Floats:
-        """Return the log of how much likelier each hypothesis makes the residual than none, (h,).
+    def log_evidence(self, products: Products, hypotheses: HypothesisIndex, best: Hypothesis = ()) -> Floats:
+        """Compute the log Bayes factor of each hypothesis over none, sizes integrated over, (h,).
 
-        What a hypothesis gains is divided by how uneven its noise is: against none all of it, against the best only
-        what it gains more or less. Rivals of a strong effect would else be told apart by their unevenness alone.
+        Gains are divided by the inflation of the score's variance: against none the whole gain, against the best only
+        the difference. Rivals of a strong effect would otherwise be separated by their inflation alone.
 
         Args:
-            best: the hypothesis that is the most probable so far.
+            best: the most probable hypothesis so far.
         """
-        gain, charge, uneven = self._gains(products, tried)
-        own, _, least = (each[0] for each in self._gains(products, self.tried([best])))
-        return own / least + (gain - own) / np.maximum(uneven, least) - charge
+        gain, charge, uneven = self._gains(products, hypotheses)
+        reference, _, least = (each[0] for each in self._gains(products, self.index([best])))
+        return reference / least + (gain - reference) / np.maximum(uneven, least) - charge
 
-    def _gains(self, products: Products, tried: Tried) -> tuple[Floats, Floats, Floats]:
-        """Return what each hypothesis gains, what it pays for its possible sizes, and its unevenness, (h,) each."""
-        gain, charge, every = (np.zeros(tried.count), np.zeros(tried.count), np.ones(tried.count))
-        for at, index, uneven in tried.parts:
+    def _gains(self, products: Products, hypotheses: HypothesisIndex) -> tuple[Floats, Floats, Floats]:
+        """Compute the gain of each hypothesis, its Occam factor and its inflation, (h,) each."""
+        gain, charge, every = (np.zeros(hypotheses.count), np.zeros(hypotheses.count), np.ones(hypotheses.count))
+        for at, index, uneven in hypotheses.parts:
             information = products.information[index[:, :, None], index[:, None, :]] / uneven[:, None, None]
             lower = np.linalg.cholesky(information + np.eye(index.shape[1]))
             half = np.linalg.solve(lower, (products.score[index] / uneven[:, None])[:, :, None])[:, :, 0]
@@ -138,46 +153,40 @@ class Candidates:
         return gain, charge, every
 
     def terms(self, products: Products, hypothesis: Hypothesis) -> list[Effect]:
-        """Return the terms of a hypothesis at their likeliest values."""
+        """Make the terms of a hypothesis at their likeliest values."""
         values = self._values(products, hypothesis)
-        found, at = [], 0
+        terms, at = [], 0
         for k in hypothesis:
             term, part = self.groups[k].term, self.parts[k]
             assert term is not None
-            found.append(term.at(values[at : at + len(part)] * self.usual[part]))
+            terms.append(term.at(values[at : at + len(part)] * self.usual[part]))
             at += len(part)
-        return found
+        return terms
 
     def _values(self, products: Products, hypothesis: Hypothesis) -> Floats:
-        """Return the likeliest values of a hypothesis's columns, in units of what is usual."""
+        """Estimate the likeliest values of a hypothesis's columns, in units of their prior scales."""
         index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
         uneven = self.uneven[list(hypothesis)].max(initial=1.0)
         inverse = np.linalg.inv(products.information[np.ix_(index, index)] / uneven + np.eye(len(index)))
         return np.asarray(inverse @ products.score[index] / uneven)
 
 
-def beside(
-    information: Floats,
-    score: Floats,
-    own: int,
-    slow: SlowNoiseBasis | None,
-    water: SlowNoiseParams | None,
-    *,
-    free: int = 0,
-) -> Products:
-    """Return products of columns with what slow water of one kind may do to them integrated over.
+def noise_variances(slow: SlowNoiseBasis | None, water: SlowNoiseParams | None) -> Floats:
+    """Compute the variance of each column of slow noise, none of them where there is no basis."""
+    if slow is None or water is None:
+        return np.zeros(0 if slow is None else slow.columns.shape[1])
+    return slow.variances(water)
+
+
+def marginalize_slow_noise(information: Floats, score: Floats, own: int, variance: Floats) -> Products:
+    """Integrate the coefficients of noise columns out of products of columns.
 
     Args:
-        information: products of all columns, those of slow water and then the free ones last.
+        information: products of all columns, those of the noise last.
         score: products with the residual.
-        own: columns that are kept.
-        water: none where absent.
-        free: columns at the end that may be of any size.
+        own: number of columns that are kept.
+        variance: of the noise's coefficients.
     """
-    variance = np.zeros(len(information) - own)
-    if slow is not None and water is not None:
-        variance[: len(variance) - free] = slow.variances(water)
-    variance[len(variance) - free :] = ANYTHING
     some = np.flatnonzero(variance * np.diag(information)[own:] > FAINT)
     if not len(some):
         return Products(information[:own, :own], score[:own], 0.0)
@@ -190,51 +199,61 @@ def beside(
     return Products(information[:own, :own] - cross.T @ cross, score[:own] - cross.T @ left, gain)
 
 
-def gathered(view: FittedModel, slow: SlowNoiseBasis | None, drawn: Groups, uneven: Floats) -> Candidates:
-    """Return all candidates on one scale.
+def build_candidates(
+    view: FittedModel, slow: SlowNoiseBasis | None, columns: CandidateColumns, uneven: Floats
+) -> Candidates:
+    """Whiten the columns of all candidates and of slow noise, and multiply them by each other.
 
     Args:
         view: whose base holds the compass and the nuisances, and no slow water.
     """
-    groups, usual = drawn.groups, drawn.usual
-    ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
+    groups, usual = columns.groups, columns.usual
     none = np.zeros((len(view.case), 0))
-    own = np.concatenate([none, *(group.columns for group in groups)], axis=1, dtype=np.float32)
+    rivals = [k for k, group in enumerate(groups) if slow is not None and follows_current(group.term, slow.drivers)]
+    same = [design.term_columns(view, as_current(groups[k].term)) for k in rivals]  # type: ignore[arg-type]
+    usual = np.concatenate([usual, *(_expected(view, group) for group in same)])
+    own = np.concatenate([none, *(group.columns for group in (*groups, *same))], axis=1, dtype=np.float32)
     own *= usual.astype(np.float32)
     every = own if slow is None else np.concatenate([own, slow.columns], axis=1, dtype=np.float32)
+    ends = np.cumsum([0, *(group.columns.shape[1] for group in (*groups, *same))])
     middle = max(float(np.median(uneven)), 1.0)
     sigma = view.sigma * np.sqrt(middle)
     white = view.whiten_and_project(every) * np.float32(view.response / sigma)
     innovation = (view.innovation / sigma).astype(np.float32)
-    seen = view.visible(own)
+    count = 0 if slow is None else len(slow.drivers)
+    seen, turned = view.visible(own), view.visible(every[:, every.shape[1] - count :])
     information, score = (white.T @ white).astype(float), (white.T @ innovation).astype(float)
-    for group, a, b in zip(groups, ends[:-1], ends[1:], strict=True):
+    for group, a, b in zip(groups, ends, ends[1:], strict=False):
         if type(group.term) in view.case.shared:  # scores and information add
             told, pulled = view.case.shared[type(group.term)]  # type: ignore[index]
             information[a:b, a:b] += told * np.outer(usual[a:b], usual[a:b])
             score[a:b] += pulled * usual[a:b]
     return Candidates(
         groups=groups,
-        parts=[np.arange(a, b) for a, b in itertools.pairwise(ends)],
+        parts=[np.arange(a, b) for a, b in itertools.pairwise(ends[: len(groups) + 1])],
         usual=usual,
         information=information,
         score=score,
         visible=seen.T @ seen / len(seen),
+        current_visible=turned.T @ turned / len(turned),
         uneven=np.maximum(uneven / middle, 1.0),
         scatter=middle,
         slow=slow,
-        white=white,
-        innovation=innovation,
-        base=view.basis,
-        shares=drawn.shares,
+        shares=columns.shares,
+        currents=dict(zip(rivals, (np.arange(a, b) for a, b in itertools.pairwise(ends[len(groups) :])), strict=True)),
     )
 
 
-def unevenness(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
+def follows_current(term: Effect | None, drivers: Collection[str]) -> bool:
+    """Check whether a compass's reading follows what the current may follow in nearly the same column."""
+    return isinstance(term, ComposedEffect) and term.composition[0] == "reading" and term.driver in drivers
+
+
+def score_inflation(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
     """Return what blocks of days make of each group's score, over what even noise would (a sandwich by clusters), (g,).
 
     Real water scatters more in some weeks and at some headings than speeds tell (Liang and Zeger, Biometrika 73, 13,
-    1986). What few blocks tell is drawn towards what all groups do.
+    1986). What few blocks tell is columns towards what all groups do.
 
     Args:
         state: with slow water in its noise.
@@ -255,7 +274,7 @@ def unevenness(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
 
 
 def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:
-    """Return the mean of something over the groups that are alike, (g,): rivals must not differ by chance in it."""
+    """Average over the groups that are alike, (g,): rivals must not differ by chance."""
     every = np.concatenate(bases, axis=1)
     begins = np.cumsum([0, *(basis.shape[1] for basis in bases)])[:-1]
     some = np.array([basis.shape[1] > 0 for basis in bases])
@@ -268,7 +287,7 @@ def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Groups:
+class CandidateColumns:
     """Columns of every effect in every form and at every place, what is expected of them, and their shares."""
 
     groups: list[ColumnGroup]
@@ -283,30 +302,32 @@ class Groups:
         return {type(group.term): part for group, part in parts if group.term is not None}
 
 
-def drawn(view: FittedModel, composed: Sequence[Found]) -> Groups:
-    """Return every effect of the catalogue that can be tested, and compositions.
+def enumerate_candidates(view: FittedModel, composed: Sequence[Composition]) -> CandidateColumns:
+    """Enumerate every effect of the catalogue that can be tested, and compositions.
 
-    Where physics sets no size, an effect turns headings by some degrees, whatever its cause does in this recording.
-    What was expected once stays so, wherever the columns are taken.
+    Where physics sets no size, the prior scale is a turn of some degrees, whatever the driver does in this recording.
+    A prior that was set once stays, wherever the columns are linearized.
     """
     groups, usual, shares = [], [], []
-    standing, forms = _standing(view), Counter(kind.name for kind in view.case.terms)
+    standing, forms = _linearized_terms(view), Counter(kind.name for kind in view.case.terms)
     for kind in view.case.terms:
+        if kind.side == "water" and view.case.has_slow_noise:
+            continue  # it stands in the noise
         always = design.term_columns(view, kind())
         some = design.step_columns(view, kind, design.step_dates(view.case.scene.time_s)) if kind.dated() else [always]
         groups += [standing.get(group.term, group) for group in some]
         usual += [_expected(view, always)] * len(some)
         shares += [-float(np.log(forms[kind.name] * len(some)))] * len(some)
-    for one in composed:
-        group = design.term_columns(view, one.term)
-        groups.append(standing.get(one.term, group))
-        usual.append(one.usual)
-        shares.append(one.log_share)
-    return Groups(groups, np.concatenate([np.zeros(0), *usual]), shares)
+    for composition in composed:
+        group = design.term_columns(view, composition.term)
+        groups.append(standing.get(composition.term, group))
+        usual.append(composition.usual)
+        shares.append(composition.log_share)
+    return CandidateColumns(groups, np.concatenate([np.zeros(0), *usual]), shares)
 
 
 def _expected(view: FittedModel, group: ColumnGroup) -> Floats:
-    """Return the standard deviation that is expected of each parameter of a term, (k,)."""
+    """Compute the prior standard deviation of each parameter of a term, (k,)."""
     assert group.term is not None
     if (known := view.case.usual.get(type(group.term))) is not None:
         return known
@@ -317,11 +338,11 @@ def _expected(view: FittedModel, group: ColumnGroup) -> Floats:
     return np.where(turn > 0.0, expected, 0.0)
 
 
-def _standing(view: FittedModel) -> dict[Effect | None, ColumnGroup]:
-    """Return the groups of the terms that stand in a simulation, with the slopes of what stands there.
+def _linearized_terms(view: FittedModel) -> dict[Effect | None, ColumnGroup]:
+    """Collect the columns of the terms of a simulation, linearized at their values.
 
-    A second harmonic laid over a first of many degrees begins at a reading that is bent already: it is not the first
-    one growing, and would be given its effect wrongly.
+    A second harmonic laid over a first of many degrees begins at a reading that is bent already: its column is not
+    that of the first one growing.
     """
     terms = view.simulation.terms
     if not terms:

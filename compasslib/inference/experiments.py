@@ -26,9 +26,10 @@ from compasslib.effects.forward import (
 )
 from compasslib.inference import inference
 from compasslib.inference.design import FittedModel
-from compasslib.inference.evidence import ANYTHING
+from compasslib.inference.evidence import ANYTHING, TEMPERATURE
+from compasslib.inference.finding import SURE
 from compasslib.inference.inference import Inference
-from compasslib.inference.posterior import MOST_TERMS, SURE, Hypothesis
+from compasslib.inference.posterior import MOST_TERMS, Hypothesis
 from compasslib.types import Floats
 
 LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
@@ -143,13 +144,13 @@ def prospects(inferred: Inference) -> Prospects | None:
 
 def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
     candidates = inferred.posterior.candidates
-    view, half = inference.viewed(inferred.state)
+    view, half = inference.freed_model(inferred.state)
     groups = [candidates.groups[k] for k in numbers]
     usual = np.concatenate([candidates.usual[candidates.parts[k]] for k in numbers])
     assert candidates.slow is not None
     candidate_columns = np.concatenate([group.columns for group in groups], axis=1) * usual
     even = np.sqrt(candidates.scatter * max((candidates.uneven[k] for k in inferred.chosen), default=1.0))
-    scale = 1.0 / view.sigma / even
+    scale = np.sqrt(TEMPERATURE) / view.sigma / even
     columns = np.nan_to_num(np.concatenate([candidate_columns, candidates.slow.columns, view.base], axis=1))
     rows = view.whitener(columns) * view.response * scale
     return Model(

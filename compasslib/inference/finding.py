@@ -5,8 +5,10 @@ The interval of a gain comes from blocks of days: neighbouring hours repeat each
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,11 +24,41 @@ FOLDS = 5  # parts of a recording that are left out in turn
 SHOWN_QUANTILES = (0.05, 0.95)  # quantiles of a covariate that tell where an effect lives
 MOST_WIDTHS = 3.0  # robust widths beyond which a residual counts no more
 BOOTSTRAP_DRAWS = 1000  # draws of blocks, which set the smallest p-value
+CONFIRMED_P = 0.05  # rank of the gain among surrogates up to which a finding is explained
 REFUTED_P = 0.05  # p-value on held-out days above which a finding is refuted where they agree worse
 REFUTED_GROWTH = 1.1  # growth of the rms that is no chance of weights: the score, which is judged, clips outliers
+SURE = 0.95  # probability from which something is stated
+TILTS = {"pitch": "tilt", "roll": "tilt"}  # one driver with two axes
 CURVE_BINS = 18  # of a figure's curve
 NO_ROOT_DEG = 90.0  # residual of a heading that a fit cannot give
 RESIDUAL_MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """The size of an effect, rms degrees, as other days have it and as the left-out days do with its 95 % interval."""
+
+    fitted_elsewhere: float
+    held_out: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Placebo:
+    """The rank of the gain among those of surrogates without the effect."""
+
+    n: int
+    rank_p: float | None
 
 
 @dataclass(frozen=True)
@@ -39,7 +71,17 @@ class HeldOut:
     gain_interval: tuple[float, float]  # 95 %, from the blocks
     p_value: float  # share of drawn blocks whose gain is not positive
     method: str | None = None  # how days were held out: fifths | within_event
-    refit_gain: float | None = None  # gain where every hypothesis is weighed anew without the days, not sizes only
+    anew: Interval | None = None  # gain where effect, driver and date are chosen anew without the days, not sizes only
+    amplitude: Amplitude | None = None
+    slope: Interval | None = None  # held-out amplitude over the predicted, where that is clear
+    placebo: Placebo | None = None  # None: chance is judged otherwise, as of clocks and calibrations
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether left-out days show it and chance hardly does."""
+        if self.placebo is None or self.amplitude is None:
+            return True
+        return self.placebo.rank_p is not None and self.placebo.rank_p <= CONFIRMED_P and self.amplitude.low > 0.0
 
     @property
     def refuted(self) -> bool:
@@ -56,7 +98,10 @@ class HeldOut:
             "log_score_gain_interval": list(self.gain_interval),
             "p_value": self.p_value,
             "method": self.method,
-            "log_score_gain_anew": self.refit_gain,
+            "gain": None if self.anew is None else vars(self.anew),
+            "amplitude_deg": None if self.amplitude is None else vars(self.amplitude),
+            "slope": None if self.slope is None else vars(self.slope),
+            "placebo": None if self.placebo is None else vars(self.placebo),
         }
 
 
@@ -122,6 +167,16 @@ class CovariateRange:
 
 
 @dataclass(frozen=True)
+class Statement:
+    """The deepest statement on a finding that holds."""
+
+    level: str | None  # effect, driver or side; None where nothing holds
+    probability: float | None
+    side: str
+    driver: str
+
+
+@dataclass(frozen=True)
 class Finding:
     """One effect that was found, with what it could also be."""
 
@@ -137,12 +192,41 @@ class Finding:
     applied: bool = False  # whether it enters the corrected headings
     probability: float = 1.0  # that this effect is what is there
     alternatives_probability: Mapping[str, float] = field(default_factory=dict)
+    driver: str = ""  # on what its size depends
+    heading_error_deg: float | None = None  # rms error that headings would have were it left out
     composition: Mapping[str, str] | None = None  # what it acts on, its driver and its form, where it is no listed one
 
     @property
     def named(self) -> str:
         """Its name among alternatives: a composed one is written composed:ACTS_ON/DRIVER/FORM."""
         return self.effect if self.composition is None else f"{self.effect}:{'/'.join(self.composition.values())}"
+
+    @cached_property
+    def statement(self) -> Statement:
+        """The deepest statement that the probabilities of its names hold."""
+        from compasslib.effects import driver_of, side_of  # only where something was found, as below
+
+        if self.probability >= SURE:
+            return Statement("effect", self.probability, self.side, self.driver)
+        names = {self.named: self.probability, **self.alternatives_probability}
+        places = {name: (side_of(name), driver_of(name)) for name in self.alternatives_probability}
+        places[self.named] = (self.side, self.driver)
+        drivers, sides = defaultdict[tuple[str, str], float](float), defaultdict[str, float](float)
+        for name, (side, driver) in places.items():
+            drivers[side, TILTS.get(driver, driver)] += names[name]
+            sides[side] += names[name]
+        (side, driver), probability = max(drivers.items(), key=lambda item: item[1])
+        if probability >= SURE:
+            return Statement("driver", min(probability, 1.0), side, driver)
+        side, probability = max(sides.items(), key=lambda item: item[1])
+        if probability >= SURE:
+            return Statement("side", min(probability, 1.0), side, "")
+        return Statement(None, None, self.side, self.driver)
+
+    @property
+    def level(self) -> str | None:
+        """The depth of that statement: effect, driver, side, or None."""
+        return self.statement.level
 
     @property
     def of_compass(self) -> bool:
@@ -163,6 +247,10 @@ class Finding:
             "alternatives": list(self.alternatives),
             "probability": self.probability,
             "alternatives_probability": dict(self.alternatives_probability),
+            "level": self.level,
+            "level_probability": self.statement.probability,
+            "driver": self.driver or None,
+            "heading_error_without_deg": self.heading_error_deg,
             "where": self.where.to_json(),
             "when": span_json(self.when_s),
             "parameters": {name: vars(parameter) for name, parameter in self.parameters.items()},

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.effects.composed import (
     DRIVERS,
@@ -38,7 +39,6 @@ LISTED = {  # what the catalogue has under a name of its own
                          "pitch/linear", "roll/linear"},
     "reading": {"time/linear", "time/step", "temperature/linear", "voltage/linear", "turn_rate/linear",
                 "turn_rate/sign"},
-    "flow_direction": {"speed/linear", "depth/linear"},
 }  # fmt: skip
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96)  # quantiles of the driver
 CENTRES = (0.2, 0.5, 0.8)  # quantiles of the driver, of what saturates
@@ -53,7 +53,7 @@ MOST_NUMBERS = 1_500_000  # of columns that are held at once, which sets the mem
 
 
 @dataclass(frozen=True)
-class Found:
+class Composition:
     """A composition that may be there."""
 
     term: ComposedEffect
@@ -62,35 +62,76 @@ class Found:
     moved: bool = False  # whether it is at a place between those that are tried of all
 
 
-def screen(state: FittedModel) -> list[Found]:
-    """Return the compositions that would make what a simulation leaves likeliest, each with its share of the odds."""
+def screen(state: FittedModel, drivers: Collection[str] = ()) -> list[Composition]:
+    """Select the compositions that would make what a simulation leaves likeliest, each with its share of the odds.
+
+    Args:
+        drivers: readings that follow one of these only; all compositions where empty.
+    """
     if not state.case.has_slow_noise:
         return []
+    target = (state.innovation / state.sigma).astype(np.float32)[:, None]
+    tried = [
+        (gain + one.log_share, one)
+        for some, gains in _screened(state, target, np.full(len(state.case), -1), drivers)
+        for one, gain in zip(some, gains[:, 0, 0].tolist(), strict=True)
+    ]
+    return _select_likeliest(tried)
+
+
+def screen_folds(
+    state: FittedModel, targets: Floats, fold: NDArray[np.intp], most: int
+) -> dict[tuple[int, int], list[Composition]]:
+    """Screen compositions without each part of the recording, for several residuals at once.
+
+    Args:
+        targets: whitened, (n, r).
+        fold: number of the part of each sample, (n,).
+        most: compositions that are kept of each part and residual.
+    """
+    kept: dict[tuple[int, int], list[tuple[float, Composition]]] = {}
+    if not state.case.has_slow_noise:
+        return {}
+    for some, gains in _screened(state, targets, fold):
+        scores = gains + np.array([one.log_share for one in some])[:, None, None]
+        first = np.argsort(-scores, axis=0)[:most]
+        for f, r in np.ndindex(scores.shape[1:]):
+            better = [(float(scores[k, f, r]), some[k]) for k in first[:, f, r]]
+            kept[f, r] = sorted([*kept.get((f, r), []), *better], key=lambda each: -each[0])[:most]
+    return {key: [one for _, one in each] for key, each in kept.items()}
+
+
+def _screened(
+    state: FittedModel, targets: Floats, fold: NDArray[np.intp], drivers: Collection[str] = ()
+) -> Iterator[tuple[list[Composition], Floats]]:
+    """Yield compositions with their log evidence alone without each part, (m, f, r); a part of -1 is none."""
     acted = {
         name: design.term_columns(state, compose_effect(name, "time", "always")()).columns
-        for name in TARGETS
-        if _acts(name, state)
+        for name, target in TARGETS.items()
+        if target.side != "water" and _acts(name, state)
     }
     places = _places(state.case.scene, state.case.units)
-    forms = {name: Counter(one[0] for one in places if _nameless(name, *one)) for name in acted}
-    tried: list[tuple[float, Found]] = []
-    for batch in _batches(state, places):
+    forms = {name: Counter(one[0] for one in places if _is_unlisted(name, *one)) for name in acted}
+    tried = {key: at for key, at in places.items() if not drivers or key[0] in drivers}
+    for batch in _batches(state, tried):
         for name, bare in acted.items():
-            own = [k for k, (driver, form, _) in enumerate(batch.places) if _nameless(name, driver, form)]
+            if drivers and name != "reading":
+                continue
+            own = [k for k, (driver, form, _) in enumerate(batch.places) if _is_unlisted(name, driver, form)]
             if not own:
                 continue
-            gains, usual = _gains(state, bare, batch.only(own))
-            for k, gain, expected in zip(own, gains, usual, strict=True):
+            gains, usual = _gains(state, bare, batch.only(own), targets, fold)
+            some = []
+            for k, expected in zip(own, usual, strict=True):
                 driver, form, at = batch.places[k]
                 alike = forms[name][driver] * len(places[driver, form])
                 log_count = float(np.log(len(acted) * len(forms[name]) * alike))
-                term = place_effect(compose_effect(name, driver, form), *at)
-                tried.append((gain - log_count, Found(term, -log_count, expected)))
-    return _best(tried)
+                some.append(Composition(place_effect(compose_effect(name, driver, form), *at), -log_count, expected))
+            yield some, gains
 
 
 def near(term: ComposedEffect, scene: Scene) -> list[ComposedEffect]:
-    """Return a composition at places around its own, at no size.
+    """Place a composition around its place, at no size.
 
     Args:
         scene: of the recording.
@@ -106,7 +147,7 @@ def near(term: ComposedEffect, scene: Scene) -> list[ComposedEffect]:
 
 
 def spacings(term: ComposedEffect, scene: Scene) -> dict[str, float]:
-    """Return how far apart the places of a composition were tried in the end, by their names, dates left out.
+    """Compute how far apart the places of a composition were tried in the end, by their names, dates left out.
 
     Args:
         scene: of the recording.
@@ -119,7 +160,7 @@ def spacings(term: ComposedEffect, scene: Scene) -> dict[str, float]:
 
 
 def _steps(term: ComposedEffect, scene: Scene) -> dict[str, float]:
-    """Return the distance of the places that are tried of all, those that are tried in proportion left out."""
+    """Compute the distance of the places that are tried of all, those that are tried in proportion left out."""
     spread, span = float(np.std(driver_series(scene, term.composition[1]))), float(np.ptp(scene.time_s))
     return {
         "begin_s": span / (EDGES + 1), "end_s": span / (EDGES + 1), "centre_deg": 360.0 / SECTORS,
@@ -127,21 +168,21 @@ def _steps(term: ComposedEffect, scene: Scene) -> dict[str, float]:
     }  # fmt: skip
 
 
-def rivals(term: ComposedEffect, composed: Sequence[Found]) -> list[Found]:
-    """Return a composition and others of its driver, those that have places, each kind at its best place so far."""
+def rivals(term: ComposedEffect, composed: Sequence[Composition]) -> list[Composition]:
+    """Select a composition and others of its driver that have places, each kind at its best place so far."""
     alike = [one for one in composed if one.term.composition[1] == term.composition[1] and one.term.placed]
     coarse, moved = ([one for one in alike if one.moved is is_moved] for is_moved in (False, True))
     each = {type(one.term): one for one in (*reversed(coarse), *moved)}
     return sorted(each.values(), key=lambda one: type(one.term) is not type(term))[:MOST_RIVALS]
 
 
-def with_more(first: Sequence[Found], second: Sequence[Found]) -> list[Found]:
-    """Return compositions that were kept at one place and at another, each once."""
-    return list({one.term: one for one in (*first, *second)}.values())
+def merge_compositions(first: Sequence[Composition], second: Sequence[Composition]) -> list[Composition]:
+    """Merge compositions that were kept in different steps, each once."""
+    return list({each.term: each for each in (*first, *second)}.values())
 
 
-def _best(tried: list[tuple[float, Found]]) -> list[Found]:
-    kept: list[Found] = []
+def _select_likeliest(tried: list[tuple[float, Composition]]) -> list[Composition]:
+    kept: list[Composition] = []
     seen: dict[type, int] = {}
     for _, one in sorted(tried, key=lambda each: -each[0]):
         kind = type(one.term)
@@ -152,7 +193,7 @@ def _best(tried: list[tuple[float, Found]]) -> list[Found]:
 
 
 def _acts(name: str, state: FittedModel) -> bool:
-    """Tell whether the recording has what must be known to act on something."""
+    """Check that the recording has what must be known to act on something."""
     return all(one in state.case.scene.departures for one in TARGETS[name].needs)
 
 
@@ -165,14 +206,14 @@ class Batch:
     square: Floats  # (n, m, c)
 
     def only(self, some: Sequence[int]) -> Batch:
-        """Return some of them."""
+        """Select some of them."""
         if len(some) == len(self.places):
             return self
         return Batch([self.places[k] for k in some], self.series[:, some], self.square[:, some])
 
 
 def _batches(state: FittedModel, places: Mapping[tuple[str, str], Sequence[tuple[float, ...]]]) -> Iterator[Batch]:
-    """Return every driver in every form at every place, together those that have as many columns each."""
+    """Yield every driver in every form at every place, together those that have as many columns each."""
     scene, most = state.case.scene, max(MOST_NUMBERS // len(state.case), 1)
     for _, alike in itertools.groupby(places, key=lambda one: len(FORMS[one[1]].suffixes)):
         every = [(*one, at) for one in alike for at in places[one]]
@@ -183,11 +224,15 @@ def _batches(state: FittedModel, places: Mapping[tuple[str, str], Sequence[tuple
             yield Batch(own, series.astype(np.float32), series**2)
 
 
-def _gains(state: FittedModel, bare: Floats, batch: Batch) -> tuple[list[float], Floats]:
-    """Return the log evidence of each composition alone, its sizes integrated over, and what they usually are, (m, k).
+def _gains(
+    state: FittedModel, bare: Floats, batch: Batch, targets: Floats, fold: NDArray[np.intp]
+) -> tuple[Floats, Floats]:
+    """Compute the log evidence of each composition alone without each part, and the usual sizes, (m, f, r), (m, k).
 
     Args:
         bare: derivative of the heading by what is acted on, (n, p).
+        targets: whitened residuals, (n, r).
+        fold: number of the part of each sample, (n,).
     """
     n, m, c = batch.series.shape
     turn = ((bare**2).T @ batch.square.reshape(n, -1) / n) ** 0.5
@@ -195,20 +240,28 @@ def _gains(state: FittedModel, bare: Floats, batch: Batch) -> tuple[list[float],
     standard = (bare / state.whitener.width_deg[:, None] * state.response / state.sigma).astype(np.float32)
     made = standard[:, None, :, None] * batch.series[:, :, None, :]
     white = state.project_out_nuisance(state.whitener.filtered(made.reshape(n, -1)))
-    pull = (white.T @ (state.innovation / state.sigma).astype(np.float32)).reshape(m, -1) * usual
-    products = np.array([part.T @ part for part in np.split(white, m, axis=1)])
-    lower = np.linalg.cholesky(products * usual[:, :, None] * usual[:, None, :] + np.eye(usual.shape[1]))
-    half = np.linalg.solve(lower, pull[:, :, None])[:, :, 0]
-    gains = 0.5 * np.sum(half**2, axis=1) - np.log(np.einsum("mkk->mk", lower)).sum(axis=1)
-    return gains.tolist(), usual
+    left_out = [fold == f for f in np.unique(fold)] if fold[0] >= 0 else [np.zeros(len(fold), dtype=bool)]
+    pull, square = white.T @ targets, _own_products(white, m)
+    gains = np.empty((m, len(left_out), targets.shape[1]))
+    for f, out in enumerate(left_out):
+        part = white[out]
+        products = (square - _own_products(part, m)) * usual[:, :, None] * usual[:, None, :]
+        lower = np.linalg.cholesky(products + np.eye(usual.shape[1]))
+        rest = (pull - part.T @ targets[out]).reshape(m, -1, targets.shape[1]) * usual[:, :, None]
+        half = np.linalg.solve(lower, rest)
+        gains[:, f] = 0.5 * np.sum(half**2, axis=1) - np.log(np.einsum("mkk->mk", lower)).sum(axis=1)[:, None]
+    return gains, usual
 
 
-def _nameless(name: str, driver: str, form: str) -> bool:
-    """Tell whether a driver and a form compose with what is acted on, and the catalogue has no name for it."""
+def _own_products(white: Floats, m: int) -> Floats:
+    """Multiply the columns of each composition by each other, (m, k, k)."""
+    return np.array([part.T @ part for part in np.split(white, m, axis=1)])
+
+
+def _is_unlisted(name: str, driver: str, form: str) -> bool:
+    """Check that a driver and a form compose with what is acted on, and that the catalogue has no name for it."""
     if driver == "heading":
         return name == "reading"
-    if driver == "time" and name == "flow_direction":
-        return False  # what the water does along time stands in the noise
     return f"{driver}/{form}" not in LISTED.get(name, set()) and not ("*" in driver and name in LOBES)
 
 
@@ -221,7 +274,7 @@ def _varies(scene: Scene, driver: str) -> bool:
 
 
 def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list[tuple[float, ...]]]:
-    """Return every driver that the recording has with every form, and the places at which it is tried.
+    """List every driver that the recording has with every form, and the places at which it is tried.
 
     Args:
         channels: series that have no name of their own here.
@@ -241,7 +294,7 @@ def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list
 
 
 def _places_of(scene: Scene, driver: str, form: str) -> list[tuple[float, ...]]:
-    """Return the places at which a form is tried."""
+    """List the places at which a form is tried."""
     time_s, x = scene.time_s, driver_series(scene, driver)
     span, width = float(np.ptp(time_s)), float(np.std(x))
     if form == "threshold":

@@ -74,9 +74,9 @@ def _coefficients(inferred: Inference, state: Any) -> tuple[Floats, Floats]:
 
 def _effect_information(inferred: Inference) -> EffectInformation:
     state, candidates = inferred.state, inferred.posterior.candidates
-    view, half = inference.viewed(state)
+    view, half = inference.freed_model(state)
     kinds = tuple(kind for kind in state.case.terms if kind.instrument)
-    groups = evidences.drawn(replace(half, case=replace(half.case, terms=kinds)), [])
+    groups = evidences.enumerate_candidates(replace(half, case=replace(half.case, terms=kinds)), [])
     listed = [group.columns for group in groups.groups]
     shared = np.concatenate([np.zeros((len(state.case), 0)), *listed], axis=1)
     season, record_only, slow = season_columns(view.case), _record_only_columns(half), candidates.slow
@@ -92,7 +92,8 @@ def _effect_information(inferred: Inference) -> EffectInformation:
     conditional = []
     unit = np.append(1.0 / np.maximum(groups.usual, 1e-12), np.ones(season.shape[1]))
     for water in (inferred.posterior.waters[i] for i in likely):
-        products = evidences.beside(information, score, shared_count, slow, water, free=record_only.shape[1])
+        variance = np.append(evidences.noise_variances(slow, water), np.full(record_only.shape[1], evidences.ANYTHING))
+        products = evidences.marginalize_slow_noise(information, score, shared_count, variance)
         beforehand = products.log_likelihood + (0.0 if water is None else water.log_prior)
         conditional.append(Products(products.information * np.outer(unit, unit), products.score * unit, beforehand))
     visible = view.visible(shared)
@@ -254,12 +255,12 @@ class JointEvidence:
         evidence += 0.5 * float(np.log(precision).sum() - np.linalg.slogdet(whole)[1])
         return Mode(before, information, score, evidence)
 
-    def plausible(self, hypothesis: Hypothesis, mode: Mode) -> bool:
-        """Tell whether the amplitudes of a hypothesis are physically possible."""
+    def possible(self, hypothesis: Hypothesis, mode: Mode) -> bool:
+        """Tell whether a compass with the amplitudes of a hypothesis has an inverse."""
         at = 0
         for k in hypothesis:
             part = self.parts[k]
-            if not self.kinds[k]().at(mode.values[at : at + len(part)] * self.usual[part]).plausible:
+            if not self.kinds[k]().at(mode.values[at : at + len(part)] * self.usual[part]).possible:
                 return False
             at += len(part)
         return True
@@ -273,7 +274,7 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
     forms = Counter(kind.name for kind in evidence.kinds)
     odds = [
         o - np.log(forms[k.name])
-        for o, k in zip(posterior.whole_odds(evidence.kinds, alarm), evidence.kinds, strict=True)
+        for o, k in zip(posterior.log_prior_odds(evidence.kinds, alarm), evidence.kinds, strict=True)
     ]
     everyone = range(len(evidence.members))
     hypotheses = [
@@ -290,7 +291,7 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
     prior = np.array([posterior.joint_odds([odds[k] for k in hypothesis]) for hypothesis in hypotheses])
     likeliest = [row[int(np.argmax(logs))] for row, logs in zip(modes, table, strict=True)]
     table[
-        [not evidence.plausible(hypothesis, mode) for hypothesis, mode in zip(hypotheses, likeliest, strict=True)]
+        [not evidence.possible(hypothesis, mode) for hypothesis, mode in zip(hypotheses, likeliest, strict=True)]
     ] = -MOST_LOG
     shared = np.array([log_sum(row) for row in table]) + prior
     apart = np.array([_log_odds_apart(evidence, k, odds[k]) for k in range(len(evidence.kinds))]) + shared[0]
@@ -305,10 +306,10 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
     best = posterior_shared.best
     at = hypotheses.index(best)
     size = int(np.argmax(table[at]))
-    slots = posterior_shared.slots(best, instead=SLOW_WATER)
+    finding_posteriors = posterior_shared.finding_posteriors(best, instead=SLOW_WATER)
     amplitudes = tuple(
         _amplitude(evidence, best, place, modes[at][size], slot, float(SEASONS_DEG[size]))
-        for place, slot in enumerate(slots)
+        for place, slot in enumerate(finding_posteriors)
     )
     acting, on_compass = posterior_shared.acting, float(posterior_shared.probability[1:].sum())
     return SharedEffects(
@@ -355,7 +356,12 @@ def _log_odds_apart(evidence: JointEvidence, k: int, odds: float) -> float:
 
 
 def _amplitude(
-    evidence: JointEvidence, best: Hypothesis, place: int, mode: Mode, slot: posterior.Slot, season_deg: float
+    evidence: JointEvidence,
+    best: Hypothesis,
+    place: int,
+    mode: Mode,
+    slot: posterior.FindingPosterior,
+    season_deg: float,
 ) -> SharedAmplitude:
     k = best[place]
     begin = sum(len(evidence.parts[j]) for j in best[:place])

@@ -1,9 +1,4 @@
-"""Diagnose a long record: infer, test for what is left unexplained, and score every finding on held-out days.
-
-Fifths of the recording are left out in turn. The score of a fifth is the probability of all data over that of the
-others, every hypothesis, size, date and slow noise weighed again; the gain is that of all hypotheses over those without
-the effect. An effect inside one fifth cannot be learnt from the others: blocks between its own are left out.
-"""
+"""Diagnose a long record: infer, test for what is left unexplained, and score every finding on held-out days."""
 
 from __future__ import annotations
 
@@ -23,26 +18,34 @@ from compasslib.effects.effect import DAY_S, parameter_slices
 from compasslib.effects.forward import north_shift
 from compasslib.inference import comparison as comparisons
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import design, diagnosis, experiments, finding, grammar, inference, joint_effects, omnibus
+from compasslib.inference import (
+    design,
+    diagnosis,
+    experiments,
+    finding,
+    grammar,
+    heldout,
+    inference,
+    joint_effects,
+    omnibus,
+    weighing,
+)
 from compasslib.inference import noise as noise_models
 from compasslib.inference.comparison import FEWEST_PAIRS, LongComparison, Options
+from compasslib.inference.current import CurrentStatement
 from compasslib.inference.design import ColumnGroup, FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
-from compasslib.inference.finding import BinnedResidual, Finding, HeldOut, Parameter, Unexplained
+from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
 from compasslib.inference.inference import Inference
 from compasslib.inference.omnibus import HeadingCluster, OmnibusResult
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.wording import TURN_PREFIX
-from compasslib.statistics.resampling import blocks_by_count, blocks_by_span
-from compasslib.statistics.whitening import orthonormal_basis, scaled_inverse
+from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
 OMNIBUS_SHARE = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
 FEWEST_IN_BIN = 10  # of a figure's curve
 NO_SIGMA = 1e-6  # standard error of a parameter that nothing depends on, in any unit
-
-LEAST_REWEIGHED = 1e-4  # probability below which a hypothesis is not weighed again
-MOST_REWEIGHED, MOST_NOISE_REWEIGHED = 200, 12  # hypotheses and kinds of water that are weighed again: seconds only
 
 
 def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
@@ -69,26 +72,31 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
     if cluster is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
         empty = design.evaluate_model(outside, case.simulation, none)  # readings that stick would feign terms
     empty = design.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
-    inferred = inference.infer(empty, options.alarm)
-    remainder, slots = _omnibus_remainder(inferred.state, options), inferred.slots
+    inferred = inference.infer(empty, options.prior_odds)
+    remainder, before = _omnibus_remainder(inferred.state, options), inferred.finding_posteriors
     if remainder.above_min_effect and inferred.chosen:
         inferred = _drop_absorbed_effects(empty, inferred, remainder.curve, options)
         remainder = _omnibus_remainder(inferred.state, options)
-    back = {name for slot in slots if slot not in inferred.slots for name in (slot.effect, *slot.alternatives)}
+    back = {
+        name
+        for place in before
+        if place not in inferred.finding_posteriors
+        for name in (place.effect, *place.alternatives)
+    }
     stormy = noise_models.storm_finding(inferred.state, options.alarm)
     null_model = design.refit(inferred.state, []) if inferred.state.simulation.terms else inferred.state
-    outcome = _outcome(inferred, null_model, remainder, cluster)
+    outcome = _outcome(inferred, null_model, remainder, cluster, options)
     diagnosed = diagnosis.combine_outcomes(
         [replace(outcome, taken_back=frozenset(back))],
         options,
         extra=[] if stormy is None else [stormy],
         not_testable=case.not_testable,
     )
-    detectable = inference.detectable(inferred.posterior)
+    detectable = weighing.detection_limits(inferred.posterior)
     return replace(
         diagnosed,
         applied=_weighted_compasses(inferred) if options.apply else (),
-        covariance=inferred.estimate(null_model).covariance[:5, :5],
+        covariance=_coefficient_covariance(inferred, null_model),
         why=_detection_limits(detectable, options.min_effect_deg),
         detectable_deg=detectable,
         threshold={"omnibus": remainder.threshold},
@@ -97,13 +105,27 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
     )
 
 
+def _coefficient_covariance(inferred: Inference, null_model: FittedModel) -> Floats:
+    """Compute the covariance of A..E without effects, (5, 5), with what a current that acts does to the fit."""
+    covariance = inferred.estimate(null_model).covariance[:5, :5]
+    if inferred.slow is None or not inferred.slow.acting:
+        return covariance
+    shift = null_model.simulation.coefficients - null_model.case.simulation.coefficients
+    return covariance + np.outer(shift, shift)
+
+
 def _outcome(
-    inferred: Inference, null_model: FittedModel, remainder: OmnibusResult, cluster: HeadingCluster | None
+    inferred: Inference,
+    null_model: FittedModel,
+    remainder: OmnibusResult,
+    cluster: HeadingCluster | None,
+    options: Options,
 ) -> Outcome:
     """Collect the outcome of the search."""
     state, case = inferred.state, inferred.state.case
     covariances = inferred.estimate(state).term_covariances
-    findings = tuple(_finding(inferred, k, covariance) for k, covariance in enumerate(covariances))
+    findings = tuple(_finding(inferred, k, covariance, options.surrogates) for k, covariance in enumerate(covariances))
+    exceeded, stated = _current(inferred, options.min_effect_deg)
     named = [
         item.named
         for item in sorted(findings, key=lambda x: -x.rms_effect_deg)
@@ -123,12 +145,25 @@ def _outcome(
         comparison=case,
         posterior=inferred.posterior,
         findings=findings,
-        slots=inferred.slots,
+        finding_posteriors=inferred.finding_posteriors,
         left=_unexplained(state, remainder, cluster, named),
         small=remainder.small,
         curves=curves,
-        noise=inference.noise_of(inferred),
+        noise=inference.summarize_noise(inferred),
+        current=stated,
+        current_probability=exceeded,
+        prior_odds=options.prior_odds,
     )
+
+
+def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
+    """State what the current does beside the hypothesis that stands."""
+    posterior = inferred.posterior
+    current = posterior.candidates.current(inferred.chosen, posterior.water_of(inferred.chosen))
+    if current is None:
+        return 0.0, ()
+    exceeded, stated = current.state(posterior.candidates.current_visible, min_effect_deg)
+    return exceeded, tuple(item.contested(*posterior.rival_reading(item.driver)) for item in stated)
 
 
 def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: ColumnGroup, options: Options) -> Inference:
@@ -139,7 +174,9 @@ def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: Colum
     """
     free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, orthonormal_basis(curve.columns)]))
     zero = np.zeros(free.nuisance.shape[1])
-    with_curve = inference.infer(design.refit(design.evaluate_model(free, empty.simulation, zero), []), options.alarm)
+    with_curve = inference.infer(
+        design.refit(design.evaluate_model(free, empty.simulation, zero), []), options.prior_odds
+    )
     standing = {type(term) for term in with_curve.state.simulation.terms}
     return inferred.only([type(term) in standing or term.always_present for term in inferred.state.simulation.terms])
 
@@ -167,8 +204,10 @@ def _unexplained(
     return state.case.unexplained([residual_curve(state, state, name) for name in group.covariates], size, named)
 
 
-def _finding(inferred: Inference, k: int, covariance: Floats) -> Finding:
-    state, slot = inferred.state, inferred.slots[k]
+def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -> Finding:
+    state, posterior = inferred.state, inferred.finding_posteriors[k]
+    without = design.refit(state, [term for j, term in enumerate(state.simulation.terms) if j != k])
+    sure = posterior.probability >= finding.SURE
     term, case = state.simulation.terms[k], state.case
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     parameters = {
@@ -179,15 +218,18 @@ def _finding(inferred: Inference, k: int, covariance: Floats) -> Finding:
     if isinstance(term, ComposedEffect):
         parameters |= _place_parameters(inferred, term)
     span = _active_span(state, term)
+    off = angles.difference(state.heading_deg, without.heading_deg)
     built = comparisons.build_finding(
         case,
         term,
-        {slot.effect: slot.probability} | {inferred.said(name): p for name, p in slot.alternatives.items()},
+        {posterior.effect: posterior.probability}
+        | {inferred.display_name(name): p for name, p in posterior.alternatives.items()},
         parameters,
         size_deg=design.visible_size_deg(state, k, covariance),
-        proof=cross_validate(inferred, k),
+        proof=heldout.cross_validate(inferred, k, without, surrogates if sure else 0),
         place=case.where(case.main_covariate(term)) if span == case.span_s else case.where("time", span),
         span_s=span,
+        heading_error_deg=angles.rms(off[np.isfinite(off)]),
     )
     return replace(built, applied=term.side == "compass")
 
@@ -322,64 +364,3 @@ def _binned(state: FittedModel, bins: NDArray[np.intp], count: int) -> tuple[Flo
     sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
     squares = np.sum(sums.reshape(-1, count) ** 2, axis=0)
     return mean, np.sqrt(np.maximum(squares, total * squares.sum() / total.sum())) / total
-
-
-def cross_validate(inferred: Inference, k: int) -> HeldOut:
-    """Score a term on days that were left out."""
-    state, term = inferred.state, inferred.state.simulation.terms[k]
-    time_s = state.case.scene.time_s
-    share = (term.date - time_s[0]) / np.ptp(time_s) if term.dated() else 0.5
-    lasting = 1.0 / finding.FOLDS < share < 1.0 - 1.0 / finding.FOLDS
-    block = blocks_by_span(time_s, finding.HELD_OUT_BLOCK_S)
-    fold = blocks_by_count(time_s, finding.FOLDS) if lasting else block % finding.FOLDS
-    each, rms_deg = _fold_gains(state, k, fold)
-    refitted = _refit_gain(inferred, {term.name, *inferred.slots[k].alternatives}, fold)
-    method = "fifths" if lasting else "within_event"
-    return replace(finding.bootstrap_gain(each, block, rms_deg), refit_gain=refitted, method=method)
-
-
-def _refit_gain(inferred: Inference, names: set[str], fold: NDArray[np.intp]) -> float:
-    """Score all hypotheses on the data left out against those without some effects."""
-    whole = inferred.posterior
-    chosen = [i for i, p in enumerate(whole.probability) if p > LEAST_REWEIGHED or not names & set(whole.names[i])]
-    chosen = sorted({0, *sorted(chosen, key=lambda i: -float(whole.probability[i]))[:MOST_REWEIGHED]})
-    without = np.array([not names & set(whole.names[i]) for i in chosen])
-    hypotheses, prior = [whole.hypotheses[i] for i in chosen], whole.prior[chosen]
-    waters = [whole.waters[i] for i in np.argsort(-whole.water_probability)[:MOST_NOISE_REWEIGHED]]
-
-    def logs(fitted: NDArray[np.bool_]) -> Floats:
-        joint = inference.log_joint(whole.candidates.on(fitted), hypotheses, waters) + prior
-        return np.array([np.logaddexp.reduce(joint.ravel()), np.logaddexp.reduce(joint[:, without].ravel())])
-
-    everything = logs(np.ones(len(fold), dtype=bool))
-    gains = [everything - logs(fold != f) for f in np.unique(fold)]
-    return float(np.sum([gain[0] - gain[1] for gain in gains]))
-
-
-def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tuple[float, float]]:
-    """Score a term for each sample, sizes fitted without its fold, and give the rms with and without it."""
-    values = np.zeros(state.base.shape[1])
-    parameters = state.simulation.parameters
-    values[5 : len(parameters)] = parameters[5:]
-    term_columns = np.zeros(len(values), dtype=bool)
-    term_columns[parameter_slices(state.simulation.terms, 5)[k]] = True
-    white = state.whitener(state.base)
-    target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
-    total = state.residual_deg + state.base @ values
-    left, rms_deg = [], []
-    for columns in (~term_columns, term_columns | True):
-        fitted = _fold_values(white[:, columns], target, state.base_ridge[columns], fold)
-        left.append(target - np.sum(white[:, columns] * fitted, axis=1))
-        rms_deg.append(angles.rms(total - np.sum(state.base[:, columns] * fitted, axis=1)))
-    each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
-    return each, (rms_deg[0], rms_deg[1])
-
-
-def _fold_values(white: Floats, target: Floats, ridge: Floats, fold: NDArray[np.intp]) -> Floats:
-    """Fit the values of the columns for each sample without its fold, (n, k)."""
-    values = np.empty(white.shape)
-    for f in np.unique(fold):
-        out = fold == f
-        training = white[~out]
-        values[out] = scaled_inverse(training.T @ training + np.diag(ridge)) @ (training.T @ target[~out])
-    return values

@@ -11,7 +11,8 @@ judged by the index shifted to other dates, which keeps its storms and their mem
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from compasslib import angles
 from compasslib.calibrations import observatory
 from compasslib.effects.earth import IndexedDisturbance
 from compasslib.effects.effect import DAY_S
-from compasslib.inference import covariates, finding
+from compasslib.inference import covariates, current, finding
 from compasslib.inference.comparison import CANCELS, LongComparison, tide_waves
 from compasslib.inference.design import FittedModel
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
@@ -81,16 +82,31 @@ class SlowNoiseParams:
 class SlowNoiseBasis:
     """Columns that slow water is made of, and what each kind of it makes of their coefficients."""
 
-    columns: Floats  # (n, q) degrees a unit: cosines of the veer, of eastward and northward shear; waves of their tides
+    columns: Floats  # (n, q) degrees a unit: cosines of veer, of east and north shear; waves of their tides; current
     frequency: Floats  # (k,) cycles a day, evenly spaced from 0
     kinds: int  # processes: 1, or 3 with the shear
+    drivers: tuple[str, ...] = ()  # of the last columns, which are the current's at its usual sizes
+    current: Floats | None = None  # variance of each of these, once it was learnt
 
     def variances(self, water: SlowNoiseParams) -> Floats:
         """Compute the variance of each column's coefficient."""
         step = float(self.frequency[1])
         each = [process.variances(self.frequency, step) for process in (water.veer, water.shear, water.shear)]
         slow = np.concatenate(each[: self.kinds])
-        return np.concatenate([slow, np.full(self.columns.shape[1] - len(slow), USUAL_SHEAR_M_S**2)])
+        tides = self.columns.shape[1] - len(slow) - len(self.drivers)
+        current = np.ones(len(self.drivers)) if self.current is None else self.current
+        return np.concatenate([slow, np.full(tides, USUAL_SHEAR_M_S**2), current])
+
+    @property
+    def acting(self) -> set[str]:
+        """The drivers that the current was found to follow."""
+        current = np.zeros(len(self.drivers)) if self.current is None else self.current
+        return {driver for driver, variance in zip(self.drivers, current, strict=True) if variance > 0.0}
+
+    def without_current(self, drivers: Collection[str]) -> SlowNoiseBasis:
+        """Remove the current of some drivers from the noise."""
+        current = np.ones(len(self.drivers)) if self.current is None else self.current
+        return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, current))
 
     def waters(self) -> list[SlowNoiseParams]:
         """List the parameters of slow noise that are summed over."""
@@ -101,7 +117,7 @@ class SlowNoiseBasis:
 
 
 def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
-    """Build the basis of slow noise of a recording, None where it is no mooring or too short."""
+    """Build the basis of slow water and of the current, None where the recording is no mooring or too short."""
     time_s = case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
@@ -109,11 +125,13 @@ def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
         return None
     frequency = np.arange(count) / (2.0 * days)
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
-    departures = case.scene.departures
-    if "flow_east" not in departures or "speed" not in case.covariates:
-        return SlowNoiseBasis(waves, frequency, 1)
-    each = [shear_columns(case, *shear) for shear in ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))]
-    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, 3)
+    blocks = current.current_blocks(case)
+    drivers = tuple(block.driver for block in blocks for _ in range(block.columns.shape[1]))
+    each, kinds = [block.columns for block in blocks], 1
+    if "flow_east" in case.scene.departures and "speed" in case.covariates:
+        shears = ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))
+        each, kinds = [*(shear_columns(case, *shear) for shear in shears), *each], 3
+    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers)
 
 
 def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:

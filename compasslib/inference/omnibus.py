@@ -137,20 +137,6 @@ def fourier_columns(angle_deg: Floats, harmonics: range) -> Floats:
     return np.column_stack([x for k in harmonics for x in angles.sin_cos(k * angle_deg)])
 
 
-def hat_columns(x: Floats, count: int) -> Floats:
-    """Build hat functions on knots at even quantiles, (n, k)."""
-    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
-    if len(knots) < 2:
-        return np.zeros((len(x), 0))
-    eye = np.eye(len(knots))
-    return np.column_stack([np.interp(x, knots, row) for row in eye])
-
-
-def standardize(x: Floats) -> Floats:
-    """Standardize a series and clip far outliers, (n,)."""
-    return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)
-
-
 def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
     """Build splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
     covariates, groups = state.case.covariates, []
@@ -169,16 +155,18 @@ def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
                 )
             )
         elif name == "time":
-            groups += [ColumnGroup(name, hat_columns(column, k), covariates=(name,)) for k in TIME_KNOTS]
+            groups += [
+                ColumnGroup(name, covariate_series.hat_columns(column, k), covariates=(name,)) for k in TIME_KNOTS
+            ]
             groups += [*time_waves(column), *spell_groups(state)]
             tides = [fourier_columns(360.0 * column / (3600.0 * hours), range(1, 2)) for hours in TIDE_PERIODS_H]
             groups += [ColumnGroup(name, tide, covariates=(name,)) for tide in tides]
         elif name != "heading" and name not in covariate_series.TILT_CORRECTIONS:
-            groups.append(ColumnGroup(name, hat_columns(column, COVARIATE_KNOTS), covariates=(name,)))
+            groups.append(ColumnGroup(name, covariate_series.hat_columns(column, COVARIATE_KNOTS), covariates=(name,)))
             onsets = np.unique(np.quantile(column, ONSET_QUANTILES))  # on a long tail, hats do not turn there
             steps = [(column > onset)[:, None].astype(float) for onset in onsets]
             groups += [ColumnGroup(name, step, covariates=(name,)) for step in steps]
-    linear = {name: standardize(covariates[name]) for name in PRODUCT_COVARIATES if name in covariates}
+    linear = {name: covariate_series.standardize(covariates[name]) for name in PRODUCT_COVARIATES if name in covariates}
     turning = np.column_stack([np.ones(len(heading)), fourier_columns(heading, range(1, 4))])
     for name, column in linear.items():
         groups.append(ColumnGroup(f"heading x {name}", turning * column[:, None], covariates=("heading", name)))

@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import factorial
 
 import numpy as np
 
 from compasslib.effects import COMPOSED, Effect, side_of
-from compasslib.effects.composed import ComposedEffect
+from compasslib.inference.finding import SURE
 from compasslib.types import Floats
 
 Hypothesis = tuple[int, ...]  # numbers of candidates
@@ -19,16 +20,16 @@ Hypothesis = tuple[int, ...]  # numbers of candidates
 LIKELIER_THAN_NOT = 0.5  # probability that there are so many effects, from which so many are named
 MOST_TERMS = 3  # that a hypothesis may have: seconds
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
-SURE = 0.95  # probability that a set of names holds
-# Odds beforehand of one effect, over the alarm that is asked for; they set how often records of nothing get a name.
-ODDS, ODDS_OF_WATER, ODDS_OF_COMPOSED = 2.0, 20.0, 2.0  # the last of all compositions together
-FURTHER = 0.5  # by which the odds of an effect are multiplied where there is another
-FAR = 8.0  # natural units below the best at which a hypothesis, or a kind of water, is left out
+# Of short records: odds beforehand of one effect, over the alarm that is asked for, and by what another is less likely.
+ODDS, FURTHER = 2.0, 0.5
+UNLISTED = 1.0 / 3.0  # of the odds of a fault: that of what no catalogue lists
+AGAIN = 0.25  # probability that what has a fault has another one
+LOG_EVIDENCE_CUTOFF = 8.0  # natural units below the best at which a hypothesis, or a kind of water, is left out
 
 
 @dataclass(frozen=True)
-class Slot:
-    """One place in the findings: what may fill it, with probabilities that sum to 1."""
+class FindingPosterior:
+    """What may stand in the place of one finding, with probabilities that sum to 1."""
 
     effect: str
     probability: float
@@ -59,7 +60,7 @@ class Posterior:
         return dict(sums)
 
     def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
-        """Return the probability of each side; a hypothesis of several is put on the first of SIDES_IN_ORDER.
+        """Compute the probability of each side; a hypothesis of several counts for the first of SIDES_IN_ORDER.
 
         Args:
             dropped: names of effects that count as nothing.
@@ -71,29 +72,38 @@ class Posterior:
         return sums
 
     @property
+    def counts(self) -> list[int]:
+        """The number of effects of each hypothesis."""
+        return [len(hypothesis) for hypothesis in self.hypotheses]
+
+    @property
+    def stated_count(self) -> int:
+        """The number of effects that there are at least as probably as not."""
+        return self.count_of(LIKELIER_THAN_NOT)
+
+    @property
     def best(self) -> Hypothesis:
-        """The likeliest hypothesis of as many effects as there are at least as probably as not."""
-        return self.of_at_least(LIKELIER_THAN_NOT)
+        """The likeliest hypothesis of as many effects as are stated."""
+        return self.likeliest_of(self.stated_count)
 
-    def of_at_least(self, sure: float) -> Hypothesis:
-        """Return the likeliest hypothesis of as many effects as there are at least.
+    def count_of(self, sure: float) -> int:
+        """Count the effects that there are at least with some probability."""
+        count = np.array(self.counts)
+        return max((k for k in range(1, MOST_TERMS + 1) if self.probability[count >= k].sum() > sure), default=0)
 
-        Args:
-            sure: probability that there are so many.
-        """
-        count = np.array([len(one) for one in self.hypotheses])
-        most = max(k for k in range(MOST_TERMS + 1) if k == 0 or self.probability[count >= k].sum() > sure)
-        sums: Counter[tuple[str, ...]] = Counter()
-        for names, probability in zip(self.names, self.probability.tolist(), strict=True):
-            sums[names] += probability * (len(names) == most)
+    def likeliest_of(self, most: int) -> Hypothesis:
+        """Choose the likeliest hypothesis of the likeliest names among those of so many effects."""
+        sums = Counter[tuple[str, ...]]()
+        for names, count, probability in zip(self.names, self.counts, self.probability.tolist(), strict=True):
+            sums[names] += probability * (count == most)
         chosen = sums.most_common(1)[0][0]
         own = [k for k, names in enumerate(self.names) if names == chosen]
         return self.hypotheses[max(own, key=lambda k: float(self.probability[k]))]
 
-    def slots(
+    def finding_posteriors(
         self, chosen: Hypothesis, *, instead: str | None, alike: Callable[[int, int], float] = lambda a, b: 0.0
-    ) -> list[Slot]:
-        """Return what may stand in the place of each effect of a hypothesis.
+    ) -> list[FindingPosterior]:
+        """Weigh what may stand in the place of each effect of a hypothesis.
 
         Args:
             instead: what else a place holds in which no effect stands; None leaves those hypotheses out.
@@ -104,12 +114,12 @@ class Posterior:
             for place, name in enumerate(self._filled(chosen, other, instead, alike)):
                 if name is not None:
                     found[place][name] += probability
-        return [_slot(self.effects[k], counter) for k, counter in zip(chosen, found, strict=True)]
+        return [_finding_posterior(self.effects[k], counter) for k, counter in zip(chosen, found, strict=True)]
 
     def _filled(
         self, chosen: Hypothesis, other: Hypothesis, instead: str | None, alike: Callable[[int, int], float]
     ) -> list[str | None]:
-        """Return which effect of another hypothesis is in the place of each chosen one."""
+        """Match the effects of another hypothesis to the places of the chosen ones."""
         left, free = list(other), []
         names = [instead] * len(chosen)
         for place, k in enumerate(chosen):
@@ -125,30 +135,56 @@ class Posterior:
         return names
 
 
-def whole_odds(kinds: Sequence[type[Effect]], alarm: float) -> list[float]:
-    """Return the log odds beforehand of the effect of each candidate, all its forms and places together.
+def log_prior_odds(kinds: Sequence[type[Effect]], alarm: float) -> list[float]:
+    """Compute the log prior odds of the effect of each candidate, all its forms and places together.
 
     Args:
         alarm: probability that noise alone is allowed to give a name.
     """
-    return [0.0 if kind.always_present else float(np.log(alarm * _odds(kind))) for kind in kinds]
+    return [0.0 if kind.always_present else float(np.log(alarm * ODDS)) for kind in kinds]
 
 
-def _odds(kind: type[Effect]) -> float:
-    if kind.name.startswith(COMPOSED):
-        return ODDS_OF_COMPOSED
-    return ODDS_OF_WATER if side_of(kind.name) == "water" and not issubclass(kind, ComposedEffect) else ODDS
+def log_shares(kinds: Sequence[type[Effect]]) -> list[float]:
+    """Divide the odds of a fault over the names that a record can test: the log share of each candidate's name.
+
+    Listed faults of compass and clock share alike what compositions leave; one of the reference is as likely as one
+    of them. What is always present has odds of one.
+    """
+    listed = {kind.name for kind in kinds if not (kind.always_present or kind.name.startswith(COMPOSED))}
+    own = [name for name in listed if side_of(name) in ("compass", "clock")]
+    unlisted = any(kind.name.startswith(COMPOSED) for kind in kinds)
+    each = (1.0 - UNLISTED * unlisted) / max(len(own), 1)
+    composed, other = (float(np.log(share)) for share in (UNLISTED, each))
+    return [0.0 if kind.always_present else composed if kind.name.startswith(COMPOSED) else other for kind in kinds]
+
+
+def log_prior(hypotheses: Sequence[Hypothesis], always: Sequence[bool], shares: Sequence[float], odds: float) -> Floats:
+    """Compute the log odds beforehand of hypotheses against none, (h,).
+
+    The shares of one effect sum to the odds of a fault; further ones come with the probability ``AGAIN`` each.
+
+    Args:
+        always: of each candidate whether it is always present.
+        shares: log share of each candidate.
+        odds: of any fault of compass or clock.
+    """
+    result = []
+    for hypothesis in hypotheses:
+        n = sum(not always[k] for k in hypothesis)
+        several = np.log(odds * (1.0 - AGAIN) * factorial(n)) + (n - 1) * np.log(AGAIN) if n else 0.0
+        result.append(float(several) + sum(shares[k] for k in hypothesis))
+    return np.array(result)
 
 
 def joint_odds(each: Sequence[float]) -> float:
-    """Return the log odds beforehand of several effects together, given those of each."""
+    """Compute the log prior odds of several effects together, given those of each."""
     return float(sum(each) + max(len(each) - 1, 0) * np.log(FURTHER))
 
 
 def _assignments(
     places: Sequence[int], come: Sequence[int], alike: Callable[[int, int], float]
 ) -> list[tuple[int, int]]:
-    """Return which newcomer stands in which place: those that are most alike."""
+    """Assign other effects to the places of those that they are most alike."""
     if not places or not come:
         return []
     size = min(len(places), len(come))
@@ -160,11 +196,11 @@ def _assignments(
     return max(tries, key=lambda pairs: sum(alike(place, k) for place, k in pairs))
 
 
-def _slot(effect: str, counter: Counter[str]) -> Slot:
+def _finding_posterior(effect: str, counter: Counter[str]) -> FindingPosterior:
     total = sum(counter.values())
     own, others, held = counter[effect] / total, {}, counter[effect] / total
     for name, weight in counter.most_common():
         if name != effect and held < SURE:
             others[name] = weight / total
             held += weight / total
-    return Slot(effect, own, others)
+    return FindingPosterior(effect, own, others)

@@ -19,6 +19,7 @@ from compasslib.effects.effect import Effect, parameter_slices
 from compasslib.inference import comparison, finding, omnibus, short_evidence, short_fit
 from compasslib.inference import posterior as posteriors
 from compasslib.inference.comparison import Options
+from compasslib.inference.covariates import hat_columns, standardize
 from compasslib.inference.design import ColumnGroup
 from compasslib.inference.diagnosis import Outcome
 from compasslib.inference.finding import (
@@ -31,7 +32,7 @@ from compasslib.inference.finding import (
     Unexplained,
 )
 from compasslib.inference.omnibus import OmnibusResult, ScoreTests, normal_score
-from compasslib.inference.posterior import FAR, MOST_TERMS, SURE, Hypothesis, Posterior, Slot
+from compasslib.inference.posterior import LOG_EVIDENCE_CUTOFF, MOST_TERMS, FindingPosterior, Hypothesis, Posterior
 from compasslib.inference.short_evidence import LOCAL_OFFSETS, ShortEvidence
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
 from compasslib.statistics.least_squares import robust_width
@@ -72,10 +73,10 @@ def omnibus_groups(now: FittedHypothesis) -> list[ColumnGroup]:
     for name, column in covariates.items():
         if name == "heading" or np.ptp(column) == 0.0:
             continue
-        hats = omnibus.hat_columns(column, min(omnibus.COVARIATE_KNOTS, max(3, most // 2)))
+        hats = hat_columns(column, min(omnibus.COVARIATE_KNOTS, max(3, most // 2)))
         groups.append(ColumnGroup(name, hats, covariates=(name,)))
         if heading is not None:
-            both = omnibus.fourier_columns(heading, range(1, 3)) * omnibus.standardize(column)[:, None]
+            both = omnibus.fourier_columns(heading, range(1, 3)) * standardize(column)[:, None]
             groups.append(ColumnGroup(f"heading x {name}", both, covariates=("heading", name)))
     return [group for group in groups if 0 < group.columns.shape[1] <= most]
 
@@ -165,7 +166,7 @@ class SearchResult:
     before: FittedHypothesis  # the base alone
     fitted: FittedHypothesis
     posterior: Posterior
-    slots: tuple[Slot, ...]
+    finding_posteriors: tuple[FindingPosterior, ...]
     alone: dict[str, tuple[float, float]]  # log evidence and visible size of each effect, alone
     omnibus: OmnibusResult  # what it leaves
 
@@ -187,7 +188,7 @@ class HypothesisSearch:
     def odds(self) -> list[float]:
         """Log odds beforehand of each kind."""
         forms = Counter(kind.name for kind in self.kinds)
-        whole = posteriors.whole_odds(self.kinds, PRIOR_FACTOR * self.alarm)
+        whole = posteriors.log_prior_odds(self.kinds, PRIOR_FACTOR * self.alarm)
         return [odds - float(np.log(forms[kind.name])) for odds, kind in zip(whole, self.kinds, strict=True)]
 
     def logs(self, uneven: float = 1.0) -> dict[Hypothesis, float]:
@@ -228,7 +229,7 @@ class HypothesisSearch:
                 short_evidence.likelihood_gains(base, memory, columns) for memory in (law, short_evidence.WHITE[0])
             )
             promised = logs[parent] + float(gains.max()) - PARAMETER_COST * len(kind.fitted()) + self.odds[k]
-            if parent and promised < max(logs.values()) - FAR:
+            if parent and promised < max(logs.values()) - LOG_EVIDENCE_CUTOFF:
                 continue
             refitted = self._place(base, terms, columns, plain)
             fitted = refitted.fitted.reordered(np.argsort((*parent, k)).tolist())
@@ -263,18 +264,18 @@ class HypothesisSearch:
     def posterior(self) -> Posterior:
         """Compute the posterior, noise as uneven as blocks of the likeliest hypothesis's residual."""
         logs = self.logs()
-        plausible = [
-            key for key, hypothesis in self.refitted.items() if all(t.plausible for t in hypothesis.fitted.terms)
+        possible = [
+            key for key, hypothesis in self.refitted.items() if all(t.possible for t in hypothesis.fitted.terms)
         ]
-        best = self.refitted[max(plausible, key=logs.__getitem__)]
+        best = self.refitted[max(possible, key=logs.__getitem__)]
         law = short_evidence.likeliest_law(self.channel, best.evidence)
         alone = [self.refitted[(k,)].fitted.terms[0] for k in range(len(self.kinds)) if (k,) in self.refitted]
         slow = [short_evidence.place_columns(best.fitted, [term.at(0.0 * term.values)])[:, 0] for term in alone]
         logs = self.logs(short_evidence.cluster_inflation(best.fitted, law, slow))
-        log_posterior = np.array([logs[key] for key in plausible])
+        log_posterior = np.array([logs[key] for key in possible])
         probability = np.exp(log_posterior - log_posterior.max())
-        prior = np.array([self.prior(key) for key in plausible])
-        return Posterior([kind.name for kind in self.kinds], plausible, probability / probability.sum(), prior)
+        prior = np.array([self.prior(key) for key in possible])
+        return Posterior([kind.name for kind in self.kinds], possible, probability / probability.sum(), prior)
 
     def alone(self) -> dict[str, tuple[float, float]]:
         """Compute log evidence and visible size of each effect beside the base alone, the best first."""
@@ -295,12 +296,12 @@ def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
     made = HypothesisSearch(channel, options.alarm)
     made.run()
     posterior_found = made.posterior()
-    chosen = posterior_found.of_at_least(SURE)
+    chosen = posterior_found.likeliest_of(posterior_found.count_of(finding.SURE))
     fitted = made.refitted[chosen].fitted
-    slots = tuple(posterior_found.slots(chosen, instead=None))
+    finding_posteriors = tuple(posterior_found.finding_posteriors(chosen, instead=None))
     tested = score_tests(fitted, fitted, omnibus_groups(fitted), seed=99)
     remainder = omnibus.omnibus_test(tested, options.alarm, partial(group_size_deg, fitted), options.min_effect_deg)
-    return SearchResult(made.refitted[()].fitted, fitted, posterior_found, slots, made.alone(), remainder)
+    return SearchResult(made.refitted[()].fitted, fitted, posterior_found, finding_posteriors, made.alone(), remainder)
 
 
 def _refine_places(fitted: FittedHypothesis) -> FittedHypothesis:
@@ -334,7 +335,7 @@ def build_outcome(named: SearchResult) -> Outcome:
         comparison=channel,
         posterior=named.posterior,
         findings=findings,
-        slots=tuple(named.slots[k] for k in named_terms),
+        finding_posteriors=tuple(named.finding_posteriors[k] for k in named_terms),
         left=_unexplained_mismatch(named, [item.effect for item in findings]),
         small=named.omnibus.small,
         curves=curves,
@@ -350,7 +351,7 @@ def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
     return comparison.build_finding(
         channel,
         term,
-        _slot_probabilities(named.slots[k], channel),
+        _slot_probabilities(named.finding_posteriors[k], channel),
         _parameters(fitted, k, covariance),
         size_deg=short_fit.visible_size_deg(fitted, k),
         proof=held_out(fitted, k),
@@ -358,7 +359,7 @@ def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
     )
 
 
-def _slot_probabilities(slot: Slot, channel: ShortComparison) -> dict[str, float]:
+def _slot_probabilities(slot: FindingPosterior, channel: ShortComparison) -> dict[str, float]:
     """Give the probability of an effect and its alternatives; what looks the same here has equal shares."""
     shared: dict[str, float] = {}
     for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():

@@ -94,6 +94,29 @@ def finding_text(
     return begin + shown + others
 
 
+def level_text(level: str | None, probability: float | None, side: str, driver: str) -> str:
+    """State what is established where the effect itself is not: side and driver; nothing where it is."""
+    if level == "effect":
+        return ""
+    if level is None or probability is None:
+        return " Not even the side on which it acts is established."
+    how = f", driven by {driver.replace('_', ' ')}" if level == "driver" and driver else ""
+    return f" Established (P = {probability:.2f}): it acts on the {side}{how}."
+
+
+def amplitude_text(amplitude: Mapping[str, float] | None, heading_error_deg: float | None) -> str:
+    """State the size on held-out days beside what other days predict, and what leaving an effect out would do."""
+    texts = []
+    if amplitude is not None:
+        texts.append(
+            " There its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %) where the other days predict "
+            "{fitted_elsewhere:.1f}°.".format(**amplitude)
+        )
+    if heading_error_deg is not None:
+        texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")
+    return "".join(texts)
+
+
 def shared_finding_text(
     effect: str,
     alternatives: Sequence[str],

@@ -36,6 +36,7 @@ def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[Rep
         facts = words.facts("diagnosis", "facts", e=entry, product=product, **given)
         fitted = sections.table("diagnosis", "parameters", e=entry, known=meanings(entry["effect"]))
         findings.append(ReportedFinding(title[0].upper() + title[1:], entry["text"], facts, next(iter(fitted), None)))
+    findings += [ReportedFinding("Current", entry["text"], ()) for entry in diagnosis.get("current") or ()]
     if left := diagnosis["unexplained"]:
         facts = words.facts("diagnosis", "facts", e=left, product=product, alternatives=(), formula="")
         findings.append(ReportedFinding("Unexplained", left["text"], facts))

@@ -54,4 +54,4 @@ def chosen(settings: Mapping[str, Any]) -> Options | None:
 
     if not settings["enabled"]:
         return None
-    return Options(min_effect_deg=float(settings["min_effect_deg"]), apply=bool(settings["apply"]))
+    return Options(**{name: value for name, value in settings.items() if name != "enabled"})

@@ -1,0 +1,104 @@
+"""The temperature of all evidence, chosen on simulated moorings with one family of effects left out in turn.
+
+    python benchmarks/temperature.py 58 6262 --rows PATH    58 moorings by seed 6262; a cut run goes on
+
+A mooring has nothing, a listed effect or one that nobody listed (families.py), in a plain sea or in one that veers
+slowly. Each is inferred once; its posterior is computed anew at every temperature. The score is the log score of the
+statement that compass or clock are at fault, and of the statement of each driver that has 5 % or more. The temperature
+of the search was frozen on seeds that measure nothing else.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import discrepancy as bench
+import families
+import numpy as np
+import targets
+
+from compasslib.inference import design, inference
+from compasslib.inference.comparison import compare_pairs
+from compasslib.inference.finding import TILTS
+from tests.world import pairs as sea
+
+GRID = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0)
+SIZES = (3.0, 1.5)
+LEAST, WORST = 0.05, 1e-4  # probability of a driver that is scored; below which nothing is punished further
+KEPT = 25  # kinds of slow water
+DRIVERS = {kind.name: TILTS.get(kind.driver, kind.driver) for kind in reversed(bench.CATALOGUE)}
+
+
+def draw(index: int, seed: int) -> tuple[sea.Drawn, str, set[str]]:
+    """Return a mooring, the family of what was planted, and the drivers that are right for it."""
+    own, red, size = 100_000 * seed + index, index % 2 == 1, SIZES[index // 6 % 2]
+    slow = sea.some_slow_water(np.random.default_rng(own)) if red else None
+    world = sea.make(own, wide=index % 3 == 2, slow_water=slow)
+    if index % 3 == 0:
+        return sea.planted(world, {}), "nothing", set()
+    if index % 3 == 1:
+        names = [name for name in bench.SINGLES if sea.FAMILIES[name] != "water"]
+        name = names[index // 3 % len(names)]
+        return sea.planted(world, {name: size}), name, {DRIVERS[name]}
+    inside = [name for name in families.FAMILIES if name not in ("tide", "deep", "beams_by_depth", "veer_limit")]
+    name = inside[index // 3 % len(inside)]
+    effect, right = families.FAMILIES[name](world)
+    drivers = {TILTS.get(driver, driver) for _, driver, _ in right}
+    return sea.planted(world, {name: 2.0 * size}, {name: effect}), name, drivers
+
+
+def measure(index: int, seed: int) -> dict:
+    """Return one row: scores of the fault and of drivers at each temperature."""
+    drawn, family, right = draw(index, seed)
+    case = compare_pairs(drawn.pairs, drawn.covariates, bench.fitted(drawn), bench.field_of(drawn))
+    empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    found = inference.infer(design.refit(empty, []), 1.0).posterior
+    candidates, kinds = found.candidates, found.candidates.kinds
+    waters = [found.waters[i] for i in np.argsort(-found.water_probability)[:KEPT]]
+    tried = candidates.index(found.hypotheses)
+    table = [
+        products.log_likelihood + candidates.log_evidence(products, tried, found.best)
+        for products in map(candidates.marginalize, waters)
+    ]
+    water = np.array([[0.0 if one is None else one.log_prior] for one in waters])
+    acting = [{TILTS.get(kinds[k].driver, kinds[k].driver) for k in one} for one in found.hypotheses]
+    fault = np.array([any(kinds[k].side in ("compass", "clock") for k in one) for one in found.hypotheses])
+    scores = []
+    for eta in GRID:
+        log = eta * np.array(table) + water + found.prior
+        probability = np.exp(log - log.max()).sum(axis=0)
+        probability /= probability.sum()
+        told = {name: probability[[name in one for one in acting]].sum() for name in set().union(*acting)}
+        each = [score(p, name in right) for name, p in told.items() if p >= LEAST]
+        scores.append([score(probability[fault].sum(), bool(right)), float(np.mean(each)) if each else 0.0])
+    return {"index": index, "family": family, "scores": scores}
+
+
+def score(stated: float, came: bool) -> float:
+    return float(-np.log(max(stated if came else 1.0 - stated, WORST)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("moorings", type=int)
+    parser.add_argument("seed", type=int)
+    parser.add_argument("--rows", type=Path)
+    asked = parser.parse_args()
+    wanted = [(index,) for index in range(asked.moorings)]
+    rows = targets.resumed(asked.rows, {"seed": asked.seed}, wanted, lambda index: measure(index, asked.seed))
+    each = np.array([row["scores"] for row in rows])
+    family = np.array([row["family"] for row in rows])
+    targets.head("temperature", "log score of faults, nats", "of drivers", "both")
+    for eta, (fault, driver) in zip(GRID, each.mean(axis=0), strict=True):
+        targets.line(f"{eta:g}", f"{fault:.3f}", f"{driver:.3f}", f"{fault + driver:.3f}")
+    both = each.sum(axis=2)
+    chosen = {name: GRID[int(np.argmin(both[family != name].mean(axis=0)))] for name in dict.fromkeys(family)}
+    left_out = np.array([both[k, GRID.index(chosen[name])] for k, name in enumerate(family)])
+    targets.line("chosen without each family", " ".join(f"{eta:g}" for eta in sorted(chosen.values())))
+    gained = targets.mean("gained on 1, families left out, nats", both[:, -1] - left_out, least=0.0)
+    targets.line(gained.what, gained.value, gained.verdict)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,225 @@
+"""The current between the two depths: part of the noise beside every hypothesis, and what is stated of it.
+
+Directions of two depths differ with the speed, depth, tide and direction of the flow, with the mooring's own motion,
+and by errors of the velocity measurement (bias, beam gain). None of it turns a heading. All of these columns are
+Gaussian of a usual size in the noise of every hypothesis; which of them are there, and how large, is asked beside the
+likeliest one: by that a compass is refitted.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.effects.effect import USUAL_DEG, Effect
+from compasslib.inference import covariates
+from compasslib.inference.comparison import TIDE_RESOLVING_STEP_S, LongComparison, tide_waves
+from compasslib.inference.finding import SURE
+from compasslib.types import Floats
+
+KNOTS = 6  # of a directional shear along speed or depth
+USUAL_TIDE_DEG = 2.0  # of one wave of a tide's directional shear
+PRESENT = 0.5  # probability from which a driver is taken to act where a compass is refitted
+COUPLED = frozenset({"speed", "depth", "separation"})  # vary together as a mooring is blown down
+VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # with what they may change
+DRAWS, SEED = 2000, 5  # of the current's size: a probability of 0.95 within 0.5 %
+LEAST_SPREAD = 1e-6  # degrees of a column that says nothing
+WORDS = {
+    "speed": "with the speed of the flow",
+    "depth": "with depth",
+    "separation": "with the distance between the two layers",
+    "tide": "with the tide",
+    "flow_direction": "with the direction of the flow",
+    "motion": "as the mooring's own motion makes them",
+    "velocity_bias": "as a constant velocity in the instrument's frame makes them",
+    "beam_gain": "as unequal gain of the beam pairs makes them",
+}
+NO_SUCH = "The simulation assumed none."
+ON_VELOCITY = "It acts on the velocity, not on the heading: headings are unchanged, their uncertainty includes it."
+RIVAL = (
+    "A compass whose reading follows {driver}, or what varies with it, would show nearly the same (P = {rival:.2f}): "
+    "headings are the average of both by these probabilities, their uncertainty includes the difference. "
+    "{separated_by} would separate them."
+)
+SEPARATED_BY = "a second current meter at the depth of the affected instrument"
+CONTESTED = 0.05  # probability of the compass from which a statement on the current is contested
+
+
+@dataclass(frozen=True)
+class CurrentBlock:
+    """Columns of one driver, at their usual sizes."""
+
+    driver: str
+    columns: Floats  # (n, k) degrees for one standard deviation
+
+
+@dataclass(frozen=True)
+class CurrentStatement:
+    """What the current, or the velocity measurement, does and the simulation assumed it would not."""
+
+    driver: str | None  # None: the side alone is established
+    probability: float  # that it exceeds the size that matters
+    size_deg: float
+    low_deg: float
+    high_deg: float
+    text: str
+    held_out: dict[str, Any] | None = None
+
+    def contested(self, rival: float, followed: str) -> CurrentStatement:
+        """Lower the probability by that of a compass whose reading follows the driver, and say so.
+
+        Args:
+            rival: probability of such a compass.
+            followed: driver that its reading follows.
+        """
+        if rival < CONTESTED:
+            return self
+        left = self.probability * (1.0 - rival)
+        text = _text(self.driver, left, (self.size_deg, self.low_deg, self.high_deg))
+        said = RIVAL.format(driver=followed, rival=rival, separated_by=SEPARATED_BY.capitalize())
+        return replace(self, probability=left, text=f"{text} {NO_SUCH} {said}")
+
+    def to_json(self) -> dict[str, Any]:
+        """Encode an entry of ``current`` in diagnosis.json."""
+        return {
+            "level": "side" if self.driver is None else "driver",
+            "driver": self.driver,
+            "probability": self.probability,
+            "size": self.size_deg,
+            "unit": "degrees",
+            "low": self.low_deg,
+            "high": self.high_deg,
+            "heldout": self.held_out,
+            "text": self.text,
+        }
+
+
+def coupled_drivers(driver: str) -> frozenset[str]:
+    """Collect the drivers of the current that are not separated from a driver."""
+    return COUPLED if driver in COUPLED else frozenset({driver})
+
+
+def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
+    """Build the columns of the current of a mooring, by driver."""
+    columns: dict[str, list[Floats]] = {}
+    for name in ("speed", "depth"):
+        if name in case.covariates:
+            hats = covariates.hat_columns(case.covariates[name], KNOTS)
+            columns[name] = [USUAL_DEG * (hats - hats.mean(axis=0))]
+    if np.median(np.diff(case.scene.time_s)) < TIDE_RESOLVING_STEP_S:
+        columns["tide"] = [USUAL_TIDE_DEG * tide_waves(case.scene.time_s)]
+    for kind in case.terms:
+        if kind.side == "water" and kind.driver not in ("speed", "depth"):
+            turn = _usual_turn(kind, case)
+            columns.setdefault(kind.driver, []).append(turn)
+            if kind.driver in VELOCITY_ERRORS:
+                columns[kind.driver] += [turn * covariates.standardize(x)[:, None] for x in _modulators(case)]
+    blocks = [CurrentBlock(driver, np.concatenate(each, axis=1)) for driver, each in columns.items()]
+    return tuple(block for block in blocks if np.max(block.columns.std(axis=0), initial=0.0) > LEAST_SPREAD)
+
+
+def _modulators(case: LongComparison) -> list[Floats]:
+    """Collect the series along which an error of the velocity measurement may change, (n,) each."""
+    series = case.scene.departures
+    return [series[name] for name in MODULATORS if name in series and np.std(series[name]) > LEAST_SPREAD]
+
+
+def _usual_turn(kind: type[Effect], case: LongComparison) -> Floats:
+    """Compute the turn by each parameter at its usual size, (n, k) degrees."""
+    still = np.zeros(len(case))
+    unit = np.eye(len(kind.fitted()))
+    columns = np.stack([kind().at(values).apply(still, case.scene) for values in unit], axis=1)
+    turn = np.sqrt(np.mean(columns**2, axis=0))
+    usual = kind.expected()
+    with np.errstate(divide="ignore"):
+        size = np.where(usual > 0.0, usual**-0.5, USUAL_DEG / np.maximum(turn, 1e-12))
+    return np.asarray(columns * np.where(turn > 0.0, size, 0.0))
+
+
+@dataclass(frozen=True)
+class CurrentPosterior:
+    """Which drivers act, and by how much: every subset is weighed, sizes are drawn from the mixture."""
+
+    drivers: tuple[str, ...]  # of each column, (p,)
+    values: Floats  # (d, p) drawn, in usual sizes
+
+    @property
+    def variances(self) -> Floats:
+        """The variance about none of each coefficient whose driver is there rather than not, 0 of the others, (p,).
+
+        One that is hardly there would widen a compass by all that it might do in the directions that nothing shows.
+        """
+        present = np.mean(self.values != 0.0, axis=0) >= PRESENT
+        return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
+
+    def state(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
+        """State what the current does: the probability that it exceeds a size, and by which drivers.
+
+        Args:
+            visible: mean products of the columns, what the compass can take projected out, square degrees, (p, p).
+            min_effect_deg: rms below which nothing matters.
+        """
+        whole = _sizes(self.values, visible)
+        probability = float(np.mean(whole > min_effect_deg))
+        if probability < SURE:
+            return probability, ()
+        stated = []
+        for name in dict.fromkeys(self.drivers):
+            sizes = _sizes(self.values * [driver == name for driver in self.drivers], visible)
+            if np.mean(sizes > min_effect_deg) >= SURE:
+                stated.append(_statement(name, float(np.mean(sizes > min_effect_deg)), sizes[sizes > min_effect_deg]))
+        return probability, tuple(stated) or (_statement(None, probability, whole),)
+
+
+def infer_current(drivers: Sequence[str], information: Floats, score: Floats) -> CurrentPosterior:
+    """Infer which drivers of the current act.
+
+    Args:
+        drivers: of each column, (p,).
+        information: products of the columns, all other unknowns integrated over, in units of the noise, (p, p).
+        score: products with the residual, (p,).
+    """
+    names = list(dict.fromkeys(drivers))
+    at = np.array([names.index(driver) for driver in drivers])
+    subsets = [np.flatnonzero(np.array(subset)[at]) for subset in itertools.product((False, True), repeat=len(names))]
+    fits = [_fitted(columns, information, score) for columns in subsets]
+    log = np.array([fit[2] for fit in fits])  # drivers are there as probably as not
+    weight = np.exp(log - log.max())
+    rng, values = np.random.default_rng(SEED), np.zeros((DRAWS, len(at)))
+    chosen = rng.choice(len(subsets), DRAWS, p=weight / weight.sum())
+    for k in np.unique(chosen):
+        mine, (mean, root, _) = np.flatnonzero(chosen == k), fits[k]
+        values[np.ix_(mine, subsets[k])] = mean + rng.normal(size=(len(mine), len(mean))) @ root.T
+    return CurrentPosterior(tuple(drivers), values)
+
+
+def _fitted(columns: NDArray[np.intp], information: Floats, score: Floats) -> tuple[Floats, Floats, float]:
+    """Fit some columns of usual size: mean, root of the covariance, and log evidence."""
+    lower = np.linalg.cholesky(information[np.ix_(columns, columns)] + np.eye(len(columns)))
+    half = np.linalg.solve(lower, score[columns])
+    root = np.linalg.inv(lower).T
+    return root @ half, root, float(0.5 * half @ half - np.sum(np.log(np.diag(lower))))
+
+
+def _sizes(values: Floats, visible: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.maximum(np.einsum("di,ij,dj->d", values, visible, values), 0.0)))
+
+
+def _statement(driver: str | None, probability: float, sizes: Floats) -> CurrentStatement:
+    size, low, high = (float(x) for x in np.quantile(sizes, [0.5, 0.025, 0.975]))
+    text = f"{_text(driver, probability, (size, low, high))} {NO_SUCH} {ON_VELOCITY}"
+    return CurrentStatement(driver, probability, size, low, high, text)
+
+
+def _text(driver: str | None, probability: float, sizes_deg: tuple[float, float, float]) -> str:
+    size, low, high = sizes_deg
+    how = f", {WORDS.get(driver, f'with {driver}')}" if driver else ""
+    return (
+        f"Directions at the two depths differ by {size:.1f}° rms ({low:.1f} to {high:.1f}°, 95 %){how} "
+        f"(P = {probability:.2f})."
+    )

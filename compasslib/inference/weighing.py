@@ -1,0 +1,275 @@
+"""The posterior of all hypotheses, slow noise marginalized, and how large an effect must be to be stated."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compasslib.effects import COMPOSED, SLOW_WATER, Effect
+from compasslib.inference.current import coupled_drivers
+from compasslib.inference.design import Products
+from compasslib.inference.evidence import TEMPERATURE, Candidates
+from compasslib.inference.noise import SlowNoiseParams
+from compasslib.inference.posterior import (
+    AGAIN,
+    LOG_EVIDENCE_CUTOFF,
+    MOST_TERMS,
+    UNLISTED,
+    FindingPosterior,
+    Hypothesis,
+    Posterior,
+    log_prior,
+    log_shares,
+)
+from compasslib.statistics.whitening import scaled_inverse
+from compasslib.types import Floats
+
+NINE_IN_TEN = 1.28  # normal score of it
+NEIGHBOURS = 3  # dates that do about as well as the right one
+MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40  # kept of each: seconds and memory
+LIKELY = 25  # effects, in calm and in rough water, beside which every kind of water is tried
+STATED = 3.0  # Bayes factor of tempered evidence from which an effect is stated; at most 0.3 for 12 nulls
+
+
+@dataclass(frozen=True)
+class NoiseMarginalPosterior(Posterior):
+    """Hypotheses with their probabilities, beside slow water of unknown size and memory."""
+
+    candidates: Candidates
+    waters: list[SlowNoiseParams | None]
+    by_water: Floats  # (w, h) joint, sums to 1
+    odds: float  # of a fault of compass or clock, beforehand
+
+    @property
+    def water_probability(self) -> Floats:
+        """Probability of each kind of water, (w,)."""
+        return np.asarray(self.by_water.sum(axis=1))
+
+    @property
+    def counts(self) -> list[int]:
+        """The number of effects of each hypothesis, those left out that are always present."""
+        kinds = self.candidates.kinds
+        return [sum(not kinds[k].always_present for k in hypothesis) for hypothesis in self.hypotheses]
+
+    @property
+    def stated_count(self) -> int:
+        """The number of effects for which the Bayes factor against one less is large enough."""
+        count = np.array(self.counts)
+        held = [float(self.probability[count == k].sum()) for k in range(MOST_TERMS + 1)]
+        stated = 0
+        for k in range(1, MOST_TERMS + 1):
+            beforehand = self.odds if k == 1 else AGAIN / (1.0 - AGAIN)
+            if sum(held[k:]) < STATED * beforehand * held[k - 1]:
+                break
+            stated = k
+        return stated
+
+    def water_of(self, hypothesis: Hypothesis) -> SlowNoiseParams | None:
+        """Select the likeliest slow water under a hypothesis, or under those that contain it where it was not kept."""
+        at = [k for k, other in enumerate(self.hypotheses) if other == hypothesis]
+        at = at or [k for k, other in enumerate(self.hypotheses) if set(hypothesis) <= set(other)]
+        return self.waters[int(np.argmax(self.by_water[:, at].sum(axis=1)))]
+
+    def terms_of(self, hypothesis: Hypothesis) -> list[Effect]:
+        """Make the terms of a hypothesis at their likeliest values beside its likeliest slow water."""
+        absent = self.candidates.rivals(hypothesis)
+        return self.candidates.terms(self.candidates.marginalize(self.water_of(hypothesis), absent), hypothesis)
+
+    def rival_reading(self, driver: str | None) -> tuple[float, str]:
+        """Compute the probability that the reading follows a driver instead of the current, and name what it follows.
+
+        Args:
+            driver: of the current; any where None.
+        """
+        kinds, sums = self.candidates.kinds, Counter[str]()
+        for hypothesis, probability in zip(self.hypotheses, self.probability.tolist(), strict=True):
+            followed = {kinds[k].driver for k in hypothesis if k in self.candidates.currents}
+            sums.update({name: probability for name in followed if driver is None or driver in coupled_drivers(name)})
+        return min(sum(sums.values()), 1.0), max(sums, key=lambda name: sums[name], default="")
+
+    def findings_of(self, chosen: Hypothesis) -> list[FindingPosterior]:
+        """Weigh what may stand in the place of each effect of a hypothesis, slow water where none does."""
+        products = self.candidates.marginalize(self.water_of(chosen))
+        return self.finding_posteriors(
+            chosen, instead=SLOW_WATER, alike=lambda a, b: _alike(self.candidates, products, a, b)
+        )
+
+
+def compute_posterior(
+    candidates: Candidates, odds: float, waters: Sequence[SlowNoiseParams | None]
+) -> NoiseMarginalPosterior:
+    """Compute the posterior of all hypotheses.
+
+    Args:
+        odds: prior odds of a fault of compass or clock.
+        waters: parameters of slow water that are summed over.
+    """
+    shares = [name + form for name, form in zip(log_shares(candidates.kinds), candidates.shares, strict=True)]
+    always = [kind.always_present for kind in candidates.kinds]
+
+    def prior(hypotheses: Sequence[Hypothesis]) -> Floats:
+        return log_prior(hypotheses, always, shares, odds)
+
+    best: Hypothesis = ()
+    rivalry: Floats = np.zeros(len(candidates.groups))
+
+    def scored(hypotheses: Sequence[Hypothesis], some: Sequence[int]) -> Floats:
+        rivals = [max((rivalry[k] for k in each if k in candidates.currents), default=0.0) for each in hypotheses]
+        return log_joint(candidates, hypotheses, [waters[i] for i in some], best) + prior(hypotheses) + rivals
+
+    alone: list[Hypothesis] = [(), *((k,) for k in range(len(candidates.groups)))]
+    calm_and_rough = scored(alone, sorted({0, len(waters) - 1}))
+    some = sorted({*candidates.currents, *(int(k) for row in calm_and_rough[:, 1:] for k in np.argsort(-row)[:LIKELY])})
+    few: list[Hypothesis] = [(), *((k,) for k in some)]
+    table = log_joint(candidates.subset(some), [(), *((k,) for k in range(len(some)))], waters) + prior(few)
+    kept = _within_cutoff(table.max(axis=1), MOST_WATERS)
+    modes = sorted({int(np.argmax(table.max(axis=1))), int(np.argmax(table[:, 0]))})
+    rivalry = log_rivalry(candidates, waters[int(np.argmax(table[:, 0]))])
+    best = few[int(np.argmax(table[modes].max(axis=0)))]
+    near = _best_of(candidates, itertools.combinations(range(len(candidates.groups)), 2), MOST_PAIRS, scored, modes)
+    near += _best_of(candidates, _joined(candidates, near[:JOINED]), MOST_TRIPLES, scored, modes)
+    every = [*alone, *near]
+    best = every[int(np.argmax(scored(every, modes).max(axis=0)))]
+    joint = scored(every, kept)
+    products = candidates.marginalize(waters[kept[int(np.argmax(joint.max(axis=1)))]])
+    joint[
+        :, [not all(term.possible for term in candidates.terms(products, hypothesis)) for hypothesis in every]
+    ] = -np.inf
+    joint = np.exp(joint - joint.max())
+    joint /= joint.sum()
+    names, likely = [group.name for group in candidates.groups], [waters[i] for i in kept]
+    return NoiseMarginalPosterior(names, every, joint.sum(axis=0), prior(every), candidates, likely, joint, odds)
+
+
+def average_posteriors(
+    first: NoiseMarginalPosterior, second: NoiseMarginalPosterior, share: float
+) -> NoiseMarginalPosterior:
+    """Average two posteriors of one recording, linearized at two hypotheses.
+
+    Args:
+        first: whose candidates are kept.
+        share: weight of the first.
+    """
+    every = list(dict.fromkeys([*first.hypotheses, *second.hypotheses]))
+    place = {hypothesis: k for k, hypothesis in enumerate(every)}
+    rows, prior = [], np.zeros(len(every))
+    for each, weight in ((first, share), (second, 1.0 - share)):
+        at = [place[hypothesis] for hypothesis in each.hypotheses]
+        rows.append(np.zeros((len(each.waters), len(every))))
+        rows[-1][:, at] = weight * each.by_water
+        prior[at] = each.prior
+    joint = np.concatenate(rows)
+    waters = [*first.waters, *second.waters]
+    return NoiseMarginalPosterior(
+        first.effects, every, joint.sum(axis=0), prior, first.candidates, waters, joint, first.odds
+    )
+
+
+def log_joint(
+    candidates: Candidates,
+    hypotheses: Sequence[Hypothesis],
+    waters: Sequence[SlowNoiseParams | None],
+    best: Hypothesis = (),
+) -> Floats:
+    """Compute the tempered log likelihood of each hypothesis with each slow water, times the water's prior, (w, h).
+
+    Args:
+        best: the most probable hypothesis so far, see ``Candidates.log_evidence``.
+    """
+    index, rows = candidates.index(hypotheses), []
+    for water in waters:
+        products = candidates.marginalize(water)
+        evidence = products.log_likelihood + candidates.log_evidence(products, index, best)
+        rows.append(TEMPERATURE * evidence + (0.0 if water is None else water.log_prior))
+    return np.array(rows)
+
+
+def log_rivalry(candidates: Candidates, water: SlowNoiseParams | None) -> Floats:
+    """Compute by how much a reading that follows a driver of the current is likelier without that current, (g,).
+
+    Beside the current such a reading shows nothing: both are nearly the same column. A driver is therefore taken to
+    act on one of them. The current follows it in the reading's own form or in any other, each as likely beforehand as
+    the reading does at odds of one.
+    """
+    result = np.zeros(len(candidates.groups))
+    every = [candidates.currents.get(k, part) for k, part in enumerate(candidates.parts)]
+    of_current = replace(candidates, parts=every)
+    beside = candidates.marginalize(water)
+    for drivers in {coupled_drivers(candidates.kinds[k].driver) for k in candidates.currents}:
+        rivals = [k for k in candidates.currents if candidates.kinds[k].driver in drivers]
+        alone, without = candidates.index([(k,) for k in rivals]), candidates.marginalize(water, drivers)
+        share = np.log(UNLISTED * (1.0 - AGAIN)) + np.array([candidates.shares[k] for k in rivals])
+        both = TEMPERATURE * candidates.log_evidence(beside, alone)
+        change = TEMPERATURE * (without.log_likelihood - beside.log_likelihood)  # where nothing follows the driver
+        reading = TEMPERATURE * candidates.log_evidence(without, alone) + change
+        same_form = TEMPERATURE * of_current.log_evidence(without, of_current.index([(k,) for k in rivals])) + change
+        total = np.logaddexp.reduce(share)
+        current = np.logaddexp(total, np.logaddexp.reduce(share + same_form))
+        result[rivals] = np.logaddexp(reading, current + both) - np.logaddexp(change, current) - both
+    return result
+
+
+def likeliest_water(candidates: Candidates, waters: Sequence[SlowNoiseParams | None]) -> SlowNoiseParams | None:
+    """Select the slow water that makes a recording of no effect likeliest."""
+    none = candidates.subset([])
+    scores = [0.0 if water is None else none.marginalize(water).log_likelihood + water.log_prior for water in waters]
+    return waters[int(np.argmax(scores))]
+
+
+def detection_limits(posterior: NoiseMarginalPosterior) -> dict[str, float]:
+    """Compute the visible size at which each effect would be stated nine times in ten, rms degrees.
+
+    Of an effect with several forms or dates it is the middle one.
+    """
+    candidates = posterior.candidates
+    products = candidates.marginalize(posterior.water_of(posterior.best))
+    taken = {candidates.groups[k].name for k in posterior.best}
+    sizes: dict[str, list[float]] = {}
+    for k, group in enumerate(candidates.groups):
+        part = candidates.parts[k]
+        information = products.information[np.ix_(part, part)] / candidates.uneven[k]
+        share = float(posterior.prior[posterior.hypotheses.index((k,))]) - np.log(posterior.odds)
+        alike = min(candidates.kinds.count(candidates.kinds[k]), NEIGHBOURS)
+        charge = (np.log(STATED / alike) - share) / TEMPERATURE
+        needed = np.sqrt(2.0 * (charge + 0.5 * np.linalg.slogdet(information + np.eye(len(part)))[1]))
+        unit = np.trace(scaled_inverse(information) @ candidates.visible[np.ix_(part, part)]) / len(part)
+        if group.name not in taken and not group.name.startswith(COMPOSED):
+            sizes.setdefault(group.name, []).append((needed + NINE_IN_TEN) * float(np.sqrt(unit)))
+    return {name: float(np.median(size)) for name, size in sizes.items()}
+
+
+def _alike(candidates: Candidates, products: Products, a: int, b: int) -> float:
+    """Measure how much two candidates' columns have in common, 0 to 1."""
+    first, second = candidates.parts[a], candidates.parts[b]
+    size = [np.trace(products.information[np.ix_(part, part)]) for part in (first, second)]
+    return float(np.sum(products.information[np.ix_(first, second)] ** 2) / max(size[0] * size[1], 1e-300))
+
+
+def _is_admissible(candidates: Candidates, hypothesis: Hypothesis) -> bool:
+    """Check that no effect stands twice in a hypothesis."""
+    return len({candidates.groups[k].name for k in hypothesis}) == len(hypothesis)
+
+
+def _joined(candidates: Candidates, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
+    return sorted({tuple(sorted((*pair, k))) for pair in pairs for k in range(len(candidates.groups)) if k not in pair})
+
+
+def _within_cutoff(scores: Floats, most: int) -> list[int]:
+    order = np.argsort(-scores)[:most]
+    return [int(i) for i in order if scores[i] > scores[order[0]] - LOG_EVIDENCE_CUTOFF]
+
+
+def _best_of(
+    candidates: Candidates,
+    hypotheses: Iterable[Hypothesis],
+    most: int,
+    scored: Callable[[Sequence[Hypothesis], Sequence[int]], Floats],
+    waters: Sequence[int],
+) -> list[Hypothesis]:
+    """Select the likeliest of some hypotheses under any of some waters."""
+    admissible = [hypothesis for hypothesis in hypotheses if _is_admissible(candidates, hypothesis)]
+    return [admissible[i] for i in _within_cutoff(scored(admissible, waters).max(axis=0), most)] if admissible else []
