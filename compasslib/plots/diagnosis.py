@@ -1,6 +1,7 @@
 """The diagnosis of a mooring or of a calibration: the residual by covariate, before and after the identified effects.
 
-Below it the same on held-out data, and for a calibration the log evidence of each effect alone.
+Below it the size of each effect on days that were left out beside what the other days predict, and the heading error
+without it; for a calibration the residual on held-out data and the log evidence of each effect alone.
 """
 
 from __future__ import annotations
@@ -37,6 +38,14 @@ NAMES_OF_CALIBRATIONS = {
 BEFORE: dict[str, Any] = {"color": RECORDED, "marker": "o", "markersize": 3.0, "linestyle": ""}
 AFTER: dict[str, Any] = {"color": CORRECTED, "marker": "s", "markersize": 3.0, "linestyle": ""}
 EFFECT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
+SIZES: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"color": CORRECTED, "marker": "s", "markersize": 4.0, "linestyle": ""}, "size on left-out days, 95 %"),
+    (
+        {"color": BLACK, "marker": "o", "markersize": 5.0, "markerfacecolor": "none", "linestyle": ""},
+        "as others predict",
+    ),
+    ({"color": VERMILION, "marker": "D", "markersize": 4.0, "linestyle": ""}, "heading error without it"),
+)
 BAND: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
 
 
@@ -82,9 +91,13 @@ def _draw(
         if not heights:
             empty(panels[0], "no effect identified")
         for curve in curves:
-            _residual(panels.pop(0), curve, _label(curve["covariate"], *said), reach)
+            axes = panels.pop(0)
+            _residual(axes, curve, _label(curve["covariate"], *said), reach)
+            if curve["covariate"] == "time" and reach is not None:
+                _mark_dates(axes, diagnosis["findings"])
+        sized = [entry for entry in proven if entry["heldout"].get("amplitude_deg")]
         if proven:
-            _held_out(panels.pop(0), proven, short)
+            (_sizes if len(sized) == len(proven) else _held_out)(panels.pop(0), proven, short)
         if ranked:
             _ranking(panels.pop(0), ranked, full, [entry["effect"] for entry in diagnosis["findings"]])
         handles = [Line2D([], [], **AFTER, label="residual of the fit")]
@@ -93,7 +106,8 @@ def _draw(
             handles.append(Line2D([], [], **AFTER, label="after (effects included)"))
             handles += [Line2D([], [], **EFFECT, label="identified effect")] if curves else []
         noise = [Patch(**BAND, label="95 % range of noise")] if curves else []
-        legend(figure, [*handles, *noise] if curves or proven else [])
+        of_sizes = [Line2D([], [], **look, label=label) for look, label in SIZES] if proven and sized == proven else []
+        legend(figure, [*handles, *noise, *of_sizes] if curves or proven else [])
 
 
 def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | None) -> None:
@@ -128,6 +142,15 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
         degrees(axes.xaxis, (0.0, 360.0))
 
 
+def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> None:
+    """Mark when effects begin or end within the record."""
+    low, high = axes.get_xlim()
+    for text in {entry["when"][end] for entry in findings for end in ("from", "to") if entry.get("when")}:
+        day = np.datetime64(text.removesuffix("Z")).astype("datetime64[s]").astype(float) / 86400.0
+        if low + 0.02 * (high - low) < day < high - 0.02 * (high - low):
+            axes.axvline(day, color=BLACK, linestyle=":", linewidth=1.0)
+
+
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
     """Collect centre, residual before and after, and standard error of each bin, (n,) each, by rising centre."""
     names = ("centre", "before_deg", "after_deg", "sigma_deg")
@@ -147,6 +170,21 @@ def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -
 def _simultaneous(bins: int) -> float:
     """Compute the half-width, in standard errors, of a simultaneous 95 % band over all bins (Šidák)."""
     return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / max(bins, 1)))
+
+
+def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
+    """Draw what other days predict of each effect, what left-out days show, and the heading error without it."""
+    sizes = [entry["heldout"]["amplitude_deg"] for entry in findings]
+    axes.hlines(rows.places, [x["low"] for x in sizes], [x["high"] for x in sizes], color=CORRECTED, linewidth=1.3)
+    without = [entry.get("heading_error_without_deg") for entry in findings]
+    series = ([x["held_out"] for x in sizes], [x["fitted_elsewhere"] for x in sizes], without)
+    for (look, _), values, shift in zip(SIZES, series, (0.0, 0.2, -0.2), strict=True):
+        axes.plot([np.nan if x is None else x for x in values], np.asarray(rows.places) + shift, **look)
+    axes.axvline(0.0, color=GREY, linewidth=0.6)
+    rows.name(axes)
+    axes.set_xlabel("Size (° rms)")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.margins(0.08, 0.3)
 
 
 def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
