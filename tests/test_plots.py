@@ -290,10 +290,20 @@ def test_a_diagnosis_is_whole_and_legible_and_its_axes_have_the_units_of_its_sen
 def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
     """Two composed effects have a panel each, their turn on the line of equality, and a row of held-out days."""
     turns = [residuals("turn_by_composed", -3.0, 3.0), residuals("turn_by_composed", -1.0, 1.0)]
-    proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001}
+    size = {"fitted_elsewhere": 2.6, "held_out": 2.4, "low": 1.5, "high": 3.3}
+    proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001, "amplitude_deg": size}
     made_of = [{"acts_on": "reading", "driver": driver, "form": "quadratic"} for driver in ("depth", "tilt")]
     found = [
-        {"effect": "composed", "side": "compass", "alternatives": [], "text": "", "heldout": proof, "composition": one}
+        {
+            "effect": "composed",
+            "side": "compass",
+            "alternatives": [],
+            "text": "",
+            "heldout": proof,
+            "composition": one,
+            "when": {"from": "2007-09-04T00:00:00Z", "to": None},
+            "heading_error_without_deg": 2.5,
+        }
         for one in made_of
     ]
     content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": turns}
@@ -304,8 +314,9 @@ def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
         (line,) = (one for one in axes.lines if one.get_color() == BLACK)
         np.testing.assert_allclose(line.get_ydata(), np.linspace(-reach, reach, 12))
     assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed, by\ndepth", "composed, by tilt"]
+    assert held_out.get_xlabel() == "Size (° rms)"
     said = diagnosis_caption(content)
-    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "held-out data" in said
+    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "on left-out data" in said
 
 
 LONG = "the deviation of a compass whose gimbal sticks at the temperature of the water changing with the echo"

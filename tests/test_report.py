@@ -180,7 +180,7 @@ def test_the_page_begins_with_the_answer(done, document):
     answers = [one.text for one in document.all("li") if one.inside[-1] == "ul" and "section" in one.inside][:4]
     assert [text.split()[0] for text in answers] == [ALONE, "M1", "bench", "few"]
     diagnosis = json.loads((done / "results/M1/diagnosis.json").read_text())
-    assert f"probability {words.chance(diagnosis['sides']['none'])}" in answers[1]
+    assert f"probability {words.chance(diagnosis['sides']['none'] + diagnosis['sides']['water'])}" in answers[1]
     with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
         sigma = float(np.nanmedian(nc["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)))
     assert f"All headings are corrected, with a median uncertainty of {sigma:.1f}° (1σ)" in answers[1]

@@ -145,7 +145,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
 def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> None:
     """Mark when effects begin or end within the record."""
     low, high = axes.get_xlim()
-    for text in {entry["when"][end] for entry in findings for end in ("from", "to") if entry.get("when")}:
+    for text in filter(None, {(entry.get("when") or {}).get(end) for entry in findings for end in ("from", "to")}):
         day = np.datetime64(text.removesuffix("Z")).astype("datetime64[s]").astype(float) / 86400.0
         if low + 0.02 * (high - low) < day < high - 0.02 * (high - low):
             axes.axvline(day, color=BLACK, linestyle=":", linewidth=1.0)
