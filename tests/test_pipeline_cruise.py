@@ -118,7 +118,7 @@ def test_a_killed_job_or_a_full_disk_makes_no_report_that_calls_a_mooring_unread
 def test_an_error_of_the_program_in_one_mooring_stops_that_one(copied, tmp_path):
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     stage = project / "compasslib/stages/fit.py"
-    stage.write_text(stage.read_text().replace("    dip_ratio = ", "    1 / (mooring != 'BAD')\n    dip_ratio = "))
+    stage.write_text(stage.read_text().replace("    there = ", "    1 / (mooring != 'BAD')\n    there = ", 1))
     ran = snakemake(copied, project=project)
     assert ran.returncode != 0
     assert rows(copied)["BAD"]["warnings"].startswith("an error of this program in fit, ZeroDivisionError")

@@ -1,17 +1,17 @@
-"""The table of stages: the function of each, the files that it reads and writes, and its settings."""
+"""The table of stages: the function of each, the files that it reads and writes, and its settings.
+
+``plan`` is the ``plan.Plan`` of a cruise, which imports this table.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from compasslib.archive import provenance
 from compasslib.pipeline import records
 from compasslib.pipeline.settings import drawn, hash_code, used_instruments
-
-if TYPE_CHECKING:
-    from compasslib.pipeline.plan import Plan
 
 OF_CRUISE = ("array", "curves", "differences", "currents")
 JUDGED = ("diagnosis", "deviation", "assessment")
@@ -46,7 +46,7 @@ class Stage:
     settings: Mapping[str, Given] = field(default_factory=dict)
 
 
-def of_moorings(plan: Plan) -> dict[str, Stage]:
+def of_moorings(plan: Any) -> dict[str, Stage]:
     """List the stages of a mooring by the names of their rules."""
     of, pairs, field_, fit = plan.moorings, "overlap.nc", "work/field.json", "work/fit.json"
     judging = {
@@ -169,7 +169,7 @@ def of_moorings(plan: Plan) -> dict[str, Stage]:
     }
 
 
-def of_calibrations(plan: Plan) -> dict[str, Stage]:
+def of_calibrations(plan: Any) -> dict[str, Stage]:
     """List the stages of a calibration by the names of their rules."""
     of = plan.calibrations
     made = {"calibration": "calibration.json", "table": "table.csv", "points": "points.csv"}
@@ -208,7 +208,7 @@ def of_calibrations(plan: Plan) -> dict[str, Stage]:
     }
 
 
-def of_compasses(plan: Plan) -> dict[str, Stage]:
+def of_compasses(plan: Any) -> dict[str, Stage]:
     """List the stages of a compass that several records share."""
     of = plan.compasses
     return {
@@ -228,7 +228,7 @@ def of_compasses(plan: Plan) -> dict[str, Stage]:
     }
 
 
-def of_cruise(plan: Plan) -> dict[str, Stage]:
+def of_cruise(plan: Any) -> dict[str, Stage]:
     """List the stages of the whole cruise."""
     cruise, of = plan.cruise, plan.moorings
     summarized = ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json")

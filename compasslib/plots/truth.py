@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -14,19 +13,22 @@ from compasslib.plots.page import CORRECTED, DAY_S, dates, legend, page
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
-if TYPE_CHECKING:
-    from compasslib.report.concealed import HeadingErrors
-
 FIT = "#999999"
 
 
-def draw_errors(path: str | Path, errors: HeadingErrors, planted: Sequence[str | None]) -> None:
+def draw_errors(
+    path: str | Path, time_s: Floats, fit_deg: Floats, corrected_deg: Floats, sigma_deg: Floats,
+    planted: Sequence[str | None],
+) -> None:  # fmt: skip
     """Draw daily means of heading errors by the fitted coefficients alone and after correction, with the stated band.
 
     Args:
+        fit_deg: heading by the fitted coefficients minus truth, (n,), NaN where there is none.
+        corrected_deg: corrected heading minus truth, (n,).
+        sigma_deg: stated standard deviation of the corrected headings, (n,).
         planted: dates, UTC, at which something changed; None without a date.
     """
-    day = np.floor(errors.time_s / DAY_S).astype(int)
+    day = np.floor(time_s / DAY_S).astype(int)
     begin, middle = day[0], (np.unique(day) + 0.5)
 
     def daily(values: Floats) -> Floats:
@@ -36,11 +38,11 @@ def draw_errors(path: str | Path, errors: HeadingErrors, planted: Sequence[str |
         with np.errstate(invalid="ignore", divide="ignore"):
             return (total / count)[np.unique(day) - begin]
 
-    half = NORMAL_95 * daily(errors.sigma_deg)
+    half = NORMAL_95 * daily(sigma_deg)
     with page(path, 2.9) as figure:
         axes = figure.subplots()
         axes.fill_between(middle, -half, half, color=CORRECTED, alpha=0.15, linewidth=0)
-        for series, colour in ((errors.fit_deg, FIT), (errors.corrected_deg, CORRECTED)):
+        for series, colour in ((fit_deg, FIT), (corrected_deg, CORRECTED)):
             axes.plot(middle, daily(series), color=colour, linewidth=1.0)
         axes.axhline(0.0, color="#444444", linewidth=0.5)
         for date in filter(None, planted):
@@ -48,7 +50,7 @@ def draw_errors(path: str | Path, errors: HeadingErrors, planted: Sequence[str |
                 np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S, color="#222222", linestyle=":"
             )
         axes.set_ylabel("Heading error (°)")
-        dates(axes, (float(errors.time_s[0]), float(errors.time_s[-1])))
+        dates(axes, (float(time_s[0]), float(time_s[-1])))
         lines = {"fitted coefficients alone": FIT, "corrected": CORRECTED}
         handles = [Line2D([], [], color=colour, label=name) for name, colour in lines.items()]
         legend(figure, [*handles, Patch(color=CORRECTED, alpha=0.15, linewidth=0, label="stated 95 %")], columns=3)

@@ -93,7 +93,8 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], headings: Mapping[st
     diagnosis = read_json(root / name / "diagnosis.json")
     errors = heading_errors(truth, headings)
     with tempfile.TemporaryDirectory() as folder:
-        draw_errors(file := Path(folder) / "errors.png", errors, [cause["date"] for cause in truth["planted"]])
+        series = errors.time_s, errors.fit_deg, errors.corrected_deg, errors.sigma_deg
+        draw_errors(file := Path(folder) / "errors.png", *series, [cause["date"] for cause in truth["planted"]])
         drawn = embed_png(file)
     caption = words.caption("concealed", "errors", planted=truth["planted"])
     figures = [Figure("Heading errors along time", caption, "", drawn[0], *drawn[1])]
