@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compasslib import angles
-from compasslib.calibrations import budget
+from compasslib.calibrations import budget, objects
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.model import MIN_HORIZONTAL_NT
 from compasslib.deviation.series import series_deviation, series_folds
@@ -110,7 +110,7 @@ LE_MENN = [
         "test_calibrations_platform.py::test_an_object_is_held_against_the_bench_without_it"),
     Row("section 7", "power by which an object's influence falls with distance", "calibrations.objects:DIPOLE",
         "test_calibrations_platform.py::test_intervals_of_exponent_and_safe_distance_of_an_object_hold_the_truth",
-        "2", "3", "a dipole's field falls as the cube of the distance"),
+        "2", f"{objects.DIPOLE:.0f}", "a dipole's field falls as the cube of the distance"),
     Row("section 5", "a lowered profiler and its rosette", "calibrations.two_heads",
         "test_calibrations_two_heads.py::test_a_turning_cast_gives_offset_coefficients_and_clock"),
     Row("Fig. 17", "expanded uncertainty by Smith's terms, with the residual that it implies (0.35°), degrees",

@@ -29,8 +29,12 @@ def test_no_stage_but_the_page_s_reads_the_truth_and_no_manifest_lists_it():
         )
     ]
     assert readers == ["concealed"] and planned.concealed == list(records.CONCEALED)
-    given = "".join(str(rule_setting) for stage in planned.stages.values() for rule_setting in stage.settings)
-    assert "truth" not in given and not any("concealed" in path for path in planned.products())
+    given = {
+        rule: str([setting(job) for setting in planned.stages[rule].settings.values()])
+        for rule, job in planned.jobs.values()
+    }
+    assert not [rule for rule, text in given.items() if "concealed/" in text or "truth/" in text]
+    assert not any("concealed" in path for path in planned.products())
     assert "results/logs/concealed.json" in planned.everything()
 
 

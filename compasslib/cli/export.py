@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import provenance, variables
-from compasslib.archive.deposit import deposit
+from compasslib.archive.deposit import OPTIONAL, deposit
 from compasslib.archive.files import HALF_WRITTEN, atomic_write, open_netcdf, read_attribute, read_series, write_json
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
 from compasslib.cli import results
@@ -81,12 +81,12 @@ def _export_cruise(asked: Namespace) -> int:
         raise InputError("--to rocrate", expected=expected, found=asked.mooring, advice=advice)
     root = Path(asked.cruise).resolve()
     (file,) = _available_files(Path(asked.into or Path(asked.cruise) / "export"), f"{root.name}.crate.zip")
-    count = deposit(root, file, config.load_cruise(root).options.attributes)
+    attributes = config.load_cruise(root).options.attributes
+    count = deposit(root, file, attributes)
     print(file)
-    print(
-        f"{count} files; a repository asks besides for a title, an identifier (DOI) and the ORCID of each author",
-        file=sys.stderr,
-    )
+    absent = [f"{key} ({what})" for key, what in OPTIONAL.items() if key not in attributes]
+    more = f"; not given and optional among the attributes: {', '.join(absent)}" if absent else ""
+    print(f"{count} files{more}", file=sys.stderr)
     return 0
 
 

@@ -68,7 +68,6 @@ class CurrentStatement:
     low_deg: float
     high_deg: float
     text: str
-    held_out: dict[str, Any] | None = None
 
     def contested(self, rival: float, followed: str) -> CurrentStatement:
         """Lower the probability by that of a compass whose reading follows the driver, and say so.
@@ -94,7 +93,7 @@ class CurrentStatement:
             "unit": "degrees",
             "low": self.low_deg,
             "high": self.high_deg,
-            "heldout": self.held_out,
+            "heldout": None,  # the current is not tested on left-out days
             "text": self.text,
         }
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.archive import netcdf
+from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json
 from compasslib.deviation.correction import correct_headings, record_readings
 from compasslib.deviation.model import fit_from_json
@@ -31,7 +31,7 @@ def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say
         revealing.reveal(name, root, read_json(path), _headings(root / name))
         for name, path in zip(names, shown, strict=True)
     ]
-    write_page(page, "concealed.html", moorings=moorings)
+    write_page(page, "concealed.html", moorings=moorings, software=provenance.software())
     say(f"{page}: {len(moorings)} moorings beside the truth")
 
 
