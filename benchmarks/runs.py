@@ -36,9 +36,9 @@ class Cost(NamedTuple):
 
 
 def environment(project: Path = PROJECT) -> dict[str, str]:
-    """Return the environment in which jobs import one project's library."""
+    """Return the environment in which jobs import one project's library and date results alike."""
     path = os.pathsep.join(filter(None, (str(project), os.environ.get("PYTHONPATH"))))
-    return os.environ | ONE_THREAD | {"PYTHONPATH": path}
+    return {"SOURCE_DATE_EPOCH": "0"} | os.environ | ONE_THREAD | {"PYTHONPATH": path}
 
 
 def snakemake(folder: Path, *options: object, cores: int | None = 2, project: Path = PROJECT) -> list[str]:

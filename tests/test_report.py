@@ -213,7 +213,7 @@ def test_the_numbers_are_those_of_the_results(done, document):
 
 
 def test_the_same_results_give_the_same_bytes(done, monkeypatch):
-    """Anew through Snakemake; the date is the software's or SOURCE_DATE_EPOCH, never the clock's."""
+    """Anew through Snakemake, with SOURCE_DATE_EPOCH as the tests set it."""
     path = done / "results/report.html"
     first = path.read_bytes()
     path.unlink()

@@ -184,7 +184,7 @@ def _root(attributes: Mapping[str, Any]) -> Entity:
         "name": "Compass deviations corrected" + (f": {project}" if project else ""),
         "description": (
             "Moored current records and compass calibrations, with the jobs that made them and the SHA-256 of every "
-            f"file read or written. The date is from {provenance.date_source()}, never from a clock."
+            "file read or written."
         ),
         "datePublished": provenance.date_created(),
         "license": NOT_GIVEN,

@@ -1,4 +1,4 @@
-"""What a result was made from: files and hashes, the modules behind a script, the date that is not the wall clock."""
+"""What a result was made from: files and hashes, the modules behind a script, the time of processing."""
 
 from __future__ import annotations
 
@@ -29,9 +29,6 @@ RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
 _OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
-_DATE = ("log", "-1", "--no-show-signature", "--format=%ct")
-_NONE = "no checkout"
-_LONGEST = 200  # characters of what git says
 _ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
 
 
@@ -83,10 +80,10 @@ def software() -> str:
 
     Packages that add readers or effects follow, with their versions.
     """
-    asked, why = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
-    lines = asked.splitlines()
+    status = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
+    lines = (status or "").splitlines()
     commit = "".join(line.split()[2][:12] for line in lines if line.startswith("# branch.oid") and "(" not in line)
-    unknown = why if why == _NONE else "commit unknown"
+    unknown = "no checkout" if status is None else "commit unknown"
     edited = "" if all(line.startswith("#") for line in lines) else ", edited since"
     if not commit:
         modules = (path for path in PACKAGE.rglob("*.py") if not path.is_relative_to(PACKAGE / "workflow"))
@@ -97,27 +94,18 @@ def software() -> str:
 
 
 def date_created() -> str:
-    """Choose the date of products: SOURCE_DATE_EPOCH, else the commit's, else the first day of 1970.
-
-    The wall clock is never asked, so that the same input gives the same bytes.
+    """Read the time of processing: the clock, or SOURCE_DATE_EPOCH, with which the same input gives the same bytes.
 
     Raises:
         InputError: SOURCE_DATE_EPOCH is no number of seconds.
     """
-    epoch = os.environ.get("SOURCE_DATE_EPOCH") or _git(*_DATE)[0] or "0"
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
     try:
-        return datetime.fromtimestamp(int(epoch), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        made = datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)
+        return made.strftime("%Y-%m-%dT%H:%M:%SZ")
     except (ValueError, OverflowError, OSError):
-        expected, advice = "whole seconds since 1970", "unset it, and the date is that of the commit"
+        expected, advice = "whole seconds since 1970", "unset it, and the date is the time of processing"
         raise InputError("SOURCE_DATE_EPOCH", expected=expected, found=repr(epoch), advice=advice) from None
-
-
-def date_source() -> str:
-    """Say where ``date_created`` has its date from."""
-    if os.environ.get("SOURCE_DATE_EPOCH"):
-        return "SOURCE_DATE_EPOCH"
-    date, why = _git(*_DATE)
-    return "the commit of the software" if date else f"nothing: {why}, and SOURCE_DATE_EPOCH is not set"
 
 
 def installed(package: str) -> str:
@@ -231,10 +219,10 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
 
 
 @cache
-def _git(*arguments: str) -> tuple[str, str]:
-    """Ask git about this project; return its answer and, where it has none, the reason."""
+def _git(*arguments: str) -> str | None:
+    """Ask git about this project: None outside a checkout, empty where git cannot answer."""
     if not (PROJECT / ".git").exists():
-        return "", _NONE
+        return None
     # A checkout may be another's: git then refuses, for fear of what its settings may start. Its Python runs already.
     # Without optional locks, so that jobs side by side do not wait for each other's index.
     command = ["git", "-c", f"safe.directory={PROJECT}", "--no-optional-locks", "-C", str(PROJECT), *arguments]
@@ -242,8 +230,6 @@ def _git(*arguments: str) -> tuple[str, str]:
     environment = {name: value for name, value in os.environ.items() if name not in _OF_A_REPOSITORY}
     environment |= {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
     try:
-        completed = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    except OSError as error:
-        return "", f"git cannot be run ({error.strerror})"
-    refusal = " ".join(completed.stderr.split())[:_LONGEST]
-    return completed.stdout.strip(), f"git refuses ({refusal})" if completed.returncode else ""
+        return subprocess.run(command, capture_output=True, text=True, check=False, env=environment).stdout.strip()
+    except OSError:
+        return ""
