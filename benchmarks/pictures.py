@@ -1,7 +1,7 @@
 """Make the pictures of README and docs anew, each by the code that draws it.
 
     python benchmarks/pictures.py                  all of them, some ten minutes
-    python benchmarks/pictures.py sea diagnosis    those of these makers
+    python benchmarks/pictures.py sea papers    those of these makers
     python benchmarks/pictures.py --from CRUISE demonstration    of a cruise that has been run already
 
 docs/pictures.json records of each picture its SHA-256 and that of the code that draws it; tests/test_docs.py compares
@@ -30,7 +30,6 @@ from PIL import Image
 PROJECT = Path(__file__).resolve().parents[1]
 DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
 CURRENTS = ("sticks", "progressive", "roses")
-LEFT_OUT = {"temperature": 2.5, "sextantal": 2.0}  # effects of the diagnosis, visible degrees rms
 DRAWN = ("page", "curves")  # modules of plots behind every figure of a mooring
 
 
@@ -73,16 +72,12 @@ def redeployed(cruise: Path) -> None:
     shutil.copyfile(cruise / "results/compasses/wh8104/figures/coefficients.png", DOCS / "redeployed.png")
 
 
-def diagnosis(folder: Path) -> None:
-    """The diagnosis of a simulated year with two effects."""
-    from compasslib.demo.sealed import Wish
-    from compasslib.pipeline.process import process_mooring
-    from compasslib.plots import diagnosis as figure
-    from tests.world import draw
+def concealed(cruise: Path) -> None:
+    """The diagnosis of C1 and its heading errors, with the page that explains them."""
+    import walkthrough
 
-    cruise, _ = draw.write_alone(draw.Sealed("D1", LEFT_OUT, wish=Wish(wide=True), seed=4), folder)
-    made = process_mooring(cruise, "D1", folder / "results", print)
-    figure.draw_mooring(DOCS / "diagnosis.png", json.loads((made / "diagnosis.json").read_text()))
+    shutil.copyfile(cruise / "results/C1/figures/diagnosis.png", DOCS / "diagnosis.png")
+    walkthrough.collect(cruise, DOCS / "concealed_errors.png")
 
 
 def sea(folder: Path) -> None:
@@ -126,7 +121,12 @@ MAKERS = {
         [*plots("deviation"), "tests/world/redeployed.py", "examples/redeployed/config/**/*.yaml"],
         cruise="examples/redeployed",
     ),
-    "diagnosis": Maker(diagnosis, ("diagnosis.png",), [*plots("diagnosis"), "tests/world/draw.py"]),
+    "concealed": Maker(
+        concealed,
+        ("diagnosis.png", "concealed_errors.png"),
+        [*plots("diagnosis", "truth"), "compasslib/demo/concealed.py"],
+        cruise=".",
+    ),
     "papers": Maker(papers, ("angles.png", "synthetic.png"), ["compasslib/plots/page.py", "compasslib/plots/array.py"]),
     "sea": Maker(sea, ("sea.png",), ["compasslib/plots/page.py", "benchmarks/sea.py"]),
 }

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pictures
 import pytest
+import walkthrough
 import yaml
 from launch import copied_project
 from sea import cruise
@@ -329,3 +330,9 @@ def test_the_wheel_works_without_the_checkout(installed, tmp_path):
         f"True {installed / 'compasslib/__init__.py'}",
         "nothing to run: can run, 0 problems",
     ]
+
+
+def test_the_page_on_the_concealed_moorings_is_what_the_code_writes_from_its_figures():
+    assert walkthrough.PAGE.read_text() == walkthrough.page(json.loads(walkthrough.FIGURES.read_text())), (
+        "make it anew: .venv/bin/python benchmarks/walkthrough.py"
+    )

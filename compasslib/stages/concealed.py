@@ -28,15 +28,15 @@ def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say
     root, shown = Path(page).parent, [path for path in truths if Path(path).stem in there]
     names = [Path(path).stem for path in shown]
     moorings = [
-        revealing.reveal(name, root, read_json(path), _headings(root / name))
+        revealing.reveal(name, root, read_json(path), read_headings(root / name))
         for name, path in zip(names, shown, strict=True)
     ]
     write_page(page, "concealed.html", moorings=moorings, software=provenance.software())
     say(f"{page}: {len(moorings)} moorings beside the truth")
 
 
-def _headings(folder: Path) -> dict[str, Floats]:
-    """Read the headings of a mooring: as recorded, by the fitted coefficients alone, and as corrected."""
+def read_headings(folder: Path) -> dict[str, Floats]:
+    """Read the headings of a mooring's results: as recorded, by the fitted coefficients alone, and as corrected."""
     product = netcdf.read_corrected(folder / "corrected.nc", velocities=False)
     near = combine_references(netcdf.read_pairs(folder / "overlap.nc"))
     fit = fit_from_json(read_json(folder / "deviation.json"))
