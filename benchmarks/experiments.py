@@ -54,7 +54,10 @@ def remembered(found: Inference) -> tuple[tuple[str, float], ...]:
     return STATED(found)
 
 
-STATED, experiments.of = experiments.of, remembered  # the search tells its posterior to nobody else
+STATED, experiments.rank_observations = (
+    experiments.rank_observations,
+    remembered,
+)  # the search tells its posterior to nobody else
 
 
 def settled(found: Diagnosis) -> float:

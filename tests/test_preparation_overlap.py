@@ -248,7 +248,7 @@ def test_two_instruments_and_a_deeper_cell_told_at_its_own_depth_are_two_recordi
     deeper = meter(upper, velocity(upper)[:, 2:4].mean(axis=1).round(4), depth=100.0 - 14.0)
     near = meter(upper, u_near(upper) + np.random.default_rng(2).normal(0.0, 0.007, (1500, 2)) @ [1.0, 1.0j])
     for trusted in (lower, deeper, near):
-        assert estimate_clock_offset(upper, [trusted], PairRules()).one_recording == ""
+        assert estimate_clock_offset(upper, [trusted], PairRules()).same_recording == ""
 
 
 # -------------------------------------------------------------------------------------------------- variability

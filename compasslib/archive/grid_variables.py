@@ -64,8 +64,8 @@ def _current(name: str, towards: str, standard_name: str) -> Variable:
 
 
 def _uncertainty(name: str, standard_name: str) -> Variable:
-    of = f"{standard_name} standard_error"
-    return _cells(f"{name}_UNCERTAINTY", f"uncertainty of {name}", "m s-1", of, valid=(0.0, 10.0), comment=_TOTAL)
+    relation = f"{standard_name} standard_error"
+    return _cells(f"{name}_UNCERTAINTY", f"uncertainty of {name}", "m s-1", relation, valid=(0.0, 10.0), comment=_TOTAL)
 
 
 def _number(name: str, long_name: str) -> Variable:

@@ -42,10 +42,10 @@ class GriddedCurrents:
         flow = np.where(there, self.velocity, 0.0)
         variances = np.array([self.errors.variance(s) for s in range(len(self.errors.shares))])
         of_heading = variances[np.maximum(self.source, 0), np.arange(len(there))[:, None]] * np.abs(flow) ** 2
-        rest = np.maximum((self.east_sigma**2 + self.north_sigma**2 - of_heading) / 2.0, 0.0)
+        remainder = np.maximum((self.east_sigma**2 + self.north_sigma**2 - of_heading) / 2.0, 0.0)
         step_s = float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else HOUR_S
         sigma = sum_sigma(
-            east, north, flow, np.where(there, rest, 0.0), np.where(there, self.source, -1), self.errors, step_s,
+            east, north, flow, np.where(there, remainder, 0.0), np.where(there, self.source, -1), self.errors, step_s,
             memory_s=self.memory_s,
         )  # fmt: skip
         return float(np.sum(east * flow.real + north * flow.imag)), sigma

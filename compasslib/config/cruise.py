@@ -192,8 +192,8 @@ def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
 def _refuse_unplaced(calibrations: dict[str, CalibrationFile], names: Sequence[str], file: str) -> None:
     """Refuse a fit by calibrations whose coefficients nobody can carry to the mooring."""
     for name in (name for name in names if name in calibrations and not calibrations[name].placed):
-        of, carry = f"{CALIBRATIONS}/{name}.yaml", "to carry its coefficients to the mooring"
-        expected, where = f"latitude, longitude and date in {of}, {carry}", f"{file}: fit.name"
+        file_of, carry = f"{CALIBRATIONS}/{name}.yaml", "to carry its coefficients to the mooring"
+        expected, where = f"latitude, longitude and date in {file_of}, {carry}", f"{file}: fit.name"
         raise InputError(where, expected=expected, found="none", advice="add them there")
 
 

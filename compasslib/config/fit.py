@@ -44,10 +44,10 @@ class FitOptions(Section):
     @model_validator(mode="after")
     def _keys_go_with_their_method(self) -> Self:
         needed = {"coefficients": ("coefficients",), "pairs": ("file", "columns")}
-        own = {"coefficients": ("coefficients", "covariance", "model"), "pairs": ("file", "columns", "model")}
-        for name in sorted({*own["coefficients"], *own["pairs"]} & self.model_fields_set):
-            if name not in own.get(self.method, ()):
-                methods = " or ".join(method for method in own if name in own[method])
+        allowed = {"coefficients": ("coefficients", "covariance", "model"), "pairs": ("file", "columns", "model")}
+        for name in sorted({*allowed["coefficients"], *allowed["pairs"]} & self.model_fields_set):
+            if name not in allowed.get(self.method, ()):
+                methods = " or ".join(method for method in allowed if name in allowed[method])
                 raise problem(name, f"it only with method: {methods}", f"it with {self.method}", "delete it")
         if missing := [name for name in needed.get(self.method, ()) if getattr(self, name) is None]:
             raise problem(missing[0], f"it with method: {self.method}", "nothing", "add it, see config/README.md")
@@ -68,6 +68,6 @@ class FitOptions(Section):
             expected = f"no name beside method: {self.method}"
             raise problem("name", expected, shown(self.name[0]), "delete it or write method: calibration")
         if len(self.name) > 2 or len(set(self.name)) < len(self.name):
-            expected, found = "one calibration, or two others, [before, after]", ", ".join(self.name)
-            raise problem("name", expected, found, "write the one before and the one after the deployment")
+            expected, given = "one calibration, or two others, [before, after]", ", ".join(self.name)
+            raise problem("name", expected, given, "write the one before and the one after the deployment")
         return self

@@ -444,7 +444,7 @@ class Mooring(Section):
         return self
 
     @model_validator(mode="after")
-    def _several_have_folders_of_their_own(self) -> Self:
+    def _check_folders_of_several(self) -> Self:
         for name in self.affected if len(self.affected) > 1 else ():
             if name.lower() in FOLDERS:
                 expected = f"a name other than {', '.join(FOLDERS)}, which results/{self.name} holds for other things"

@@ -82,15 +82,15 @@ def response(meter: Magnetometer) -> tuple[Floats, Floats]:
     return matrix, np.einsum("ij,ij->i", meter.axes, added) - np.array(meter.trim_nt)
 
 
-def felt(meter: Magnetometer, body_nt: Floats, beside_nt: Floats | None = None, *, stepped: bool = True) -> Floats:
+def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | None = None, *, stepped: bool = True) -> Floats:
     """Simulate what the sensors give, (..., 3) nT.
 
     Args:
         body_nt: earth's field in the body frame, (..., 3).
-        beside_nt: the field at the sensors of what came beside the compass later, (..., 3).
+        nearby_nt: the field at the sensors of what came beside the compass later, (..., 3).
     """
     matrix, added = response(meter)
-    raw = body_nt @ matrix.T + added + (0.0 if beside_nt is None else beside_nt)
+    raw = body_nt @ matrix.T + added + (0.0 if nearby_nt is None else nearby_nt)
     scaled = raw / FULL_SCALE_NT
     curved = raw + FULL_SCALE_NT * np.array(meter.even) * scaled**2
     return np.asarray(meter.step_nt * np.rint(curved / meter.step_nt) if stepped else curved)

@@ -85,21 +85,21 @@ def blow_down(rig: Rig, water: Water) -> Floats:
     return np.interp(water.time_s, hours, depth[:, 0] - 0.5 * length * upright[:, 0])
 
 
-def wake_heading(rng: np.random.Generator, rest_deg: Floats, speed_m_s: Floats, *, wobble_deg: float) -> Floats:
+def wake_heading(rng: np.random.Generator, equilibrium_deg: Floats, speed_m_s: Floats, *, wobble_deg: float) -> Floats:
     """Simulate the heading of a body turned into its own wake, degrees, not wrapped, shape (g,).
 
     The restoring moment grows with the speed: at 25 cm/s the memory is three hours, in still water the body is free
     and drifts round the circle.
 
     Args:
-        rest_deg: heading at which the moment vanishes, (g,).
+        equilibrium_deg: heading at which the moment vanishes, (g,).
         wobble_deg: standard deviation about it at 25 cm/s.
     """
     pull = np.minimum(speed_m_s / 0.25, 2.5) * sea.STEP_S / (3 * HOUR_S)
-    kick = rng.normal(0.0, np.deg2rad(wobble_deg) * np.sqrt(2 * sea.STEP_S / (3 * HOUR_S)), rest_deg.size)
-    rest = np.deg2rad(rest_deg)
-    heading, path = float(rest[0]), []
-    for target, moment, push in zip(rest.tolist(), pull.tolist(), kick.tolist(), strict=True):
+    kick = rng.normal(0.0, np.deg2rad(wobble_deg) * np.sqrt(2 * sea.STEP_S / (3 * HOUR_S)), equilibrium_deg.size)
+    equilibrium = np.deg2rad(equilibrium_deg)
+    heading, path = float(equilibrium[0]), []
+    for target, moment, push in zip(equilibrium.tolist(), pull.tolist(), kick.tolist(), strict=True):
         heading += push - moment * sin(heading - target)
         path.append(heading)
     return np.rad2deg(np.array(path))

@@ -183,7 +183,7 @@ class LongComparison(Comparison):
     precision_deg: float  # noise of the recorded heading itself
     nuisance: Floats  # (n, k) columns that are fitted and never named
     has_slow_noise: bool = True  # whether slow water of two depths may stand between both sides
-    louder: LowRankNoise | None = None  # slow water, once it was learnt
+    low_rank: LowRankNoise | None = None  # slow water, once it was learnt
     usual: Mapping[type[Effect], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
     prior: CoefficientPrior | None = None  # what other records of the compass tell of A..E
     shared: SharedInformation = field(default_factory=dict)  # and of its effects

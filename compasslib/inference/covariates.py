@@ -283,7 +283,7 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     apart = upper - lower
     both = (upper + lower) / 2.0 + (share - 0.5) * (apart - _smooth(apart))
     around = _predict_from_neighbours(both, pairs.time_s)
-    memory = _lag_one_correlation(upper * np.conj(lower))
+    memory = _lag1_correlation(upper * np.conj(lower))
     predicted = _scale_prediction(_harmonics(both), _harmonics(around), memory)
     lean = np.abs(upper) * upper
     moved = np.zeros(len(pairs), dtype=complex)
@@ -342,7 +342,7 @@ def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Float
     return np.asarray(scaled + (np.mean(harmonics, axis=0) - np.mean(scaled, axis=0)))
 
 
-def _lag_one_correlation(product: NDArray[np.complex128]) -> float:
+def _lag1_correlation(product: NDArray[np.complex128]) -> float:
     """Correlate neighbouring values of the angle between the two directions."""
     angle = np.clip(np.angle(product), -CLIPPED_RAD, CLIPPED_RAD)
     angle = angle - angle.mean()

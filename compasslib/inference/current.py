@@ -39,7 +39,7 @@ WORDS = {
     "velocity_bias": "as a constant velocity in the instrument's frame makes them",
     "beam_gain": "as unequal gain of the beam pairs makes them",
 }
-NO_SUCH = "The simulation assumed none."
+NONE_ASSUMED = "The simulation assumed none."
 ON_VELOCITY = "It acts on the velocity, not on the heading: headings are unchanged, their uncertainty includes it."
 RIVAL = (
     "A compass whose reading follows {driver}, or what varies with it, would show nearly the same (P = {rival:.2f}): "
@@ -81,7 +81,7 @@ class CurrentStatement:
         left = self.probability * (1.0 - rival)
         text = _text(self.driver, left, (self.size_deg, self.low_deg, self.high_deg))
         said = RIVAL.format(driver=followed, rival=rival, separated_by=SEPARATED_BY.capitalize())
-        return replace(self, probability=left, text=f"{text} {NO_SUCH} {said}")
+        return replace(self, probability=left, text=f"{text} {NONE_ASSUMED} {said}")
 
     def to_json(self) -> dict[str, Any]:
         """Encode an entry of ``current`` in diagnosis.json."""
@@ -211,7 +211,7 @@ def _sizes(values: Floats, visible: Floats) -> Floats:
 
 def _statement(driver: str | None, probability: float, sizes: Floats) -> CurrentStatement:
     size, low, high = (float(x) for x in np.quantile(sizes, [0.5, 0.025, 0.975]))
-    text = f"{_text(driver, probability, (size, low, high))} {NO_SUCH} {ON_VELOCITY}"
+    text = f"{_text(driver, probability, (size, low, high))} {NONE_ASSUMED} {ON_VELOCITY}"
     return CurrentStatement(driver, probability, size, low, high, text)
 
 

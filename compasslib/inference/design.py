@@ -151,7 +151,7 @@ def evaluate_model(
         ridge = BASE_RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
         step = np.linalg.solve(gram + ridge, weighted.T @ clip_standardized(left, width))
         left, shift = left - base @ step, shift + step
-    white = replace(fit_whitener(left, width, case.scene.time_s), louder=case.louder)
+    white = replace(fit_whitener(left, width, case.scene.time_s), low_rank=case.low_rank)
     basis = orthonormal_basis(white(base))
     standard = clip_standardized(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]

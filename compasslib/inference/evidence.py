@@ -96,21 +96,21 @@ class Candidates:
         )
         return infer_current(self.slow.drivers, products.information, products.score)
 
-    def subset(self, some: Sequence[int]) -> Candidates:
+    def subset(self, selection: Sequence[int]) -> Candidates:
         """Select some of the candidates, with the same slow noise."""
-        count = np.array([len(self.parts[k]) for k in some], dtype=int)
-        kept = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in some)])
-        at = np.concatenate([kept, np.arange(len(self.usual), len(self.score))])
+        count = np.array([len(self.parts[k]) for k in selection], dtype=int)
+        columns = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in selection)])
+        at = np.concatenate([columns, np.arange(len(self.usual), len(self.score))])
         return replace(
             self,
-            groups=[self.groups[k] for k in some],
-            parts=np.split(np.arange(len(kept)), np.cumsum(count)[:-1]) if len(count) else [],
-            usual=self.usual[kept],
+            groups=[self.groups[k] for k in selection],
+            parts=np.split(np.arange(len(columns)), np.cumsum(count)[:-1]) if len(count) else [],
+            usual=self.usual[columns],
             information=self.information[np.ix_(at, at)],
             score=self.score[at],
-            visible=self.visible[np.ix_(kept, kept)],
-            uneven=self.uneven[list(some)],
-            shares=[self.shares[k] for k in some],
+            visible=self.visible[np.ix_(columns, columns)],
+            uneven=self.uneven[list(selection)],
+            shares=[self.shares[k] for k in selection],
             currents={},
         )
 
@@ -142,15 +142,15 @@ class Candidates:
 
     def _gains(self, products: Products, hypotheses: HypothesisIndex) -> tuple[Floats, Floats, Floats]:
         """Compute the gain of each hypothesis, its Occam factor and its inflation, (h,) each."""
-        gain, charge, every = (np.zeros(hypotheses.count), np.zeros(hypotheses.count), np.ones(hypotheses.count))
+        gain, charge, inflation = (np.zeros(hypotheses.count), np.zeros(hypotheses.count), np.ones(hypotheses.count))
         for at, index, uneven in hypotheses.parts:
             information = products.information[index[:, :, None], index[:, None, :]] / uneven[:, None, None]
             lower = np.linalg.cholesky(information + np.eye(index.shape[1]))
             half = np.linalg.solve(lower, (products.score[index] / uneven[:, None])[:, :, None])[:, :, 0]
             gain[at] = 0.5 * np.sum(half**2, axis=1) * uneven
             charge[at] = np.log(np.einsum("hkk->hk", lower)).sum(axis=1)
-            every[at] = uneven
-        return gain, charge, every
+            inflation[at] = uneven
+        return gain, charge, inflation
 
     def terms(self, products: Products, hypothesis: Hypothesis) -> list[Effect]:
         """Make the terms of a hypothesis at their likeliest values."""
@@ -178,25 +178,25 @@ def noise_variances(slow: SlowNoiseBasis | None, water: SlowNoiseParams | None) 
     return slow.variances(water)
 
 
-def marginalize_slow_noise(information: Floats, score: Floats, own: int, variance: Floats) -> Products:
+def marginalize_slow_noise(information: Floats, score: Floats, n: int, variance: Floats) -> Products:
     """Integrate the coefficients of noise columns out of products of columns.
 
     Args:
         information: products of all columns, those of the noise last.
         score: products with the residual.
-        own: number of columns that are kept.
+        n: number of columns that are kept.
         variance: of the noise's coefficients.
     """
-    some = np.flatnonzero(variance * np.diag(information)[own:] > FAINT)
-    if not len(some):
-        return Products(information[:own, :own], score[:own], 0.0)
-    root, at = np.sqrt(variance[some]), own + some
+    active = np.flatnonzero(variance * np.diag(information)[n:] > FAINT)
+    if not len(active):
+        return Products(information[:n, :n], score[:n], 0.0)
+    root, at = np.sqrt(variance[active]), n + active
     lower = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * information[np.ix_(at, at)] * root)
-    both = root[:, None] * np.column_stack([information[at, :own], score[at]])
+    both = root[:, None] * np.column_stack([information[at, :n], score[at]])
     half = solve_triangular(lower, both, lower=True, check_finite=False)
     cross, left = half[:, :-1], half[:, -1]
     gain = float(0.5 * left @ left - np.sum(np.log(np.diag(lower))))
-    return Products(information[:own, :own] - cross.T @ cross, score[:own] - cross.T @ left, gain)
+    return Products(information[:n, :n] - cross.T @ cross, score[:n] - cross.T @ left, gain)
 
 
 def build_candidates(
@@ -212,29 +212,29 @@ def build_candidates(
     rivals = [k for k, group in enumerate(groups) if slow is not None and follows_current(group.term, slow.drivers)]
     same = [design.term_columns(view, as_current(groups[k].term)) for k in rivals]  # type: ignore[arg-type]
     usual = np.concatenate([usual, *(_expected(view, group) for group in same)])
-    own = np.concatenate([none, *(group.columns for group in (*groups, *same))], axis=1, dtype=np.float32)
-    own *= usual.astype(np.float32)
-    every = own if slow is None else np.concatenate([own, slow.columns], axis=1, dtype=np.float32)
+    effects = np.concatenate([none, *(group.columns for group in (*groups, *same))], axis=1, dtype=np.float32)
+    effects *= usual.astype(np.float32)
+    both = effects if slow is None else np.concatenate([effects, slow.columns], axis=1, dtype=np.float32)
     ends = np.cumsum([0, *(group.columns.shape[1] for group in (*groups, *same))])
     middle = max(float(np.median(uneven)), 1.0)
     sigma = view.sigma * np.sqrt(middle)
-    white = view.whiten_and_project(every) * np.float32(view.response / sigma)
+    white = view.whiten_and_project(both) * np.float32(view.response / sigma)
     innovation = (view.innovation / sigma).astype(np.float32)
     count = 0 if slow is None else len(slow.drivers)
-    seen, turned = view.visible(own), view.visible(every[:, every.shape[1] - count :])
+    shown, turned = view.visible(effects), view.visible(both[:, both.shape[1] - count :])
     information, score = (white.T @ white).astype(float), (white.T @ innovation).astype(float)
     for group, a, b in zip(groups, ends, ends[1:], strict=False):
         if type(group.term) in view.case.shared:  # scores and information add
-            told, pulled = view.case.shared[type(group.term)]  # type: ignore[index]
-            information[a:b, a:b] += told * np.outer(usual[a:b], usual[a:b])
-            score[a:b] += pulled * usual[a:b]
+            shared_information, shared_score = view.case.shared[type(group.term)]  # type: ignore[index]
+            information[a:b, a:b] += shared_information * np.outer(usual[a:b], usual[a:b])
+            score[a:b] += shared_score * usual[a:b]
     return Candidates(
         groups=groups,
         parts=[np.arange(a, b) for a, b in itertools.pairwise(ends[: len(groups) + 1])],
         usual=usual,
         information=information,
         score=score,
-        visible=seen.T @ seen / len(seen),
+        visible=shown.T @ shown / len(shown),
         current_visible=turned.T @ turned / len(turned),
         uneven=np.maximum(uneven / middle, 1.0),
         scatter=middle,
@@ -250,7 +250,7 @@ def follows_current(term: Effect | None, drivers: Collection[str]) -> bool:
 
 
 def score_inflation(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
-    """Return what blocks of days make of each group's score, over what even noise would (a sandwich by clusters), (g,).
+    """Compute the variance of each group's score by blocks of days, over even noise's (a sandwich by clusters), (g,).
 
     Real water scatters more in some weeks and at some headings than speeds tell (Liang and Zeger, Biometrika 73, 13,
     1986). What few blocks tell is columns towards what all groups do.
@@ -260,29 +260,29 @@ def score_inflation(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats
     """
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
-    own, count = np.ones(len(groups)), np.ones(len(groups))
+    inflation, count = np.ones(len(groups)), np.ones(len(groups))
     bases, block = [], blocks_by_span(state.case.scene.time_s, BLOCK_S)
     for k, (a, b) in enumerate(itertools.pairwise(ends)):
         bases.append(whitened_basis(white[:, a:b]))
         if bases[k].shape[1]:
-            own[k], count[k] = cluster_variance_inflation(
+            inflation[k], count[k] = cluster_variance_inflation(
                 bases[k].astype(float), state.innovation, block, state.sigma**2
             )
     trust = EVEN_BLOCKS
-    held = _as_neighbours(bases, count * own + trust * float(np.median(own)))
+    held = _as_neighbours(bases, count * inflation + trust * float(np.median(inflation)))
     return np.asarray(held / _as_neighbours(bases, count + trust))
 
 
 def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:
     """Average over the groups that are alike, (g,): rivals must not differ by chance."""
-    every = np.concatenate(bases, axis=1)
+    columns = np.concatenate(bases, axis=1)
     begins = np.cumsum([0, *(basis.shape[1] for basis in bases)])[:-1]
-    some = np.array([basis.shape[1] > 0 for basis in bases])
-    alike = np.add.reduceat(np.add.reduceat((every.T @ every) ** 2, begins[some], axis=0), begins[some], axis=1)
+    filled = np.array([basis.shape[1] > 0 for basis in bases])
+    alike = np.add.reduceat(np.add.reduceat((columns.T @ columns) ** 2, begins[filled], axis=0), begins[filled], axis=1)
     size = np.sqrt(np.diag(alike))
     weight = (alike / np.outer(size, size)) ** ALIKE
     result = each.copy()
-    result[some] = weight @ each[some] / weight.sum(axis=1)
+    result[filled] = weight @ each[filled] / weight.sum(axis=1)
     return result
 
 
@@ -314,10 +314,10 @@ def enumerate_candidates(view: FittedModel, composed: Sequence[Composition]) -> 
         if kind.side == "water" and view.case.has_slow_noise:
             continue  # it stands in the noise
         always = design.term_columns(view, kind())
-        some = design.step_columns(view, kind, design.step_dates(view.case.scene.time_s)) if kind.dated() else [always]
-        groups += [standing.get(group.term, group) for group in some]
-        usual += [_expected(view, always)] * len(some)
-        shares += [-float(np.log(forms[kind.name] * len(some)))] * len(some)
+        steps = design.step_columns(view, kind, design.step_dates(view.case.scene.time_s)) if kind.dated() else [always]
+        groups += [standing.get(group.term, group) for group in steps]
+        usual += [_expected(view, always)] * len(steps)
+        shares += [-float(np.log(forms[kind.name] * len(steps)))] * len(steps)
     for composition in composed:
         group = design.term_columns(view, composition.term)
         groups.append(standing.get(composition.term, group))
@@ -349,5 +349,5 @@ def _linearized_terms(view: FittedModel) -> dict[Effect | None, ColumnGroup]:
         return {}
     derivative = np.nan_to_num(heading_jacobian(view.simulation, view.case.scene, view.heading_deg, first=5))
     parts = np.split(derivative, np.cumsum([len(term.fitted()) for term in terms])[:-1], axis=1)
-    bare = [term.at(0.0 * term.values) for term in terms]
-    return {term: ColumnGroup(term.name, part, term) for term, part in zip(bare, parts, strict=True)}
+    zero_terms = [term.at(0.0 * term.values) for term in terms]
+    return {term: ColumnGroup(term.name, part, term) for term, part in zip(zero_terms, parts, strict=True)}

@@ -72,7 +72,7 @@ class Model:
     score: Floats  # (p + q + b,)
 
     @property
-    def own(self) -> int:
+    def n_candidates(self) -> int:
         """Columns of the candidates."""
         return int(self.ends[-1])
 
@@ -115,7 +115,7 @@ class Prospects:
         return _single_name_share(self.names, self.weighed.updated(rows.information, pulled[:, None], self.probability))
 
 
-def of(inferred: Inference) -> tuple[tuple[str, float], ...]:
+def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
     """Rank observations by the probability that each leaves one name."""
     if (ahead := prospects(inferred)) is None:
         return ()
@@ -178,7 +178,7 @@ def _observations(model: Model, variance: Floats) -> Iterator[tuple[str, Rows]]:
 
 
 def _parts(model: Model) -> tuple[Floats, Floats, Floats]:
-    candidates_end, slow = model.own, model.own + model.slow
+    candidates_end, slow = model.n_candidates, model.n_candidates + model.slow
     return model.rows[:, :candidates_end], model.rows[:, candidates_end:slow], model.rows[:, slow:]
 
 
@@ -238,7 +238,7 @@ def _swing(model: Model) -> Rows:
     heading = np.arange(COURSES) * 360.0 / COURSES
     of_compass = model.of_terms([term.side == "compass" for term in model.terms])
     candidate_columns = model.columns(deck, heading) * of_compass
-    base = np.zeros((COURSES, model.rows.shape[1] - model.own))
+    base = np.zeros((COURSES, model.rows.shape[1] - model.n_candidates))
     base[:, model.slow : model.slow + 5] = heading_jacobian(model.state.simulation, deck, heading)[:, :5]
     known = np.concatenate([candidate_columns, np.nan_to_num(base)], axis=1) / SWUNG_DEG
     return Rows(known, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, 1.0 / ANYTHING))
@@ -263,7 +263,7 @@ def _strength(model: Model) -> Rows:
             for values, step in zip(moved, term.steps(), strict=True)
         ]
     unit = strength_unit(scene.time_s)
-    no_noise = np.zeros((len(heading), model.rows.shape[1] - model.own))
+    no_noise = np.zeros((len(heading), model.rows.shape[1] - model.n_candidates))
     hard = body / length[:, None]
     soft = [body[:, i] * hard[:, j] / SOFT_NT for i, j in itertools.combinations_with_replacement(range(3), 2)]
     free = np.column_stack([hard, *soft]) * unit
@@ -288,7 +288,9 @@ class _Weighed:
     def __init__(self, model: Model, variance: Floats, hypotheses: Sequence[Hypothesis]):
         present = np.flatnonzero(variance > 0.0)
         information = model.rows.T @ model.rows
-        nuisances = np.concatenate([model.own + present, np.arange(model.own + model.slow, len(information))])
+        nuisances = np.concatenate(
+            [model.n_candidates + present, np.arange(model.n_candidates + model.slow, len(information))]
+        )
         known = np.full(len(nuisances), 0.0)
         known[: len(present)] = 1.0 / variance[present]
         known[len(present) :] = 1.0 / ANYTHING * np.diag(information)[nuisances[len(present) :]] + 1.0 / ANYTHING

@@ -45,7 +45,7 @@ CENTRES = (0.2, 0.5, 0.8)  # quantiles of the driver, of what saturates
 LATCHES = (0.98, 0.995)  # quantiles that a driver exceeds rarely
 SCALES, WIDTHS = (0.3, 1.0), (1.0, 2.5)  # of the driver's standard deviation
 LAGS_S = (0.5 * DAY_S, 3 * DAY_S, 15 * DAY_S)  # time constants, of a sphere's warming to a month of the sea
-DATES, EDGES, LIVES = 30, 13, (0.04, 0.12, 0.35)  # dates tried, begins and ends, lives in shares of the record
+DATES, EDGES, LIFETIMES = 30, 13, (0.04, 0.12, 0.35)  # dates tried, begins and ends, lives in shares of the record
 SECTORS, REACHES_DEG = 24, (20.0, 40.0)  # of what acts around one heading
 AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, between the places that are tried
 MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8  # compositions that are weighed: seconds
@@ -71,12 +71,12 @@ def screen(state: FittedModel, drivers: Collection[str] = ()) -> list[Compositio
     if not state.case.has_slow_noise:
         return []
     target = (state.innovation / state.sigma).astype(np.float32)[:, None]
-    tried = [
-        (gain + one.log_share, one)
-        for some, gains in _screened(state, target, np.full(len(state.case), -1), drivers)
-        for one, gain in zip(some, gains[:, 0, 0].tolist(), strict=True)
+    scored = [
+        (gain + composition.log_share, composition)
+        for batch, gains in _screened(state, target, np.full(len(state.case), -1), drivers)
+        for composition, gain in zip(batch, gains[:, 0, 0].tolist(), strict=True)
     ]
-    return _select_likeliest(tried)
+    return _select_likeliest(scored)
 
 
 def screen_folds(
@@ -89,16 +89,16 @@ def screen_folds(
         fold: number of the part of each sample, (n,).
         most: compositions that are kept of each part and residual.
     """
-    kept: dict[tuple[int, int], list[tuple[float, Composition]]] = {}
+    best: dict[tuple[int, int], list[tuple[float, Composition]]] = {}
     if not state.case.has_slow_noise:
         return {}
-    for some, gains in _screened(state, targets, fold):
-        scores = gains + np.array([one.log_share for one in some])[:, None, None]
+    for batch, gains in _screened(state, targets, fold):
+        scores = gains + np.array([composition.log_share for composition in batch])[:, None, None]
         first = np.argsort(-scores, axis=0)[:most]
         for f, r in np.ndindex(scores.shape[1:]):
-            better = [(float(scores[k, f, r]), some[k]) for k in first[:, f, r]]
-            kept[f, r] = sorted([*kept.get((f, r), []), *better], key=lambda each: -each[0])[:most]
-    return {key: [one for _, one in each] for key, each in kept.items()}
+            better = [(float(scores[k, f, r]), batch[k]) for k in first[:, f, r]]
+            best[f, r] = sorted([*best.get((f, r), []), *better], key=lambda each: -each[0])[:most]
+    return {key: [composition for _, composition in each] for key, each in best.items()}
 
 
 def _screened(
@@ -111,23 +111,24 @@ def _screened(
         if target.side != "water" and _acts(name, state)
     }
     places = _places(state.case.scene, state.case.units)
-    forms = {name: Counter(one[0] for one in places if _is_unlisted(name, *one)) for name in acted}
-    tried = {key: at for key, at in places.items() if not drivers or key[0] in drivers}
-    for batch in _batches(state, tried):
-        for name, bare in acted.items():
+    forms = {name: Counter(pair[0] for pair in places if _is_unlisted(name, *pair)) for name in acted}
+    selected = {key: at for key, at in places.items() if not drivers or key[0] in drivers}
+    for batch in _batches(state, selected):
+        for name, derivative in acted.items():
             if drivers and name != "reading":
                 continue
-            own = [k for k, (driver, form, _) in enumerate(batch.places) if _is_unlisted(name, driver, form)]
-            if not own:
+            unlisted = [k for k, (driver, form, _) in enumerate(batch.places) if _is_unlisted(name, driver, form)]
+            if not unlisted:
                 continue
-            gains, usual = _gains(state, bare, batch.only(own), targets, fold)
-            some = []
-            for k, expected in zip(own, usual, strict=True):
+            gains, usual = _gains(state, derivative, batch.only(unlisted), targets, fold)
+            compositions = []
+            for k, expected in zip(unlisted, usual, strict=True):
                 driver, form, at = batch.places[k]
                 alike = forms[name][driver] * len(places[driver, form])
                 log_count = float(np.log(len(acted) * len(forms[name]) * alike))
-                some.append(Composition(place_effect(compose_effect(name, driver, form), *at), -log_count, expected))
-            yield some, gains
+                term = place_effect(compose_effect(name, driver, form), *at)
+                compositions.append(Composition(term, -log_count, expected))
+            yield compositions, gains
 
 
 def near(term: ComposedEffect, scene: Scene) -> list[ComposedEffect]:
@@ -138,12 +139,12 @@ def near(term: ComposedEffect, scene: Scene) -> list[ComposedEffect]:
     """
     steps = _steps(term, scene)
     places = {f.name: float(getattr(term, f.name)) for f in fields(term) if not f.metadata["step"]}
-    tried = [
+    grid = [
         [at + steps[name] * away for away in AROUND] if name in steps else [at * 2.0**away for away in AROUND]
         for name, at in places.items()
     ]
-    bare = term.at(0.0 * term.values)
-    return [replace(bare, **dict(zip(places, one, strict=True))) for one in itertools.product(*tried)]
+    zero_term = term.at(0.0 * term.values)
+    return [replace(zero_term, **dict(zip(places, place, strict=True))) for place in itertools.product(*grid)]
 
 
 def spacings(term: ComposedEffect, scene: Scene) -> dict[str, float]:
@@ -170,10 +171,11 @@ def _steps(term: ComposedEffect, scene: Scene) -> dict[str, float]:
 
 def rivals(term: ComposedEffect, composed: Sequence[Composition]) -> list[Composition]:
     """Select a composition and others of its driver that have places, each kind at its best place so far."""
-    alike = [one for one in composed if one.term.composition[1] == term.composition[1] and one.term.placed]
-    coarse, moved = ([one for one in alike if one.moved is is_moved] for is_moved in (False, True))
-    each = {type(one.term): one for one in (*reversed(coarse), *moved)}
-    return sorted(each.values(), key=lambda one: type(one.term) is not type(term))[:MOST_RIVALS]
+    driver = term.composition[1]
+    alike = [rival for rival in composed if rival.term.composition[1] == driver and rival.term.placed]
+    alike = [*(rival for rival in reversed(alike) if not rival.moved), *(rival for rival in alike if rival.moved)]
+    each = {type(rival.term): rival for rival in alike}
+    return sorted(each.values(), key=lambda rival: type(rival.term) is not type(term))[:MOST_RIVALS]
 
 
 def merge_compositions(first: Sequence[Composition], second: Sequence[Composition]) -> list[Composition]:
@@ -181,20 +183,20 @@ def merge_compositions(first: Sequence[Composition], second: Sequence[Compositio
     return list({each.term: each for each in (*first, *second)}.values())
 
 
-def _select_likeliest(tried: list[tuple[float, Composition]]) -> list[Composition]:
-    kept: list[Composition] = []
-    seen: dict[type, int] = {}
-    for _, one in sorted(tried, key=lambda each: -each[0]):
-        kind = type(one.term)
-        if seen.get(kind, 0) < MOST_OF_KIND and len(kept) < MOST:
-            seen[kind] = seen.get(kind, 0) + 1
-            kept.append(one)
-    return kept
+def _select_likeliest(scored: list[tuple[float, Composition]]) -> list[Composition]:
+    chosen: list[Composition] = []
+    counts: dict[type, int] = {}
+    for _, composition in sorted(scored, key=lambda each: -each[0]):
+        kind = type(composition.term)
+        if counts.get(kind, 0) < MOST_OF_KIND and len(chosen) < MOST:
+            counts[kind] = counts.get(kind, 0) + 1
+            chosen.append(composition)
+    return chosen
 
 
 def _acts(name: str, state: FittedModel) -> bool:
     """Check that the recording has what must be known to act on something."""
-    return all(one in state.case.scene.departures for one in TARGETS[name].needs)
+    return all(needed in state.case.scene.departures for needed in TARGETS[name].needs)
 
 
 @dataclass(frozen=True)
@@ -205,55 +207,55 @@ class Batch:
     series: Floats  # (n, m, c) float32
     square: Floats  # (n, m, c)
 
-    def only(self, some: Sequence[int]) -> Batch:
+    def only(self, indices: Sequence[int]) -> Batch:
         """Select some of them."""
-        if len(some) == len(self.places):
+        if len(indices) == len(self.places):
             return self
-        return Batch([self.places[k] for k in some], self.series[:, some], self.square[:, some])
+        return Batch([self.places[k] for k in indices], self.series[:, indices], self.square[:, indices])
 
 
 def _batches(state: FittedModel, places: Mapping[tuple[str, str], Sequence[tuple[float, ...]]]) -> Iterator[Batch]:
     """Yield every driver in every form at every place, together those that have as many columns each."""
     scene, most = state.case.scene, max(MOST_NUMBERS // len(state.case), 1)
-    for _, alike in itertools.groupby(places, key=lambda one: len(FORMS[one[1]].suffixes)):
-        every = [(*one, at) for one in alike for at in places[one]]
-        for own in (every[k : k + most] for k in range(0, len(every), most)):
-            terms = [place_effect(compose_effect("reading", driver, form), *at) for driver, form, at in own]
+    for _, alike in itertools.groupby(places, key=lambda pair: len(FORMS[pair[1]].suffixes)):
+        combinations = [(*pair, at) for pair in alike for at in places[pair]]
+        for chunk in (combinations[k : k + most] for k in range(0, len(combinations), most)):
+            terms = [place_effect(compose_effect("reading", driver, form), *at) for driver, form, at in chunk]
             makers = [term.series if term.composition[2] == "memory" else term.made for term in terms]  # slow: kept
             series = np.stack([make(scene, state.case.recorded_deg) for make in makers], axis=1)
-            yield Batch(own, series.astype(np.float32), series**2)
+            yield Batch(chunk, series.astype(np.float32), series**2)
 
 
 def _gains(
-    state: FittedModel, bare: Floats, batch: Batch, targets: Floats, fold: NDArray[np.intp]
+    state: FittedModel, derivative: Floats, batch: Batch, targets: Floats, fold: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
     """Compute the log evidence of each composition alone without each part, and the usual sizes, (m, f, r), (m, k).
 
     Args:
-        bare: derivative of the heading by what is acted on, (n, p).
+        derivative: derivative of the heading by what is acted on, (n, p).
         targets: whitened residuals, (n, r).
         fold: number of the part of each sample, (n,).
     """
     n, m, c = batch.series.shape
-    turn = ((bare**2).T @ batch.square.reshape(n, -1) / n) ** 0.5
+    turn = ((derivative**2).T @ batch.square.reshape(n, -1) / n) ** 0.5
     usual = USUAL_DEG / np.maximum(turn, 1e-9).reshape(-1, m, c).transpose(1, 0, 2).reshape(m, -1)
-    standard = (bare / state.whitener.width_deg[:, None] * state.response / state.sigma).astype(np.float32)
+    standard = (derivative / state.whitener.width_deg[:, None] * state.response / state.sigma).astype(np.float32)
     made = standard[:, None, :, None] * batch.series[:, :, None, :]
     white = state.project_out_nuisance(state.whitener.filtered(made.reshape(n, -1)))
     left_out = [fold == f for f in np.unique(fold)] if fold[0] >= 0 else [np.zeros(len(fold), dtype=bool)]
-    pull, square = white.T @ targets, _own_products(white, m)
+    pull, square = white.T @ targets, _squares(white, m)
     gains = np.empty((m, len(left_out), targets.shape[1]))
     for f, out in enumerate(left_out):
         part = white[out]
-        products = (square - _own_products(part, m)) * usual[:, :, None] * usual[:, None, :]
+        products = (square - _squares(part, m)) * usual[:, :, None] * usual[:, None, :]
         lower = np.linalg.cholesky(products + np.eye(usual.shape[1]))
-        rest = (pull - part.T @ targets[out]).reshape(m, -1, targets.shape[1]) * usual[:, :, None]
-        half = np.linalg.solve(lower, rest)
+        training = (pull - part.T @ targets[out]).reshape(m, -1, targets.shape[1]) * usual[:, :, None]
+        half = np.linalg.solve(lower, training)
         gains[:, f] = 0.5 * np.sum(half**2, axis=1) - np.log(np.einsum("mkk->mk", lower)).sum(axis=1)[:, None]
     return gains, usual
 
 
-def _own_products(white: Floats, m: int) -> Floats:
+def _squares(white: Floats, m: int) -> Floats:
     """Multiply the columns of each composition by each other, (m, k, k)."""
     return np.array([part.T @ part for part in np.split(white, m, axis=1)])
 
@@ -269,8 +271,8 @@ def _varies(scene: Scene, driver: str) -> bool:
     name = DRIVERS[driver][0] if driver in DRIVERS else driver
     if name not in scene.departures:
         return False
-    some = scene.departures[name][:: max(len(scene) // 500, 1)]
-    return len(np.unique(some)) >= covariates.FEWEST_VALUES
+    sample = scene.departures[name][:: max(len(scene) // 500, 1)]
+    return len(np.unique(sample)) >= covariates.FEWEST_VALUES
 
 
 def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list[tuple[float, ...]]]:
@@ -279,14 +281,14 @@ def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list
     Args:
         channels: series that have no name of their own here.
     """
-    there = [one for one in (*VALUES, *channels) if _varies(scene, one)]
-    joined = [one for one in there if one in VALUES and one != "tilt"]
+    there = [driver for driver in (*VALUES, *channels) if _varies(scene, driver)]
+    joined = [driver for driver in there if driver in VALUES and driver != "tilt"]
     alone = [*itertools.product(there, OF_VALUE), *(("time", form) for form in OF_TIME)]
     if _varies(scene, "turn_rate"):
         alone.append(("turn_rate", "sign"))
     pairs = [(f"{a}*{b}", "linear") for a, b in itertools.combinations(sorted([*joined, "time"]), 2)]
     return {
-        **{one: _places_of(scene, *one) for one in (*alone, *pairs)},
+        **{pair: _places_of(scene, *pair) for pair in (*alone, *pairs)},
         ("hour", "periodic"): [(DAY_S,), (DAY_S / 2.0,)],
         ("tide", "periodic"): [(TIDE_S,)],
         ("heading", "bump"): [(360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG],
@@ -298,22 +300,22 @@ def _places_of(scene: Scene, driver: str, form: str) -> list[tuple[float, ...]]:
     time_s, x = scene.time_s, driver_series(scene, driver)
     span, width = float(np.ptp(time_s)), float(np.std(x))
     if form == "threshold":
-        return [(float(one),) for one in np.unique(np.quantile(x, THRESHOLDS))]
+        return [(float(value),) for value in np.unique(np.quantile(x, THRESHOLDS))]
     if form == "latch":
-        return [(float(one),) for one in np.unique(np.quantile(x, LATCHES))]
+        return [(float(value),) for value in np.unique(np.quantile(x, LATCHES))]
     if form == "saturating":
         return [(float(np.quantile(x, centre)), share * width) for centre in CENTRES for share in SCALES]
     if form == "memory":
         return [(share * width,) for share in WIDTHS]
     if form == "lagged":
-        return [(one,) for one in LAGS_S]
+        return [(value,) for value in LAGS_S]
     edges = time_s[0] + span * np.linspace(0.0, 1.0, EDGES + 2)[1:-1]
     if form == "step":
-        return [(float(one),) for one in time_s[0] + span * np.linspace(0.0, 1.0, DATES + 2)[1:-1]]
+        return [(float(value),) for value in time_s[0] + span * np.linspace(0.0, 1.0, DATES + 2)[1:-1]]
     if form in ("box", "ramp"):
         ends = [time_s[0], *edges, time_s[-1]] if form == "ramp" else edges
         return [(float(a), float(b)) for a, b in itertools.combinations(ends, 2) if (a, b) != (ends[0], ends[-1])]
     if form in ("decay", "growth"):
         begins = [float(time_s[0 if form == "decay" else -1])]
-        return [(begin, share * span) for begin in begins for share in LIVES]
+        return [(begin, share * span) for begin in begins for share in LIFETIMES]
     return [()]

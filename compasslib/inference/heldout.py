@@ -31,7 +31,7 @@ from compasslib.statistics.resampling import NORMAL_95, blocks_by_count, blocks_
 from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats
 
-KEPT = 2  # compositions that each choice may take: seconds
+MOST_CHOICES = 2  # compositions that each choice may take: seconds
 SEED = 11  # of the surrogates
 CLEAR_Z = 4.0  # fitted amplitude over its standard error from which a slope says anything of size and form
 
@@ -52,7 +52,7 @@ def cross_validate(inferred: Inference, k: int, without: FittedModel, surrogates
     each, rms_deg = _fold_gains(state, k, fold)
     method = "fifths" if lasting else "within_event"
     in_water = state.case.has_slow_noise
-    scored = _choose_anew(inferred, without, fold, surrogates if in_water else 0)
+    scored = _refit_folds(inferred, without, fold, surrogates if in_water else 0)
     if not in_water:  # neither water nor a search of thousands can feign it
         scored["placebo"] = None
     return replace(finding.bootstrap_gain(each, block, rms_deg), method=method, **scored)
@@ -68,16 +68,16 @@ class _Alternatives:
     allowed: Floats  # (g, f, r) 0 where a fold of a target may choose it, else minus infinity
 
 
-def _choose_anew(inferred: Inference, without: FittedModel, fold: NDArray[np.intp], surrogates: int) -> dict[str, Any]:
+def _refit_folds(inferred: Inference, without: FittedModel, fold: NDArray[np.intp], surrogates: int) -> dict[str, Any]:
     """Choose, fit and score what stands in the place of a term, for each fold and each surrogate."""
     candidates, slow = inferred.posterior.candidates, inferred.slow
-    quiet = design.evaluate_model(replace(without.case, louder=None), without.simulation, without.nuisance)
+    quiet = design.evaluate_model(replace(without.case, low_rank=None), without.simulation, without.nuisance)
     unit = quiet.response / quiet.sigma / np.sqrt(candidates.scatter)
     waves = np.zeros((len(fold), 0)) if slow is None else quiet.whitener(slow.columns.astype(np.float32)) * unit
     variance = evidence.noise_variances(slow, inferred.posterior.water_of(inferred.chosen))
     targets = _targets(quiet, unit, waves * np.sqrt(variance), surrogates)
-    louder, loud = without.case.louder, targets.astype(np.float32)
-    loud = loud if louder is None else louder.whiten(loud)
+    low_rank, loud = without.case.low_rank, targets.astype(np.float32)
+    loud = loud if low_rank is None else low_rank.whiten(loud)
     choices = _alternatives(inferred, without, loud * np.sqrt(candidates.scatter), fold)
     columns = [group.columns * usual for group, usual in zip(choices.groups, choices.usual, strict=True)]
     white = quiet.whitener(np.concatenate(columns, axis=1, dtype=np.float32)) * np.float32(unit)
@@ -91,32 +91,32 @@ def _choose_anew(inferred: Inference, without: FittedModel, fold: NDArray[np.int
     whole = _marginal(sum(squares), sum(scores), ends[-1], variance)
     gain, predicted, followed, size_deg = np.zeros(targets.shape[1]), 0.0, 0.0, 0.0
     for f, (square, score) in enumerate(zip(squares, scores, strict=True)):
-        rest = _marginal(whole[2] - square, whole[3] - score, ends[-1], variance)
-        best = np.argmax(_log_evidence(rest, parts) + choices.log_share[:, None] + choices.allowed[:, f], axis=0)
+        training = _marginal(whole[2] - square, whole[3] - score, ends[-1], variance)
+        best = np.argmax(_log_evidence(training, parts) + choices.log_share[:, None] + choices.allowed[:, f], axis=0)
         for r, g in enumerate(best):
             at = parts[g]
-            known, all_known = rest[0][np.ix_(at, at)], whole[0][np.ix_(at, at)]
-            values = np.linalg.solve(known + np.eye(len(at)), rest[1][at, r])
-            gain[r] += _log_of(whole, at, r) - _log_of(rest, at, r)
+            known, all_known = training[0][np.ix_(at, at)], whole[0][np.ix_(at, at)]
+            values = np.linalg.solve(known + np.eye(len(at)), training[1][at, r])
+            gain[r] += _log_of(whole, at, r) - _log_of(training, at, r)
             if r == 0:
                 predicted += max(float(values @ (all_known - known) @ values), 0.0)
-                followed += float(values @ (whole[1][at, r] - rest[1][at, r]))
+                followed += float(values @ (whole[1][at, r] - training[1][at, r]))
                 size_deg += angles.rms(quiet.visible(columns[g]) @ values) / len(folds)
-    return _told(gain, predicted, followed, size_deg, surrogates)
+    return _describe_gain(gain, predicted, followed, size_deg, surrogates)
 
 
-def _told(gain: Floats, predicted: float, followed: float, size_deg: float, surrogates: int) -> dict[str, Any]:
+def _describe_gain(gain: Floats, predicted: float, followed: float, size_deg: float, surrogates: int) -> dict[str, Any]:
     """Describe gain, amplitude, slope and placebo; the noise is as much wider as evidence is tempered."""
     spread = NORMAL_95 * float(np.sqrt(predicted / TEMPERATURE))
     slope = followed / max(predicted, 1e-12)
     wide = spread / max(predicted, 1e-12)
     z = float(np.sqrt(predicted * TEMPERATURE))
-    told = Interval(slope, slope - wide, slope + wide)
+    interval = Interval(slope, slope - wide, slope + wide)
     chance = (1 + int(np.sum(gain[1:] >= gain[0]))) / (1 + surrogates) if surrogates else None
     return {
         "anew": Interval(float(gain[0]), float(gain[0]) - spread, float(gain[0]) + spread),
-        "amplitude": Amplitude(size_deg, size_deg * slope, size_deg * told.low, size_deg * told.high),
-        "slope": told if z >= CLEAR_Z else None,
+        "amplitude": Amplitude(size_deg, size_deg * slope, size_deg * interval.low, size_deg * interval.high),
+        "slope": interval if z >= CLEAR_Z else None,
         "placebo": Placebo(surrogates, chance),
     }
 
@@ -125,9 +125,9 @@ def _targets(quiet: FittedModel, unit: float, slow: Floats, surrogates: int) -> 
     """Build the whitened residual and surrogates of it: white noise, slow water and the current redrawn, (n, 1 + r)."""
     rng = np.random.default_rng(SEED)
     known = np.isfinite(quiet.whitener.width_deg)[:, None]
-    drawn = rng.normal(size=(len(known), surrogates)) + slow @ rng.normal(size=(slow.shape[1], surrogates))
-    seen = quiet.innovation[:, None] / quiet.response * unit
-    return np.where(known, quiet.project_out_nuisance(np.column_stack([seen, drawn])), 0.0)
+    surrogate = rng.normal(size=(len(known), surrogates)) + slow @ rng.normal(size=(slow.shape[1], surrogates))
+    residual = quiet.innovation[:, None] / quiet.response * unit
+    return np.where(known, quiet.project_out_nuisance(np.column_stack([residual, surrogate])), 0.0)
 
 
 def _alternatives(inferred: Inference, without: FittedModel, loud: Floats, fold: NDArray[np.intp]) -> _Alternatives:
@@ -143,31 +143,31 @@ def _alternatives(inferred: Inference, without: FittedModel, loud: Floats, fold:
     groups = [candidates.groups[k] for k in listed]
     usual = [candidates.usual[candidates.parts[k]] for k in listed]
     shares = [names[k] + candidates.shares[k] for k in listed]
-    screened = grammar.screen_folds(without, loud, fold, KEPT)
+    screened = grammar.screen_folds(without, loud, fold, MOST_CHOICES)
     half = design.midpoint_linearization(inferred.state)
     numbers: dict[Any, int] = {}
-    for found in (found for each in screened.values() for found in each):
-        if found.term not in numbers and type(found.term) not in others:
-            numbers[found.term] = len(groups)
-            groups.append(design.term_columns(half, found.term))
-            usual.append(found.usual)
-            shares.append(float(np.log(posterior.UNLISTED)) + found.log_share)
+    for composition in (composition for each in screened.values() for composition in each):
+        if composition.term not in numbers and type(composition.term) not in others:
+            numbers[composition.term] = len(groups)
+            groups.append(design.term_columns(half, composition.term))
+            usual.append(composition.usual)
+            shares.append(float(np.log(posterior.UNLISTED)) + composition.log_share)
     allowed = np.zeros((len(groups), len(np.unique(fold)), loud.shape[1]))
     allowed[len(listed) :] = -np.inf
     for (f, r), each in screened.items():
-        for found in each:
-            if found.term in numbers:
-                allowed[numbers[found.term], f, r] = 0.0
+        for composition in each:
+            if composition.term in numbers:
+                allowed[numbers[composition.term], f, r] = 0.0
     return _Alternatives(groups, usual, np.array(shares), allowed)
 
 
-def _marginal(square: Floats, score: Floats, own: int, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _marginal(square: Floats, score: Floats, n: int, variance: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Integrate noise columns out of products for several targets; the products themselves come with them."""
     root = np.sqrt(variance)
-    lower = cholesky(np.eye(len(root)) + root[:, None] * square[own:, own:] * root, lower=True)
-    cross = root[:, None] * square[own:, :own]
-    taken = cho_solve((lower, True), np.column_stack([cross, root[:, None] * score[own:]]))
-    return square[:own, :own] - cross.T @ taken[:, :own], score[:own] - cross.T @ taken[:, own:], square, score
+    lower = cholesky(np.eye(len(root)) + root[:, None] * square[n:, n:] * root, lower=True)
+    cross = root[:, None] * square[n:, :n]
+    taken = cho_solve((lower, True), np.column_stack([cross, root[:, None] * score[n:]]))
+    return square[:n, :n] - cross.T @ taken[:, :n], score[:n] - cross.T @ taken[:, n:], square, score
 
 
 def _log_of(products: Sequence[Floats], at: NDArray[np.intp], r: int) -> float:
@@ -181,11 +181,11 @@ def _log_evidence(products: Sequence[Floats], parts: Sequence[NDArray[np.intp]])
     result = np.zeros((len(parts), products[1].shape[1]))
     count = np.array([len(part) for part in parts])
     for size in np.unique(count):
-        some = np.flatnonzero(count == size)
-        index = np.array([parts[int(k)] for k in some])
+        equal = np.flatnonzero(count == size)
+        index = np.array([parts[int(k)] for k in equal])
         lower = np.linalg.cholesky(products[0][index[:, :, None], index[:, None, :]] + np.eye(size))
         half = np.linalg.solve(lower, products[1][index])
-        result[some] = 0.5 * np.sum(half**2, axis=1) - np.log(np.einsum("gkk->gk", lower)).sum(axis=1)[:, None]
+        result[equal] = 0.5 * np.sum(half**2, axis=1) - np.log(np.einsum("gkk->gk", lower)).sum(axis=1)[:, None]
     return TEMPERATURE * result
 
 

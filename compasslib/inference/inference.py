@@ -57,7 +57,7 @@ class Inference:
             state: of this recording, with any terms.
         """
         posterior, slow = self.posterior, _without_rivals(self.slow, state.simulation.terms)
-        quiet = design.evaluate_model(replace(state.case, louder=None), state.simulation, state.nuisance)
+        quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
         columns = quiet.base if slow is None else np.concatenate([quiet.base, slow.columns], axis=1)
         scale = np.linalg.norm(quiet.base, axis=0)
         scale = np.where(scale > 0.0, scale, 1.0)
@@ -89,24 +89,24 @@ class Inference:
         if not effect.startswith(COMPOSED):
             return effect
         posterior = self.posterior
-        some = [i for i, names in enumerate(posterior.names) if effect in names]
-        best = posterior.hypotheses[max(some, key=lambda i: float(posterior.probability[i]))]
+        containing = [i for i, names in enumerate(posterior.names) if effect in names]
+        best = posterior.hypotheses[max(containing, key=lambda i: float(posterior.probability[i]))]
         term = next(each for each in posterior.terms_of(best) if each.name == effect)
         assert isinstance(term, ComposedEffect)
         return COMPOSED + "/".join(term.said())
 
-    def only(self, kept: Sequence[bool]) -> Inference:
+    def only(self, selection: Sequence[bool]) -> Inference:
         """Refit with some of the terms only.
 
         Args:
-            kept: of each term whether it stays.
+            selection: of each term whether it stays.
         """
-        if all(kept):
+        if all(selection):
             return self
-        terms = [term for term, stays in zip(self.state.simulation.terms, kept, strict=True) if stays]
-        chosen = tuple(k for k, stays in zip(self.chosen, kept, strict=True) if stays)
+        terms = [term for term, stays in zip(self.state.simulation.terms, selection, strict=True) if stays]
+        chosen = tuple(k for k, stays in zip(self.chosen, selection, strict=True) if stays)
         finding_posteriors = tuple(
-            finding for finding, stays in zip(self.finding_posteriors, kept, strict=True) if stays
+            finding for finding, stays in zip(self.finding_posteriors, selection, strict=True) if stays
         )
         return replace(
             self, state=design.refit(self.state, terms), chosen=chosen, finding_posteriors=finding_posteriors
@@ -119,10 +119,10 @@ class Inference:
         Of hypotheses that differ by a date only, or by the form in which a reading follows what the current may, the
         likeliest stands for all.
         """
-        groups, every = self.posterior.candidates.groups, self.posterior
+        groups, posterior = self.posterior.candidates.groups, self.posterior
         chosen = self._alike(self.state.simulation.terms)
-        weighed = list(zip(every.hypotheses, every.probability.tolist(), strict=True))
-        if len(self.chosen) < len(every.best):  # names were taken back: nothing is known of the others' weights
+        weighed = list(zip(posterior.hypotheses, posterior.probability.tolist(), strict=True))
+        if len(self.chosen) < len(posterior.best):  # names were taken back: nothing is known of the others' weights
             weighed = [(self.chosen, 1.0)]
         weights: dict[frozenset[type | str], float] = {}
         best: dict[frozenset[type | str], tuple[float, Hypothesis]] = {}
@@ -130,13 +130,13 @@ class Inference:
             kinds = self._alike([groups[k].term for k in hypothesis])
             weights[kinds] = weights.get(kinds, 0.0) + p
             best[kinds] = max(best.get(kinds, (0.0, hypothesis)), (p, hypothesis), key=lambda x: x[0])
-        kept = {kinds: weight for kinds, weight in weights.items() if weight >= LEAST_WEIGHT or kinds == chosen}
-        for kinds in weights.keys() - kept.keys():  # some effects and a doubtful further one: counted without it
-            if contained := [other for other in kept if other and other < kinds]:
-                kept[max(contained, key=lambda other: weights[other])] += weights[kinds]
+        likely = {kinds: weight for kinds, weight in weights.items() if weight >= LEAST_WEIGHT or kinds == chosen}
+        for kinds in weights.keys() - likely.keys():  # some effects and a doubtful further one: counted without it
+            if contained := [other for other in likely if other and other < kinds]:
+                likely[max(contained, key=lambda other: weights[other])] += weights[kinds]
         states = [
             (weight, self.state if kinds == chosen else self._refitted(best[kinds][1]))
-            for kinds, weight in kept.items()
+            for kinds, weight in likely.items()
         ]
         return sorted(states, key=lambda each: (each[1] is not self.state, -each[0]))
 
@@ -152,7 +152,7 @@ class Inference:
         candidates, water, state = self.posterior.candidates, self.posterior.water_of(hypothesis), self.state
         terms = self.posterior.terms_of(hypothesis)
         if candidates.rivals(hypothesis):
-            quiet = design.evaluate_model(replace(state.case, louder=None), state.simulation, state.nuisance)
+            quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
             state = _with_noise(state, quiet, _without_rivals(self.slow, terms), water)
         return design.refit(state, terms)
 
@@ -233,9 +233,11 @@ def _screen(state: FittedModel, learnt: SlowNoiseBasis | None, water: SlowNoiseP
     drivers = [] if learnt is None else [driver for driver in DRIVERS if coupled_drivers(driver) & learnt.acting]
     if learnt is None or not drivers:
         return composed
-    quiet = design.evaluate_model(replace(state.case, louder=None), state.simulation, state.nuisance)
-    bare = _with_noise(state, quiet, learnt.without_current(set().union(*map(coupled_drivers, drivers))), water)
-    return grammar.merge_compositions(composed, grammar.screen(bare, drivers))
+    quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
+    without_current = _with_noise(
+        state, quiet, learnt.without_current(set().union(*map(coupled_drivers, drivers))), water
+    )
+    return grammar.merge_compositions(composed, grammar.screen(without_current, drivers))
 
 
 def _retitle(inferred: Inference) -> Inference:
@@ -265,18 +267,20 @@ def _refine_places(state: FittedModel, composed: Sequence[Composition]) -> tuple
 
     Rivals that have the same driver are moved to their best places too, or the chosen one would look surer.
     """
-    kept, terms = list(composed), list(state.simulation.terms)
+    compositions, terms = list(composed), list(state.simulation.terms)
     for k, term in enumerate(terms):
         if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
             continue
         free = design.refit(state, [other for j, other in enumerate(terms) if j != k])
-        for rival in grammar.rivals(term, kept):
+        for rival in grammar.rivals(term, compositions):
             around = grammar.near(rival.term, state.case.scene)
             gains = design.score_gains(free, [design.term_columns(free, place) for place in around])
             best = around[int(np.argmax(gains))]
-            kept = grammar.merge_compositions(kept, [replace(rival, term=best, moved=True)])
+            compositions = grammar.merge_compositions(compositions, [replace(rival, term=best, moved=True)])
             terms[k] = best.at(term.values) if type(best) is type(term) else terms[k]
-    return (state, kept) if terms == list(state.simulation.terms) else (design.refit(state, terms), kept)
+    return (
+        (state, compositions) if terms == list(state.simulation.terms) else (design.refit(state, terms), compositions)
+    )
 
 
 def _with_priors(state: FittedModel, composed: Sequence[Composition]) -> FittedModel:
@@ -290,8 +294,8 @@ def _kinds(terms: Sequence[Effect | None]) -> frozenset[type]:
 
 
 def _same_terms(state: FittedModel, candidates: Candidates, hypothesis: Hypothesis) -> bool:
-    bare = [term.at(0.0 * term.values) for term in state.simulation.terms]
-    return [candidates.groups[k].term for k in hypothesis] == bare  # in the order of the catalogue, both
+    zero_terms = [term.at(0.0 * term.values) for term in state.simulation.terms]
+    return [candidates.groups[k].term for k in hypothesis] == zero_terms  # in the order of the catalogue, both
 
 
 def _initialize(
@@ -312,7 +316,7 @@ def _initialize(
     best: dict[str, int] = {}
     for k in np.argsort(-alone):
         best.setdefault(whole.groups[int(k)].name, int(k))
-    tried: list[tuple[float, FittedModel, SlowNoiseParams | None]] = [
+    beginnings: list[tuple[float, FittedModel, SlowNoiseParams | None]] = [
         (_log_likelihood(state, slow, water), state, water)
     ]
     for k in [k for k in best.values() if alone[k] > PLAIN][:MOST_BEGINNINGS]:
@@ -321,8 +325,8 @@ def _initialize(
         charge = CHARGE * len(whole.parts[k]) + np.log(
             sum(group.name == whole.groups[k].name for group in whole.groups)
         )
-        tried.append((_log_likelihood(grown, slow, other) - charge, grown, other))
-    _, begun, water = max(tried, key=lambda each: each[0])
+        beginnings.append((_log_likelihood(grown, slow, other) - charge, grown, other))
+    _, begun, water = max(beginnings, key=lambda each: each[0])
     learnt = None if slow is None else _learn_current(_noise_only(begun, slow), (), water)
     return _with_noise(begun, begun, learnt, water), learnt, water
 
@@ -350,8 +354,8 @@ def _with_noise(
     Args:
         view: whose whitener knows no slow water.
     """
-    louder = None if slow is None or water is None else noise.low_rank_noise(view, slow, water)
-    return design.evaluate_model(replace(state.case, louder=louder), state.simulation, state.nuisance)
+    low_rank = None if slow is None or water is None else noise.low_rank_noise(view, slow, water)
+    return design.evaluate_model(replace(state.case, low_rank=low_rank), state.simulation, state.nuisance)
 
 
 def _candidates_at(
@@ -365,7 +369,7 @@ def _candidates_at(
 
 def freed_model(state: FittedModel) -> tuple[FittedModel, FittedModel]:
     """Give the terms back to the residual, without slow water, and build a state for slopes half way."""
-    quiet, half = replace(state.case, louder=None), design.midpoint_linearization(state)
+    quiet, half = replace(state.case, low_rank=None), design.midpoint_linearization(state)
     slopes = heading_jacobian(half.simulation, quiet.scene, half.heading_deg, first=5)
     effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]
     return design.evaluate_model(quiet, state.simulation, state.nuisance, freed_deg=effect), half
@@ -383,8 +387,8 @@ def summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
         "white_deg": (white, white * float(np.sqrt((step + 2.0 * short) / (2.0 * hours)))),
         "short_hours": (short, short * float(np.sqrt(2.0 * (step + short) / hours))),
     }
-    for name, of in SLOW.items():
-        each = np.array([0.0 if water is None else of(water) for water in inferred.posterior.waters])
+    for name, value_of in SLOW.items():
+        each = np.array([0.0 if water is None else value_of(water) for water in inferred.posterior.waters])
         mean = float(weight @ each)
         result[name] = (mean, float(np.sqrt(weight @ (each - mean) ** 2)))
     return result

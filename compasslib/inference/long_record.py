@@ -100,7 +100,7 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         why=_detection_limits(detectable, options.min_effect_deg),
         detectable_deg=detectable,
         threshold={"omnibus": remainder.threshold},
-        experiments=experiments.of(inferred) if diagnosed.verdict == "ambiguous" else (),
+        experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
     )
 

@@ -48,7 +48,7 @@ class Posterior:
     @cached_property
     def names(self) -> list[tuple[str, ...]]:
         """The effects of each hypothesis, in alphabetical order."""
-        return [tuple(sorted(self.effects[k] for k in one)) for one in self.hypotheses]
+        return [tuple(sorted(self.effects[k] for k in hypothesis)) for hypothesis in self.hypotheses]
 
     @cached_property
     def acting(self) -> dict[str, float]:
@@ -67,8 +67,8 @@ class Posterior:
         """
         sums = dict.fromkeys(("none", *SIDES_IN_ORDER), 0.0)
         for names, probability in zip(self.names, self.probability.tolist(), strict=True):
-            own = {side_of(name) for name in names if name not in dropped}
-            sums[next((side for side in SIDES_IN_ORDER if side in own), "none")] += probability
+            present = {side_of(name) for name in names if name not in dropped}
+            sums[next((side for side in SIDES_IN_ORDER if side in present), "none")] += probability
         return sums
 
     @property
@@ -97,8 +97,8 @@ class Posterior:
         for names, count, probability in zip(self.names, self.counts, self.probability.tolist(), strict=True):
             sums[names] += probability * (count == most)
         chosen = sums.most_common(1)[0][0]
-        own = [k for k, names in enumerate(self.names) if names == chosen]
-        return self.hypotheses[max(own, key=lambda k: float(self.probability[k]))]
+        matching = [k for k, names in enumerate(self.names) if names == chosen]
+        return self.hypotheses[max(matching, key=lambda k: float(self.probability[k]))]
 
     def finding_posteriors(
         self, chosen: Hypothesis, *, instead: str | None, alike: Callable[[int, int], float] = lambda a, b: 0.0
@@ -109,12 +109,12 @@ class Posterior:
             instead: what else a place holds in which no effect stands; None leaves those hypotheses out.
             alike: how much two candidates' columns have in common, 0 to 1.
         """
-        found: list[Counter[str]] = [Counter() for _ in chosen]
+        counters: list[Counter[str]] = [Counter() for _ in chosen]
         for other, probability in zip(self.hypotheses, self.probability.tolist(), strict=True):
             for place, name in enumerate(self._filled(chosen, other, instead, alike)):
                 if name is not None:
-                    found[place][name] += probability
-        return [_finding_posterior(self.effects[k], counter) for k, counter in zip(chosen, found, strict=True)]
+                    counters[place][name] += probability
+        return [_finding_posterior(self.effects[k], counter) for k, counter in zip(chosen, counters, strict=True)]
 
     def _filled(
         self, chosen: Hypothesis, other: Hypothesis, instead: str | None, alike: Callable[[int, int], float]
@@ -151,9 +151,9 @@ def log_shares(kinds: Sequence[type[Effect]]) -> list[float]:
     of them. What is always present has odds of one.
     """
     listed = {kind.name for kind in kinds if not (kind.always_present or kind.name.startswith(COMPOSED))}
-    own = [name for name in listed if side_of(name) in ("compass", "clock")]
+    faults = [name for name in listed if side_of(name) in ("compass", "clock")]
     unlisted = any(kind.name.startswith(COMPOSED) for kind in kinds)
-    each = (1.0 - UNLISTED * unlisted) / max(len(own), 1)
+    each = (1.0 - UNLISTED * unlisted) / max(len(faults), 1)
     composed, other = (float(np.log(share)) for share in (UNLISTED, each))
     return [0.0 if kind.always_present else composed if kind.name.startswith(COMPOSED) else other for kind in kinds]
 
@@ -189,8 +189,8 @@ def _assignments(
         return []
     size = min(len(places), len(come))
     tries = (
-        list(zip(some, order, strict=True))
-        for some in itertools.combinations(places, size)
+        list(zip(subset, order, strict=True))
+        for subset in itertools.combinations(places, size)
         for order in itertools.permutations(come, size)
     )
     return max(tries, key=lambda pairs: sum(alike(place, k) for place, k in pairs))
@@ -198,9 +198,9 @@ def _assignments(
 
 def _finding_posterior(effect: str, counter: Counter[str]) -> FindingPosterior:
     total = sum(counter.values())
-    own, others, held = counter[effect] / total, {}, counter[effect] / total
+    probability, others, held = counter[effect] / total, {}, counter[effect] / total
     for name, weight in counter.most_common():
         if name != effect and held < SURE:
             others[name] = weight / total
             held += weight / total
-    return FindingPosterior(effect, own, others)
+    return FindingPosterior(effect, probability, others)

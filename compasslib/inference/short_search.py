@@ -295,13 +295,13 @@ def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
     """Search the terms that explain a comparison, each with all that may stand in its place."""
     made = HypothesisSearch(channel, options.alarm)
     made.run()
-    posterior_found = made.posterior()
-    chosen = posterior_found.likeliest_of(posterior_found.count_of(finding.SURE))
+    posterior = made.posterior()
+    chosen = posterior.likeliest_of(posterior.count_of(finding.SURE))
     fitted = made.refitted[chosen].fitted
-    finding_posteriors = tuple(posterior_found.finding_posteriors(chosen, instead=None))
+    finding_posteriors = tuple(posterior.finding_posteriors(chosen, instead=None))
     tested = score_tests(fitted, fitted, omnibus_groups(fitted), seed=99)
     remainder = omnibus.omnibus_test(tested, options.alarm, partial(group_size_deg, fitted), options.min_effect_deg)
-    return SearchResult(made.refitted[()].fitted, fitted, posterior_found, finding_posteriors, made.alone(), remainder)
+    return SearchResult(made.refitted[()].fitted, fitted, posterior, finding_posteriors, made.alone(), remainder)
 
 
 def _refine_places(fitted: FittedHypothesis) -> FittedHypothesis:

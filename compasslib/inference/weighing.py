@@ -117,9 +117,9 @@ def compute_posterior(
     best: Hypothesis = ()
     rivalry: Floats = np.zeros(len(candidates.groups))
 
-    def scored(hypotheses: Sequence[Hypothesis], some: Sequence[int]) -> Floats:
+    def scored(hypotheses: Sequence[Hypothesis], indices: Sequence[int]) -> Floats:
         rivals = [max((rivalry[k] for k in each if k in candidates.currents), default=0.0) for each in hypotheses]
-        return log_joint(candidates, hypotheses, [waters[i] for i in some], best) + prior(hypotheses) + rivals
+        return log_joint(candidates, hypotheses, [waters[i] for i in indices], best) + prior(hypotheses) + rivals
 
     alone: list[Hypothesis] = [(), *((k,) for k in range(len(candidates.groups)))]
     calm_and_rough = scored(alone, sorted({0, len(waters) - 1}))
@@ -132,17 +132,19 @@ def compute_posterior(
     best = few[int(np.argmax(table[modes].max(axis=0)))]
     near = _best_of(candidates, itertools.combinations(range(len(candidates.groups)), 2), MOST_PAIRS, scored, modes)
     near += _best_of(candidates, _joined(candidates, near[:JOINED]), MOST_TRIPLES, scored, modes)
-    every = [*alone, *near]
-    best = every[int(np.argmax(scored(every, modes).max(axis=0)))]
-    joint = scored(every, kept)
+    hypotheses = [*alone, *near]
+    best = hypotheses[int(np.argmax(scored(hypotheses, modes).max(axis=0)))]
+    joint = scored(hypotheses, kept)
     products = candidates.marginalize(waters[kept[int(np.argmax(joint.max(axis=1)))]])
     joint[
-        :, [not all(term.possible for term in candidates.terms(products, hypothesis)) for hypothesis in every]
+        :, [not all(term.possible for term in candidates.terms(products, hypothesis)) for hypothesis in hypotheses]
     ] = -np.inf
     joint = np.exp(joint - joint.max())
     joint /= joint.sum()
     names, likely = [group.name for group in candidates.groups], [waters[i] for i in kept]
-    return NoiseMarginalPosterior(names, every, joint.sum(axis=0), prior(every), candidates, likely, joint, odds)
+    return NoiseMarginalPosterior(
+        names, hypotheses, joint.sum(axis=0), prior(hypotheses), candidates, likely, joint, odds
+    )
 
 
 def average_posteriors(
@@ -154,18 +156,18 @@ def average_posteriors(
         first: whose candidates are kept.
         share: weight of the first.
     """
-    every = list(dict.fromkeys([*first.hypotheses, *second.hypotheses]))
-    place = {hypothesis: k for k, hypothesis in enumerate(every)}
-    rows, prior = [], np.zeros(len(every))
+    hypotheses = list(dict.fromkeys([*first.hypotheses, *second.hypotheses]))
+    place = {hypothesis: k for k, hypothesis in enumerate(hypotheses)}
+    rows, prior = [], np.zeros(len(hypotheses))
     for each, weight in ((first, share), (second, 1.0 - share)):
         at = [place[hypothesis] for hypothesis in each.hypotheses]
-        rows.append(np.zeros((len(each.waters), len(every))))
+        rows.append(np.zeros((len(each.waters), len(hypotheses))))
         rows[-1][:, at] = weight * each.by_water
         prior[at] = each.prior
     joint = np.concatenate(rows)
     waters = [*first.waters, *second.waters]
     return NoiseMarginalPosterior(
-        first.effects, every, joint.sum(axis=0), prior, first.candidates, waters, joint, first.odds
+        first.effects, hypotheses, joint.sum(axis=0), prior, first.candidates, waters, joint, first.odds
     )
 
 
@@ -196,15 +198,15 @@ def log_rivalry(candidates: Candidates, water: SlowNoiseParams | None) -> Floats
     the reading does at odds of one.
     """
     result = np.zeros(len(candidates.groups))
-    every = [candidates.currents.get(k, part) for k, part in enumerate(candidates.parts)]
-    of_current = replace(candidates, parts=every)
-    beside = candidates.marginalize(water)
+    columns = [candidates.currents.get(k, part) for k, part in enumerate(candidates.parts)]
+    of_current = replace(candidates, parts=columns)
+    products = candidates.marginalize(water)
     for drivers in {coupled_drivers(candidates.kinds[k].driver) for k in candidates.currents}:
         rivals = [k for k in candidates.currents if candidates.kinds[k].driver in drivers]
         alone, without = candidates.index([(k,) for k in rivals]), candidates.marginalize(water, drivers)
         share = np.log(UNLISTED * (1.0 - AGAIN)) + np.array([candidates.shares[k] for k in rivals])
-        both = TEMPERATURE * candidates.log_evidence(beside, alone)
-        change = TEMPERATURE * (without.log_likelihood - beside.log_likelihood)  # where nothing follows the driver
+        both = TEMPERATURE * candidates.log_evidence(products, alone)
+        change = TEMPERATURE * (without.log_likelihood - products.log_likelihood)  # where nothing follows the driver
         reading = TEMPERATURE * candidates.log_evidence(without, alone) + change
         same_form = TEMPERATURE * of_current.log_evidence(without, of_current.index([(k,) for k in rivals])) + change
         total = np.logaddexp.reduce(share)

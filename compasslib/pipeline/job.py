@@ -110,7 +110,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say) -> Rec
         _clear(files["writes"])
         return records.stopped(made, reason)
     made["wrote"] = provenance.hashes(records.flat(files["writes"]))
-    records.remember(looked_at | {path: (records.sign_one(path), known) for path, known in made["wrote"].items()})
+    records.remember(looked_at | {path: (records.sign_file(path), known) for path, known in made["wrote"].items()})
     return made
 
 

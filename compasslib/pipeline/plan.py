@@ -25,8 +25,8 @@ from compasslib.pipeline.settings import (
     Compasses,
     Moorings,
     Wildcards,
-    drawn,
     hash_code,
+    list_figures,
     used_instruments,
 )
 from compasslib.pipeline.stages import CRUISE, OF_CRUISE, Given, Stage
@@ -71,7 +71,7 @@ class Plan:
     @cached_property
     def jobs(self) -> dict[str, tuple[str, Wildcards]]:
         """Rule and wildcards of all jobs that the cruise may have, by their records."""
-        return {self.record(rule, of): (rule, of) for rule, of in self._jobs()}
+        return {self.record(rule, wildcards): (rule, wildcards) for rule, wildcards in self._jobs()}
 
     def _jobs(self) -> Iterator[tuple[str, Wildcards]]:
         for name, mooring in self.cruise.moorings.items():
@@ -141,7 +141,8 @@ class Plan:
 
     def names(self, rule: str) -> str:
         """Constrain a wildcard to the moorings, calibrations or compasses that a rule is for."""
-        names = {of.mooring or of.calibration or of.compass: None for name, of in self.jobs.values() if name == rule}
+        jobs = (wildcards for name, wildcards in self.jobs.values() if name == rule)
+        names = {w.mooring or w.calibration or w.compass: None for w in jobs}
         return only(names)
 
     def everything(self, wildcards: Any = None) -> list[str]:
@@ -193,7 +194,7 @@ class Plan:
         return [file for name in names for file in self.moorings.figures(Wildcards(name))]
 
     def pictures_of_cruise(self) -> list[str]:
-        return drawn(self.cruise, CRUISE, OF_CRUISE) if self.cruise.moorings else []
+        return list_figures(self.cruise, CRUISE, OF_CRUISE) if self.cruise.moorings else []
 
     def calibrated(self) -> list[str]:
         """List all files of the calibrations."""
@@ -205,8 +206,11 @@ class Plan:
 
     def _writers_of_parts(self) -> list[str]:
         parts = stages.of_calibrations(self) | stages.of_compasses(self)
-        jobs = [(parts[rule], of) for rule, of in self._jobs() if rule in parts]
-        paths = [{n: self._paths(stage.folder, given, of) for n, given in stage.writes.items()} for stage, of in jobs]
+        jobs = [(parts[rule], wildcards) for rule, wildcards in self._jobs() if rule in parts]
+        paths = [
+            {n: self._paths(stage.folder, given, wildcards) for n, given in stage.writes.items()}
+            for stage, wildcards in jobs
+        ]
         return [file for group in paths for file in records.flat(group)]
 
     def products(self) -> list[str]:

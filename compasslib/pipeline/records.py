@@ -48,7 +48,7 @@ class KnownHashes:
         if path not in self.digests:
             self.digests[path] = ""
             with suppress(OSError):
-                now = sign_one(path)
+                now = sign_file(path)
                 if path not in self.known or self.known[path][0] != now:
                     self.known[path] = (now, provenance.sha256(path))
                     self.fresh.append(path)
@@ -85,7 +85,7 @@ def remember(known: Mapping[str, tuple[Signature, str]]) -> None:
         stream.write("".join(lines))
 
 
-def sign_one(path: str | Path) -> Signature:
+def sign_file(path: str | Path) -> Signature:
     """Read the signature that a file's hash is remembered by."""
     status = os.stat(path)
     return (status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
@@ -100,7 +100,7 @@ def sign(paths: Iterable[str]) -> Signatures:
     signed: Signatures = {}
     for path in paths:
         try:
-            signed[path] = (sign_one(path), provenance.sha256(path))
+            signed[path] = (sign_file(path), provenance.sha256(path))
         except OSError as error:
             of_machine = path.startswith(f"{RESULTS}/") or error.errno in _MACHINE
             expected, advice = "a file that can be read", "correct its permissions or repair the disk"
@@ -135,7 +135,7 @@ def check_unchanged(before: Mapping[str, tuple[Signature, str]]) -> None:
         TransientError: one is another.
     """
     for path, (signature, digest) in before.items():
-        if sign_one(path) != signature and provenance.sha256(path) != digest:
+        if sign_file(path) != signature and provenance.sha256(path) != digest:
             advice = "start the run again when it is whole"
             raise TransientError(path, expected="a file that stays as it is", found="one that changed", advice=advice)
 

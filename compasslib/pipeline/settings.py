@@ -205,7 +205,7 @@ class Moorings:
             *(FIGURES if wildcards.mooring in self.cruise.moorings else ()),
             *(OF_GRID if self.gridded(wildcards) else ()),
         )
-        return drawn(self.cruise, f"results/{wildcards.mooring}", names)
+        return list_figures(self.cruise, f"results/{wildcards.mooring}", names)
 
     def instrument_names(self, wildcards: Any) -> list[str]:
         """Return the names of the affected instruments and of the references."""
@@ -215,7 +215,7 @@ class Moorings:
         ]
 
     def reference_compasses(self, wildcards: Any) -> list[dict[str, Any]]:
-        """Return how well each reference's directions are known, and whether they are from magnetic north."""
+        """List the uncertainty of each reference's directions, and whether they are from magnetic north."""
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[name] for name in mooring.reference]
         return [{"sigma_deg": i.compass_sigma_deg, "magnetic": i.direction_reference == "magnetic"} for i in used]
@@ -358,10 +358,10 @@ class Calibrations:
         folder = f"results/calibrations/{wildcards.calibration}"
         names, kind = calibrations.figure_names(self.kind(wildcards)), self.kind(wildcards)
         compared = bool(self.earlier(wildcards)) and KINDS[kind].by_heading
-        return drawn(self.cruise, folder, [*names, *(["compared"] if compared else [])])
+        return list_figures(self.cruise, folder, [*names, *(["compared"] if compared else [])])
 
     def diagnosis_figures(self, wildcards: Any) -> list[str]:
-        return drawn(self.cruise, f"results/calibrations/{wildcards.calibration}", ("diagnosis",))
+        return list_figures(self.cruise, f"results/calibrations/{wildcards.calibration}", ("diagnosis",))
 
     def module(self, wildcards: Any) -> list[str]:
         """Name the module that calibrates one kind, which its stage imports by name."""
@@ -405,14 +405,14 @@ class Compasses:
         return stated | {name: self.cruise.calibrations[name].sphere for name in given}
 
     def figures(self, wildcards: Any) -> list[str]:
-        return drawn(self.cruise, f"results/compasses/{wildcards.compass}", ("coefficients", "curve"))
+        return list_figures(self.cruise, f"results/compasses/{wildcards.compass}", ("coefficients", "curve"))
 
     def joined(self, wildcards: Any) -> str:
         """Name the file of a mooring's compass, joined from all its records."""
         return f"results/compasses/{self.moorings[wildcards.mooring]}/compass.json"
 
 
-def drawn(cruise: Cruise, folder: str, names: Iterable[str]) -> list[str]:
+def list_figures(cruise: Cruise, folder: str, names: Iterable[str]) -> list[str]:
     """List the files of figures of a folder of results, in all formats that are asked for."""
     return [f"{folder}/figures/{name}.{ending}" for ending in cruise.options.figures.formats for name in names]
 

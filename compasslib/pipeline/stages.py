@@ -11,7 +11,7 @@ from typing import Any
 
 from compasslib.archive import provenance
 from compasslib.pipeline import records
-from compasslib.pipeline.settings import drawn, hash_code, used_instruments
+from compasslib.pipeline.settings import hash_code, list_figures, used_instruments
 
 OF_CRUISE = ("array", "curves", "differences", "currents")
 JUDGED = ("diagnosis", "deviation", "assessment")
@@ -254,7 +254,7 @@ def of_cruise(plan: Any) -> dict[str, Stage]:
                 "deviations": lambda wildcards: plan.per_mooring("deviation.json"),
                 "assessments": lambda wildcards: plan.per_mooring("assessment.json"),
             },
-            writes={"figures": lambda wildcards: drawn(cruise, CRUISE, OF_CRUISE)},
+            writes={"figures": lambda wildcards: list_figures(cruise, CRUISE, OF_CRUISE)},
             settings={"array": lambda wildcards: of.array()},
         ),
         "report": Stage(

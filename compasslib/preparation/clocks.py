@@ -57,7 +57,7 @@ class ClockOffset:
     time_s: tuple[float, ...] = (0.0,)  # by the affected clock, linear between
     ahead_h: tuple[float, ...] = (0.0,)
     warnings: tuple[str, ...] = ()
-    one_recording: str = ""  # why both records are one, and no pair counts
+    same_recording: str = ""  # why both records are one, and no pair counts
 
     def align(self, record: Record) -> Record:
         """Put the reference's record on the affected clock, without hours that a clock set back counted twice."""

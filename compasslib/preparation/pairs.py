@@ -94,7 +94,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
     offset = compare_speeds(
         SpeedSeries(upper.time_s, np.abs(velocity)), SpeedSeries(cell.time_s, np.abs(cell.velocity))
     )
-    return replace(offset, one_recording=find_same_recording(upper, offset.align(trusted[0]), rules.bins))
+    return replace(offset, same_recording=find_same_recording(upper, offset.align(trusted[0]), rules.bins))
 
 
 @single_threaded()
@@ -121,7 +121,7 @@ def find_pairs(
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     pairs = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
     pairs = replace(pairs, warnings=clocks.warnings, lower_heading_deg=_heading(lower, pairs.time_s, tolerance_s))
-    if reason := clocks.one_recording or find_identical_velocities(pairs):
+    if reason := clocks.same_recording or find_identical_velocities(pairs):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))

@@ -274,9 +274,9 @@ def sum_sigma(
     modes = np.nansum(np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares), axis=1)
     random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
     remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
-    rest = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
+    remainder = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
     inflation = (1.0 + 2.0 * memory_s / step_s) / depths_apart
-    return float(np.sqrt(np.sum(modes**2) + remembered + inflation * rest.sum()))
+    return float(np.sqrt(np.sum(modes**2) + remembered + inflation * remainder.sum()))
 
 
 def _remembered(series: Floats, memory: float) -> float:

@@ -82,7 +82,7 @@ def heading_errors(
     named = [(part.names, f" of {each.name}" * (len(parts) > 1)) for part, each in zip(parts, affected, strict=True)]
     shares = _shares(affected, references, len(constants), [len(part.modes) for part in parts])
     return HeadingErrors(
-        (*constants, *(f"{name}{of}" for names, of in named for name in names)),
+        (*constants, *(f"{name}{suffix}" for names, suffix in named for name in names)),
         np.concatenate([constant, *(part.modes for part in parts)]),
         np.array([part.random for part in parts]),
         max(part.memory_s for part in parts),

@@ -43,8 +43,8 @@ def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats
     except (TypeError, ValueError) as error:
         raise InputError(str(path), expected="variables of numbers", found=error, advice=ADVICE) from error
     if len({column.size for column in series.values()}) != 1:
-        found = ", ".join(f"{columns[role]} {column.size}" for role, column in series.items())
-        raise InputError(str(path), expected="variables of one length", found=found, advice=ADVICE)
+        sizes = ", ".join(f"{columns[role]} {column.size}" for role, column in series.items())
+        raise InputError(str(path), expected="variables of one length", found=sizes, advice=ADVICE)
     first = float(np.nanmin(series["time"], initial=np.inf))
     if DATENUMS[0] < first < DATENUMS[1]:
         series["time"] = (series["time"] - DATENUM_OF_1970) * DAY_S

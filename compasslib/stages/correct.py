@@ -44,10 +44,10 @@ def correct(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    own, along = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
-    whole = replace(own, profiles=netcdf.read_profiles(record))
+    affected, along = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
+    whole = replace(affected, profiles=netcdf.read_profiles(record))
     made_by = product.from_json(read_json(deviation))
-    at = product.compass_along_record(made_by, own, along, covariates.logged_series(own, observatory))
+    at = product.compass_along_record(made_by, affected, along, covariates.logged_series(affected, observatory))
     near = combine_references(netcdf.read_pairs(pairs))
     made = correct_in_pieces(
         whole,

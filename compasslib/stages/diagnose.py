@@ -102,14 +102,14 @@ def judged(
         shared: what other records of the same compass tell of its effects.
     """
     series = covariates.logged_series(netcdf.read_record(record), observatory)
-    own = netcdf.read_record(record, velocities=False)  # they are a third of the memory
+    upper = netcdf.read_record(record, velocities=False)  # they are a third of the memory
     fixed = None
     if not options["constant_confirmed"]:
         biases = netcdf.read_applied_declinations((record, *references))
         declination_deg = float(np.mean(along.declination_deg))
         fixed = find_declination_error(along) or find_constant_offset(fitted, near, declination_deg, biases)
 
-    def search(some: Pairs) -> Diagnosis:
+    def search(subset: Pairs) -> Diagnosis:
         if not options["enabled"]:
             return diagnoses.insufficient(DISABLED)
         from compasslib.inference.comparison import Options
@@ -117,15 +117,15 @@ def judged(
 
         apart = ("enabled", "constant_confirmed")
         chosen = Options(**{name: value for name, value in options.items() if name not in apart})
-        at = np.searchsorted(own.time_s, some.time_s)
+        at = np.searchsorted(upper.time_s, subset.time_s)
         logged = {name: column[at] for name, column in series.items()}
         far = combine_references(netcdf.read_pairs(wide))
-        return diagnose(some, logged, fitted, along, chosen, wide=far, units=dict(own.channel_units), shared=shared)
+        return diagnose(subset, logged, fitted, along, chosen, wide=far, units=dict(upper.channel_units), shared=shared)
 
     return diagnoses.conclude(
         search,
         near,
-        own,
+        upper,
         along,
         series,
         fit=fitted,
@@ -135,13 +135,15 @@ def judged(
     )
 
 
-def _summary(mooring: str, near: Pairs, fitted: DeviationFit, along: EarthField, found: Diagnosis) -> dict[str, Any]:
+def _summary(
+    mooring: str, near: Pairs, fitted: DeviationFit, along: EarthField, diagnosis: Diagnosis
+) -> dict[str, Any]:
     from compasslib.inference import joint_compass, joint_effects
 
-    told = found.information or joint_effects.fit_information(fitted)
+    information = diagnosis.information or joint_effects.fit_information(fitted)
     place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
     return joint_compass.summarize_record(
-        mooring, place, told, span_s=near.time_s[[0, -1]].tolist() if len(near) else [], why=fitted.why
+        mooring, place, information, span_s=near.time_s[[0, -1]].tolist() if len(near) else [], why=fitted.why
     )
 
 
@@ -176,8 +178,8 @@ def share(
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    told, configured = joint.read_returned(read_json(joined), mooring), read_json(fit)
-    if told is None:
+    siblings, configured = joint.read_returned(read_json(joined), mooring), read_json(fit)
+    if siblings is None:
         write_json(diagnosis, read_json(alone[0]))
         write_json(deviation, read_json(alone[1]))
         write_json(assessment, read_json(alone[2]))
@@ -185,16 +187,16 @@ def share(
         return
     near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
     before = fit_from_json(configured)
-    fitted, own = before, netcdf.read_record(record, velocities=False)
+    fitted, upper = before, netcdf.read_record(record, velocities=False)
     if before.method != "von_appen":
-        fitted = beside_others(told, near, along, own, tilt=tilt)
-        configured = deviation_json(fitted, own)
+        fitted = fit_with_siblings(siblings, near, along, upper, tilt=tilt)
+        configured = deviation_json(fitted, upper)
 
     def with_effects(made: Product, searched: bool) -> Product:
-        if searched or not (told.effects and options["enabled"] and options["apply"]):
+        if searched or not (siblings.effects and options["enabled"] and options["apply"]):
             return made
         return joint.apply_shared_effects(
-            made, told, along, covariates.logged_series(netcdf.read_record(record), observatory)
+            made, siblings, along, covariates.logged_series(netcdf.read_record(record), observatory)
         )
 
     made = judged(
@@ -207,42 +209,43 @@ def share(
         observatory=observatory,
         wide=wide,
         options=options,
-        shared=told.effects,
+        shared=siblings.effects,
         with_effects=with_effects,
     )
-    text = carried_by(told, before, fitted)
+    text = describe_siblings(siblings, before, fitted)
     write_json(diagnosis, made.diagnosis.to_json())
     distances = {"safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m)}
-    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": told.block(text)} | distances)
+    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": siblings.block(text)} | distances)
     write_json(assessment, made.assessment)
     lines = text, made.diagnosis.log_line(mooring), describe_assessment(mooring, made.assessment)
     say("\n".join([f"{mooring}: {lines[0]}", *lines[1:]]))
 
 
-def beside_others(
-    told: SiblingInformation, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool
+def fit_with_siblings(
+    siblings: SiblingInformation, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool
 ) -> DeviationFit:
     """Return the compass fitted to a record's pairs with what others tell; by theirs alone where there are too few."""
-    if len(pairs) >= MIN_PAIRS and not told.prior.precision[0, 0]:
+    if len(pairs) >= MIN_PAIRS and not siblings.prior.precision[0, 0]:
         dip_ratio = tilt * earthfield.dip_ratio(field)
-        return fit_deviation("exact", pairs, start_from_prior(told.prior, pairs), dip_ratio=dip_ratio)
-    covariance = np.linalg.inv(told.prior.precision)
+        return fit_deviation("exact", pairs, start_from_prior(siblings.prior, pairs), dip_ratio=dip_ratio)
+    covariance = np.linalg.inv(siblings.prior.precision)
     warning = (
-        f"corrected by the compass of {', '.join(told.others)}; iron that changed in between is in the uncertainty"
+        f"corrected by the compass of {', '.join(siblings.others)}; iron that changed in between is in the uncertainty"
     )
-    known = DeviationFit(at_mooring.METHOD, len(pairs), told.prior.mean, covariance, warnings=(warning,))
-    return replace(at_mooring.evaluate_on_record(known, record, pairs), prior=told.prior)
+    known = DeviationFit(at_mooring.METHOD, len(pairs), siblings.prior.mean, covariance, warnings=(warning,))
+    return replace(at_mooring.evaluate_on_record(known, record, pairs), prior=siblings.prior)
 
 
-def carried_by(told: SiblingInformation, alone: DeviationFit, fitted: DeviationFit) -> str:
+def describe_siblings(siblings: SiblingInformation, alone: DeviationFit, fitted: DeviationFit) -> str:
     """Return in a sentence whose data carry the compass of a record."""
-    others = ", ".join(told.others)
+    others = ", ".join(siblings.others)
     if not alone.fitted:
-        return f"the compass is carried by {others} of compass {told.compass}; this record alone determines none"
+        return f"the compass is carried by {others} of compass {siblings.compass}; this record alone determines none"
     if fitted.method == "von_appen":
-        return f"{others} of compass {told.compass} tell of effects only; the published fit is this record's own"
-    own, both = (float(np.sqrt(fit.covariance[1, 1] + fit.covariance[2, 2])) for fit in (alone, fitted))
-    return f"B and C are known to {both:.3f} with {others} of compass {told.compass}, to {own:.3f} by this record alone"
+        return f"{others} of compass {siblings.compass} tell of effects only; the published fit is this record's own"
+    alone_s, joint_s = (float(np.sqrt(fit.covariance[1, 1] + fit.covariance[2, 2])) for fit in (alone, fitted))
+    known = f"B and C are known to {joint_s:.3f} with {others} of compass {siblings.compass}"
+    return f"{known}, to {alone_s:.3f} by this record alone"
 
 
 def join(
@@ -267,12 +270,12 @@ def join(
     """
     moored = [read_json(path) for path in summaries]
     calibrated = [read_json(path) for path in calibrations]
-    records = [joint_compass.mooring_member(one, spheres[one["name"]]) for one in moored]
-    records += [joint_compass.calibration_member(one, spheres[one["name"]]) for one in calibrated]
-    page, found = joint.join_compass(name, records, min_effect_deg)
+    records = [joint_compass.mooring_member(m, spheres[m["name"]]) for m in moored]
+    records += [joint_compass.calibration_member(c, spheres[c["name"]]) for c in calibrated]
+    page, result = joint.join_compass(name, records, min_effect_deg)
     write_json(joined, page)
-    write_json(diagnosis, found.to_json())
-    say(joint.log_line(page, found))
+    write_json(diagnosis, result.to_json())
+    say(joint.log_line(page, result))
 
 
 def diagnose_calibration(
@@ -296,6 +299,6 @@ def diagnose_calibration(
     Raises:
         InputError: a raw file cannot be read.
     """
-    found = kinds.diagnose(kind, raw, settings, kinds.chosen(options))
-    write_json(diagnosis, found.to_json())
-    say(found.log_line(name))
+    result = kinds.diagnose(kind, raw, settings, kinds.chosen(options))
+    write_json(diagnosis, result.to_json())
+    say(result.log_line(name))

@@ -33,18 +33,20 @@ def fit(
         tilt: whether pitch and roll enter.
         given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
     """
-    own, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
+    upper, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
     there = earthfield.field_from_json(read_json(field))
     weak = weak_field_warnings(there.horizontal_nT)
     if given is not None:
-        known = at_mooring.compass_from_coefficients(**given, record=own, pairs=near)
+        known = at_mooring.compass_from_coefficients(**given, record=upper, pairs=near)
         known = replace(known, warnings=(*known.warnings, *weak))
-        write_json(fit, deviation_json(known, own) | {"calibration": {"name": "of the mooring's file", "kind": method}})
+        write_json(
+            fit, deviation_json(known, upper) | {"calibration": {"name": "of the mooring's file", "kind": method}}
+        )
         say(describe_fit(mooring, known))
         return
     fitted = fit_deviation(method, near, dip_ratio=tilt * earthfield.dip_ratio(there))
     fitted = replace(fitted, warnings=(*fitted.warnings, *weak))
-    write_json(fit, deviation_json(fitted, own))
+    write_json(fit, deviation_json(fitted, upper))
     say(describe_fit(mooring, fitted))
 
 
@@ -66,9 +68,9 @@ def carry(
         pairs: they are held against it; nothing is fitted to them.
         parts: what stands near the mooring's compass.
     """
-    own, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
+    upper, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
     elsewhere = [read_json(path) for path in calibrations]
     near = combine_references(netcdf.read_pairs(pairs))
-    carried = at_mooring.carry_to_mooring(elsewhere, there, own, near, parts=parts)
-    write_json(fit, deviation_json(carried, own) | at_mooring.origin(elsewhere, there))
+    carried = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts)
+    write_json(fit, deviation_json(carried, upper) | at_mooring.origin(elsewhere, there))
     say(describe_fit(mooring, carried))

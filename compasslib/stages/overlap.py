@@ -54,17 +54,17 @@ def overlap(
     if ready and columns is not None:
         headers = {role: columns[role] for role in ROLES}
         rows = read_ready_pairs(Path(ready[0]), headers)
-        every = match_ready_pairs(rows, columns["scale"], above, along)
+        matched = match_ready_pairs(rows, columns["scale"], above, along)
         made = provenance.origin("ready-made pairs read", ready)
         for file in (wide, pairs):
-            netcdf.write_pairs(file, every, attributes=made)
-        say(describe_pairs(mooring, every))
+            netcdf.write_pairs(file, matched, attributes=made)
+        say(describe_pairs(mooring, matched))
         return
     asked = PairRules(**rules)
-    each = [[one] for one in below] or [[]]
-    clocks = [estimate_clock_offset(above, one, asked) for one in each]
+    each = [[reference] for reference in below] or [[]]
+    clocks = [estimate_clock_offset(above, reference, asked) for reference in each]
     for file, by in ((wide, widen_rules(asked)), (pairs, asked)):
-        found = [find_pairs(above, one, along, by, clock) for one, clock in zip(each, clocks, strict=True)]
-        every = join_references(found, [Path(one).stem for one in lower])
-        netcdf.write_pairs(file, every, attributes=made)
-    say(describe_pairs(mooring, every))
+        by_reference = [find_pairs(above, r, along, by, clock) for r, clock in zip(each, clocks, strict=True)]
+        joined = join_references(by_reference, [Path(reference).stem for reference in lower])
+        netcdf.write_pairs(file, joined, attributes=made)
+    say(describe_pairs(mooring, joined))

@@ -37,7 +37,7 @@ def read(
         InputError: a raw file cannot be read.
     """
     settled = record_of(raw, form, reader, deployment, series)
-    sources = [*raw, *(file for one in series.values() for file in one["files"])]
+    sources = [*raw, *(file for group in series.values() for file in group["files"])]
     netcdf.write_record(record, settled, attributes=provenance.origin("record read", sources))
     say(describe_record(mooring, role, settled))
 

@@ -24,7 +24,7 @@ def report(
     Raises:
         InputError: a file of the results is absent or damaged.
     """
-    gathered = html.gather(
+    content = html.gather(
         Path(page).parent,
         attributes=attributes,
         moorings=moorings,
@@ -32,5 +32,5 @@ def report(
         compasses=[name for name in compasses if name not in stopped["compasses"]],
         stopped=stopped,
     )
-    html.write(page, gathered)
-    say(html.log_line(page, gathered))
+    html.write(page, content)
+    say(html.log_line(page, content))

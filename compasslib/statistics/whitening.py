@@ -49,7 +49,7 @@ class Whitener:
     slot: NDArray[np.intp]  # (n,) place of each sample on the even grid
     filter: Floats  # (p + 1,) 1 and minus the autoregressive coefficients
     width_deg: Floats  # (n,) infinite where a sample does not count
-    louder: LowRankNoise | None = None
+    low_rank: LowRankNoise | None = None
 
     def __call__(self, columns_deg: Floats) -> Floats:
         """Divide columns, (n, k) degrees, by the widths and filter them."""
@@ -67,7 +67,7 @@ class Whitener:
             band[i, i : i + lags + 1] = self.filter[::-1]
         windows = np.lib.stride_tricks.sliding_window_view(grid, CHUNK + lags, axis=0)[::CHUNK].transpose(0, 2, 1)
         filtered = (band @ windows).reshape(chunks * CHUNK, width)[self.slot]
-        return filtered if self.louder is None else self.louder.whiten(filtered)
+        return filtered if self.low_rank is None else self.low_rank.whiten(filtered)
 
 
 def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:

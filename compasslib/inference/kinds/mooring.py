@@ -288,9 +288,9 @@ def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[R
     if not (short := len(again) < FEWEST_PAIRS):
         start = fit if fit.known_beforehand or fit.prior is not None else None  # else without the clock's error
         freed = fit_deviation(fit.method, again, start, dip_ratio=fit.dip_ratio)
-        clock_found = clock_findings(pairs, again, (fit, freed), clock)
-        if freed.fitted and not any(finding.held_out.refuted for finding in clock_found):
-            return Repair(again, freed, clock_found), ()
+        clock_result = clock_findings(pairs, again, (fit, freed), clock)
+        if freed.fitted and not any(finding.held_out.refuted for finding in clock_result):
+            return Repair(again, freed, clock_result), ()
     why = "too few pairs are left once corrected" if short else "held-out directions then agree less"
     hours = clock.ahead_s(pairs.time_s)[[0, -1]] / HOUR_S
     warning = (
