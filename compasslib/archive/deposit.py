@@ -74,7 +74,11 @@ def deposit(cruise: str | Path, to: str | Path, attributes: Mapping[str, Any]) -
         raise InputError("config/config.yaml: attributes", expected=expected, found=f"no {missing[0]}", advice=advice)
     page = read_manifest(root)
     listed = crate.listed(page)
-    rules = {f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path for path in _rules()}
+    rules = {
+        f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path
+        for part in ("Snakefile", "rules/*.smk", "scripts/*.py")
+        for path in provenance.WORKFLOW.glob(part)
+    }
     if (lock := provenance.RELEASE_FILES / crate.LOCK).is_file():
         rules[crate.LOCK] = lock
     described = compose(page, attributes, {name: provenance.sha256(path) for name, path in rules.items()}, root)
@@ -184,10 +188,6 @@ def _list(given: Any) -> list[Any]:
 
 def _references(identifiers: Iterable[str]) -> list[Entity]:
     return [{"@id": identifier} for identifier in sorted(identifiers)]
-
-
-def _rules() -> list[Path]:
-    return [path for part in ("Snakefile", "rules/*.smk", "scripts/*.py") for path in provenance.WORKFLOW.glob(part)]
 
 
 def _ends(root: Path) -> Iterator[tuple[str, str]]:

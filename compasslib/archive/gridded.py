@@ -132,7 +132,10 @@ def write_gridded(
             if daily is not None:
                 daily.add(piece)
         if not len(axes.time_s):
-            _put_columns(nc, _columns(_nothing(len(axes.depth_m)), rising), {}, slice(0, 0))
+            none, rows = np.zeros((0, len(axes.depth_m))), slice(0, 0)
+            cells = empty_cells(0, len(axes.depth_m), True)
+            empty = Piece(rows, cells, none.astype(np.intp), none.astype(np.int8), *[none] * 5)
+            _put_columns(nc, _columns(empty, rising), {}, rows)
     return dict(zip(("cells", "filled", "interpolated"), counts.tolist(), strict=True))
 
 
@@ -355,8 +358,3 @@ def _put(
 ) -> None:
     place = {"coordinates": COORDINATES[variable.dimensions]}
     write_variable(nc, _with(variable, {**place, **also}), values, level=4, rows=rows)
-
-
-def _nothing(depths: int) -> Piece:
-    none = np.zeros((0, depths))
-    return Piece(slice(0, 0), empty_cells(0, depths, True), none.astype(np.intp), none.astype(np.int8), *[none] * 5)

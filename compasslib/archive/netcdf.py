@@ -242,7 +242,10 @@ def write_corrected(
             begin, end = end, end + len(piece.record.time_s)
             for name, column in _columns(piece, whole).items():
                 sensor = of_sensor.get(name, {}) | of_model.get(name, {})
-                _put_placed(nc, _of_beams(variables.CORRECTED[name], column[0]), column, sensor, slice(begin, end))
+                variable = variables.CORRECTED[name]
+                if variable.dimensions == variables.BEAMS and column[0].ndim == 2:  # counts, one for all beams
+                    variable = replace(variable, dimensions=variables.BINS)
+                _put_placed(nc, variable, column, sensor, slice(begin, end))
 
 
 @dataclass(frozen=True)
@@ -438,15 +441,6 @@ def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
     write_variable(nc, variables.LATITUDE, site.latitude)
     write_variable(nc, variables.LONGITUDE, site.signed_longitude())
     write_variable(nc, variables.STATION, name)
-
-
-def _of_beams(variable: Variable, values: NDArray[Any]) -> Variable:
-    """Drop the dimension of beams from a variable of counts with one value for all of them."""
-    return (
-        replace(variable, dimensions=variables.BINS)
-        if variable.dimensions == variables.BEAMS and values.ndim == 2
-        else variable
-    )
 
 
 def _put_placed(

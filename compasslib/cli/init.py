@@ -395,7 +395,17 @@ def _by_directions(
     """Compare every two compasses; the affected one's heading explains the difference of directions in all pairs."""
     shares: dict[tuple[str, str], ExplainedShare] = {}
     for first, other in combinations(turning, 2):
-        both = [_settled(instruments[name], records[instruments[name].files[0]]) for name in (first, other)]
+        both = [
+            apply_deployment(
+                records[instruments[name].files[0]],
+                start_s=instruments[name].start_s,
+                end_s=instruments[name].end_s,
+                water_depth=DEEPEST_M,
+                latitude=45.0,  # between pole and equator the depth of a pressure differs by 0.5 %
+                nominal_depth=None if math.isnan(instruments[name].depth_m) else instruments[name].depth_m,
+            )
+            for name in (first, other)
+        ]
         if parsed := compare_headings(*both):
             shares[first, other], shares[other, first] = parsed
     for name in turning:
@@ -405,17 +415,6 @@ def _by_directions(
             other_shares = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
             return name, f"its heading explains {share:.0%} of the difference of directions, {other_shares}"
     return None
-
-
-def _settled(drafted: Drafted, record: Record) -> Record:
-    return apply_deployment(
-        record,
-        start_s=drafted.start_s,
-        end_s=drafted.end_s,
-        water_depth=DEEPEST_M,
-        latitude=45.0,  # between pole and equator the depth of a pressure differs by 0.5 %
-        nominal_depth=None if math.isnan(drafted.depth_m) else drafted.depth_m,
-    )
 
 
 def _describe_records(instruments: Mapping[str, Drafted]) -> str:

@@ -42,7 +42,7 @@ class FitOptions(Section):
         return self.model if self.method == "pairs" else self.method
 
     @model_validator(mode="after")
-    def _keys_go_with_their_method(self) -> Self:
+    def _check_keys_of_method(self) -> Self:
         needed = {"coefficients": ("coefficients",), "pairs": ("file", "columns")}
         allowed = {"coefficients": ("coefficients", "covariance", "model"), "pairs": ("file", "columns", "model")}
         for name in sorted({*allowed["coefficients"], *allowed["pairs"]} & self.model_fields_set):
@@ -51,16 +51,8 @@ class FitOptions(Section):
                 raise problem(name, f"it only with method: {methods}", f"it with {self.method}", "delete it")
         if missing := [name for name in needed.get(self.method, ()) if getattr(self, name) is None]:
             raise problem(missing[0], f"it with method: {self.method}", "nothing", "add it, see config/README.md")
-        return self
-
-    @model_validator(mode="after")
-    def _tilt_goes_with_exact(self) -> Self:
         if self.tilt and self.fitted != "exact":
             raise problem("tilt", "it only with method: exact", f"it with {self.method}", "delete it")
-        return self
-
-    @model_validator(mode="after")
-    def _name_goes_with_calibration(self) -> Self:
         if self.method == "calibration" and not self.name:
             advice = "write fit: {method: calibration, name: NAME}"
             raise problem("name", "the NAME of config/calibrations/NAME.yaml", "nothing", advice)

@@ -286,43 +286,27 @@ class Instrument(TableKeys):
     flags: FlagMeanings | None = key("a mapping", "{good: [accepted], bad: [side_lobe, 4]}", None)
 
     @model_validator(mode="after")
-    def _keys_of_this_format(self) -> Self:
+    def _check_keys_of_format(self) -> Self:
         for name, formats in ONLY_FOR.items():
             taken = name in self.model_fields_set
             if taken and self.format not in formats and name not in readers.get_format(self.format).keys:
                 expected = f"this key only with format {' or '.join(formats)}"
                 raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
-        return self
-
-    @model_validator(mode="after")
-    def _roles_of_this_format(self) -> Self:
         netcdf = self.format == "netcdf"
         for role in ("speed", "direction", "x", "y", "flag") if netcdf else ("range",):
             if self.columns is not None and getattr(self.columns, role):
                 expected = f"this role only with {'tables' if netcdf else 'format netcdf'}"
                 raise problem(f"columns.{role}", expected, f"it with format {self.format}", "delete it")
-        return self
-
-    @model_validator(mode="after")
-    def _velocities_turned_by_the_heading(self) -> Self:
         inside = parse_applied_declination(self.declination_applied)
         turned = self.format == "mmp_acm" or bool(self.columns and self.columns.x)
         if inside is not None and inside.differs and turned:
             expected = "one number, as these velocities are turned by the headings"
             raise problem("declination_applied", expected, f"{inside}", f"write {inside.heading:g}")
-        return self
-
-    @model_validator(mode="after")
-    def _required_keys_are_given(self) -> Self:
         for name in NEEDED.get(self.format, ()):
             if getattr(self, name) is None:
                 field = allowed_keys(type(self))[name]
                 advice = f"add for example {name}: {field.examples[0]}"
                 raise problem(name, f"{field.description}, which {self.format} does not tell", "nothing", advice)
-        return self
-
-    @model_validator(mode="after")
-    def _table_is_complete(self) -> Self:
         if self.format in TABLES:
             values.check_table(self.columns.headers() if self.columns else {}, self.depth)
         return self
@@ -407,20 +391,12 @@ class Mooring(Section):
         return datetime.fromtimestamp(self.end_s, UTC)
 
     @model_validator(mode="after")
-    def _name_is_free(self) -> Self:
+    def _check_names_and_times(self) -> Self:
         if self.name.lower() in RESERVED:
             expected = f"a name other than {', '.join(RESERVED)}, which results/ holds for other things"
             raise problem("name", expected, shown(self.name), "rename the mooring")
-        return self
-
-    @model_validator(mode="after")
-    def _start_before_end(self) -> Self:
         if self.start_s >= self.end_s:
             raise problem("end", f"a time after start, {iso(self.start_s)}", iso(self.end_s), "correct one of the two")
-        return self
-
-    @model_validator(mode="after")
-    def _series_names_are_free(self) -> Self:
         for name, series in self.covariates.items():
             if name in KNOWN_SERIES and series.format == "table":
                 expected = "for a table a name that the search does not use itself"
@@ -428,7 +404,7 @@ class Mooring(Section):
         return self
 
     @model_validator(mode="after")
-    def _instruments_exist(self) -> Self:
+    def _check_instruments(self) -> Self:
         for role, names in (("compromised", self.affected), ("reference", self.reference)):
             for name in names:
                 if name not in self.instruments:
@@ -441,10 +417,6 @@ class Mooring(Section):
         if both := [name for name in self.affected if name in self.reference]:
             advice = "name the reference instrument, or delete reference where there is none"
             raise problem("reference", "another instrument than compromised", shown(both[0]), advice)
-        return self
-
-    @model_validator(mode="after")
-    def _check_folders_of_several(self) -> Self:
         for name in self.affected if len(self.affected) > 1 else ():
             if name.lower() in FOLDERS:
                 expected = f"a name other than {', '.join(FOLDERS)}, which results/{self.name} holds for other things"
@@ -453,20 +425,12 @@ class Mooring(Section):
             if instrument.fit is not None and (len(self.affected) == 1 or name not in self.affected):
                 expected, advice = "this key only where several instruments are compromised", "write fit at the top"
                 raise problem(f"instruments.{name}.fit", expected, "it here", advice)
-        return self
-
-    @model_validator(mode="after")
-    def _compass_is_not_calibrated_twice(self) -> Self:
         for mooring in self.split().values():
-            name, method = mooring.instruments[mooring.compromised].compass, mooring.fit.method
-            if name is not None and method in ("calibration", "coefficients"):
-                advice = f"delete fit here, and write compass: {name} in the calibration's file"
-                expected = f"another method beside compass: {name}, by which calibrations of it come in already"
+            compass, method = mooring.instruments[mooring.compromised].compass, mooring.fit.method
+            if compass is not None and method in ("calibration", "coefficients"):
+                advice = f"delete fit here, and write compass: {compass} in the calibration's file"
+                expected = f"another method beside compass: {compass}, by which calibrations of it come in already"
                 raise problem("fit.method", expected, shown(method), advice)
-        return self
-
-    @model_validator(mode="after")
-    def _instruments_hang_in_the_water(self) -> Self:
         for name, instrument in self.instruments.items():
             if instrument.depth is not None and instrument.depth > self.water_depth * DEPTH_SLACK:
                 expected = f"metres from 0 to the water depth, {self.water_depth:g}"

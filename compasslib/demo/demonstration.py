@@ -49,7 +49,14 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     Path(truth_path).parent.mkdir(parents=True, exist_ok=True)
     stance = top_stance(world)
     _write_adcp(folder / "top.000", world, "top", world.spec.top, stance)
-    _write_truth(Path(truth_path), world, stance)
+    wet = stance.in_water
+    current = sounder.near_bins(world.spec.top.setup, stance, world.currents)
+    stamps = np.datetime_as_string(stance.time_s[wet].astype("datetime64[s]")).tolist()
+    columns = (stance.heading_deg, stance.recorded_deg, current.real, current.imag, stance.depth_m)
+    rows = zip(stamps, *(column[wet].tolist() for column in columns), strict=True)
+    lines = ("{}Z,{:.3f},{:.2f},{:.4f},{:.4f},{:.2f}\n".format(*row) for row in rows)
+    header = "time_utc,heading_true_magnetic_deg,recorded_heading_deg,east_true_m_s,north_true_m_s,depth_m\n"
+    Path(truth_path).write_text(header + "".join(lines))
     if isinstance(world.spec.deep, Adcp):
         _write_adcp(folder / "deep.000", world, "deep", world.spec.deep, deep_stance(world, world.spec.deep))
     else:
@@ -156,17 +163,6 @@ def _write_adcp(path: Path, world: World, purpose: str, instrument: Adcp, stance
     rng, latitude_deg = world.random(purpose), world.spec.latitude_deg
     measured = sounder.measure(rng, instrument, stance, world.currents, latitude_deg=latitude_deg)
     adcp.write(path, instrument.setup, measured)
-
-
-def _write_truth(path: Path, world: World, stance: Stance) -> None:
-    wet = stance.in_water
-    current = sounder.near_bins(world.spec.top.setup, stance, world.currents)
-    stamps = np.datetime_as_string(stance.time_s[wet].astype("datetime64[s]")).tolist()
-    columns = (stance.heading_deg, stance.recorded_deg, current.real, current.imag, stance.depth_m)
-    rows = zip(stamps, *(column[wet].tolist() for column in columns), strict=True)
-    lines = ("{}Z,{:.3f},{:.2f},{:.4f},{:.4f},{:.2f}\n".format(*row) for row in rows)
-    header = "time_utc,heading_true_magnetic_deg,recorded_heading_deg,east_true_m_s,north_true_m_s,depth_m\n"
-    path.write_text(header + "".join(lines))
 
 
 # The seven moorings of the demonstration cruise: where they stand and what is simulated there.

@@ -66,7 +66,11 @@ class Scans:
 
 def write_text(path: Path, acm: Acm, scans: Scans) -> None:
     """Write unpacked ASCII, space delimited, with header."""
-    stamps = _stamps(scans.time_s)
+    iso = np.datetime_as_string(scans.time_s.astype("datetime64[s]")).astype("U19")
+    letters = iso.view("U1").reshape(iso.size, 19)
+    letters = letters[:, [5, 6, 4, 8, 9, 7, 0, 1, 2, 3, 10, *range(11, 19)]]
+    letters[:, 10] = " "
+    stamps = np.ascontiguousarray(letters).view("U19").ravel()
     head = f"Sample rate: {acm.rate_hz:.4f} Hz\r\n\r\n\r\n"
     with path.open("w", newline="") as file:
         for k, number, begin, end in _profiles(scans):
@@ -102,14 +106,6 @@ def _profiles(scans: Scans) -> list[tuple[int, int, int, int]]:
     ends = np.cumsum(scans.size)
     begins = ends - scans.size
     return list(zip(range(ends.size), scans.number.tolist(), begins.tolist(), ends.tolist(), strict=True))
-
-
-def _stamps(time_s: NDArray[np.int64]) -> NDArray[np.str_]:
-    iso = np.datetime_as_string(time_s.astype("datetime64[s]")).astype("U19")
-    letters = iso.view("U1").reshape(iso.size, 19)
-    letters = letters[:, [5, 6, 4, 8, 9, 7, 0, 1, 2, 3, 10, *range(11, 19)]]
-    letters[:, 10] = " "
-    return np.ascontiguousarray(letters).view("U19").ravel()
 
 
 def _tail(acm: Acm, scans: Scans, k: int) -> str:

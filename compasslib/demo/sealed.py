@@ -242,9 +242,16 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
     present = np.ones(count, dtype=bool)
     for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
         present[begin : begin + length] = False
-    recorded = _as_logged(ground, top, adcp.measure(
-        ground.random("top"), _top(export.coordinates), top, ground.currents, latitude_deg=ground.latitude_deg
-    ))  # fmt: skip
+    rng, grid = ground.random("logged"), ground.currents.time_s
+    count = top.time_s.size
+    warm = np.interp(top.time_s, grid, ground.temperature_c)
+    volts = np.interp(top.time_s, grid, ground.supply_counts)
+    instrument = _top(export.coordinates)
+    recorded = replace(
+        adcp.measure(ground.random("top"), instrument, top, ground.currents, latitude_deg=ground.latitude_deg),
+        temperature_c=warm + rng.normal(0.0, TEMPERATURE_NOISE_K, count),
+        supply_counts=np.rint(volts + rng.normal(0.0, SOURCE_NOISE_COUNTS, count)).astype(np.uint8),
+    )
     stamped = replace(recorded, time_s=ground.stamp_s)
     adcp.write(
         raw / "top.000",
@@ -308,28 +315,12 @@ def _top(coordinates: str) -> Adcp:
     return Adcp(setup, noise_m_s=TOP_NOISE_M_S)
 
 
-def _deep() -> Adcp:
+def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
     setup = Setup(
         kilohertz=300, looks_up=False, cells=3, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=40,
         coordinates="earth", serial=7501,
     )  # fmt: skip
-    return Adcp(setup, noise_m_s=DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
-
-
-def _as_logged(ground: Ground, stance: Stance, recorded: Ensembles) -> Ensembles:
-    rng, grid = ground.random("logged"), ground.currents.time_s
-    count = stance.time_s.size
-    warm = np.interp(stance.time_s, grid, ground.temperature_c)
-    volts = np.interp(stance.time_s, grid, ground.supply_counts)
-    return replace(
-        recorded,
-        temperature_c=warm + rng.normal(0.0, TEMPERATURE_NOISE_K, count),
-        supply_counts=np.rint(volts + rng.normal(0.0, SOURCE_NOISE_COUNTS, count)).astype(np.uint8),
-    )
-
-
-def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
-    stance, instrument = _deep_stance(ground, effects), _deep()
+    stance, instrument = _deep_stance(ground, effects), Adcp(setup, noise_m_s=DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
     stamps = ground.stamp_s + DEEP_SAMPLE_S
     if export.deep == "pd0":
         rng = ground.random("deep")

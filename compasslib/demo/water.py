@@ -96,10 +96,20 @@ def make_water(
     across_red = red_noise(slow, time_s.size, memory=days, deviation=0.7 * climate.red_m_s)
     red = along * (along_red + 1j * across_red)
     season = 1.0 + 0.25 * np.cos(2 * np.pi * (time_s / DAY_S - 15.0) / 365.25)
+    rng = stream(seed, name, "tide")
+    total = np.zeros(time_s.size, dtype=complex)
+    for period_h, share in TIDES:
+        phase = 2 * np.pi * time_s / (period_h * HOUR_S) + rng.uniform(0.0, 2 * np.pi)
+        ellipse = np.cos(phase) + 1j * rng.uniform(-0.5, 0.5) * np.sin(phase)
+        total += climate.tide_m_s * share * ellipse * towards(climate.along_deg + rng.normal(0.0, 20.0))
+    # Rotate clockwise with the Coriolis frequency, the amplitude forgotten after three days.
+    rng = stream(seed, name, "inertial")
+    amplitude = red_vector(rng, time_s.size, memory=3 * DAY_S / STEP_S, deviation=climate.inertial_m_s / np.sqrt(2.0))
+    turned_deg = 360.0 * 2.0 * np.sin(np.deg2rad(latitude_deg)) * (time_s - time_s[0]) / SIDEREAL_DAY_S
     return Water(
         time_s=time_s,
-        surface=along * climate.mean_m_s * season + _inertial(seed, name, climate.inertial_m_s, time_s, latitude_deg),
-        column=red + _tides(stream(seed, name, "tide"), climate, time_s),
+        surface=along * climate.mean_m_s * season + clockwise(amplitude, turned_deg),
+        column=red + total,
         wave=red_vector(baroclinic, time_s.size, memory=40 * HOUR_S / STEP_S, deviation=0.4 * climate.red_m_s),
         cyclone=along * _cyclones(stream(seed, name, "cyclone"), climate.cyclone_m_s, time_s),
         layers=_layers(stream(seed, name, "layers"), climate.shear_m_s, time_s),
@@ -154,23 +164,6 @@ def _course(rng: np.random.Generator, time_s: Floats, memory_h: float) -> Comple
         red_vector(rng, time_s.size, memory=memory_s / STEP_S, deviation=np.sqrt(share)) for share, memory_s in parts
     )
     return hours + clockwise(tide, 360.0 * (time_s - time_s[0]) / (TIDES[0][0] * HOUR_S)) + slow
-
-
-def _tides(rng: np.random.Generator, climate: Climate, time_s: Floats) -> Complexes:
-    total = np.zeros(time_s.size, dtype=complex)
-    for period_h, share in TIDES:
-        phase = 2 * np.pi * time_s / (period_h * HOUR_S) + rng.uniform(0.0, 2 * np.pi)
-        ellipse = np.cos(phase) + 1j * rng.uniform(-0.5, 0.5) * np.sin(phase)
-        total += climate.tide_m_s * share * ellipse * towards(climate.along_deg + rng.normal(0.0, 20.0))
-    return total
-
-
-def _inertial(seed: int, name: str, speed_m_s: float, time_s: Floats, latitude_deg: float) -> Complexes:
-    """Rotate clockwise with the Coriolis frequency, the amplitude forgotten after three days."""
-    rng = stream(seed, name, "inertial")
-    amplitude = red_vector(rng, time_s.size, memory=3 * DAY_S / STEP_S, deviation=speed_m_s / np.sqrt(2.0))
-    turned_deg = 360.0 * 2.0 * np.sin(np.deg2rad(latitude_deg)) * (time_s - time_s[0]) / SIDEREAL_DAY_S
-    return clockwise(amplitude, turned_deg)
 
 
 def _cyclones(rng: np.random.Generator, speed_m_s: float, time_s: Floats) -> Complexes:

@@ -146,10 +146,13 @@ def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
 def _turned(record: Record, decision: HeadingDecision, field: EarthField) -> CorrectedRecord:
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
-    east, north = _recorded_to_true(record, declination)
+    east, north = record.east, record.north
+    if record.direction_reference != "true":
+        east, north = angles.turn(east, north, declination[:, None])
     corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
     direction_sigma = np.hypot(decision.sigma_deg, DECLINATION_SIGMA_DEG)
     quality = _heading_quality(record, decision)
+    worse = np.maximum(np.maximum(record.quality, GOOD), quality[:, None])
     return CorrectedRecord(
         record=record,
         heading_corrected_deg=decision.heading_deg,
@@ -163,7 +166,7 @@ def _turned(record: Record, decision: HeadingDecision, field: EarthField) -> Cor
         east_recorded=east,
         north_recorded=north,
         velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
-        velocity_quality=_velocity_quality(record, quality),
+        velocity_quality=np.where(record.quality == MISSING, MISSING, worse).astype(np.int8),
     )
 
 
@@ -196,7 +199,10 @@ def correct_headings(
         nothing = np.full(readings.heading_deg.shape, np.nan)
         return HeadingDecision(nothing, nothing, nothing, nothing)
     if fit.method == "von_appen" and at is None:
-        decision = _published(readings.heading_deg, fit)
+        heading = invert_series(fit.coefficients, readings.heading_deg)
+        slope = np.maximum(np.abs(series_slope(fit.coefficients, heading)), 0.05)
+        certain = np.where(np.isfinite(heading), 1.0, np.nan)
+        decision = HeadingDecision(heading, certain * PRECISION_DEG / slope, certain, np.full(heading.shape, np.nan))
     else:
         at = compass_series(fit, readings) if at is None else at
         overlap, width, scatter = _overlaps(readings.time_s, fit, pairs)
@@ -265,13 +271,6 @@ def _water(record: Record) -> Complexes:
     return to_body_frame(east, north, record.heading_deg)
 
 
-def _published(recorded_deg: Floats, fit: DeviationFit) -> HeadingDecision:
-    heading = invert_series(fit.coefficients, recorded_deg)
-    slope = np.maximum(np.abs(series_slope(fit.coefficients, heading)), 0.05)
-    certain = np.where(np.isfinite(heading), 1.0, np.nan)
-    return HeadingDecision(heading, certain * PRECISION_DEG / slope, certain, np.full(heading.shape, np.nan))
-
-
 def _overlaps(time_s: Floats, fit: DeviationFit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats, Floats]:
     overlap = np.searchsorted(time_s, pairs.time_s)
     width = scatter_widths(fit.noise, *pair_speeds(pairs))
@@ -279,20 +278,8 @@ def _overlaps(time_s: Floats, fit: DeviationFit, pairs: Pairs) -> tuple[NDArray[
     return overlap, width, scatter_density(chords, width, fit.noise.outliers)
 
 
-def _recorded_to_true(record: Record, declination: Floats) -> tuple[Floats, Floats]:
-    if record.direction_reference == "true":
-        return record.east, record.north
-    return angles.turn(record.east, record.north, declination[:, None])
-
-
 def _heading_quality(record: Record, decision: HeadingDecision) -> Flags:
     with np.errstate(invalid="ignore"):
         unsure = decision.probability < MIN_PROBABILITY
     quality = np.where(unsure, PROBABLY_BAD, np.maximum(record.heading_quality, GOOD))
     return np.where(np.isfinite(decision.heading_deg), quality, BAD).astype(np.int8)
-
-
-def _velocity_quality(record: Record, heading_quality: Flags) -> Flags:
-    """Give each velocity the worse of its own flag and its heading's; missing stays missing."""
-    worse = np.maximum(np.maximum(record.quality, GOOD), heading_quality[:, None])
-    return np.where(record.quality == MISSING, MISSING, worse).astype(np.int8)

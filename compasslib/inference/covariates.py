@@ -279,11 +279,20 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     """
     upper = _complex(*angles.turn(pairs.upper_east, pairs.upper_north, deviation_deg))
     lower = _complex(pairs.lower_east, pairs.lower_north)
-    share = _share_of_upper(upper, lower)
+    # Weight the upper direction so that the mean's noise is independent of the difference: the lower's noise share.
+    a, b = np.diff(upper, 2), np.diff(lower, 2)
+    common = float(np.real(np.mean(a * np.conj(b))))
+    noise = [max(float(np.mean(np.abs(x) ** 2)) - common, 0.0) for x in (a, b)]
+    share = noise[1] / max(sum(noise), 1e-12)
     apart = upper - lower
-    both = (upper + lower) / 2.0 + (share - 0.5) * (apart - _smooth(apart))
+    reach = min(len(apart), 2 * SHEAR_REACH + 1)
+    nearby = np.ones(reach)
+    smooth = np.convolve(apart, nearby, "same") / np.convolve(np.ones(len(apart)), nearby, "same")
+    both = (upper + lower) / 2.0 + (share - 0.5) * (apart - smooth)
     around = _predict_from_neighbours(both, pairs.time_s)
-    memory = _lag1_correlation(upper * np.conj(lower))
+    angle = np.clip(np.angle(upper * np.conj(lower)), -CLIPPED_RAD, CLIPPED_RAD)
+    angle = angle - angle.mean()
+    memory = float(np.clip(angle[1:] @ angle[:-1] / max(float(angle @ angle), 1e-12), 0.0, 1.0))
     predicted = _scale_prediction(_harmonics(both), _harmonics(around), memory)
     lean = np.abs(upper) * upper
     moved = np.zeros(len(pairs), dtype=complex)
@@ -317,12 +326,6 @@ def _body_frame_flow(
     }
 
 
-def _smooth(flow: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Average the samples around each, fewer at the ends."""
-    reach = min(len(flow), 2 * SHEAR_REACH + 1)
-    return np.convolve(flow, np.ones(reach), "same") / np.convolve(np.ones(len(flow)), np.ones(reach), "same")
-
-
 def _harmonics(flow: NDArray[np.complex128]) -> Floats:
     """Compute sine and cosine of the flow's direction and of its double, (n, 4); 0 where it does not flow."""
     size = np.abs(flow)
@@ -340,24 +343,6 @@ def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Float
     shares, *_ = np.linalg.lstsq(z, x, rcond=FAINTEST)
     scaled = around @ shares
     return np.asarray(scaled + (np.mean(harmonics, axis=0) - np.mean(scaled, axis=0)))
-
-
-def _lag1_correlation(product: NDArray[np.complex128]) -> float:
-    """Correlate neighbouring values of the angle between the two directions."""
-    angle = np.clip(np.angle(product), -CLIPPED_RAD, CLIPPED_RAD)
-    angle = angle - angle.mean()
-    return float(np.clip(angle[1:] @ angle[:-1] / max(float(angle @ angle), 1e-12), 0.0, 1.0))
-
-
-def _share_of_upper(upper: NDArray[np.complex128], lower: NDArray[np.complex128]) -> float:
-    """Weight the upper direction so that the mean's noise is independent of the difference: the lower's noise share.
-
-    Second differences of either series hold its own noise and what both have in common.
-    """
-    a, b = np.diff(upper, 2), np.diff(lower, 2)
-    common = float(np.real(np.mean(a * np.conj(b))))
-    noise = [max(float(np.mean(np.abs(x) ** 2)) - common, 0.0) for x in (a, b)]
-    return noise[1] / max(sum(noise), 1e-12)
 
 
 def _flow_turn_rate(flow: NDArray[np.complex128], time_s: Floats) -> Floats:

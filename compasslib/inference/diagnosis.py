@@ -318,16 +318,7 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
 
 def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     """Choose what corrects the record after the search for unmodelled effects."""
-    left_deg = _uncorrected_deg(diagnosis)
-    if diagnosis.fit is None:
-        return Product(fit, left_deg=left_deg)
-    effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
-    accounted = tuple(finding.effect for finding in diagnosis.findings if finding.outside_compass)
-    return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
-
-
-def _uncorrected_deg(diagnosis: Diagnosis) -> float:
-    """Sum the visible sizes of what may bend the compass and does not enter the product, rms degrees."""
+    # Sum the visible sizes of what may bend the compass and does not enter the product, rms degrees.
     uncorrected = [
         finding for finding in diagnosis.findings if not finding.applied and finding.held_out is not UNTESTED
     ]
@@ -335,7 +326,12 @@ def _uncorrected_deg(diagnosis: Diagnosis) -> float:
         uncorrected = [finding for finding in uncorrected if finding.side == "compass"]
     sizes = [finding.rms_effect_deg for finding in uncorrected if finding.of_compass]
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
-    return float(np.hypot.reduce(sizes)) if sizes else 0.0
+    left_deg = float(np.hypot.reduce(sizes)) if sizes else 0.0
+    if diagnosis.fit is None:
+        return Product(fit, left_deg=left_deg)
+    effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
+    accounted = tuple(finding.effect for finding in diagnosis.findings if finding.outside_compass)
+    return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,14 @@ def screen(state: FittedModel, drivers: Collection[str] = ()) -> list[Compositio
         for batch, gains in _screened(state, target, np.full(len(state.case), -1), drivers)
         for composition, gain in zip(batch, gains[:, 0, 0].tolist(), strict=True)
     ]
-    return _select_likeliest(scored)
+    chosen: list[Composition] = []
+    counts: dict[type, int] = {}
+    for _, composition in sorted(scored, key=lambda each: -each[0]):
+        kind = type(composition.term)
+        if counts.get(kind, 0) < MOST_OF_KIND and len(chosen) < MOST:
+            counts[kind] = counts.get(kind, 0) + 1
+            chosen.append(composition)
+    return chosen
 
 
 def screen_folds(
@@ -108,7 +115,7 @@ def _screened(
     acted = {
         name: design.term_columns(state, compose_effect(name, "time", "always")()).columns
         for name, target in TARGETS.items()
-        if target.side != "water" and _acts(name, state)
+        if target.side != "water" and all(needed in state.case.scene.departures for needed in TARGETS[name].needs)
     }
     places = _places(state.case.scene, state.case.units)
     forms = {name: Counter(pair[0] for pair in places if _is_unlisted(name, *pair)) for name in acted}
@@ -181,22 +188,6 @@ def rivals(term: ComposedEffect, composed: Sequence[Composition]) -> list[Compos
 def merge_compositions(first: Sequence[Composition], second: Sequence[Composition]) -> list[Composition]:
     """Merge compositions that were kept in different steps, each once."""
     return list({each.term: each for each in (*first, *second)}.values())
-
-
-def _select_likeliest(scored: list[tuple[float, Composition]]) -> list[Composition]:
-    chosen: list[Composition] = []
-    counts: dict[type, int] = {}
-    for _, composition in sorted(scored, key=lambda each: -each[0]):
-        kind = type(composition.term)
-        if counts.get(kind, 0) < MOST_OF_KIND and len(chosen) < MOST:
-            counts[kind] = counts.get(kind, 0) + 1
-            chosen.append(composition)
-    return chosen
-
-
-def _acts(name: str, state: FittedModel) -> bool:
-    """Check that the recording has what must be known to act on something."""
-    return all(needed in state.case.scene.departures for needed in TARGETS[name].needs)
 
 
 @dataclass(frozen=True)

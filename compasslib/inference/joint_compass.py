@@ -254,7 +254,13 @@ class JointCompass:
             np.linalg.inv(law.covariance),
         )
         if not this_member.tells:
-            mean[0], precision[0, 0] = _mounting(others)
+            # Compute mean and precision of A for a record that does not determine its own.
+            values = np.array([member.coefficients[0] for member in others])
+            variances = np.array([member.covariance[0, 0] for member in others])
+            least = (CLAMP_DEG * angles.DEGREE) ** 2
+            spread = max(float(np.var(values, ddof=1)) if len(values) > 1 else 0.0, least)
+            weight = 1.0 / (variances + spread)
+            mean[0], precision[0, 0] = float(weight @ values / weight.sum()), float(1.0 / (spread + 1.0 / weight.sum()))
         return CoefficientPrior(mean, precision)
 
     def _those(self, names: Sequence[str]) -> list[Member]:
@@ -386,16 +392,6 @@ def _sizes() -> list[tuple[float, float]]:
 def _log_prior(sizes: tuple[float, float]) -> float:
     """Compute the log prior of two sizes, on a grid even in their logarithms."""
     return float(sum(np.log(size / BETWEEN_PRIOR_NT) - np.log1p((size / BETWEEN_PRIOR_NT) ** 2) for size in sizes))
-
-
-def _mounting(members: Sequence[Member]) -> tuple[float, float]:
-    """Compute mean and precision of A for a record that does not determine its own."""
-    values = np.array([member.coefficients[0] for member in members])
-    variances = np.array([member.covariance[0, 0] for member in members])
-    least = (CLAMP_DEG * angles.DEGREE) ** 2
-    spread = max(float(np.var(values, ddof=1)) if len(values) > 1 else 0.0, least)
-    weight = 1.0 / (variances + spread)
-    return float(weight @ values / weight.sum()), float(1.0 / (spread + 1.0 / weight.sum()))
 
 
 def _rejected(name: str, probability: float, sigmas: float, others: Sequence[Member]) -> RejectedRecord:

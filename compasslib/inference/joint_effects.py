@@ -79,7 +79,10 @@ def _effect_information(inferred: Inference) -> EffectInformation:
     groups = evidences.enumerate_candidates(replace(half, case=replace(half.case, terms=kinds)), [])
     listed = [group.columns for group in groups.groups]
     shared = np.concatenate([np.zeros((len(state.case), 0)), *listed], axis=1)
-    season, record_only, slow = season_columns(view.case), _record_only_columns(half), candidates.slow
+    slopes = np.nan_to_num(heading_jacobian(half.simulation, half.case.scene, half.heading_deg, first=5))
+    chosen = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
+    season, slow = season_columns(view.case), candidates.slow
+    record_only = slopes[:, np.concatenate([np.zeros(0, dtype=bool), *chosen])]
     waves = np.zeros((len(state.case), 0)) if slow is None else slow.columns
     sigma = view.sigma * np.sqrt(candidates.scatter)
     all_columns = np.concatenate([shared * groups.usual, season, waves, record_only], axis=1, dtype=np.float32)
@@ -109,13 +112,6 @@ def _effect_information(inferred: Inference) -> EffectInformation:
         residual_deg=robust_width(state.residual_deg[np.isfinite(state.residual_deg)]),
         n=len(state.case),
     )
-
-
-def _record_only_columns(half: Any) -> Floats:
-    """Build the columns of the terms that belong to the record, not to the instrument."""
-    slopes = np.nan_to_num(heading_jacobian(half.simulation, half.case.scene, half.heading_deg, first=5))
-    chosen = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
-    return np.asarray(slopes[:, np.concatenate([np.zeros(0, dtype=bool), *chosen])])
 
 
 def season_columns(case: LongComparison) -> Floats:
@@ -379,6 +375,12 @@ def _amplitude(
             alone.values[: len(usual)] * usual,
             np.sqrt(np.diag(spread)[: len(usual)]) * usual,
         )
+    everyone, total = range(len(evidence.members)), 0.0
+    for j in everyone:
+        others = [i for i in everyone if i != j]
+        both, without = evidence.mode((k,), season_deg, list(everyone)), evidence.mode((), season_deg, list(everyone))
+        less, none = evidence.mode((k,), season_deg, others), evidence.mode((), season_deg, others)
+        total += both.log_evidence - less.log_evidence - (without.log_evidence - none.log_evidence)
     return SharedAmplitude(
         kind=evidence.kinds[k],
         values=values,
@@ -387,19 +389,8 @@ def _amplitude(
         probability=slot.probability,
         alternatives=dict(slot.alternatives),
         each=each,
-        gain=_predictive_gain(evidence, k, season_deg),
+        gain=total,
     )
-
-
-def _predictive_gain(evidence: JointEvidence, k: int, season_deg: float) -> float:
-    """Sum the log score of each record with the amplitude predicted by the others, over without."""
-    everyone, total = range(len(evidence.members)), 0.0
-    for j in everyone:
-        others = [i for i in everyone if i != j]
-        both, without = evidence.mode((k,), season_deg, list(everyone)), evidence.mode((), season_deg, list(everyone))
-        less, none = evidence.mode((k,), season_deg, others), evidence.mode((), season_deg, others)
-        total += both.log_evidence - less.log_evidence - (without.log_evidence - none.log_evidence)
-    return total
 
 
 def _visible_products(evidence: JointEvidence, k: int) -> Floats:

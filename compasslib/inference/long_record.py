@@ -95,7 +95,16 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
     detectable = weighing.detection_limits(inferred.posterior)
     return replace(
         diagnosed,
-        applied=_weighted_compasses(inferred) if options.apply else (),
+        applied=tuple(
+            WeightedCompass(
+                weight,
+                "+".join(term.name for term in state.simulation.terms) or "none",
+                _compass_of_model(inferred, state),
+            )
+            for weight, state in inferred.weighted
+        )
+        if options.apply
+        else (),
         covariance=_coefficient_covariance(inferred, null_model),
         why=_detection_limits(detectable, options.min_effect_deg),
         detectable_deg=detectable,
@@ -285,16 +294,6 @@ def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) ->
     if best == worst:
         return f"Detection limit (90 % power): {best} for every effect that was tried."
     return f"Detection limits (90 % power): {best} ({first}) to {worst} ({last})."
-
-
-def _weighted_compasses(inferred: Inference) -> tuple[WeightedCompass, ...]:
-    """Weight the compasses that correct the record by the probabilities of their hypotheses."""
-    return tuple(
-        WeightedCompass(
-            weight, "+".join(term.name for term in state.simulation.terms) or "none", _compass_of_model(inferred, state)
-        )
-        for weight, state in inferred.weighted
-    )
 
 
 def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:

@@ -327,7 +327,14 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     cells = int(360.0 / CELL_DEG)
     cell = (angles.wrap360(state.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
     counts = np.bincount(block * cells + cell, minlength=(block[-1] + 1) * cells).reshape(-1, cells).astype(float)
-    expected_by_cell = _expected_counts(counts)
+    # Expect each cell's count by a parabola through its neighbours, (blocks, cells).
+    away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
+    design = np.column_stack([np.ones(len(away)), away**2])
+    weights = np.linalg.pinv(design)[0] / 2.0
+    expected_by_cell = sum(
+        w * (np.roll(counts, int(k), axis=1) + np.roll(counts, -int(k), axis=1))
+        for w, k in zip(weights, away, strict=True)
+    )
     excess = counts - expected_by_cell
     score = excess.sum(axis=0) / np.maximum(np.linalg.norm(excess, axis=0), 1.0)
     held, expected = counts.sum(axis=0), np.maximum(expected_by_cell.sum(axis=0), 1.0)
@@ -354,14 +361,3 @@ def _emptied_sector(held: Floats) -> tuple[int, float]:
     dense = np.convolve(both_sides, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
     reach = int(np.argmax(both_sides >= EMPTIED_SHARE * dense))
     return reach, float(held[middle - reach : middle + reach + 1].sum())
-
-
-def _expected_counts(counts: Floats) -> Floats:
-    """Expect each cell's count by a parabola through its neighbours, (blocks, cells)."""
-    away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
-    design = np.column_stack([np.ones(len(away)), away**2])
-    weights = np.linalg.pinv(design)[0] / 2.0
-    return sum(
-        w * (np.roll(counts, int(k), axis=1) + np.roll(counts, -int(k), axis=1))
-        for w, k in zip(weights, away, strict=True)
-    )

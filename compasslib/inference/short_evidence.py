@@ -239,7 +239,10 @@ def candidate_places(fitted: FittedHypothesis, kind: type[Effect], near: Effect 
     """
     channel = fitted.channel
     if kind is SectorOffset:
-        made = [kind(0.0, centre, reach) for centre, reach in _sector_places(near)]
+        if isinstance(near, SectorOffset):
+            made = [kind(0.0, near.centre_deg + away, near.reach_deg) for away in FINER_SECTORS_DEG]
+        else:
+            made = [kind(0.0, 360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG]
         return [term for term in made if np.count_nonzero(term.share(channel.covariates["heading"])) >= FEWEST_AFFECTED]
     if kind is SpellOffset:
         return [kind(0.0, begin, end) for begin, end in _spell_places(channel, near)]
@@ -265,12 +268,6 @@ def place_columns(fitted: FittedHypothesis, terms: Sequence[Effect]) -> Floats:
 
 def _at_place(term: Effect, **places_: Any) -> Effect:
     return replace(term, **places_)
-
-
-def _sector_places(near: Effect | None) -> list[tuple[float, float]]:
-    if isinstance(near, SectorOffset):
-        return [(near.centre_deg + away, near.reach_deg) for away in FINER_SECTORS_DEG]
-    return [(360.0 / SECTORS * k, reach) for k in range(SECTORS) for reach in REACHES_DEG]
 
 
 def _spell_places(channel: ShortComparison, near: Effect | None) -> list[tuple[float, float]]:

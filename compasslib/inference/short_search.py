@@ -93,7 +93,9 @@ def score_tests(
     filtered = [group.columns if white is None else white @ group.columns for group in groups]
     base = orthonormal_basis(now.columns if white is None else white @ now.columns)
     bases = [directions(columns, base) for columns in filtered]
-    determined = [k for k, basis in enumerate(bases) if basis.shape[1] and _is_determined(filtered[k], base)]
+    size = [max(float(np.linalg.norm(columns)), 1e-300) for columns in filtered]
+    free = [float(np.linalg.norm(project_out(columns, base))) for columns in filtered]
+    determined = [k for k, basis in enumerate(bases) if basis.shape[1] and free[k] > 1e-6 * size[k]]
     if not determined:
         none = np.zeros(0)
         return ScoreTests([], none, none, none, none)
@@ -144,10 +146,6 @@ def _gains(rows: Floats, basis_all: Floats, begins: NDArray[np.intp], base: Floa
     total = np.sum(projected**2, axis=1)[:, None]
     taken = np.add.reduceat((projected @ basis_all) ** 2, begins, axis=1)
     return -rows.shape[1] * np.log(np.maximum(1.0 - taken / np.maximum(total, 1e-300), 1e-12))
-
-
-def _is_determined(columns: Floats, base: Floats) -> bool:
-    return float(np.linalg.norm(project_out(columns, base))) > 1e-6 * max(float(np.linalg.norm(columns)), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -348,25 +346,23 @@ def build_outcome(named: SearchResult) -> Outcome:
 def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
     fitted, channel = named.fitted, named.fitted.channel
     term = fitted.terms[k]
+    shared: dict[str, float] = {}
+    for effect, p in {
+        named.finding_posteriors[k].effect: named.finding_posteriors[k].probability,
+        **named.finding_posteriors[k].alternatives,
+    }.items():
+        alike = (effect, *channel.confused.get(effect, ()))
+        for name in alike:
+            shared[name] = shared.get(name, 0.0) + p / len(alike)
     return comparison.build_finding(
         channel,
         term,
-        _slot_probabilities(named.finding_posteriors[k], channel),
+        shared,
         _parameters(fitted, k, covariance),
         size_deg=short_fit.visible_size_deg(fitted, k),
         proof=held_out(fitted, k),
         place=channel.outside(residual_curve(named.before, named.before, channel.main_covariate(term))),
     )
-
-
-def _slot_probabilities(slot: FindingPosterior, channel: ShortComparison) -> dict[str, float]:
-    """Give the probability of an effect and its alternatives; what looks the same here has equal shares."""
-    shared: dict[str, float] = {}
-    for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():
-        alike = (effect, *channel.confused.get(effect, ()))
-        for name in alike:
-            shared[name] = shared.get(name, 0.0) + p / len(alike)
-    return shared
 
 
 def _parameters(fitted: FittedHypothesis, k: int, covariance: Floats) -> dict[str, Parameter]:

@@ -251,11 +251,6 @@ def _alike(candidates: Candidates, products: Products, a: int, b: int) -> float:
     return float(np.sum(products.information[np.ix_(first, second)] ** 2) / max(size[0] * size[1], 1e-300))
 
 
-def _is_admissible(candidates: Candidates, hypothesis: Hypothesis) -> bool:
-    """Check that no effect stands twice in a hypothesis."""
-    return len({candidates.groups[k].name for k in hypothesis}) == len(hypothesis)
-
-
 def _joined(candidates: Candidates, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
     return sorted({tuple(sorted((*pair, k))) for pair in pairs for k in range(len(candidates.groups)) if k not in pair})
 
@@ -273,5 +268,9 @@ def _best_of(
     waters: Sequence[int],
 ) -> list[Hypothesis]:
     """Select the likeliest of some hypotheses under any of some waters."""
-    admissible = [hypothesis for hypothesis in hypotheses if _is_admissible(candidates, hypothesis)]
+    admissible = [
+        hypothesis
+        for hypothesis in hypotheses
+        if len({candidates.groups[k].name for k in hypothesis}) == len(hypothesis)  # no effect twice
+    ]
     return [admissible[i] for i in _within_cutoff(scored(admissible, waters).max(axis=0), most)] if admissible else []

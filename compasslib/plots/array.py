@@ -59,7 +59,11 @@ def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
         for axes, group in zip(panels, groups, strict=True):
             _draw_section(axes, group, deepest)
             if len(moorings) <= NAMED:
-                _name_moorings(axes, group)
+                # Name the moorings above the panel, upright where several stand in it.
+                above = axes.secondary_xaxis("top")
+                names = [str(mooring["name"]) for mooring in group]
+                above.set_xticks(_along_array(group), names, rotation=90 * (len(names) > 1))
+                above.tick_params(length=0)
         panels[0].set_ylim(deepest, -0.02 * deepest)
         panels[0].set_ylabel("Depth (m)")
         panels[int(np.argmax(ratios))].set_xlabel("Along the array (km)")
@@ -118,14 +122,6 @@ def _draw_mooring(axes: Axes, at: float, mooring: Mapping[str, Any]) -> None:
         else:
             marker, size = MARKERS[each["orientation"]], 8.0 if each["role"] == "affected" else 5.0
             axes.plot(at, each["depth_m"], marker=marker, color=colour, markersize=size, markeredgewidth=0, zorder=3)
-
-
-def _name_moorings(axes: Axes, moorings: Sequence[Mapping[str, Any]]) -> None:
-    """Name the moorings above the panel, upright where several stand in it."""
-    above = axes.secondary_xaxis("top")
-    names = [str(mooring["name"]) for mooring in moorings]
-    above.set_xticks(_along_array(moorings), names, rotation=90 * (len(names) > 1))
-    above.tick_params(length=0)
 
 
 def draw_synthetic_curves(path: str | Path) -> None:

@@ -276,9 +276,16 @@ def writing(shown: Page) -> Writing:
     texts = [f"No curve: {sentence(content['why'])}"] if content["why"] else []
     texts += [f"Note: {sentence(text)}" for text in content["warnings"]]
     texts += [extra["text"] for extra in extras if extra and extra.get("text")]
+    uncertainty = content["uncertainty"]
+    rows = [
+        f"  {name.removesuffix('_deg').replace('_', ' '):<18}{row['standard_deg']:6.2f}°"
+        for name, row in uncertainty["rows"].items()
+    ]
+    ends = (("combined", "standard_deg"), ("expanded (k = 2)", "expanded_deg"))
+    totals = [f"  {name:<18}{_number(uncertainty[key], '6.2f')}°" for name, key in ends]
     return Writing(
         [*_about(content), "", *_coefficients(content)],
-        _budget(content),
+        ["standard uncertainties", *rows, "", *totals],
         _table(shown),
         [line for text in texts for line in textwrap.wrap(text, LINE_CHARACTERS)],
     )
@@ -351,17 +358,6 @@ def _exact(exact: Mapping[str, Any] | None) -> list[str]:
     letters = exact["coefficients"]
     rows = [f"    {k}   {letters[k]:+8.4f}  ± {s:.4f}" for k, s in zip(LETTERS, sigma, strict=True)]
     return ["exact compass, ± standard", *rows]
-
-
-def _budget(content: Mapping[str, Any]) -> list[str]:
-    uncertainty = content["uncertainty"]
-    rows = [
-        f"  {name.removesuffix('_deg').replace('_', ' '):<18}{row['standard_deg']:6.2f}°"
-        for name, row in uncertainty["rows"].items()
-    ]
-    ends = (("combined", "standard_deg"), ("expanded (k = 2)", "expanded_deg"))
-    totals = [f"  {name:<18}{_number(uncertainty[key], '6.2f')}°" for name, key in ends]
-    return ["standard uncertainties", *rows, "", *totals]
 
 
 def _table(shown: Page) -> list[str]:

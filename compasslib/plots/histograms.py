@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,14 @@ def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: 
             axes.set_ylabel("Share (%)")
         figure.align_ylabels(panels[:3])
         _write_statistics(panels[3], assessment)
-        legend(figure, _handles(counts), columns=3)
+        there = {name for quantity, n in counts.items() if n.any() for name in [quantity.partition("_")[2]]}
+        words = {"recorded": "recorded, before", "corrected": "corrected, after"}
+        handles: list[Artist] = [
+            Line2D([], [], color=COLOURS[name], label=text) for name, text in words.items() if name in there
+        ]
+        if "reference" in there:
+            handles.append(Patch(color=REFERENCE, alpha=0.4, linewidth=0, label="reference"))
+        legend(figure, handles, columns=3)
 
 
 def _draw_counts(axes: Axes, counts: Mapping[str, Counts], limits: Limits, first_deg: float) -> None:
@@ -101,14 +108,3 @@ def _with_interval(entry: Mapping[str, Any], key: str) -> str:
     low, high = entry["interval_95"][key]
     form = "+.1f" if key == "mean_deg" else ".1f"
     return f"{signed(entry[key], form)} ({signed(low, '.1f')}, {signed(high, '.1f')})"
-
-
-def _handles(counts: Mapping[str, Counts]) -> Sequence[Artist]:
-    there = {name for quantity, n in counts.items() if n.any() for name in [quantity.partition("_")[2]]}
-    words = {"recorded": "recorded, before", "corrected": "corrected, after"}
-    handles: list[Artist] = [
-        Line2D([], [], color=COLOURS[name], label=text) for name, text in words.items() if name in there
-    ]
-    if "reference" in there:
-        handles.append(Patch(color=REFERENCE, alpha=0.4, linewidth=0, label="reference"))
-    return handles

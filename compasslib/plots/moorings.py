@@ -150,7 +150,8 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
                 axes.text(cell.real, cell.imag + 0.45 * high, name, ha="center", va="center")
         axes.set_xlim(wide * (columns - across - 1) / 2.0, wide * (columns + across - 1) / 2.0)
         axes.set_ylim(high * (0.5 - lines) - 0.15 * wide, high * 0.5)
-        scale, left = _round_speed(wide), axes.get_xlim()[0]
+        steps = np.outer(10.0 ** np.arange(-3, 4), (1.0, 2.0, 5.0)).ravel()
+        scale, left = float(steps[steps <= max(wide / 3.0, steps[0])].max()), axes.get_xlim()[0]
         axes.plot([left, left + scale], [high * (0.5 - lines) - 0.1 * wide] * 2, color=BLACK)
         handles = [Line2D([], [], color=colour, label=name) for name, colour in SERIES.items()]
         handles.append(Line2D([], [], color=BLACK, label=f"{scale:g} cm/s; north is up"))
@@ -169,12 +170,6 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
         ellipse = CM * along * (current["major_m_s"] * turn.real + 1j * current["minor_m_s"] * turn.imag)
         outlines[name] = np.concatenate([[0.0, mean, complex(np.nan, np.nan)], mean + ellipse])
     return outlines
-
-
-def _round_speed(longest: float) -> float:
-    """Choose the length of the scale, 1, 2 or 5 times a power of ten, cm/s: at most a third of the longest."""
-    steps = np.outer(10.0 ** np.arange(-3, 4), (1.0, 2.0, 5.0)).ravel()
-    return float(steps[steps <= max(longest / 3.0, steps[0])].max())
 
 
 FIGURES = {"curves": draw_curves, "differences": draw_differences, "currents": draw_currents}

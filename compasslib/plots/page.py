@@ -98,7 +98,10 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
         ]
         for letter, axes in zip("abcdefghijklmnopqrstuvwxyz", panels if len(panels) > 1 else (), strict=False):
             axes.set_title(f"({letter}) {axes.get_title('left')}".rstrip())
-        _wrap_labels(figure)
+        for axes in figure.axes:
+            for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
+                text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], WORD_IN), text.get_text()))
+                text.set_wrap(True)
         # What savefig does, without its first drawing of all artists, which serves the layout alone.
         with warnings.catch_warnings():
             warnings.filterwarnings("error", COLLAPSED)
@@ -122,14 +125,6 @@ def _save_pdf(path: str | Path, figure: Figure) -> None:
         artist.set_rasterized(max(counts) > MAX_VECTORS)
     with atomic_write(path) as temporary:
         figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
-
-
-def _wrap_labels(figure: Figure) -> None:
-    """Break titles and names of axes into lines that end at the edge of the page, and words that have no gap."""
-    for axes in figure.axes:
-        for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
-            text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], WORD_IN), text.get_text()))
-            text.set_wrap(True)
 
 
 def wrapped(text: str, width_in: float) -> str:

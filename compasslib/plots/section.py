@@ -55,7 +55,13 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
             axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         bar = figure.colorbar(image, ax=list(panels[:4]), aspect=40, pad=0.02, extend="both")
         bar.set_label("cm/s")
-        _draw_sigma(panels[4], section)
+        # Draw the standard deviation of the affected instrument's directions.
+        middle = (section.edges_s[1:] + section.edges_s[:-1]) / 2.0
+        panels[4].plot(middle / DAY_S, section.heading_sigma_deg, color=CORRECTED, linewidth=0.8)
+        known = section.heading_sigma_deg[np.isfinite(section.heading_sigma_deg)]
+        panels[4].set_ylim(0.0, 1.15 * float(known.max()) if known.size else 1.0)
+        panels[4].set_title("Direction, one standard deviation")
+        panels[4].set_ylabel("σ (°)")
         dates(panels[4], (float(section.edges_s[0]), float(section.edges_s[-1])))
         figure.align_ylabels(panels)
 
@@ -111,13 +117,3 @@ def _draw_axes(axes: Axes, depth_m: Floats, profiles: tuple[MeanProfile, MeanPro
     axes.set_xlim(-0.6 * longest, 0.6 * longest)
     axes.set_xlabel("Principal axes\n(cm/s, north up)")
     axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-
-
-def _draw_sigma(axes: Axes, section: SectionMeans) -> None:
-    """Draw the standard deviation of the affected instrument's directions."""
-    middle = (section.edges_s[1:] + section.edges_s[:-1]) / 2.0
-    axes.plot(middle / DAY_S, section.heading_sigma_deg, color=CORRECTED, linewidth=0.8)
-    known = section.heading_sigma_deg[np.isfinite(section.heading_sigma_deg)]
-    axes.set_ylim(0.0, 1.15 * float(known.max()) if known.size else 1.0)
-    axes.set_title("Direction, one standard deviation")
-    axes.set_ylabel("σ (°)")

@@ -239,8 +239,12 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         wanted = lower.time_s[sample, None] - HOUR_S * LAGS_H
         place = nearest_index(upper.time_s, wanted.ravel()).reshape(wanted.shape)
         velocity = trusted.velocity[sample]
+        steps = []
+        for x in (velocity.real, np.abs(velocity)):
+            values = np.unique(np.round(x, 6))
+            steps.append(float(np.min(np.diff(values))) if 1 < len(values) < len(x) / 2 else 0.0)
         met = MatchedVelocities(
-            velocity, place, np.abs(upper.time_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * _last_digit(velocity)
+            velocity, place, np.abs(upper.time_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * max(steps)
         )
         for cells in _bin_averages(upper):
             shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
@@ -256,15 +260,6 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
     for run in [order, *([k] for k in order if len(order) > 1)]:
         yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
-
-
-def _last_digit(velocity: Complexes) -> float:
-    """Find the step of a table's numbers, 0 where they have none that shows."""
-    steps = []
-    for x in (velocity.real, np.abs(velocity)):
-        values = np.unique(np.round(x, 6))
-        steps.append(float(np.min(np.diff(values))) if 1 < len(values) < len(x) / 2 else 0.0)
-    return max(steps)
 
 
 def _bin_averages(upper: Record) -> Iterator[CellSeries]:

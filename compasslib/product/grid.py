@@ -266,7 +266,9 @@ def learn(
         together = np.concatenate(survey.blocks or (np.zeros((0, source.bins), dtype=complex),))
         by_depth = learn_by_depth(together, survey.range_m, survey.cell_m)
         noise = by_depth.noise if survey.cell_m and len(survey.range_m) >= 4 else None
-        few = tuple(block[:, _fullest(block)] for block in survey.blocks)
+        few = tuple(
+            block[:, np.argsort(-np.isfinite(block.real).sum(axis=0), kind="stable")[:4]] for block in survey.blocks
+        )
         by_time = learn_by_time(few, step_s, max(max_gap_s, 6 * HOUR_S), noise)
         if noise is None:
             by_depth = replace(by_depth, noise=by_time.noise)
@@ -340,11 +342,6 @@ def average_angle(angle_deg: Floats, time_s: Floats, axes: Axes, max_gap_s: floa
     """Average an angle over the intervals of the axes, (t,) in [-180, 180)."""
     sine, cosine = (average_slots(part, time_s, axes, max_gap_s) for part in angles.sin_cos(angle_deg))
     return angles.wrap180(angles.direction(sine, cosine))
-
-
-def _fullest(block: Complexes) -> NDArray[np.intp]:
-    """Return the four bins that are there most often."""
-    return np.argsort(-np.isfinite(block.real).sum(axis=0), kind="stable")[:4]
 
 
 def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:

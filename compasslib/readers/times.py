@@ -271,7 +271,12 @@ def _parse_fields(cells: Sequence[str]) -> tuple[_Fields | None, str]:
     if form == "figures":
         column["d"], column["m"], note = _day_and_month(cells, column["a"], column["b"], column["y"])
     if "name" in groups:
-        column["m"], note = _months(cells, groups["name"]), "months by their names"
+        number = {name: k for k, long in enumerate(MONTHS, 1) for name in (long, long[:3])} | {"sept": 9}
+        for row, name in enumerate(groups["name"]):
+            if name.lower() not in number:
+                advice = "write the months in figures or in English"
+                raise Unreadable(row, repr(cells[row]), "an English name of a month", advice)
+        column["m"], note = np.array([float(number[name.lower()]) for name in groups["name"]]), "months by their names"
     hour = _hours(cells, column.get("H", np.zeros(n)), groups.get("half", (None,) * n))
     zones = [np.nan if zone is None else _offset_s(zone) for zone in groups["zone"]] if any(groups["zone"]) else []
     zone_s = np.array(zones) if zones else np.full(n, np.nan)
@@ -281,15 +286,6 @@ def _parse_fields(cells: Sequence[str]) -> tuple[_Fields | None, str]:
         _Fields(column["y"], column["m"], column["d"], hour, column.get("M", zero), column.get("S", zero), zone_s),
         note,
     )
-
-
-def _months(cells: Sequence[str], names: Sequence[str]) -> Floats:
-    number = {name: k for k, long in enumerate(MONTHS, 1) for name in (long, long[:3])} | {"sept": 9}
-    row = next((k for k, name in enumerate(names) if name.lower() not in number), None)
-    if row is not None:
-        advice = "write the months in figures or in English"
-        raise Unreadable(row, repr(cells[row]), "an English name of a month", advice)
-    return np.array([float(number[name.lower()]) for name in names])
 
 
 def _hours(cells: Sequence[str], hour: Floats, half: Sequence[str | None]) -> Floats:

@@ -40,7 +40,10 @@ def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float 
     if not rho[0] > 0.0:  # one value throughout, as of a sensor that is stuck
         return 1.0
     rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
-    return float(np.clip(n / (1.0 + 2.0 * _positive_sum(rho[1:])), 1.0, n))
+    rho = rho[1:]
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    stop = np.flatnonzero(pairs <= 0)
+    return float(np.clip(n / (1.0 + 2.0 * float(pairs[: stop[0]].sum() if stop.size else pairs.sum())), 1.0, n))
 
 
 def lagged_sums(x: Floats, lags: int) -> Floats:
@@ -52,13 +55,6 @@ def lagged_sums(x: Floats, lags: int) -> Floats:
     size = 1 << (2 * len(x) - 1).bit_length()
     spectrum = np.fft.rfft(x, size)
     return np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
-
-
-def _positive_sum(rho: Floats) -> float:
-    """Sum neighbouring pairs of the autocorrelation while they stay positive (Geyer's initial positive sequence)."""
-    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
-    stop = np.flatnonzero(pairs <= 0)
-    return float(pairs[: stop[0]].sum() if stop.size else pairs.sum())
 
 
 Ints = NDArray[np.int_]

@@ -32,7 +32,7 @@ from compasslib.inference.comparison import (
     compare_pairs,
 )
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
+from compasslib.inference.finding import CovariateRange, Finding, Parameter
 from compasslib.records import EarthField, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.least_squares import robust_width
@@ -362,22 +362,18 @@ def exact_compass_findings(
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
     if not (size >= min_effect_deg or lost > MOST_ROOTLESS):
         return []
-    proof = _block_gain(pairs, fit, series)
-    if proof.p_value > LARGE_DEVIATION_P or proof.refuted:
-        return []
-    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-    return [replace(comparison.large_deviation_finding(size, proof), when_s=span, applied=True)]
-
-
-def _block_gain(pairs: Pairs, fit: DeviationFit, series: DeviationFit) -> HeldOut:
-    """Score the exact compass over the best series on blocks that neither was fitted to."""
+    # Score the exact compass over the best series on blocks that neither was fitted to.
     compared = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
     block = blocks_by_span(compared.time_s, finding.HELD_OUT_BLOCK_S)
     scores = [
         held_out_scores(form, compared, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
     ]
     left = [held_out_residual(compared, near) for near in (series, fit)]
-    return finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
+    proof = finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
+    if proof.p_value > LARGE_DEVIATION_P or proof.refuted:
+        return []
+    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
+    return [replace(comparison.large_deviation_finding(size, proof), when_s=span, applied=True)]
 
 
 def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
@@ -390,11 +386,9 @@ def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
     for out in (block % 2 == 0, block % 2 == 1):
         again = fit_deviation(fit.method, take(pairs, ~out), fit)
         if again.fitted:
-            left[out] = angles.difference(observed, _corrected_heading(again, pairs, observed))[out]
+            if again.method == "von_appen":
+                heading = invert_series(again.coefficients, pairs.heading_deg)
+            else:
+                heading = nearest_root(compass.inverse(again.coefficients, pairs.heading_deg), observed)
+            left[out] = angles.difference(observed, heading)[out]
     return np.where(np.isfinite(left), left, finding.NO_ROOT_DEG)
-
-
-def _corrected_heading(fit: DeviationFit, pairs: Pairs, observed_deg: Floats) -> Floats:
-    if fit.method == "von_appen":
-        return invert_series(fit.coefficients, pairs.heading_deg)
-    return nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed_deg)

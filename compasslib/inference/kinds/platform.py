@@ -106,17 +106,15 @@ def too_few(headings: int, points: Points, why: str = "") -> str:
         return f"{why or f'{headings} headings determine no curve with anything to spare'}; {SWING}".replace(
             f"{SWING}; {SWING}", SWING
         )
-    left = angles.wrap180(points.deviation_deg - series_design(points.recorded_deg) @ _five(points))
+    design = series_design(points.recorded_deg)
+    series = design @ np.linalg.lstsq(design, points.deviation_deg, rcond=None)[0]
+    left = angles.wrap180(points.deviation_deg - series)
     sizes = {k: _harmonic(points.recorded_deg, left, k) for k in (3, 4)}
     return (
         f"{headings} headings determine at most {headings} coefficients and five are the curve's: what those leave "
         f"({angles.rms(left):.1f}° rms) is in the third ({sizes[3]:.1f}) and fourth harmonics "
         f"({sizes[4]:.1f}° rms, each fitted alone), sextantal and octantal; neither can be tested; {SWING}"
     )
-
-
-def _five(points: Points) -> Floats:
-    return np.linalg.lstsq(series_design(points.recorded_deg), points.deviation_deg, rcond=None)[0]
 
 
 def _harmonic(recorded_deg: Floats, left_deg: Floats, k: int) -> float:

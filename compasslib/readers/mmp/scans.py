@@ -119,7 +119,12 @@ def _parse_binary(data: bytes) -> BinaryScans:
         if span.records:
             records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
             time_s, good = _record_times(records)
-            good &= ~_filled_up(data, span, records, good)
+            torn = np.zeros(len(records), dtype=bool)
+            if good.any():
+                last = int(np.flatnonzero(good)[-1])
+                ends_in_zeros = abs(float(records["values"][last, -1])) < NO_SPEED
+                torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
+            good &= ~torn
             count = int(good.sum())
             blocks.append(_block(data, span, begin, begin + count))
             places.append(np.flatnonzero(good))
@@ -334,16 +339,6 @@ def _ends_in_switch_times(data: bytes, begin: int, tail: int) -> bool:
     first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
     on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)
     return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + LONGEST_S
-
-
-def _filled_up(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> Bools:
-    """Flag the last scan of a profile that was cut where zeros stand for its end and for all that follows."""
-    torn = np.zeros(len(records), dtype=bool)
-    if good.any():
-        last = int(np.flatnonzero(good)[-1])
-        ends_in_zeros = abs(float(records["values"][last, -1])) < NO_SPEED
-        torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
-    return torn
 
 
 def _block(data: bytes, span: _Span, begin: int, end: int) -> ProfileBlock:

@@ -87,7 +87,13 @@ def find_packets(path: str | Path) -> Packets:
         shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
         advice = "check that format: nortek and the file belong together"
         raise InputError(str(path), expected="records of a Nortek file (A5)", found=shown, advice=advice)
-    apart = _is_not_nested(records[1], records[3])
+    # Select records that begin where none before has not ended: a chance sum inside another is no record.
+    apart = np.ones(len(records[1]), dtype=bool)
+    after = 0
+    for first in np.flatnonzero(records[1][1:] < records[3][:-1]).tolist():
+        if first >= after:
+            after = first + int(np.searchsorted(records[1][first:], records[3][first]))
+            apart[first + 1 : after] = False
     kind, start, begin, end = (column[apart] for column in records)
     inside = np.searchsorted(start, marks, "right") - 1
     between = marks[(inside < 0) | (marks >= end[inside])]
@@ -140,17 +146,6 @@ def _find_older(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Column
     holds = sums[end - 2] - sums[start] + np.uint16(START) == word(data, end - 2)
     start, end = start[holds], end[holds]
     return data[start + 1].astype(np.int64), start, start, end
-
-
-def _is_not_nested(start: Places, end: Places) -> Bools:
-    """Select records that begin where none before has not ended: a chance sum inside another is no record."""
-    apart = np.ones(len(start), dtype=bool)
-    after = 0
-    for first in np.flatnonzero(start[1:] < end[:-1]).tolist():
-        if first >= after:
-            after = first + int(np.searchsorted(start[first:], end[first]))
-            apart[first + 1 : after] = False
-    return apart
 
 
 @dataclass(frozen=True, eq=False)
