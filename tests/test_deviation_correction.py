@@ -13,10 +13,10 @@ from compasslib.archive.attributes import Site
 from compasslib.deviation import deviation_json, find_implausibility
 from compasslib.deviation.assessment import (
     REFUTED_DEG,
-    _vector_correlation,
     assess_correction,
     compare_forms,
     describe_forms,
+    vector_correlation,
 )
 from compasslib.deviation.branches import MERGED_DEG, MotionModel, WaterTurns, _water_turns, forward_backward
 from compasslib.deviation.correction import (
@@ -191,7 +191,7 @@ def test_assessment_is_on_held_out_pairs_and_sees_the_gain():
 
 def test_vector_correlation_angle_is_the_turn_of_the_upper_water():
     lower = np.array([0.1 + 0.2j, -0.3 + 0.1j, 0.2 - 0.2j])
-    found = _vector_correlation(lower * angles.phasor(-30.0), lower)  # clockwise by 30 degrees
+    found = vector_correlation(lower * angles.phasor(-30.0), lower)  # clockwise by 30 degrees
     assert found == {"magnitude": pytest.approx(1.0), "angle_deg": pytest.approx(30.0)}
 
 

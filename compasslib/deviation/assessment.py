@@ -253,10 +253,6 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
         return {"n": 0} | dict.fromkeys(nothing)
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     off = angles.difference(angles.direction(east, north), lower)
-    a = east + 1j * north
-    b = pairs.lower_east + 1j * pairs.lower_north
-    product = np.mean(a * np.conj(b)) / np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2))
-    angle = -float(angles.wrap180(angles.argument(product)))  # clockwise positive: upper minus lower
     return {
         "n": len(pairs),
         "mean_deg": float(angles.wrap180(angles.mean(off))),
@@ -264,7 +260,7 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
         "rms_deg_sigma": angles.rms(off) / np.sqrt(2.0 * effective_sample_size(off, pairs.time_s)),
         "median_absolute_deg": float(np.median(np.abs(off))),
         "interval_95": confidence_intervals(off, pairs.time_s),
-        "vector_correlation": {"magnitude": float(np.abs(product)), "angle_deg": angle},
+        "vector_correlation": vector_correlation(east + 1j * north, pairs.lower_east + 1j * pairs.lower_north),
     }
 
 
@@ -306,6 +302,13 @@ def _describe_current(velocity: Complexes) -> dict[str, float] | None:
         "major_towards_deg": round(float(angles.direction(axis.real, axis.imag)), 3),
         "n": int(velocity.size),
     }
+
+
+def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> dict[str, float]:
+    """Compute magnitude and angle of Kundu's complex correlation (J. Phys. Oceanogr. 6, 238, 1976)."""
+    product = np.mean(a * np.conj(b)) / np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2))
+    angle = -float(angles.wrap180(angles.argument(product)))  # clockwise positive: upper minus lower
+    return {"magnitude": float(np.abs(product)), "angle_deg": angle}
 
 
 LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # a smaller constant is not questioned
