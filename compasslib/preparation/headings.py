@@ -3,8 +3,10 @@
 Heading minus direction of flow is the direction from which the water came at the instrument, in its own frame: no
 compass is in it, however bent. A moored instrument turns with the water, so that this direction keeps to one side; by
 windows of five days its speed-weighted mean vector stays within 0.61 of the record's in two real records of 21 months
-together. Where the column of headings was changed later (turned, mirrored, taken from elsewhere) it does not. Nor does
-a compass that turns repeat a sequence of readings to the last digit.
+together. Where the column of headings was changed later (turned, mirrored, taken from elsewhere) it does not. Changes
+of heading and of the direction of flow belong to the same samples, and one is not much smoother than the other. Nor
+does a compass that turns repeat a reading or a sequence of readings to the last digit, or leave out every other sector
+of the circle.
 """
 
 from __future__ import annotations
@@ -28,6 +30,20 @@ MIRRORED = 0.15  # by which the mirrored headings keep more to one side
 NEAR_BINS = 3  # whose mean velocity is the flow
 # Headings equal to the extreme one, the same over those equal to each of the next values, and how many of these.
 AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
+# Windows in a row whose changes of heading and of flow are compared. By how much the correlation at another lag exceeds
+# that at none: at most 0.26 in 34 sound records, real water included. A window beside such a one has at least half.
+TOGETHER, MAX_LAG, LAG_EXCESS, LAG_SIGMAS = 3, 24, 0.3, 5.5
+# Smoothness of heading over that of flow, less the record's median, in two windows in a row: at most 1.03 in the same
+# records, 0.7 to 2.3 where headings were averaged over 6 samples, 1.1 to 3.0 over 12.
+SMOOTHER, SMOOTHER_ALONE = 1.1, 0.25
+# Readings of a run of which one is compared with the one before; the share of equal ones where all others differ by
+# several steps of resolution. Sound records have up to 0.09.
+HELD_RUN, HELD_SHARE, HELD_STEPS = 100, 0.4, 5.0
+# Readings far off both neighbours, which lie either side of north: how many, their share, and times that elsewhere.
+ACROSS, ACROSS_SHARE, ACROSS_TIMES, BETWEEN_DEG, ASTRAY_DEG = 8, 0.2, 1.5, 100.0, 60.0
+# Steps in which compasses count, degrees, the least and greatest error of a bit, changes of the higher bits by which
+# it should have changed, and the least share of readings in each eighth of the sectors that are left.
+COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_FILLED = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
 
 
 def flag_altered(record: Record) -> Record:
@@ -36,7 +52,7 @@ def flag_altered(record: Record) -> Record:
     A record of less than a month, as of a package lowered from a ship, is held against its own repetitions and limits
     only.
     """
-    record = _flag_limits(_flag_repeated(record))
+    record = _flag_across_north(_flag_stuck_bits(_flag_held(_flag_limits(_flag_repeated(record)))))
     flow, known = _flow(record), np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
     speed = np.where(known, np.abs(flow), 0.0)
     if np.count_nonzero(speed) < FEWEST_WINDOWS * FEWEST or np.ptp(record.time_s) < FEWEST_WINDOWS * WINDOW_S:
@@ -61,7 +77,69 @@ def flag_altered(record: Record) -> Record:
             "column of headings"
         )
         record = _flag(record, altered, note)
-    return record
+    return _flag_smoothed(_flag_late(record, towards, weight, number), towards, weight, number)
+
+
+def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
+    """Flag windows in which the heading changes some samples after the direction of flow, or before it."""
+    both = np.where((weight[1:] > 0.0) & (weight[:-1] > 0.0), np.minimum(weight[1:], weight[:-1]), 0.0)
+    heading, flow = (
+        np.nan_to_num(both * angles.sin_cos(np.diff(angle))[0]) for angle in (record.heading_deg, flow_deg)
+    )
+
+    def pooled(values: Floats) -> Floats:
+        total = np.bincount(number[1:], values, int(number[-1]) + 1)
+        return np.convolve(total, np.ones(TOGETHER), "valid")
+
+    lags = np.arange(-MAX_LAG, MAX_LAG + 1)
+    size = np.sqrt(np.maximum(pooled(heading**2), 1e-12))
+    shifted = (np.roll(flow, lag) for lag in lags)
+    correlation = np.array([pooled(heading * f) / size / np.sqrt(np.maximum(pooled(f**2), 1e-12)) for f in shifted])
+    # Over what chance gives the largest of all lags and windows.
+    least = np.maximum(LAG_EXCESS, LAG_SIGMAS / np.sqrt(np.maximum(pooled(both > 0.0), 1.0)))
+    excess = (np.abs(correlation) - np.abs(correlation[MAX_LAG])) / least
+    lag, largest = int(np.argmax(excess.max(axis=1))), float(excess.max())
+    if largest <= 1.0:
+        return record
+    late = np.convolve(excess[lag] > 0.5, np.ones(TOGETHER))[: int(number[-1]) + 1] > 0
+    which = late[number]
+    note = (
+        f"{_span(record, which)} {'lag' if lags[lag] > 0 else 'lead'} the direction of flow by {abs(lags[lag])} "
+        "samples, as no compass does: they are flagged doubtful; check the times of the column of headings"
+    )
+    return _flag(record, which, note)
+
+
+def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
+    """Flag windows whose headings are smoother than the flow allows, as averages or interpolated headings are."""
+    known, windows = weight > 0.0, int(number[-1]) + 1
+    both = known[1:] & known[:-1]
+
+    def roughness(angle_deg: Floats) -> tuple[Floats, Floats]:
+        """Compute the mean change from sample to sample and the correlation of a change with the next, by window."""
+        change = np.where(both, np.nan_to_num(np.clip(angles.wrap180(np.diff(angle_deg)), -90.0, 90.0)), 0.0)
+        first, second = np.where(both[1:] & both[:-1], np.stack([change[:-1], change[1:]]), 0.0)
+        products = (np.bincount(number[2:], x, windows) for x in (first * second, first**2, second**2))
+        product, before, after = products
+        total = np.bincount(number[1:], np.abs(change), windows)
+        return total + 1e-6, product / np.sqrt(before * after + 1e-6)
+
+    (turn, persistence), (_, persistence_of_flow), (relative, _) = (
+        roughness(x) for x in (record.heading_deg, flow_deg, record.heading_deg - flow_deg)
+    )
+    smoothness = persistence - persistence_of_flow - np.log(turn / relative)
+    enough = np.bincount(number[1:], both, windows) >= FEWEST
+    # Of the heading alone, too: slow flow has a rough direction.
+    excess, alone = (np.where(enough, x - np.median(x[enough]), 0.0) for x in (smoothness, persistence))
+    pairs = (excess[1:] + excess[:-1] > 2.0 * SMOOTHER) & (alone[1:] + alone[:-1] > 2.0 * SMOOTHER_ALONE)
+    which = (np.append(pairs, False) | np.append(False, pairs))[number]
+    if not which.any():
+        return record
+    note = (
+        f"{_span(record, which)} are far smoother than the flow and the rest of the record: averaged or interpolated "
+        "headings are not those by which the velocities were turned, and are flagged doubtful"
+    )
+    return _flag(record, which, note)
 
 
 def _flow(record: Record) -> Complexes:
@@ -122,6 +200,74 @@ def _flag_repeated(record: Record) -> Record:
         "are flagged doubtful"
     )
     return _flag(record, repeated, note)
+
+
+def _flag_held(record: Record) -> Record:
+    """Flag stretches in which a reading stands for several samples, though the compass turned."""
+    known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
+    if len(known) <= HELD_RUN:
+        return record
+    change = np.abs(angles.wrap180(np.diff(record.heading_deg[known])))
+    resolution = np.min(change[change > 0.0], initial=360.0)
+    held = np.zeros(record.heading_deg.shape, dtype=bool)
+    for run in np.array_split(np.arange(len(change)), len(change) // HELD_RUN):
+        moved = change[run] > 0.0
+        if 2 < np.count_nonzero(moved) <= (1.0 - HELD_SHARE) * len(run):
+            held[known[run]] = np.median(change[run][moved]) > HELD_STEPS * resolution
+    if not held.any():
+        return record
+    note = f"{_span(record, held)} are repeated from sample to sample and then turn by many degrees"
+    return _flag(record, held, f"{note}: one reading stands for several samples, and they are flagged doubtful")
+
+
+def _flag_across_north(record: Record) -> Record:
+    """Flag all headings where readings between two neighbours either side of north often point elsewhere."""
+    known = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)]
+    if len(known) < FEWEST:
+        return record
+    between = angles.wrap180(known[2:] - known[:-2])
+    expected = angles.wrap360(known[:-2] + between / 2.0)
+    near = np.abs(between) < BETWEEN_DEG
+    astray = near & (np.abs(angles.difference(known[1:-1], expected)) > ASTRAY_DEG)
+    sector = np.floor(angles.wrap360(expected + 15.0) / 30.0).astype(int) % 12
+    count, of = (np.bincount(sector[which], minlength=12) for which in (astray, near))
+    share = count / np.maximum(of, 1)
+    usual = np.max(share[1:], where=of[1:] >= ACROSS, initial=0.0)
+    if count[0] < ACROSS or share[0] < max(ACROSS_SHARE, ACROSS_TIMES * usual):
+        return record
+    note = (
+        f"{count[0]} of {of[0]} headings recorded between two that lie either side of north point elsewhere, as where "
+        "degrees were averaged as numbers: all headings are flagged doubtful; average them as directions"
+    )
+    return _flag(record, np.ones(record.heading_deg.shape, dtype=bool), note)
+
+
+def _flag_stuck_bits(record: Record) -> Record:
+    """Flag runs of readings in which one bit of the count never changes, though higher ones do."""
+    known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
+    stuck = np.zeros(record.heading_deg.shape, dtype=bool)
+    for step in COUNTS_DEG:
+        exact = record.heading_deg[known] / step
+        count = np.rint(exact).astype(np.int64)
+        if np.abs(exact - count).max(initial=0.0) * step > 0.006:  # files keep two decimals
+            continue
+        low, high = (int(np.floor(np.log2(error / step))) for error in BIT_ERROR_DEG)
+        for bit in range(low + 1, high + 1):
+            edges = np.concatenate([[0], np.flatnonzero(np.diff(count >> bit & 1)) + 1, [len(count)]])
+            for run in np.flatnonzero(np.diff(edges) > BIT_CHANGES):
+                inside = slice(edges[run], edges[run + 1])
+                stuck[known[inside]] |= _bit_is_stuck(count[inside], bit)
+    if not stuck.any():
+        return record
+    note = f"{_span(record, stuck)} leave out every other sector of the circle: a bit of the reading is stuck"
+    return _flag(record, stuck, f"{note}, and they are flagged doubtful")
+
+
+def _bit_is_stuck(count: NDArray[np.int64], bit: int) -> bool:
+    """Tell whether a bit that is the same in all counts should have changed with the higher and lower ones."""
+    changes = np.count_nonzero(np.diff(count >> bit + 1))
+    eighths = np.bincount((count & 2**bit - 1) * 8 >> bit, minlength=8)
+    return bool(changes >= BIT_CHANGES and eighths.min() >= BIT_FILLED * len(count))
 
 
 def _span(record: Record, which: Bools) -> str:
