@@ -128,6 +128,12 @@ class Cruise:
         """Say how the affected instrument really stood at its samples."""
         self.time_s, self.heading_deg = self.record().time_s, heading_deg
 
+    def cut_truth(self, within: tuple[float, float], *, keep: bool) -> None:
+        """Leave out of what is scored the samples outside a span, or inside it."""
+        time = self.record().time_s
+        inside = (time >= within[0]) & (time <= within[1])
+        self.set_truth(np.where(inside == keep, self.truth_at(time), np.nan))
+
     def add_reference(self, name: str, record: Pd0 | Table) -> None:
         """Write a record beside the reference's and describe it as that is described."""
         path = self.path("deep").with_stem(name)
@@ -453,8 +459,8 @@ def keep_declination(cruise: Cruise, made: Path) -> None:
 
 
 def plain(text: str) -> str:
-    """Return a warning without its numbers, so that the same one with other numbers is not new."""
-    return re.sub(r"[-+]?\d[\d.,:TZ%-]*", "#", text)
+    """Return a warning without its numbers and instrument, so that the same one with others is not new."""
+    return re.sub(r"[-+]?\d[\d.,:TZ%-]*", "#", re.sub(r"^(top|deep)\d?: ", "", text))
 
 
 def is_wrong(outcome: Outcome, untouched: Outcome) -> bool:

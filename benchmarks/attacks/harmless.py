@@ -111,6 +111,7 @@ def shorter(cruise: Cruise, rng: np.random.Generator) -> str:
     cut = float(rng.uniform(0.05, 0.15)) * (last - first)
     key, time = ("start", first + cut) if rng.random() < 0.5 else ("end", last - cut)
     cruise.settings[key] = pd.Timestamp(time, unit="s").floor("s").strftime("%Y-%m-%dT%H:%M:%SZ")
+    cruise.cut_truth((time, last) if key == "start" else (first, time), keep=True)
     return f"the {key} a week or so inside"
 
 

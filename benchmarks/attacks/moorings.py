@@ -409,6 +409,7 @@ def excluded(cruise: Cruise, rng: np.random.Generator) -> str:
     begin = first + rng.uniform(0.1, 0.8) * (last - first)
     texts = [datetime.fromtimestamp(t, UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for t in (begin, begin + 86400)]
     cruise.top["exclude"] = [{"from": texts[0], "to": texts[1], "why": "fishing"}]
+    cruise.cut_truth((begin, begin + 86400), keep=False)
     return "a day excluded"
 
 

@@ -20,7 +20,8 @@ from compasslib.types import Bools, Floats
 
 CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
 BY_LEVEL = 0.75  # different times among runs of one time, below which a table lists one level after the other
-EVEN = 0.99  # share of steps in time that are alike: days and months taken for each other leave gaps
+# Share of steps that are one sample or several, and of samples that are there: exchanged days and months leave gaps.
+EVEN, FILLED = 0.99, 0.7
 UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
 FILL_SHARE, FEWEST_FILLS = 0.005, 10  # of the rows that hold one value
 FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as its neighbours, and chance: rounding gives neighbours alike
@@ -134,7 +135,9 @@ def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
         return table, 0
     order = np.argsort(table["time"], kind="stable")
     spacing = np.diff(np.unique(table["time"]))
-    even = np.isclose(spacing, np.median(spacing), rtol=0.01).mean() > EVEN if len(spacing) else True
+    whole = np.maximum(np.rint(spacing / np.median(spacing)), 1.0) if len(spacing) else spacing  # samples may lack
+    on_grid = np.isclose(spacing, whole * np.median(spacing), rtol=0.01)
+    even = on_grid.mean() > EVEN and len(spacing) > FILLED * whole.sum() if len(spacing) else True
     doubtful = mixed and (steps > 0.0).any() and not even
     return {role: column[order] for role, column in table.items()}, back if doubtful else 0
 
