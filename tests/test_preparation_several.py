@@ -17,6 +17,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.references import combine_references, join_references
+from compasslib.product.seam import compare_at_seam
 from compasslib.records import take
 
 NAMES = ("low", "mid", "high")
@@ -55,6 +56,8 @@ def test_pairs_of_all_stand_by_time_and_together_they_are_one_a_time_with_less_n
             mine = take(every, every.reference_index == k)
             np.testing.assert_array_equal(mine.lower_east, own.lower_east)
         one = combine_references(every)
+        seam = compare_at_seam(every, {"after": {"n": 0}})  # a time may stand there several times
+        assert seam == compare_at_seam(one, {"after": {"n": 0}}) and seam["speed_difference_sigma_m_s"] > 0.0
         assert len(one) == len(np.unique(every.time_s)) and one.reference_index is None
         ratios.append(error_deg(one, top, heading) / min(error_deg(pairs, top, heading) for pairs in found[:2]))
     assert np.median(ratios) < 0.8

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from compasslib.preparation.references import combine_references
 from compasslib.records import Pairs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import NORMAL_95
@@ -22,7 +23,7 @@ def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, An
     Returns:
         Means of affected minus reference, each with its standard error; None where there are too few pairs.
     """
-    speed, sigma = None, None
+    pairs, speed, sigma = combine_references(pairs), None, None
     if len(pairs) >= FEWEST:
         off = np.hypot(pairs.upper_east, pairs.upper_north) - np.hypot(pairs.lower_east, pairs.lower_north)
         speed, sigma = float(off.mean()), float(off.std() / np.sqrt(effective_sample_size(off, pairs.time_s)))
