@@ -116,8 +116,9 @@ the catalogue: {", ".join(map(words.plain, found["alternatives"])) or "none"}. T
 
 ![The diagnosis of C1](../diagnosis.png)
 
-*The diagnosis of C1. (a) Where the step is there, the residual without it follows the line. (b), (c) The residual by recorded heading and
-time; grey: 95 % range of noise. (d) Its size.*
+*The diagnosis of C1. (a) Residual against the turn by the step, without it and with it. Without it the residual follows the fitted line;
+days that were left out follow what the other days predict with the slope and rank above the panel. (b), (c) The residual by recorded
+heading and time; grey: 95 % range of noise. (d) The size of the step.*
 
 ## Modelled
 

@@ -319,6 +319,23 @@ def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
     assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "on left-out data" in said
 
 
+def test_a_diagnosis_sets_the_slope_of_left_out_days_against_the_fitted_line(tmp_path):
+    slope, placebo = {"value": 0.5, "low": -0.25, "high": 1.25}, {"n": 19, "rank_p": 0.15}
+    size = {"fitted_elsewhere": 2.0, "held_out": 1.0, "low": -0.5, "high": 2.5}
+    proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "amplitude_deg": size, "slope": slope, "placebo": placebo}
+    found = {"effect": "temperature", "alternatives": [], "text": "", "heldout": proof}
+    curves = [residuals("turn_by_temperature", -2.0, 4.0), residuals("heading", 5.0, 355.0)]
+    content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves}
+    page = saved(lambda: diagnosis.draw_mooring(tmp_path / "d.png", content))
+    check_page(tmp_path / "d.png", page)
+    turn, heading, _ = page.axes
+    title = turn.get_title("left").replace("\n", " ")
+    assert title == "(a) left-out days: slope 0.50 (−0.25 to 1.25), rank 3 of 20" and heading.get_title("left") == "(b)"
+    (wedge,) = turn.collections[0].get_paths()
+    assert {(-2.0, 0.5), (-2.0, -2.5), (4.0, -1.0), (4.0, 5.0)} <= {tuple(point) for point in wedge.vertices.round(9)}
+    assert "1 where form and size are right" in (said := diagnosis_caption(content)) and "along heading" not in said
+
+
 LONG = "the deviation of a compass whose gimbal sticks at the temperature of the water changing with the echo"
 WORD = "Hydrographic_mooring_of_the_year_2007_with_a_name_that_has_no_gap_anywhere"
 

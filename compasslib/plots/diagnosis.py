@@ -47,6 +47,7 @@ SIZES: tuple[tuple[dict[str, Any], str], ...] = (
     ({"color": VERMILION, "marker": "D", "markersize": 4.0, "linestyle": ""}, "heading error without it"),
 )
 BAND: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
+LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
 
 
 def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
@@ -93,6 +94,7 @@ def _draw(
         for curve in curves:
             axes = panels.pop(0)
             _residual(axes, curve, _label(curve["covariate"], *said), reach)
+            _follow(axes, curve, proven)
             if curve["covariate"] == "time" and reach is not None:
                 _mark_dates(axes, diagnosis["findings"])
         sized = [entry for entry in proven if entry["heldout"].get("amplitude_deg")]
@@ -106,6 +108,8 @@ def _draw(
             handles.append(Line2D([], [], **AFTER, label="after (effects included)"))
             handles += [Line2D([], [], **EFFECT, label="identified effect")] if curves else []
         noise = [Patch(**BAND, label="95 % range of noise")] if curves else []
+        if any(entry["heldout"].get("slope") for entry in proven):
+            noise.append(Patch(**LEFT_OUT, label="slope of left-out days, 95 %"))
         of_sizes = [Line2D([], [], **look, label=label) for look, label in SIZES] if proven and sized == proven else []
         legend(figure, [*handles, *noise, *of_sizes] if curves or proven else [])
 
@@ -140,6 +144,22 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
         axes.set_xlabel(label)
     if covariate == "heading":
         degrees(axes.xaxis, (0.0, 360.0))
+
+
+def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, Any]]) -> None:
+    """Draw the slope at which left-out days follow the turn that the others predict, and head the panel with it."""
+    of_it = [entry for entry in proven if curve["covariate"] == f"{TURN_PREFIX}{entry['effect']}"]
+    if len(of_it) != 1:  # two composed effects have one name
+        return
+    texts, proof = [], of_it[0]["heldout"]
+    if slope := proof.get("slope"):
+        x = np.array([min(curve["centre"]), 0.0, max(curve["centre"])])
+        axes.fill_between(x, slope["low"] * x, slope["high"] * x, **LEFT_OUT)
+        axes.plot(x, slope["value"] * x, color=CORRECTED, linewidth=1.0)
+        texts.append("slope {value:.2f} ({low:.2f} to {high:.2f})".format(**slope).replace("-", "−"))
+    if (placebo := proof.get("placebo")) and placebo["rank_p"] is not None:
+        texts.append(f"rank {round(placebo['rank_p'] * (placebo['n'] + 1))} of {placebo['n'] + 1}")
+    axes.set_title(f"left-out days: {', '.join(texts)}" if texts else "")
 
 
 def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> None:
@@ -196,7 +216,7 @@ def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> 
     rows.name(axes)
     axes.set_xlabel("Rms residual, held-out data (°)")
     axes.xaxis.set_major_locator(MaxNLocator(4))
-    axes.margins(x=0.15)
+    axes.set_xlim(0.0, 1.15 * max([*before, *after, 1e-9]))
 
 
 def _short(finding: Mapping[str, Any]) -> str:

@@ -99,6 +99,7 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
         same = shown["before_deg"] == shown["after_deg"]
         curves.append((shown["covariate"], before, before if same else after))
         changed |= not same
+    curves = [curve for curve in curves if curve[0].startswith(wording.TURN_PREFIX)] or curves
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
     composed = [(entry["acts_on"], effect_formula(**entry)) for entry in parts]
     return words.caption("diagnosis", "diagnosis", d=diagnosis, curves=curves, changed=changed, composed=composed)
