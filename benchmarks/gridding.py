@@ -23,9 +23,9 @@ import numpy as np
 import runs  # noqa: F401 - makes tests/world importable
 import yaml
 
-from compasslib.archive.gridded_reader import open_gridded
+from compasslib.archive.gridded import open_gridded
 from compasslib.config import cruise as config
-from compasslib.demo import magnetometer, mooring, sealed
+from compasslib.demo import compass, mooring, sealed
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Adcp, Setup
 from compasslib.demo.sealed import Effect, Export, Ground, Wish
@@ -48,7 +48,7 @@ def ground_of(kind: str, seed: int) -> Ground:
     ground = sealed.make(seed, "M", Wish(wide=True, hours=HOURS))
     _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
     strength = STRENGTH.get(kind, float(np.random.default_rng(seed).choice([0.1, 0.2, 0.35])))
-    ground = replace(ground, meter=magnetometer.build(ground.random("iron"), (horizontal, vertical), strength))
+    ground = replace(ground, meter=compass.build(ground.random("iron"), (horizontal, vertical), strength))
     if kind == "plain":
         level = np.full(ground.currents.time_s.size, PLAIN_SHEAR)
         layers, veer = ground.currents.layers.times(level), 0.0 * ground.currents.veer_deg_m

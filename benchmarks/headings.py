@@ -32,7 +32,7 @@ from targets import Measured
 from compasslib import angles, compass
 from compasslib.demo import compass as needle
 from compasslib.demo import demonstration, mooring, water
-from compasslib.demo.series import HOUR_S, clockwise, stream, white_vector
+from compasslib.demo.water import HOUR_S, clockwise, stream, white_vector
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, to_body_frame
 from compasslib.deviation.model import observed_heading

@@ -30,7 +30,7 @@ from PIL import Image
 PROJECT = Path(__file__).resolve().parents[1]
 DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
 CURRENTS = ("sticks", "progressive", "roses")
-DRAWN = ("page", "curves")  # modules of plots behind every figure of a mooring
+DRAWN = ("page",)  # modules of plots behind every figure of a mooring
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,10 @@ def sea(folder: Path) -> None:
 
 def papers(folder: Path) -> None:
     """Figures 4 and 5 of von Appen 2015."""
-    from compasslib.plots import array
+    from compasslib.plots import moorings
 
-    array.draw_angles(DOCS / "angles.png")
-    array.draw_synthetic_curves(DOCS / "synthetic.png")
+    moorings.draw_angles(DOCS / "angles.png")
+    moorings.draw_synthetic_curves(DOCS / "synthetic.png")
 
 
 def plots(*names: str) -> list[str]:
@@ -104,7 +104,7 @@ MAKERS = {
     "demonstration": Maker(
         demonstration,
         ("currents.png", "eg4_deviation.png", "eg4_scatter.png", "eg4_section.png"),
-        [*plots("timeseries", "deviation", "section"), "compasslib/demo/demonstration.py"],
+        [*plots("timeseries", "deviation"), "compasslib/demo/demonstration.py"],
         cruise=".",
     ),
     "report": Maker(
@@ -127,7 +127,9 @@ MAKERS = {
         [*plots("diagnosis", "truth"), "compasslib/demo/concealed.py"],
         cruise=".",
     ),
-    "papers": Maker(papers, ("angles.png", "synthetic.png"), ["compasslib/plots/page.py", "compasslib/plots/array.py"]),
+    "papers": Maker(
+        papers, ("angles.png", "synthetic.png"), ["compasslib/plots/page.py", "compasslib/plots/moorings.py"]
+    ),
     "sea": Maker(sea, ("sea.png",), ["compasslib/plots/page.py", "benchmarks/sea.py"]),
 }
 

@@ -4,8 +4,8 @@ from compasslib import earthfield as earthfield
 from compasslib.archive.attributes import Site as Site
 from compasslib.archive.files import read_json as read_json
 from compasslib.archive.files import write_json as write_json
-from compasslib.archive.gridded_reader import GriddedCurrents as GriddedCurrents
-from compasslib.archive.gridded_reader import open_gridded as open_gridded
+from compasslib.archive.gridded import GriddedCurrents as GriddedCurrents
+from compasslib.archive.gridded import open_gridded as open_gridded
 from compasslib.archive.netcdf import open_product as open_product
 from compasslib.archive.netcdf import read_corrected as read_corrected
 from compasslib.archive.netcdf import read_pairs as read_pairs

@@ -26,7 +26,7 @@ from compasslib.archive import summary
 from compasslib.archive.files import write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.platform import BenchReadings
-from compasslib.cli import _parser, changelog, main, results
+from compasslib.cli import _parser, diff, main, results
 from compasslib.pipeline import records
 from compasslib.pipeline.process import process_mooring
 
@@ -441,7 +441,7 @@ CHANGES = f"""# Changes
 def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_why(versions_of, capsys, monkeypatch):
     file = versions_of / "CHANGELOG.md"
     file.write_text(CHANGES)
-    monkeypatch.setattr(changelog, "CHANGELOG", file)
+    monkeypatch.setattr(diff, "CHANGELOG", file)
     assert main(["diff", str(versions_of / "old"), str(versions_of / "new")]) == 0
     table, why = capsys.readouterr().out.split("\n\n")
     cells = dict(zip(*(re.split("  +", line) for line in table.splitlines()), strict=True))
@@ -498,26 +498,25 @@ def _software(folder: Path) -> str:
 )
 def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old, new, changed, entries):
     (tmp_path / "CHANGELOG.md").write_text(CHANGES)
-    said = changelog.changelog_reasons(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
+    said = diff.changelog_reasons(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
     assert [line.split(": ", 1)[1] for line in said[3:]] == [
-        next(entry.text for entry in changelog.parse_changelog(CHANGES) if entry.text.startswith(begin))
-        for begin in entries
+        next(entry.text for entry in diff.parse_changelog(CHANGES) if entry.text.startswith(begin)) for begin in entries
     ]
     assert entries or "no entry of the changelog between them can change coefficients" in said[2]
 
 
 def test_what_cannot_be_told_of_versions_is_said(tmp_path):
-    assert changelog.changelog_reasons("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
-    assert "versions are not known" in changelog.changelog_reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
+    assert diff.changelog_reasons("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
+    assert "versions are not known" in diff.changelog_reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
     sides = "compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)"
-    absent = changelog.changelog_reasons(*sides, {"headings"}, tmp_path / "none.md")
+    absent = diff.changelog_reasons(*sides, {"headings"}, tmp_path / "none.md")
     assert "this installation has no changelog" in absent[2]
 
 
 def test_the_changelog_s_own_entries_can_be_read_and_begin_with_this_version():
-    found = changelog.parse_changelog((PROJECT / "CHANGELOG.md").read_text())
+    found = diff.parse_changelog((PROJECT / "CHANGELOG.md").read_text())
     assert found[0].version == compasslib.__version__ and len(found) > 40
-    kinds = {f"calibration:{kind}" for kind in calibrations.KINDS} | set(changelog.KINDS_OF_CHANGE)
+    kinds = {f"calibration:{kind}" for kind in calibrations.KINDS} | set(diff.KINDS_OF_CHANGE)
     assert {change for entry in found for change in entry.changes} <= kinds
     assert not any("*(" in entry.text for entry in found)
 

@@ -18,7 +18,7 @@ from launch import PROJECT
 from sea import cruise
 
 from compasslib.cli import main
-from compasslib.readers import headers
+from compasslib.readers import detect
 
 DATA = PROJECT.parent / "shared/data"
 PLACE = ("--latitude", "65.3333", "--longitude", "-32.955", "--water-depth", "894")
@@ -208,13 +208,13 @@ def test_nothing_to_draft_from_is_one_line(tmp_path, capsys):
     ],
 )
 def test_a_table_s_meaning_is_told_by_its_header(header, kind, scale):
-    found = headers.guess_from_names(header.split(","))
+    found = detect.guess_from_names(header.split(","))
     assert (found.kind, found.scale) == (kind, scale) and set(found.columns.values()) <= set(header.split(","))
 
 
 @pytest.mark.parametrize("header", ["foo,bar", "time,a,b", "u,v", "x,y,heading"])
 def test_a_header_that_tells_too_little_tells_nothing(header):
-    assert headers.guess_from_names(header.split(",")) is None
+    assert detect.guess_from_names(header.split(",")) is None
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there")

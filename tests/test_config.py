@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from compasslib import readers
-from compasslib.config import calibrations, product, schema, values
+from compasslib.config import calibrations, schema, section, values
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
@@ -200,8 +200,8 @@ def test_the_keys_of_a_table_are_those_of_its_covariates_too(cruise: Path) -> No
     write(cruise, MOORING_FILE, text)
     mooring = config.load_cruise(cruise).moorings["EG4"]
     wanted = {"delimiter": ";", "decimal": ",", "timezone": "+02:00", "missing": ["-99.9", "x"], "skip_rows": 2}
-    for section in (mooring.instruments["deep"], mooring.covariates["supply"]):
-        assert wanted.items() <= section.model_dump(mode="json").items()
+    for table in (mooring.instruments["deep"], mooring.covariates["supply"]):
+        assert wanted.items() <= table.model_dump(mode="json").items()
     columns = mooring.covariates["supply"].columns
     assert columns is not None
     assert columns.model_dump(exclude_none=True) == {"date": "d", "clock": "c", "value": "A"}
@@ -370,7 +370,7 @@ def test_the_cruise_with_real_records_is_read() -> None:
 
 def test_the_readme_names_every_key() -> None:
     text = (ROOT / "config/README.md").read_text()
-    named = [*vars(schema).values(), *vars(product).values(), *vars(calibrations).values()]
+    named = [*vars(schema).values(), *vars(section).values(), *vars(calibrations).values()]
     models = [m for m in named if isinstance(m, type) and issubclass(m, schema.Section)]
     keys = {key for model in models for key in schema.allowed_keys(model)}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []

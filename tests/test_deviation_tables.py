@@ -13,11 +13,10 @@ from compasslib import angles, compass
 from compasslib.archive import tables
 from compasslib.archive.files import read_csv
 from compasslib.deviation.assessment import assess_correction, confidence_intervals
-from compasslib.deviation.distance import estimate_safe_distance
 from compasslib.deviation.doubts import doubt_whole_record
 from compasslib.deviation.histograms import BIN_DEG, QUANTITIES, build_histograms
 from compasslib.deviation.lookup import LOOKUP_COLUMNS, tabulate_deviation
-from compasslib.deviation.model import DeviationFit, unfitted
+from compasslib.deviation.model import DeviationFit, estimate_safe_distance, unfitted
 from compasslib.deviation.series import fit_series, series_deviation
 from compasslib.records import BAD
 from tests.test_deviation_correction import record_of

@@ -11,7 +11,7 @@ from PIL import Image
 
 from compasslib.archive import conventions, gridded
 from compasslib.archive.attributes import Site
-from compasslib.plots import section
+from compasslib.plots import timeseries
 from compasslib.plots.page import DPI, WIDTH_IN
 from compasslib.product.cells import Differences, Velocities
 from compasslib.product.daily import DailyMeans
@@ -279,13 +279,13 @@ def test_figures_of_the_section_are_whole_with_and_without_velocities(written, t
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
     none = tuple(replace(p, mean=nothing[0]) for p in shown.profiles)
     for name, content in (("some", shown), ("none", replace(shown, before=nothing, after=nothing, profiles=none))):
-        for draw in (section.draw_section, section.draw_profile):
+        for draw in (timeseries.draw_section, timeseries.draw_profile):
             draw(tmp_path / f"{name}.png", content)
             with Image.open(tmp_path / f"{name}.png") as image:
                 colours = image.convert("RGB").getcolors(1 << 20)
                 assert image.width == round(WIDTH_IN * DPI) and (len(colours) > 350) == (name == "some"), draw
     some = np.array([[0.02, 0.011], [0.011, 0.01]])
-    size, angle = section.principal_axis(gridded.MeanProfile(0j, some[0, 0], some[1, 1], some[0, 1]))
+    size, angle = timeseries.principal_axis(gridded.MeanProfile(0j, some[0, 0], some[1, 1], some[0, 1]))
     values, vectors = np.linalg.eigh(some)
     assert size == pytest.approx(np.sqrt(values[1])) and np.tan(angle) == pytest.approx(vectors[1, 1] / vectors[0, 1])
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
-from compasslib.demo.series import DAY_S, red_noise
+from compasslib.demo.water import DAY_S, red_noise
 from compasslib.effects import Scene
 from compasslib.effects.composed import IronMovedByPitch, IronMovedByRoll
 from compasslib.effects.earth import VectorDisturbance

@@ -11,7 +11,7 @@ from sea import pairs
 from test_archive import make_product, write
 
 import compasslib
-from compasslib.labelled import Labelled
+from compasslib.records import Labelled
 
 
 def test_a_product_opens_and_has_its_names_times_bins_and_units(tmp_path):

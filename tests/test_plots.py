@@ -31,12 +31,12 @@ from compasslib.deviation.lookup import correct_roots
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, unfitted
 from compasslib.deviation.series import fit_series, invert_series, series_deviation
 from compasslib.errors import InputError
-from compasslib.plots import array, deviation, diagnosis, histograms, timeseries
-from compasslib.plots import curves as plots_curves
+from compasslib.plots import deviation, diagnosis, timeseries
 from compasslib.plots import moorings as moorings_together
+from compasslib.plots import page as plots_curves
 from compasslib.plots import page as plots_page
-from compasslib.plots.curves import BACKWARDS, GIVEN_UP, INVERTED
-from compasslib.plots.page import BLACK, DPI, WIDTH_IN
+from compasslib.plots.moorings import NAMED, SYNTHETIC_B_DEG, draw_angles, draw_array, draw_synthetic_curves
+from compasslib.plots.page import BACKWARDS, BLACK, DPI, GIVEN_UP, INVERTED, WIDTH_IN
 from compasslib.records import BAD, GOOD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.explanation import diagnosis_caption
 
@@ -65,7 +65,7 @@ class Mooring:
                 self.pairs,
                 assessed("", self.pairs, self.fit).assessment["difference_counts"],
             )
-            histograms.draw_histograms(path, counts, assessed("", self.pairs, self.fit).assessment)
+            deviation.draw_histograms(path, counts, assessed("", self.pairs, self.fit).assessment)
         elif figure == "scatter":
             deviation.draw_scatter(path, self.pairs, self.product)
         else:
@@ -478,21 +478,21 @@ def test_the_array_as_configured_holds_few_moorings_with_their_names_and_many_wi
                    {"depth_m": None, "orientation": None, "role": "reference"}]  # fmt: skip
     rows = [{"name": f"M{k}", "latitude": 65.0 + 0.05 * k + k // 3, "longitude": -33.0 + 0.1 * k,
              "water_depth_m": 300.0 + 100.0 * (k % 9), "instruments": instruments} for k in range(count)]  # fmt: skip
-    drawn = saved(lambda: array.draw_array(tmp_path / "array.png", rows))
+    drawn = saved(lambda: draw_array(tmp_path / "array.png", rows))
     named = {row["name"] for row in rows if row["name"] in words(drawn)}
-    assert named == ({row["name"] for row in rows} if count <= array.NAMED else set())
+    assert named == ({row["name"] for row in rows} if count <= NAMED else set())
     assert ("Along the array (km)" if count else "no data") in words(drawn)
     assert all(box.x0 >= -1 and box.y0 >= -1 and box.x1 <= drawn.bbox.x1 + 1 for box in boxes(drawn))
 
 
 def test_the_synthetic_curves_and_angles_of_the_paper_are_drawn_as_printed(tmp_path):
     """Von Appen 2015, Fig. 5: at 90 degrees B is the deviation; beyond 57.3 only the sluggish side is inverted."""
-    synthetic = saved(lambda: array.draw_synthetic_curves(tmp_path / "curves.png"))
-    for line, b in zip(synthetic.axes[0].get_lines()[::2], array.SYNTHETIC_B_DEG, strict=True):
+    synthetic = saved(lambda: draw_synthetic_curves(tmp_path / "curves.png"))
+    for line, b in zip(synthetic.axes[0].get_lines()[::2], SYNTHETIC_B_DEG, strict=True):
         assert np.interp(90.0, *np.transpose(line.get_xydata())) == pytest.approx(b, abs=0.01)
     spans = [np.ptp(line.get_xdata()) for line in synthetic.axes[2].get_lines()]
     assert min(spans[:4]) > 350.0 and max(spans[4:]) < 120.0
-    sketch = words(saved(lambda: array.draw_angles(tmp_path / "angles.png")))
+    sketch = words(saved(lambda: draw_angles(tmp_path / "angles.png")))
     assert all(name in sketch for name in ("α", "β", "γ", "δ", "magnetic north", "current"))
 
 

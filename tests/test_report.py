@@ -35,7 +35,7 @@ from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
 from compasslib.inference.finding import Finding as Found
 from compasslib.plots import instruments
-from compasslib.report import chart, explanation, mooring, sections, words
+from compasslib.report import chart, explanation, sections, words
 from compasslib.report.sections import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped_section
 from tests.world.package import Sea
 
@@ -170,7 +170,9 @@ def test_every_figure_says_what_it_shows(done, document):
     """All but the certificates are pictures; words for what they show stand below them, no two alike."""
     pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
-    assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - len(mooring.OF_PAIRS)  # ALONE has no pair
+    assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - len(
+        explanation.OF_PAIRS
+    )  # ALONE has no pair
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
     assert all(len(caption) > 50 for caption in captions) and len(set(captions)) >= len(captions) - 1
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compasslib.demo import magnetometer, sealed
-from compasslib.demo.magnetometer import Ball, Magnet, Magnetometer
+from compasslib.demo import compass, sealed
+from compasslib.demo.compass import Ball, Magnet, Magnetometer
 from tests.world import observatory, planting
 
 PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
@@ -36,10 +36,10 @@ def turned(ground, effect, meter=PLAIN):
 
 
 def test_a_dipole_falls_with_the_cube_and_is_twice_as_strong_on_its_axis():
-    along = magnetometer.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 0.5]))
-    across = magnetometer.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.5, 0.0, 0.0]))
+    along = compass.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 0.5]))
+    across = compass.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.5, 0.0, 0.0]))
     assert along == pytest.approx([0.0, 0.0, 2 * 100.0 * 2.0 / 0.5**3]) and across == pytest.approx(-along / 2)
-    twice = magnetometer.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]))
+    twice = compass.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]))
     assert twice == pytest.approx(along / 8)
 
 
@@ -47,21 +47,21 @@ def test_sensors_apart_feel_other_parts_of_the_gradient():
     magnet = (Magnet((0.5, 0.0, 0.0), (3.0, 1.0, 0.0)),)
     together = Magnetometer(magnet, PLAIN.ball, np.zeros((3, 3)), np.eye(3))
     apart = replace(together, places_m=np.array([[0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]]))
-    one, other = (magnetometer.response(meter)[1] for meter in (together, apart))
+    one, other = (compass.response(meter)[1] for meter in (together, apart))
     assert 0.01 < np.abs(one - other).max() / np.abs(one).max() < 0.3
 
 
 def test_a_ball_of_iron_adds_twice_along_and_takes_once_across():
     meter = replace(PLAIN, ball=Ball((0.0, 0.0, 0.8), 0.2))
-    matrix, added = magnetometer.response(meter)
+    matrix, added = compass.response(meter)
     share = (0.2 / 0.8) ** 3
     assert matrix == pytest.approx(np.diag([1 - share, 1 - share, 1 + 2 * share])) and not added.any()
 
 
 def test_iron_is_as_strong_as_wanted_and_readings_come_in_steps(ground):
-    meter = magnetometer.build(rng(), (14000.0, 48000.0), 0.35)
-    assert np.hypot(*magnetometer.response(meter)[1][:2]) == pytest.approx(0.35 * 14000.0)
-    given = magnetometer.felt(meter, np.array([[14000.0, 0.0, 48000.0]]))
+    meter = compass.build(rng(), (14000.0, 48000.0), 0.35)
+    assert np.hypot(*compass.response(meter)[1][:2]) == pytest.approx(0.35 * 14000.0)
+    given = compass.felt(meter, np.array([[14000.0, 0.0, 48000.0]]))
     assert np.allclose(given % meter.step_nt, 0.0)
     assert planting.background_deg(ground) < 0.35  # below what is worth a name
 
@@ -109,7 +109,7 @@ def test_a_lobed_table_is_waves_of_the_reading(ground, here):
 def test_sensors_that_answer_with_the_square_make_thirds_of_the_circle():
     turn = np.deg2rad(np.arange(0.0, 360.0, 5.0))
     level = np.stack([14000.0 * np.cos(turn), -14000.0 * np.sin(turn), np.zeros(turn.size)], axis=-1)
-    x, y, _ = magnetometer.felt(replace(PLAIN, even=(0.05, 0.0, 0.0)), level, stepped=False).T
+    x, y, _ = compass.felt(replace(PLAIN, even=(0.05, 0.0, 0.0)), level, stepped=False).T
     off = np.rad2deg(np.angle((x - 1j * y) * np.exp(-1j * turn)))
     # The square of the cosine, seen across: a quarter each of the first and the third harmonic.
     expected = -np.rad2deg(0.05 * 14000.0 / 50000.0 / 4.0) * (np.sin(turn) + np.sin(3 * turn))

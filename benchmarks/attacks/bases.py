@@ -12,7 +12,7 @@ import yaml
 from cruises import VARIABLE, Pd0, Table, stamps
 from runs import DATA
 
-from compasslib.demo import magnetometer, sealed
+from compasslib.demo import compass, sealed
 from compasslib.demo.sealed import Export, Ground, Wish
 from tests.world import draw
 
@@ -121,7 +121,7 @@ def _write_simulated(base: Base, cruise: Path) -> np.ndarray:
 
 def _with_iron(ground: Ground, base: Base) -> Ground:
     _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
-    return replace(ground, meter=magnetometer.build(ground.random("iron"), (horizontal, vertical), base.strength))
+    return replace(ground, meter=compass.build(ground.random("iron"), (horizontal, vertical), base.strength))
 
 
 def _plain(ground: Ground) -> sealed.Water:

@@ -24,7 +24,7 @@ from compasslib.config.values import shown
 from compasslib.errors import InputError
 from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
 from compasslib.preparation.deployment import apply_deployment
-from compasslib.readers import detect, headers, iaga2002, nmea
+from compasslib.readers import detect, iaga2002, nmea
 from compasslib.readers.table import read_series
 from compasslib.records import Record
 from compasslib.types import Floats
@@ -127,7 +127,7 @@ def _inside(path: Path, root: Path) -> str:
 
 
 def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Contents) -> Contents:
-    tables: dict[Path, headers.GuessedTable | None] = {}
+    tables: dict[Path, detect.GuessedTable | None] = {}
     groups: dict[tuple[str, str, str], list[Path]] = {}
     for path in paths:
         kind = detect.detect_kind(path)
@@ -138,7 +138,7 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
             contents.left.append(f"{path}: its scans stand unpacked in {text.name}")
             continue
         if form == "table":
-            tables[path] = headers.guess_columns(path)
+            tables[path] = detect.guess_columns(path)
         table, mooring = tables.get(path), name or _folder(path, root)
         if form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
@@ -166,7 +166,7 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
 
 
 def _add_aside(
-    path: Path, root: Path, form: str, table: headers.GuessedTable | None, mooring: str, contents: Contents
+    path: Path, root: Path, form: str, table: detect.GuessedTable | None, mooring: str, contents: Contents
 ) -> None:
     """Add what is no instrument: a calibration's file, or a series beside the moorings."""
     file, name = _inside(path, root), _free(_name(path.stem), contents.calibrations)
@@ -206,7 +206,7 @@ def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
     contents.calibrations[name] = draft.calibration("swing", keys, {})
 
 
-def _add_series(path: Path, file: str, table: headers.GuessedTable, mooring: str, contents: Contents) -> None:
+def _add_series(path: Path, file: str, table: detect.GuessedTable, mooring: str, contents: Contents) -> None:
     keys = {"format": "table", "files": file, "columns": table.columns}
     try:
         time_s, _, _ = read_series({"files": [path], "columns": table.columns})
@@ -241,7 +241,7 @@ def _drafted(
     form: str,
     files: Sequence[Path],
     root: Path,
-    table: headers.GuessedTable | None,
+    table: detect.GuessedTable | None,
     companions: Sequence[Path],
     contents: Contents,
 ) -> Drafted:
@@ -275,7 +275,7 @@ def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
 
 
 def _of_record(
-    form: str, files: tuple[str, ...], keys: Mapping[str, object], record: Record, table: headers.GuessedTable | None
+    form: str, files: tuple[str, ...], keys: Mapping[str, object], record: Record, table: detect.GuessedTable | None
 ) -> Drafted:
     start, end, surfaced = _in_water(record)
     level = record.depth_m if np.isfinite(record.depth_m).any() else record.pressure_dbar

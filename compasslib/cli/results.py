@@ -17,7 +17,7 @@ from compasslib.config import cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan
-from compasslib.report import explanation, mooring, sections
+from compasslib.report import explanation, sections
 from compasslib.report.explanation import diagnosis_caption
 from compasslib.report.sections import MooringResults
 
@@ -221,8 +221,8 @@ def _read_mooring(folder: Path) -> MooringResults:
 
 
 def explanation_lines(read: MooringResults) -> list[str]:
-    lines = [f"{read.name}: {read.diagnosis['verdict']}", *_wrap(mooring.summary_sentences(read))]
-    lines += ["", *_wrap(f"{name}: {value}" for name, value in mooring.measures(read))]
+    lines = [f"{read.name}: {read.diagnosis['verdict']}", *_wrap(explanation.summary_sentences(read))]
+    lines += ["", *_wrap(f"{name}: {value}" for name, value in explanation.measures(read))]
     for finding in explanation.report_findings(read.diagnosis, product=True):
         numbers = [": ".join(row) for row in finding.parameters.rows] if finding.parameters else []
         named = [f"{name}: {value}" for name, value in finding.facts]

@@ -13,8 +13,6 @@ from pydantic import model_validator
 
 from compasslib import readers
 from compasslib.config import values
-from compasslib.config.fit import FitOptions
-from compasslib.config.product import ProductOptions
 from compasslib.config.section import (
     Attributes,
     Count,
@@ -23,6 +21,7 @@ from compasslib.config.section import (
     DeclinationApplied,
     Delimiter,
     Files,
+    FitOptions,
     Form,
     Formats,
     Missing,
@@ -30,6 +29,7 @@ from compasslib.config.section import (
     Name,
     Names,
     Number,
+    ProductOptions,
     Reference,
     Section,
     Span,

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from compasslib.demo import water as sea
 from compasslib.demo.mooring import pressure
-from compasslib.demo.series import DAY_S, Complexes, Floats, circle, clockwise
-from compasslib.demo.water import Water
+from compasslib.demo.water import DAY_S, Complexes, Floats, Water, circle, clockwise
 
 Counts = NDArray[np.uint8]
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.demo.series import DAY_S, Floats, circle
+from compasslib.demo.water import DAY_S, Floats, circle
 
 NOISE_DEG = 0.5
 TILT_NOISE_DEG = 0.05  # of an average over an ensemble's pings; the vertical field turns it into heading noise
@@ -84,3 +84,109 @@ def tilting(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
     zero = np.zeros_like(cp)
     rows = ((cp, sp * sr, sp * cr), (zero, cr, -sr), (-sp, cp * sr, cp * cr))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+NT_M3_PER_A_M2 = 100.0  # mu0 / 4 pi, for fields in nT
+FULL_SCALE_NT = 50_000.0
+
+
+@dataclass(frozen=True)
+class Magnet:
+    """A point dipole fixed to the instrument's body: forward, starboard, down."""
+
+    place_m: tuple[float, float, float]
+    moment_a_m2: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball of soft iron, magnetised by whatever field it stands in."""
+
+    place_m: tuple[float, float, float]
+    radius_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Magnetometer:
+    """Three sensors, a row each, and the iron round them."""
+
+    magnets: tuple[Magnet, ...]
+    ball: Ball
+    places_m: Floats  # (3, 3) where the sensors are
+    axes: Floats  # (3, 3) what each is sensitive to, nearly the unit vectors
+    trim_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)  # what the maker's calibration takes off
+    even: tuple[float, float, float] = (0.0, 0.0, 0.0)  # share of full scale that the square adds at full scale
+    step_nt: float = 40.0
+
+
+def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
+    """Build a magnetometer whose hard iron is a given share of the horizontal field.
+
+    Args:
+        strength: of the mean horizontal field of all iron, over the earth's.
+    """
+    places = rng.normal(0.0, 0.015, (3, 3))
+    axes = np.eye(3) * (1.0 + rng.normal(0.0, 0.004, 3))[:, None] + rng.normal(0.0, 0.004, (3, 3))
+    magnets = tuple(_magnet(rng) for _ in range(rng.integers(3, 6)))
+    ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
+    bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
+    made = Magnetometer(magnets, ball, places, axes, even=(bent[0], bent[1], bent[2]))
+    # The magnets' moments are scaled so that the horizontal part is as strong as wanted.
+    _, added = response(made)
+    scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
+    scaled = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in made.magnets)
+    meter = replace(made, magnets=scaled)
+    matrix, added = response(meter)
+    vertical = added[2] + (matrix[2, 2] - 0.5 * (matrix[0, 0] + matrix[1, 1])) * earth_nt[1]
+    return replace(meter, trim_nt=(0.0, 0.0, float(vertical + rng.normal(0.0, 100.0))))
+
+
+def response(meter: Magnetometer) -> tuple[Floats, Floats]:
+    """Compute the linear response: what the earth's field is multiplied by, (3, 3), what is added, (3,) nT."""
+    added, soft = np.zeros((3, 3)), np.zeros((3, 3, 3))
+    for k, place in enumerate(meter.places_m):
+        fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
+        added[k] = sum(fields, np.zeros(3))
+        # A ball of high permeability adds a dipole along the field of the earth.
+        away = place - np.array(meter.ball.place_m)
+        distance = float(np.linalg.norm(away))
+        unit = away / distance
+        soft[k] = np.eye(3) + (meter.ball.radius_m / distance) ** 3 * (3.0 * np.outer(unit, unit) - np.eye(3))
+    matrix = np.einsum("ij,ijk->ik", meter.axes, soft)
+    return matrix, np.einsum("ij,ij->i", meter.axes, added) - np.array(meter.trim_nt)
+
+
+def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | None = None, *, stepped: bool = True) -> Floats:
+    """Simulate what the sensors give, (..., 3) nT.
+
+    Args:
+        body_nt: earth's field in the body frame, (..., 3).
+        nearby_nt: the field at the sensors of what came beside the compass later, (..., 3).
+    """
+    matrix, added = response(meter)
+    raw = body_nt @ matrix.T + added + (0.0 if nearby_nt is None else nearby_nt)
+    scaled = raw / FULL_SCALE_NT
+    curved = raw + FULL_SCALE_NT * np.array(meter.even) * scaled**2
+    return np.asarray(meter.step_nt * np.rint(curved / meter.step_nt) if stepped else curved)
+
+
+def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
+    """Compute the field of a dipole, (3,) nT.
+
+    Args:
+        away_m: from it to the place, (3,).
+    """
+    distance = float(np.linalg.norm(away_m))
+    unit = away_m / distance
+    return np.asarray(NT_M3_PER_A_M2 * (3.0 * unit * (moment_a_m2 @ unit) - moment_a_m2) / distance**3)
+
+
+def _place(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[float, float, float]:
+    away = rng.normal(size=3)
+    x, y, z = rng.uniform(nearest, farthest) * away / np.linalg.norm(away)
+    return float(x), float(y), float(z)
+
+
+def _magnet(rng: np.random.Generator) -> Magnet:
+    x, y, z = rng.normal(0.0, 1.0, 3).tolist()
+    return Magnet(_place(rng, 0.3, 1.0), (x, y, z))

@@ -16,8 +16,7 @@ import numpy as np
 
 from compasslib.demo import sealed
 from compasslib.demo.sealed import Effect, Ground, Wish
-from compasslib.demo.series import HOUR_S, Floats
-from compasslib.demo.water import Layers
+from compasslib.demo.water import HOUR_S, Floats, Layers
 
 BEGIN_S, HOURS = 1406851200.0, 3000  # 1 August 2014, four months
 IRON_NT, SMALLEST_DEG, LARGEST_DEG = 250.0, 2.5, 4.0

@@ -13,8 +13,7 @@ from compasslib.demo.adcp import Adcp, Setup, Stance
 from compasslib.demo.compass import Field, Iron
 from compasslib.demo.mooring import Motion, Rig
 from compasslib.demo.profiler import Profiler
-from compasslib.demo.series import DAY_S, HOUR_S, Floats, circle, direction, red_noise, stream
-from compasslib.demo.water import Climate, Water
+from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Water, circle, direction, red_noise, stream
 
 DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
 ON_DECK_S = DAY_S

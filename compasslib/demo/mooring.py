@@ -12,8 +12,7 @@ from math import sin
 import numpy as np
 
 from compasslib.demo import water as sea
-from compasslib.demo.series import HOUR_S, Floats, direction, red_noise, stream
-from compasslib.demo.water import Water
+from compasslib.demo.water import HOUR_S, Floats, Water, direction, red_noise, stream
 
 SEAWATER_KG_M3 = 1027.0
 SPHERE_DRAG_M2 = 0.9  # drag coefficient times area of the sphere with its gear

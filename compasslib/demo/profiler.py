@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field
 from compasslib.demo.mooring import NOMINAL_M, Motion, pressure
-from compasslib.demo.series import HOUR_S, Complexes, Floats, circle, clockwise, direction
-from compasslib.demo.water import Water
+from compasslib.demo.water import HOUR_S, Complexes, Floats, Water, circle, clockwise, direction
 
 ROW = "   %s%9.2f%9.2f%9.2f%10.4f%10.4f%10.4f%10.2f%10.2f%10.2f%10.2f\r\n"
 COLUMNS = (

@@ -8,14 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.demo import adcp, compass, magnetometer, mooring
+from compasslib.demo import adcp, compass, mooring
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
-from compasslib.demo.compass import Field, tilting
-from compasslib.demo.magnetometer import Magnetometer
+from compasslib.demo.compass import Field, Magnetometer, tilting
 from compasslib.demo.mooring import Motion, Rig
-from compasslib.demo.series import DAY_S, HOUR_S, Floats, circle, clockwise, red_noise, stream, white_vector
-from compasslib.demo.water import Climate, Water
+from compasslib.demo.water import (
+    DAY_S,
+    HOUR_S,
+    Climate,
+    Floats,
+    Water,
+    circle,
+    clockwise,
+    red_noise,
+    stream,
+    white_vector,
+)
 
 PINGS, PING_S = 4, 90.0
 TILT_STEP_DEG = 180.0 / 4096.0  # twelve bits over half a circle
@@ -102,7 +111,7 @@ def _compass(
     level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
     body = np.einsum("nkji,nkj->nki", tilting(pitch + wobble[0], roll + wobble[1]), level)
     iron = sum((effect.body_nt for effect in effects if effect.body_nt is not None), np.zeros((len(times), 3)))
-    given = magnetometer.felt(ground.meter, body, iron[:, None, :], stepped=stepped)
+    given = compass.felt(ground.meter, body, iron[:, None, :], stepped=stepped)
     levelled = np.einsum("nkij,nkj->nki", tilting(*sensed), given)
     gamma = np.rad2deg(np.arctan2(-levelled[..., 1], levelled[..., 0]))
     added = [effect.reading(gamma) for effect in effects if effect.reading is not None]
@@ -168,7 +177,7 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     declination, horizontal, vertical = (float(x.mean()) for x in field.at(stamps))
     motion = mooring.make_motion(seed, name, _rig(rng, depth), currents, declination_deg=declination)
     strength = float(rng.choice(STRENGTHS)) if wish.strength is None else wish.strength
-    meter = magnetometer.build(rng, (horizontal, vertical), strength)
+    meter = compass.build(rng, (horizontal, vertical), strength)
     temperature = _temperature(stream(seed, name, "temperature"), motion)
     supply = _supply(stream(seed, name, "supply"), currents.time_s, temperature)
     return Ground(

@@ -26,7 +26,6 @@ from compasslib.calibrations.result import LETTERS, Calibration
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.series import series_design
 from compasslib.plots import instruments
-from compasslib.plots.curves import nearest_turn
 from compasslib.plots.page import (
     BLACK,
     BLUE,
@@ -40,6 +39,7 @@ from compasslib.plots.page import (
     degrees,
     empty,
     legend,
+    nearest_turn,
     page,
     signed,
 )

@@ -25,7 +25,7 @@ from compasslib.archive import provenance
 from compasslib.archive.files import atomic_write
 from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
-from compasslib.report import calibration, chart, mooring, words
+from compasslib.report import chart, explanation, words
 from compasslib.report.sections import (
     MAX_SECTIONS,
     Figure,
@@ -102,11 +102,11 @@ def gather(
             stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
             continue
         results = read_mooring(name, root, rows[name], site["roles"])
-        sections.append(mooring.mooring_section(results, root, site, small=small))
+        sections.append(explanation.mooring_section(results, root, site, small=small))
         place = site["latitude"], site["longitude"]
         corrected = results.headings.corrected > 0
         stations.append(chart.Station(name, *place, corrected, *results.currents.mean))
-    others = [calibration.calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
+    others = [explanation.calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
     headers = {part: words.cells(part, "overview")[0] for part in ("mooring", "calibration", "compass")}
     for part, entries in (("mooring", sections), ("calibration", others)):
         reasons = stopped[f"{part}s"].items()
@@ -121,7 +121,7 @@ def gather(
         compasses=Overview(
             COMPASSES,
             headers["compass"],
-            [calibration.compass_section(name, root, small=small) for name in compasses],
+            [explanation.compass_section(name, root, small=small) for name in compasses],
         ),
         software=provenance.software(),
         date=provenance.date_created(),

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
+from compasslib.archive.files import read_json
 from compasslib.effects import COMPOSED, meanings
 from compasslib.effects.composed import effect_formula
 from compasslib.inference import wording
 from compasslib.report import sections, words
-from compasslib.report.sections import ReportedFinding, ReportTable
+from compasslib.report.sections import CalibrationResults, MooringResults, ReportedFinding, ReportSection, ReportTable
 
 MAX_NAMES = 3  # of one finding in the answer; the finding lists all of them
 CLAUSES = {
@@ -103,3 +105,167 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
     composed = [(entry["acts_on"], effect_formula(**entry)) for entry in parts]
     return words.caption("diagnosis", "diagnosis", d=diagnosis, curves=curves, changed=changed, composed=composed)
+
+
+CURRENTS = ("sticks", "progressive", "roses")
+OF_PAIRS = ("diagnosis", "deviation", "histograms", "scatter")  # empty where there is neither a pair nor a curve
+FILES = (
+    *("corrected.nc", "gridded.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json"),
+    *("table.csv", "histograms.csv", "figures", "logs"),
+)
+
+
+def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any], *, small: bool) -> ReportSection:
+    """Compose one mooring's section.
+
+    Args:
+        site: latitude, longitude, water_depth_m, instruments (role and what it is).
+        small: whether the page has too many sections for whole pictures.
+    """
+
+    def caption(figure: str) -> str:
+        if figure == "diagnosis":
+            return diagnosis_caption(results.diagnosis)
+        return words.caption("mooring", figure, r=results)
+
+    folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # the whole mooring's besides
+    collected = [sections.collect_figures(folder, root, caption, small=small) for folder in folders]
+    pictures = {name: figure for figures in collected for name, figure in figures.items()}
+    if not (results.fit["n_pairs"] or results.product["coefficients"]):
+        pictures = {name: entry for name, entry in pictures.items() if name not in OF_PAIRS}
+    findings = report_findings(results.diagnosis, product=True)
+    extra = ("diagnosis",) if findings else ()  # else it stands with the other figures
+    counts = dict.fromkeys(name for of_role in results.inputs.values() for name in of_role)
+    nonzero = [name for name in counts if any(of_role.get(name) for of_role in results.inputs.values())]
+    zero = [words.plain(name) for name in counts if name not in nonzero]
+    return ReportSection(
+        name=results.name,
+        anchor=f"mooring-{results.name}",
+        verdict=results.diagnosis["verdict"],
+        summary=summary_sentences(results),
+        to_do=words.paragraphs("mooring", "actions", r=results)
+        or ("Nothing: UCUR and VCUR of corrected.nc are the currents to use.",),
+        facts=(
+            *words.facts("mooring", "place", r=results, site=site),
+            *measures(results),
+            *words.facts("mooring", "more", r=results),
+        ),
+        first=tuple(pictures.pop(name) for name in CURRENTS if name in pictures),
+        finding_figures=tuple(pictures.pop(name) for name in extra if name in pictures),
+        findings=findings,
+        limits=describe_limits(results.diagnosis),
+        warnings=results.warnings,
+        figures=tuple(pictures.values()),
+        tables=(
+            *sections.table("mooring", "agreement", r=results),
+            *sections.table("mooring", "coefficients", r=results),
+            *hypotheses_table(results.diagnosis),
+            *sections.table("mooring", "inputs", inputs=results.inputs, names=nonzero, zero=zero),
+        ),
+        links=tuple(
+            (file, sections.relative_link(there, root))
+            for file in FILES
+            for there in [folder / file for folder in folders if (folder / file).exists()][:1]
+        ),
+        cells=words.cells("mooring", "row", r=results)[0],
+    )
+
+
+def summary_sentences(results: MooringResults) -> tuple[str, ...]:
+    """Summarize a mooring: the answer, agreement with the reference, and reasons why not more."""
+    findings = describe_findings(results.diagnosis)
+    return words.paragraphs("mooring", "summary", r=results, findings=findings)
+
+
+def measures(results: MooringResults) -> tuple[tuple[str, str], ...]:
+    """State method, samples corrected, uncertainty and largest deviation."""
+    return words.facts("mooring", "measures", r=results)
+
+
+CALIBRATION_FILES = ("calibration.json", "table.csv", "points.csv", "diagnosis.json", "figures", "logs")
+TABLES = ("coefficients", "forms", "tilts", "iron", "cardinal", "storms", "budget")
+COMPASS_FILES = ("compass.json", "diagnosis.json", "figures", "logs")
+
+
+def calibration_section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSection:
+    """Compose one calibration's section.
+
+    Args:
+        small: whether the page has too many sections for whole pictures.
+    """
+    content, diagnosis = results.content, results.diagnosis
+
+    def caption(figure: str) -> str:
+        if figure == "diagnosis" and diagnosis:
+            return diagnosis_caption(diagnosis)
+        return words.caption("calibration", figure, c=content)
+
+    figures = sections.collect_figures(results.folder, root, caption, small=small)
+    findings = report_findings(diagnosis, product=False) if diagnosis else ()
+    answer = {
+        "diagnosis": diagnosis,
+        "findings": describe_findings(diagnosis) if diagnosis else "",
+        "texts": list(_nested_texts(content)),
+    }
+    return ReportSection(
+        name=results.name,
+        anchor=f"calibration-{results.name}",
+        verdict=diagnosis["verdict"] if diagnosis else "",
+        summary=words.paragraphs("calibration", "summary", c=content, **answer),
+        facts=words.facts("calibration", "facts", c=content),
+        finding_figures=(figures.pop("diagnosis"),) if findings and "diagnosis" in figures else (),
+        findings=findings,
+        limits=(
+            *words.paragraphs("calibration", "limits", c=content),
+            *(describe_limits(diagnosis) if diagnosis else ()),
+        ),
+        warnings=tuple(content["warnings"]),
+        first=tuple(figures.values()),
+        tables=(
+            *(table for name in TABLES for table in sections.table("calibration", name, c=content)),
+            *(hypotheses_table(diagnosis) if diagnosis else ()),
+            *sections.table("calibration", "deviations", table=results.table),
+        ),
+        links=sections.links(results.folder, root, CALIBRATION_FILES),
+        cells=words.cells("calibration", "row", name=results.name, c=content, diagnosis=diagnosis)[0],
+    )
+
+
+def _nested_texts(content: Mapping[str, Any]) -> Iterator[str]:
+    """Give the sentences that a kind says about itself, wherever they stand in the file."""
+    for key, value in content.items():
+        if key == "text" and isinstance(value, str) and value:
+            yield value
+        elif isinstance(value, Mapping):
+            yield from _nested_texts(value)
+
+
+def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
+    """Compose the section of a compass that several records share.
+
+    Args:
+        small: whether the page has too many sections for whole pictures.
+
+    Raises:
+        InputError: a file of its results is absent or damaged.
+    """
+    folder = root / "compasses" / name
+    content, diagnosis = read_json(folder / "compass.json"), read_json(folder / "diagnosis.json")
+    figures = sections.collect_figures(
+        folder, root, lambda figure: words.caption("compass", figure, c=content), small=small
+    )
+    findings = describe_findings(diagnosis)
+    return ReportSection(
+        name=name,
+        anchor=f"compass-{name}",
+        verdict=diagnosis["verdict"],
+        summary=words.paragraphs("compass", "summary", c=content, d=diagnosis, findings=findings),
+        facts=words.facts("compass", "facts", c=content),
+        findings=report_findings(diagnosis, product=False),
+        limits=describe_limits(diagnosis),
+        warnings=words.paragraphs("compass", "warnings", c=content),
+        tables=(*sections.table("compass", "records", c=content), *sections.table("compass", "iron", c=content)),
+        first=tuple(figures.values()),
+        links=sections.links(folder, root, COMPASS_FILES),
+        cells=words.cells("compass", "row", name=name, c=content, d=diagnosis)[0],
+    )

@@ -14,9 +14,8 @@ from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import deviation_json, fit_deviation
 from compasslib.deviation.assessment import describe_assessment, find_constant_offset, find_declination_error
-from compasslib.deviation.distance import estimate_safe_distance
 from compasslib.deviation.exact import start_from_prior
-from compasslib.deviation.model import MIN_PAIRS, DeviationFit, fit_from_json
+from compasslib.deviation.model import MIN_PAIRS, DeviationFit, estimate_safe_distance, fit_from_json
 from compasslib.inference import covariates, joint, joint_compass, kinds
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Conclusion

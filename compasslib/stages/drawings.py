@@ -13,7 +13,7 @@ from compasslib.plots import calibrations as plots
 from compasslib.plots import deviation
 from compasslib.plots import diagnosis as hypotheses
 from compasslib.plots import moorings as together
-from compasslib.plots.array import draw_array
+from compasslib.plots.moorings import draw_array
 
 
 def calibration_figures(
@@ -58,7 +58,7 @@ def cruise_figures(
     Args:
         deviations: deviation.json of each mooring.
         assessments: assessment.json of the same.
-        array: arguments of ``plots.array.draw_array``.
+        array: arguments of ``plots.moorings.draw_array``.
     """
     moorings = [
         together.AssessedMooring(Path(file).parent.name, product.from_json(read_json(file)).fit, read_json(assessment))

@@ -9,12 +9,12 @@ from compasslib.archive import netcdf, summary, tables
 from compasslib.archive.files import read_json, write_pictures
 from compasslib.archive.gridded import read_section
 from compasslib.inference import product as products
-from compasslib.plots import curves
 from compasslib.plots import deviation as curve
+from compasslib.plots import deviation as frequencies
 from compasslib.plots import diagnosis as hypotheses
-from compasslib.plots import histograms as frequencies
+from compasslib.plots import page
 from compasslib.plots import timeseries as water
-from compasslib.plots.section import COLUMNS, draw_profile, draw_section
+from compasslib.plots.timeseries import COLUMNS, draw_profile, draw_section
 from compasslib.preparation.references import combine_references
 
 
@@ -36,7 +36,7 @@ def figures(
     both, corrected = combine_references(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
     shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
     averaged = water.average_currents(shown, reference)
-    headings = {"recorded": curves.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
+    headings = {"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     counts = tables.read_histograms(histograms)
     section = read_section(gridded[0], COLUMNS) if gridded else None
     for ending in dict.fromkeys(Path(figure).suffix for figure in figures):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from compasslib.demo.series import Floats
+from compasslib.demo.water import Floats
 
 FIELD = 500.0  # modulus of the earth's field, counts
 

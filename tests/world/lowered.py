@@ -16,8 +16,17 @@ from compasslib.demo import adcp, compass
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field, Iron
 from compasslib.demo.mooring import pressure
-from compasslib.demo.series import Complexes, Floats, clockwise, red_vector, stream, towards, white_vector
-from compasslib.demo.water import Climate, Water
+from compasslib.demo.water import (
+    Climate,
+    Complexes,
+    Floats,
+    Water,
+    clockwise,
+    red_vector,
+    stream,
+    towards,
+    white_vector,
+)
 from tests.world import package
 from tests.world.package import Head, Motion, Posture, Sea
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.demo.series import Floats
+from compasslib.demo.water import Floats
 
 HEAD = (
     ("Format", "IAGA-2002"), ("Source of Data", "simulated"), ("Station Name", "Nowhere"), ("IAGA CODE", "NWH"),

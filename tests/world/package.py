@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from compasslib.demo import adcp, compass
 from compasslib.demo.adcp import Ensembles, Setup
 from compasslib.demo.compass import Iron
-from compasslib.demo.series import Floats, circle, red_noise, red_vector
+from compasslib.demo.water import Floats, circle, red_noise, red_vector
 
 STEP_S = 0.1
 FIELD_NT = (22000.0, 40000.0)  # horizontal and vertical, of the middle latitudes

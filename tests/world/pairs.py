@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from compasslib.demo.series import Complexes, Floats
+from compasslib.demo.water import Complexes, Floats
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 BEGIN_S = 1188864000.0  # 4 September 2007

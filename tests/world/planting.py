@@ -10,7 +10,7 @@ import numpy as np
 from compasslib.demo import adcp, sealed
 from compasslib.demo import water as sea
 from compasslib.demo.sealed import Effect, Ground
-from compasslib.demo.series import Complexes, Floats, clockwise
+from compasslib.demo.water import Complexes, Floats, clockwise
 
 # Unit sizes beyond which nobody would believe the effect.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0}

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.demo.compass import Iron, tilting
-from compasslib.demo.series import Floats, circle
+from compasslib.demo.water import Floats, circle
 from tests.world import swing
 from tests.world.pairs import RAD, exact_compass
 from tests.world.swing import Boat, Passage

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.demo.compass import earth_field
-from compasslib.demo.series import Floats
+from compasslib.demo.water import Floats
 from tests.world import pairs as sea
 from tests.world.pairs import Drawn, SlowWater, World
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compasslib.demo.compass import Iron, recorded_heading
-from compasslib.demo.series import Complexes, Floats, circle, direction, red_noise, red_vector, towards
+from compasslib.demo.water import Complexes, Floats, circle, direction, red_noise, red_vector, towards
 
 FIELD_NT = (25000.0, 38000.0)
 NO_IRON = Iron()
