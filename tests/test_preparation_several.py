@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import sea
 import yaml
-from compasslib.product.seam import compare_at_seam
 from sea import MILD
 from test_preparation_water import ALL_NEAR, CELL_M, FIELD, error_deg, instrument, layers, seen
 
@@ -18,6 +17,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.references import combine_references, join_references
+from compasslib.product.cells import compare_at_seam
 from compasslib.records import take
 
 NAMES = ("low", "mid", "high")
