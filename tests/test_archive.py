@@ -469,7 +469,7 @@ def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
             assert nc[name].declination_date == "2007-09-05T13:46:40Z/2007-09-08T08:06:40Z"
         assert {name for name in variables.CORRECTED if f"{name}_QC" in nc.variables} == set(variables.FLAGGED)
     with netCDF4.Dataset(write(tmp_path / "without.nc")) as nc:
-        assert {*variables.OPTIONAL, "BEAM"} & {*nc.variables} == {"TEMPERATURE"} and "HEADING_TRUE" in nc.variables
+        assert {*variables.OPTIONAL, "BEAM"} & {*nc.variables} == {"TEMP"} and "HEADING_TRUE" in nc.variables
 
 
 def test_the_table_of_the_product_s_page_is_not_stale():
@@ -530,7 +530,7 @@ OCEANSITES = {
     "data_mode": "D",
     "data_type": "OceanSITES time-series data",
     "format_version": "1.4",
-    "Conventions": "CF-1.8, ACDD-1.3, OceanSITES-1.4",
+    "Conventions": "CF-1.11, ACDD-1.3, OceanSITES-1.4",
     "update_interval": "void",
     "geospatial_lat_min": 65.3333,
     "geospatial_lat_max": 65.3333,
@@ -567,6 +567,10 @@ def test_the_variables_as_oceansites_asks(corrected_nc):
                 assert variable.units and variable._FillValue == 99999.0, name
                 assert "coordinates" in variable.ncattrs() or name in ("DEPTH", "INSTRUMENT_DEPTH")
         assert nc["UCUR"].sensor_serial_number == 1367 and nc["UCUR"].sensor_orientation == "upward"
+        assert nc["UCUR"].sensor_mount == "mounted_on_mooring_line" and nc["UCUR"].sdn_uom_urn == "SDN:P06::UVAA"
+        of_currents = [name for name, v in nc.variables.items() if "water_velocity" in getattr(v, "standard_name", "")]
+        assert not [name for name in of_currents if "RECORDED" in name] and {"UCUR", "VCUR"} <= {*of_currents}
+        assert len({v.sdn_parameter_urn for v in (nc["UCUR"], nc["VCUR"], nc["DEPTH"], nc["TIME"])}) == 4
 
 
 def test_the_user_wins_save_what_the_file_itself_decides(tmp_path):
@@ -588,7 +592,7 @@ def test_the_user_wins_save_what_the_file_itself_decides(tmp_path):
         )
         assert nc.software_version == PROCESSING["software_version"] and "Source_Files" not in nc.ncattrs()
         assert nc.time_coverage_start == "2007-09-05T13:46:40Z" and nc.history == PROCESSING["history"]
-        assert nc.creator_name == nc.license == nc.institution == "not given"
+        assert not {"creator_name", "license", "institution"} & {*nc.ncattrs()}
         assert json.loads(nc.correction_coefficients) == {"A": 0.1}
         assert nc.source_files == "raw/EG4/top.000, raw/EG4/deep.csv"
 

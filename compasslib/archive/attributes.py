@@ -1,7 +1,6 @@
 """The global attributes of corrected.nc: CF, ACDD-1.3 and OceanSITES-1.4.
 
-What the file states of itself is computed. Of the rest what the user gives wins, and what is asked for and not known
-reads ``not given``.
+What the file states of itself is computed. Of the rest what the user gives wins; what is not known is left out.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import datetime
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +19,7 @@ from compasslib.types import Floats
 
 Attributes = dict[str, str | int | float]
 
-CONVENTIONS = "CF-1.8, ACDD-1.3, OceanSITES-1.4"
-NOT_GIVEN = "not given"
+CONVENTIONS = "CF-1.11, ACDD-1.3, OceanSITES-1.4"
 DECLINATION = {"IGRF": "IGRF-14 at sea level, along time", "metadata": "a constant given in the mooring's YAML file"}
 DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
 ASKED_FOR = (
@@ -38,6 +36,8 @@ ASKED_FOR = (
     "acknowledgement",
     "naming_authority",
 )
+SPELLINGS = {"acknowledgement": "acknowledgment"}
+SENSOR_KEYS = ("manufacturer", "model", "serial_number", "mount")
 # ACDD's name, and the OceanSITES name that says the same.
 SAME = {
     "creator_name": "principal_investigator",
@@ -102,28 +102,35 @@ def global_attributes(
     named = {"method": "correction_method", "coefficients": "correction_coefficients"}
     # A file is never changed after it was made: ACDD's four dates are one.
     dated = dict.fromkeys(DATES, made["date_created"]) if "date_created" in made else {}
-    computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", NOT_GIVEN)))
-    computed |= dict.fromkeys(ASKED_FOR, NOT_GIVEN) | {acdd: user[same] for acdd, same in SAME.items() if same in user}
+    computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", "unknown")))
+    computed |= {acdd: user[same] for acdd, same in SAME.items() if same in user}
     computed |= _where(site, depth_m) | _when(time_s)
     computed |= {named.get(key, key): value for key, value in made.items()} | dated
     computed |= {"product_version": made["software_version"]} if "software_version" in made else {}
-    if "acknowledgment" in user:
-        computed.pop("acknowledgement")
     return computed | {key: value for key, value in user.items() if not values.stated(key)}
+
+
+def missing(attributes: Container[str]) -> list[str]:
+    """List the global attributes that ACDD and OceanSITES ask for and that only the user can give.
+
+    Args:
+        attributes: names of those that are there.
+    """
+    return [name for name in ASKED_FOR if name not in attributes and SPELLINGS.get(name) not in attributes]
 
 
 def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
     """Select the OceanSITES attributes that name the instrument behind a variable.
 
     Args:
-        attributes: global ones; ``manufacturer``, ``model``, ``serial_number`` and what starts with ``sensor_`` count.
+        attributes: global ones; ``manufacturer``, ``model``, ``serial_number``, ``mount`` and what starts with
+            ``sensor_`` count.
         looks_up: where its beams point.
     """
-    named = {
-        f"sensor_{key}": attributes[key] for key in ("manufacturer", "model", "serial_number") if key in attributes
-    }
+    named = {f"sensor_{key}": attributes[key] for key in SENSOR_KEYS if key in attributes}
     given = {key: value for key, value in attributes.items() if key.startswith("sensor_")}
-    return named | given | {"sensor_orientation": "upward" if looks_up else "downward"}
+    usual = {"sensor_mount": "mounted_on_mooring_line"}
+    return usual | named | given | {"sensor_orientation": "upward" if looks_up else "downward"}
 
 
 def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tuple[float, float]) -> dict[str, object]:
@@ -136,10 +143,9 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
     """
     if not len(time_s):
         return {}
-    source = str(attributes.get("declination_source", NOT_GIVEN))
-    known = DECLINATION.get(source, source)
+    source = str(attributes.get("declination_source", "unknown"))
     return {
-        "declination_model": known,
+        "declination_model": DECLINATION.get(source, source),
         "declination_date": f"{iso_time(time_s[0])}/{iso_time(time_s[-1])}",
         "declination_degrees": np.array(degrees),
         "declination_comment": "Degrees east of true north at the two dates; in between by the variable DECLINATION.",

@@ -12,12 +12,12 @@ import netCDF4
 import numpy as np
 
 from compasslib.archive import grid_variables, provenance, variables
-from compasslib.archive.attributes import NOT_GIVEN
+from compasslib.archive.attributes import SPELLINGS, missing
 from compasslib.archive.files import open_netcdf
 from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
-CF, ACDD = "cf:1.8", "acdd:1.3"
+CF, ACDD = "cf:1.11", "acdd:1.3"
 PRODUCTS = ("corrected.nc", "gridded.nc", "gridded_daily.nc")  # that claim ACDD and OceanSITES beside CF
 NOT_ASKED = 1  # the checker's weight of what is merely suggested
 # The CF table has no name for these: its orientation is from true north, and it knows no deviation and no declination.
@@ -58,21 +58,23 @@ def remarks(path: str | Path) -> list[str]:
     if not installed():
         return issues
     issues += [f"CF: {remark}" for remark in checked(path, CF)]
-    asked = set(checked(path, ACDD)) - UNAVOIDABLE if product else set()
+    absent = (f"{SPELLINGS[name]}/{name}" if name in SPELLINGS else name for name in not_given(path))
+    unavoidable = UNAVOIDABLE | {f"Global Attributes {name} not present" for name in absent}
+    asked = set(checked(path, ACDD)) - unavoidable if product else set()
     return issues + [f"ACDD: {remark}" for remark in sorted(asked)]
 
 
 def not_given(path: str | Path) -> list[str]:
     """List the global attributes that the conventions ask for and the YAML files do not give."""
     with open_netcdf(path) as nc:
-        return [name for name in nc.ncattrs() if str(nc.getncattr(name)) == NOT_GIVEN]
+        return missing(nc.ncattrs())
 
 
 def checked(path: str | Path, checker: str) -> list[str]:
     """Run the compliance checker and list its errors and warnings, its suggestions apart.
 
     Args:
-        checker: name and version of one of its checks, as ``cf:1.8``.
+        checker: name and version of one of its checks, as ``cf:1.11``.
     """
     from compliance_checker.suite import CheckSuite  # heavy, and only in the test environment
 
@@ -93,7 +95,7 @@ def report_remarks(paths: Sequence[str], say: Callable[[str], None]) -> dict[str
         InputError: something does.
     """
     issues = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
-    absent = {path: names for path in paths if (names := not_given(path))}
+    absent = {path: names for path in paths if Path(path).name in PRODUCTS and (names := not_given(path))}
     for line in [*issues, *(f"{path}: attributes may still give {', '.join(names)}" for path, names in absent.items())]:
         say(line)
     if not installed():
@@ -152,7 +154,7 @@ FROM_SAMPLES = {
     "time_coverage_duration": 1,
     "time_coverage_resolution": 2,
 }
-GIVEN = ("title", "summary", "naming_authority", "principal_investigator", "institution", "project", "license")
+GIVEN = ("title", "summary")  # and those that only the user can give, see ``not_given``
 RANGES = {
     "geospatial_lat_min": 90.0,
     "geospatial_lat_max": 90.0,

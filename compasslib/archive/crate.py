@@ -20,7 +20,6 @@ from urllib.parse import quote, unquote
 
 from compasslib import plugins
 from compasslib.archive import provenance
-from compasslib.archive.attributes import NOT_GIVEN
 from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 
@@ -187,7 +186,7 @@ def _root(attributes: Mapping[str, Any]) -> Entity:
             "file read or written."
         ),
         "datePublished": provenance.date_created(),
-        "license": NOT_GIVEN,
+        "license": "not given",  # RO-Crate demands one
     } | roles
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from compasslib.archive.variables import EASTWARD, NORTHWARD, SEA_LEVEL, TRUE, Variable
+from compasslib.archive.variables import CURRENT_CODES, EASTWARD, NORTHWARD, SEA_LEVEL, TRUE, Variable
 
 CELLS, MODES, SHARES = ("TIME", "DEPTH"), ("MODE", "TIME"), ("SOURCES", "MODE")
 COORDINATES = {CELLS: "TIME LATITUDE LONGITUDE DEPTH", ("TIME",): "TIME LATITUDE LONGITUDE"}
@@ -34,6 +34,7 @@ DEPTH = Variable(
         "coverage_content_type": "coordinate",
         "coordinate_reference_frame": "urn:ogc:def:crs:EPSG::5831",
     },
+    parameter="ADEPZZ01",
 )
 MODE = Variable("MODE", "number of the mode", "1", "", ("MODE",), "i4", fill=None)
 SOURCES = Variable("SOURCES", "number of the instrument, as in SOURCE", "1", "", ("SOURCES",), "i4", fill=None)
@@ -60,6 +61,7 @@ def _current(name: str, towards: str, standard_name: str) -> Variable:
         comment=_BY_WHAT,
         ancillary=(f"{name}_QC", f"{name}_UNCERTAINTY", *_HELPERS),
         also=_MEASURED,
+        parameter=CURRENT_CODES[name],
     )
 
 

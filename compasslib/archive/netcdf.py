@@ -44,7 +44,7 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
     Not compressed, as it is read five times; it stays smaller than most raw files.
     """
     with create_netcdf(path) as nc:
-        nc.setncatts({"Conventions": "CF-1.8", "title": "record of one instrument"} | plain(attributes or {}))
+        nc.setncatts({"Conventions": "CF-1.11", "title": "record of one instrument"} | plain(attributes or {}))
         for name, size in zip(("TIME", "BIN"), record.east.shape, strict=True):
             nc.createDimension(name, size)
         write_bins(nc, record.east.shape[1], record.looks_up)
@@ -159,7 +159,7 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         pairs: any pairs, also none.
     """
     with create_netcdf(path) as nc:
-        nc.setncatts({"Conventions": "CF-1.8", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
+        nc.setncatts({"Conventions": "CF-1.11", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
         nc.setncattr("warnings", json.dumps(pairs.warnings))
         if pairs.expected_m_s is not None:
             nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
@@ -277,7 +277,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         several = (record.heading_deg, piece.heading_corrected_deg, record.temperature_c, record.pressure_dbar)
         counts += [_count(each) for each in several]
     recorded, corrected, *series = counts.tolist()
-    perhaps = [name for name, count in zip(("TEMPERATURE", "PRES"), series, strict=True) if count]
+    perhaps = [name for name, count in zip(("TEMP", "PRES"), series, strict=True) if count]
     return _Whole(
         time_s=np.concatenate(times),
         bins=record.east.shape[1],
@@ -358,7 +358,7 @@ def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
         roll_deg=read_variable(nc, "ROLL"),
         pressure_dbar=read_variable(nc, "PRES") if "PRES" in nc.variables else unknown,
         depth_m=depth,
-        temperature_c=read_variable(nc, "TEMPERATURE") if "TEMPERATURE" in nc.variables else unknown,
+        temperature_c=read_variable(nc, "TEMP") if "TEMP" in nc.variables else unknown,
         supply_voltage=unknown,
         quality=read_variable(nc, "UCUR_RECORDED_QC", bins),
         tests=read_variable(nc, "UCUR_QC_TESTS", bins) if "UCUR_QC_TESTS" in nc.variables else None,
@@ -396,7 +396,7 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         "PITCH": (record.pitch_deg, _judged("PITCH", record.pitch_deg)),
         "ROLL": (record.roll_deg, _judged("ROLL", record.roll_deg)),
     }
-    series = {"TEMPERATURE": record.temperature_c, "PRES": record.pressure_dbar}
+    series = {"TEMP": record.temperature_c, "PRES": record.pressure_dbar}
     columns |= {name: (values, _judged(name, values)) for name, values in series.items() if name in whole.measured}
     for name, profile in record.profiles.items():
         values = profile[:]

@@ -25,10 +25,16 @@ FLAG_MEANINGS = (
 )
 NOMINAL = 7  # "not observed but reported": the flag of what comes from metadata or a model
 
+UNIT_CODES = {  # of the vocabulary P06
+    **{"m s-1": "UVAA", "degree": "UAAA", "degree_Celsius": "UPAA", "dbar": "UPDB", "m": "ULAA", "percent": "UPCT"},
+    **{"degrees_north": "DEGN", "degrees_east": "DEGE"},
+}
+
 SERIES, BINS = ("TIME",), ("TIME", "BIN")
 BEAMS = ("BEAM", *BINS)  # CF 2.4: what is neither time nor place stands to the left
 MAGNETIC, TRUE = "magnetic north", "true north"
 EASTWARD, NORTHWARD = "eastward_sea_water_velocity", "northward_sea_water_velocity"
+CURRENT_CODES = {"UCUR": "LCEWZZ01", "VCUR": "LCNSZZ01"}
 PITCH, ROLL = "platform_pitch_fore_up", "platform_roll_starboard_down"
 SEA_LEVEL: Mapping[str, object] = {"positive": "down", "reference": "sea_level"}
 
@@ -40,7 +46,7 @@ class Variable:
     name: str
     long_name: str
     units: str = ""
-    standard_name: str = ""
+    standard_name: str = ""  # of CF
     dimensions: tuple[str, ...] = SERIES
     dtype: str = "f8"
     valid: tuple[float, float] | None = None
@@ -49,6 +55,7 @@ class Variable:
     ancillary: tuple[str, ...] = ()  # the variables that say more about each value
     fill: float | None = FILL  # None where no value can be missing
     also: Mapping[str, object] = field(default_factory=dict)
+    parameter: str = ""  # code of the vocabulary P01 of the NERC Vocabulary Server
     # Of a variable of corrected.nc:
     content: str = "physicalMeasurement"  # ACDD's word for what it is
     flagged: bool = True  # whether it has flags of its own
@@ -61,6 +68,8 @@ class Variable:
         attributes: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
         attributes |= {"units": self.units, "reference": self.reference, "comment": self.comment}
         attributes |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
+        codes = {"sdn_parameter_urn": ("P01", self.parameter), "sdn_uom_urn": ("P06", UNIT_CODES.get(self.units, ""))}
+        attributes |= {key: f"SDN:{vocabulary}::{code}" for key, (vocabulary, code) in codes.items() if code}
         attributes = {key: value for key, value in attributes.items() if not (isinstance(value, str) and value == "")}
         if self.valid is not None:
             attributes["valid_min"], attributes["valid_max"] = np.array(self.valid, dtype=self.dtype)
@@ -99,6 +108,7 @@ def channel_variable(name: str, unit: str) -> Variable:
     return Variable(f"{CHANNEL}{name}", f"{name.replace('_', ' ')}, as logged or given", unit)
 
 
+_ON_SCALE = {"units_metadata": "temperature: on_scale"}
 _TESTS = {"flag_masks": np.array(list(MASKS.values())), "flag_meanings": " ".join(TESTS.values())}
 
 RECORD = {
@@ -111,7 +121,7 @@ RECORD = {
     "roll_deg": Variable("ROLL", "roll", "degree", ROLL),
     "pressure_dbar": Variable("PRESSURE", "pressure", "dbar", "sea_water_pressure_due_to_sea_water"),
     "depth_m": Variable("INSTRUMENT_DEPTH", "depth of the instrument", "m", "depth", also=SEA_LEVEL),
-    "temperature_c": Variable("TEMPERATURE", "temperature", "degree_Celsius", "sea_water_temperature"),
+    "temperature_c": Variable("TEMP", "temperature", "degree_Celsius", "sea_water_temperature", also=_ON_SCALE),
     "supply_voltage": Variable("SUPPLY_VOLTAGE", "supply voltage, counts or volts", "1"),
     "quality": replace(quality_variable(Variable("VELOCITY", "")), dimensions=BINS),
     "heading_quality": quality_variable(Variable("HEADING", "")),
@@ -129,8 +139,8 @@ PAIRS = {
     "heading_deg": Variable("HEADING", "heading of the affected compass", "degree", reference=MAGNETIC),
     "pitch_deg": RECORD["pitch_deg"],
     "roll_deg": RECORD["roll_deg"],
-    "upper_east": Variable("UPPER_UCUR", f"eastward {_BY_RECORDED}", "m s-1", EASTWARD, reference=TRUE),
-    "upper_north": Variable("UPPER_VCUR", f"northward {_BY_RECORDED}", "m s-1", NORTHWARD, reference=TRUE),
+    "upper_east": Variable("UPPER_UCUR", f"eastward {_BY_RECORDED}", "m s-1", reference=TRUE),
+    "upper_north": Variable("UPPER_VCUR", f"northward {_BY_RECORDED}", "m s-1", reference=TRUE),
     "lower_east": Variable("LOWER_UCUR", f"eastward {_OF_TRUSTED}", "m s-1", EASTWARD, reference=TRUE),
     "lower_north": Variable("LOWER_VCUR", f"northward {_OF_TRUSTED}", "m s-1", NORTHWARD, reference=TRUE),
     "upper_depth_m": Variable("UPPER_DEPTH", "depth of the affected velocity", "m", "depth", also=SEA_LEVEL),
@@ -164,6 +174,7 @@ TIME = Variable(
     comment="UTC",
     fill=None,
     also={"axis": "T", "QC_indicator": "probably good data"},
+    parameter="ELTJLD01",
 )
 LATITUDE = Variable(
     "LATITUDE",
@@ -175,6 +186,7 @@ LATITUDE = Variable(
     reference="WGS84",
     fill=None,
     also={"axis": "Y", **_WGS84},
+    parameter="ALATZZ01",
 )
 LONGITUDE = Variable(
     "LONGITUDE",
@@ -186,6 +198,7 @@ LONGITUDE = Variable(
     reference="WGS84",
     fill=None,
     also={"axis": "X", **_WGS84},
+    parameter="ALONZZ01",
 )
 STATION = Variable(
     "STATION", "name of the mooring", "", "", ("NAME_LENGTH",), "S1", fill=None, also={"cf_role": "timeseries_id"}
@@ -194,12 +207,13 @@ STATION = Variable(
 
 def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ()) -> Variable:
     towards = "eastward" if name.startswith("U") else "northward"
-    uncertain = name.endswith("_UNCERTAINTY")
+    uncertain, recorded = name.endswith("_UNCERTAINTY"), name.endswith("_RECORDED")
+    standard_name = f"{towards}_sea_water_velocity" + (" standard_error" if uncertain else "")
     return Variable(
         name,
         how if uncertain else f"{towards} velocity of the water, {how}",
         "m s-1",
-        f"{towards}_sea_water_velocity" + (" standard_error" if uncertain else ""),
+        "" if recorded else standard_name,  # who selects by it gets the corrected current
         BINS,
         "f4",
         valid=(-10.0, 10.0),
@@ -210,6 +224,7 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
         flagged=not uncertain,
         sensed=not uncertain,
         by_declination=not uncertain,
+        parameter="" if uncertain or recorded else CURRENT_CODES[name],
     )
 
 
@@ -228,6 +243,16 @@ def _counts(name: str, what: str, standard_name: str, comment: str, *, units: st
     )
 
 
+def _tilt(name: str, standard_name: str, sign: str, parameter: str) -> Variable:
+    return Variable(
+        *(name, name.lower(), "degree", standard_name),
+        valid=(-180.0, 180.0),
+        comment=f"{sign} {_RANGE_ONLY}",
+        sensed=True,
+        parameter=parameter,
+    )
+
+
 _TABLE = (
     Variable(
         "INSTRUMENT_DEPTH",
@@ -238,6 +263,7 @@ _TABLE = (
         comment=_RANGE_ONLY,
         also=_BELOW_SEA_LEVEL,
         content="coordinate",
+        parameter="ADEPZZ01",
     ),
     Variable(
         "DEPTH",
@@ -250,6 +276,7 @@ _TABLE = (
         comment="Negative where a bin lies above the sea surface. " + _RANGE_ONLY,
         also=_BELOW_SEA_LEVEL,
         content="coordinate",
+        parameter="ADEPZZ01",
     ),
     Variable(
         "HEADING",
@@ -333,23 +360,21 @@ _TABLE = (
         comment="Clockwise; HEADING_CORRECTED + DECLINATION. " + _NOT_CORRECTED,
         ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DECLINATION"),
         by_declination=True,
+        parameter="HEADCM01",
     ),
+    _tilt("PITCH", PITCH, "Forward up.", "PTCHGP01"),
+    _tilt("ROLL", ROLL, "Starboard down.", "ROLLGP01"),
     Variable(
-        "PITCH", "pitch", "degree", PITCH, valid=(-180.0, 180.0), comment="Forward up. " + _RANGE_ONLY, sensed=True
-    ),
-    Variable(
-        "ROLL", "roll", "degree", ROLL, valid=(-180.0, 180.0), comment="Starboard down. " + _RANGE_ONLY, sensed=True
-    ),
-    Variable(
-        "TEMPERATURE",
+        "TEMP",
         "temperature at the transducer",
         "degree_Celsius",
         "sea_water_temperature",
         valid=(-5.0, 45.0),
         comment=_RANGE_ONLY,
-        also={"units_metadata": "temperature: on_scale"},
+        also=_ON_SCALE,
         sensed=True,
         optional=True,
+        parameter="TEMPPR01",
     ),
     Variable(
         "PRES",
@@ -385,6 +410,7 @@ _TABLE = (
         comment="As measured; velocities from three beams have none.",
         sensed=True,
         optional=True,
+        parameter="LERRAP01",
     ),
     _counts(
         "ECHO_INTENSITY",
@@ -431,7 +457,8 @@ def profile_variable(name: str, kind: str, beams: bool) -> Variable:
 
     Args:
         name: its key.
-        kind: of numbers: ``f4``; or ``u1`` of the raw file, for which CF 1.8 has no type but a byte's bits, and ``i2``.
+        kind: of numbers: ``f4``; or ``u1`` of the raw file, for which the classic model has a byte's bits alone, and
+            ``i2``.
         beams: whether it has a value a beam.
     """
     base, dimensions = CORRECTED[PROFILES[name]], BEAMS if beams else BINS

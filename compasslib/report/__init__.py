@@ -57,6 +57,7 @@ class Report:
     figures: tuple[Figure, ...] = ()  # that hold all moorings
     small: bool = False  # whether there are too many sections for whole pictures
     compasses: Overview = NO_COMPASSES
+    missing: tuple[str, ...] = ()  # global attributes that the YAML files of some mooring do not give
 
     def counts(self) -> str:
         """Count moorings by verdict, calibrations and shared compasses."""
@@ -96,13 +97,14 @@ def gather(
     root = Path(root)
     rows = read_summary(root / "summary.csv") if moorings else {}
     small = len(moorings) + len(calibrations) > MAX_SECTIONS
-    sections, stations = [], []
+    sections, stations, missing = [], [], dict[str, None]()
     for name, site in moorings.items():  # one after the other: a record of each is in memory
         if name in stopped["moorings"]:
             stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
             continue
         results = read_mooring(name, root, rows[name], site["roles"])
         sections.append(explanation.mooring_section(results, root, site, small=small))
+        missing |= dict.fromkeys(results.headings.missing)
         place = site["latitude"], site["longitude"]
         corrected = results.headings.corrected > 0
         stations.append(chart.Station(name, *place, corrected, *results.currents.mean))
@@ -128,6 +130,7 @@ def gather(
         map=chart.chart(stations),
         figures=tuple(together.values()) if moorings else (),
         small=small,
+        missing=tuple(missing),
     )
 
 
@@ -154,4 +157,5 @@ def write_page(path: str | Path, template: str, **given: Any) -> None:
 def log_line(path: str | Path, report: Report) -> str:
     """Format the job's line on the page."""
     size = Path(path).stat().st_size / 1e6
-    return f"{path}: {report.counts()} {size:.1f} MB".replace(words.SPACE, " ")
+    missing = f"; attributes not given: {', '.join(report.missing)}" if report.missing else ""
+    return f"{path}: {report.counts()} {size:.1f} MB{missing}".replace(words.SPACE, " ")

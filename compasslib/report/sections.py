@@ -15,6 +15,7 @@ from urllib.parse import quote
 import numpy as np
 
 from compasslib import angles
+from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import files, netcdf, summary
 from compasslib.archive.files import Picture, open_netcdf, read_json, read_variable
 from compasslib.records import PROBABLY_BAD
@@ -135,7 +136,8 @@ class HeadingSummary:
     recorded_span_deg: tuple[float, float]  # where nine in ten lie
     corrected_span_deg: tuple[float, float]
     declination_deg: tuple[float, float]
-    attributes: dict[str, Any]  # those of NAMED that the file has
+    attributes: dict[str, Any]  # those of SHOWN_ATTRIBUTES that the file has
+    missing: tuple[str, ...]  # global attributes that the conventions ask for
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,7 @@ def _summarize_headings(path: str | Path) -> HeadingSummary:
         )
         flags = read_variable(nc, "HEADING_CORRECTED_QC")
         attributes = {name: nc.getncattr(name) for name in SHOWN_ATTRIBUTES if name in nc.ncattrs()}
+        missing = tuple(archive_attributes.missing(nc.ncattrs()))
     there = np.isfinite(corrected)
     return HeadingSummary(
         n=len(recorded),
@@ -246,6 +249,7 @@ def _summarize_headings(path: str | Path) -> HeadingSummary:
         corrected_span_deg=heading_span(corrected),
         declination_deg=_percentiles(declination[np.isfinite(declination)], (0.0, 100.0)),
         attributes=attributes,
+        missing=missing,
     )
 
 

@@ -163,8 +163,8 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
         return file.nc.variables[name]
     long = [{name for name in names if name and file.nc.dimensions[name].size > 1} for names in dimensions]
     fitting = {n: v for n, v in file.nc.variables.items() if spans(v) in long and np.issubdtype(v.dtype, np.number)}
-    if "HEADING_CORRECTED" in fitting:  # our own product: this is not what its compass recorded
-        fitting.pop("HEADING_TRUE", None)
+    if "HEADING_CORRECTED" in file.nc.variables:  # our own product: what its compass recorded is asked for
+        fitting = {name: v for name, v in fitting.items() if name not in ("HEADING_TRUE", "UCUR", "VCUR")}
     spec = ROLES[role]
     wanted = {name.lstrip("-") for name in spec.standard}
     named = [n for n, v in fitting.items() if file.text("standard_name", v) in wanted]
