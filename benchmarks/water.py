@@ -23,6 +23,7 @@ from runs import DATA
 from compasslib import angles, compass, readers
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.model import nearest_root
+from compasslib.deviation.shrinkage import average_with_none
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.preparation.pairs import PairRules, find_pairs, mean_of_nearest_bins
 from compasslib.preparation.water import predict_water, usable_velocities
@@ -30,6 +31,7 @@ from compasslib.records import EarthField, Record
 
 DEPTHS, GAPS = range(8), (1, 2, 4)  # bins that are the trusted instrument, and cells between it and the nearest one
 IRON = {
+    "none": (0.0, 0.0, 0.0, 0.0, 0.0),
     "weak": (0.0, 0.2, -0.1, 0.02, 0.01),
     "strong": (0.02, -0.5, 0.4, 0.03, -0.02),
     "folded": (0.0, -1.1, 0.7, 0.02, -0.01),
@@ -127,19 +129,22 @@ def as_trusted(record: Record, depth: int) -> Record:
     return replace(one, depth_m=one.bin_depth_m()[:, 0], bin_range_m=0.0 * one.bin_range_m, serial_number=None)
 
 
-def heading_error(case: Case) -> list[tuple[str, float, float, float]]:
-    """Return for each iron the rms error of headings without and with the prediction, degrees, and A's over its σ."""
+def heading_error(case: Case) -> list[tuple[str, float, float, float, float]]:
+    """Return for each iron the rms error of headings in degrees, and A's over its σ.
+
+    Of the fit without and with the prediction, and of its average with a compass that has no deviation.
+    """
     record = profile(case.record)
     trusted = as_trusted(record, case.depth)
     field = EarthField(record.time_s[[0, -1]], *(np.zeros((4, 2))))
     result = []
     for name, coefficients in IRON.items():
         top = seen_by(bins_of(record, slice(case.depth + case.gap, None)), coefficients)
+        rules = (PairRules(max_metres=1000.0, predict=predict) for predict in (False, True))
+        plain, fit = (fit_deviation("exact", find_pairs(top, [trusted], field, each)) for each in rules)
         errors = []
-        for predict in (False, True):
-            pairs = find_pairs(top, [trusted], field, PairRules(max_metres=1000.0, predict=predict))
-            fit = fit_deviation("exact", pairs)
-            heading = nearest_root(compass.inverse(fit.coefficients, top.heading_deg), record.heading_deg)
+        for used in (plain, fit, average_with_none(fit)[0]):
+            heading = nearest_root(compass.inverse(used.coefficients, top.heading_deg), record.heading_deg)
             errors.append(angles.rms(angles.difference(heading, record.heading_deg)[np.isfinite(heading)]))
         off = fit.coefficients[0] - coefficients[0]
         result.append((name, *errors, float(off / np.sqrt(fit.covariance[0, 0]))))
@@ -178,15 +183,16 @@ def main() -> None:
         some = [k for k, one in enumerate(every) if (one.record, one.gap) == (record, gap)]
         falls = np.array([reduced[k][0] for k in some])
         stated = np.array([reduced[k][1] / reduced[k][2] for k in some])
-        ratio = np.array([after / before for k in some for _, before, after, _ in errors[k]])
+        ratio = np.array([after / before for k in some for _, before, after, *_ in errors[k]])
         sure = float(np.sqrt(np.mean([off**2 for k in some for *_, off in errors[k]])))
         middles = (targets.middle(values, fewest=len(DEPTHS)) for values in (falls, stated, ratio))
         targets.line(record, gap, *middles, f"{ratio.max():.2f}", f"{sure:.2f}")
-    ratio = np.array([after / before for one in errors for _, before, after, _ in one])
+    ratio = np.array([after / before for one in errors for _, before, after, *_ in one])
     print(f"\nAll: ratio of the errors of the fitted headings {targets.middle(ratio)}, worst {ratio.max():.2f}")
     for name in IRON:
-        each = np.array([(before, after) for one in errors for iron, before, after, _ in one if iron == name])
-        print(f"{name}: {np.median(each[:, 0]):.2f} -> {np.median(each[:, 1]):.2f} degrees in the median")
+        each = np.array([found[:3] for one in errors for iron, *found in one if iron == name])
+        middle = " -> ".join(f"{value:.2f}" for value in np.median(each, axis=0))
+        print(f"iron {name}: {middle} degrees in the median: without, with the prediction, averaged with no deviation")
 
 
 if __name__ == "__main__":

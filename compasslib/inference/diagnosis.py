@@ -25,6 +25,7 @@ from compasslib.deviation.doubts import (
     find_doubtful_windows,
 )
 from compasslib.deviation.model import DeviationFit
+from compasslib.deviation.shrinkage import average_with_none
 from compasslib.inference import product as products
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, Options
@@ -317,7 +318,10 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
 
 
 def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
-    """Choose what corrects the record after the search for unmodelled effects."""
+    """Choose what corrects the record after the search for unmodelled effects.
+
+    Where no effect is corrected the fit is averaged with a compass that has no deviation.
+    """
     # Sum the visible sizes of what may bend the compass and does not enter the product, rms degrees.
     uncorrected = [
         finding for finding in diagnosis.findings if not finding.applied and finding.held_out is not UNTESTED
@@ -327,11 +331,14 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     sizes = [finding.rms_effect_deg for finding in uncorrected if finding.of_compass]
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
     left_deg = float(np.hypot.reduce(sizes)) if sizes else 0.0
+    fit, no_deviation = diagnosis.fit or fit, None
+    if all(member.compass is None for member in diagnosis.applied):
+        fit, no_deviation = average_with_none(fit)
     if diagnosis.fit is None:
-        return Product(fit, left_deg=left_deg)
+        return Product(fit, left_deg=left_deg, no_deviation=no_deviation)
     effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
     accounted = tuple(finding.effect for finding in diagnosis.findings if finding.outside_compass)
-    return Product(diagnosis.fit, effects, diagnosis.applied, accounted, left_deg)
+    return Product(fit, effects, diagnosis.applied, accounted, left_deg, no_deviation=no_deviation)
 
 
 @dataclass(frozen=True)

@@ -145,11 +145,12 @@ class Product:
     accounted: tuple[str, ...] = ()  # of clocks and water: the fit is freed of them, headings are not touched
     left_deg: float = 0.0  # visible size of what was seen and is not corrected, rms
     doubts: tuple[Doubt, ...] = ()  # stretches whose headings are flagged doubtful
+    no_deviation: float | None = None  # probability that the compass has none; the fit is the average with that
 
     @property
     def searched(self) -> bool:
         """Whether it is another than the configured fit."""
-        return bool(self.effects or self.accounted or self.applied)
+        return bool(self.effects or self.accounted or self.applied or self.no_deviation is not None)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -164,6 +165,7 @@ class Product:
             else 0.0,
             "uncorrected_deg": self.left_deg,
             "doubts": [doubt.to_json() for doubt in self.doubts],
+            "no_deviation_probability": self.no_deviation,
         }
 
 
@@ -172,6 +174,7 @@ def from_json(content: Mapping[str, Any]) -> Product:
 
     block = content["applied"]
     left_deg, stretches = block["uncorrected_deg"], doubts_from_json(block.get("doubts", ()))
+    no_deviation = block.get("no_deviation_probability")
     if block["fit"] is None:
         return Product(fit_from_json(content), left_deg=left_deg, doubts=stretches)
     applied = tuple(
@@ -181,7 +184,7 @@ def from_json(content: Mapping[str, Any]) -> Product:
         for entry in block["compasses"]
     )
     fit, effects, accounted = fit_from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
-    return Product(fit, effects, applied, accounted, left_deg, stretches)
+    return Product(fit, effects, applied, accounted, left_deg, stretches, no_deviation)
 
 
 def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:

@@ -96,7 +96,7 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
     shifted = (np.roll(flow, lag) for lag in lags)
     correlation = np.array([pooled(heading * f) / size / np.sqrt(np.maximum(pooled(f**2), 1e-12)) for f in shifted])
     # Over what chance gives the largest of all lags and windows.
-    least = np.maximum(LAG_EXCESS, LAG_SIGMAS / np.sqrt(np.maximum(pooled(both > 0.0), 1.0)))
+    least = np.maximum(LAG_EXCESS, LAG_SIGMAS / np.sqrt(np.maximum(pooled(np.sign(both)), 1.0)))
     excess = (np.abs(correlation) - np.abs(correlation[MAX_LAG])) / least
     lag, largest = int(np.argmax(excess.max(axis=1))), float(excess.max())
     if largest <= 1.0:

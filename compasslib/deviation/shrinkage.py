@@ -1,0 +1,54 @@
+"""A compass without deviation as a hypothesis: the average of the fitted coefficients and none at all.
+
+Between two depths real water veers, for months, by its direction and its season, and a fit takes part of that for iron:
+an untouched compass would be turned by several degrees. The coefficients therefore have a prior of physical size, and
+beside it stands the hypothesis that there is no deviation. Their likelihood is the normal law of the fit with its
+robust covariance, so that the evidence of each hypothesis has a closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from compasslib.deviation.model import DeviationFit
+
+# Probability beforehand, and the temperature of all evidence: water that a fit takes for iron is no independent noise.
+NO_DEVIATION_PRIOR, TEMPERATURE = 0.2, 0.5
+# Prior scales, each as probable as the others: of B and C, the iron's field over the earth's horizontal one, and of A,
+# the instrument's alignment in radians. D and E are induced and have a tenth of the former; K is the heeling's.
+IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
+INDUCED_SHARE, LEAST_INDUCED, HEELING_SCALE = 0.1, 0.02, 0.3
+
+
+def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
+    """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
+
+    The covariance becomes that of the average, the spread between the hypotheses included. Coefficients that the record
+    shows well stay as they are. A two-valued compass, which is never without iron, and one that was known beforehand
+    are not averaged; their probability is None.
+    """
+    if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
+        return fit, None
+    size = len(fit.covariance)
+    estimate = np.append(fit.coefficients, fit.heeling)[:size]
+    deviated = [
+        np.array([align, iron, iron, *2 * [max(INDUCED_SHARE * iron, LEAST_INDUCED)], HEELING_SCALE])[:size]
+        for iron, align in product(IRON_SCALES, ALIGNMENT_SCALES)
+    ]
+    prior = np.array([np.diag(scale**2) for scale in (np.zeros(size), *deviated)])
+    chance = np.append(NO_DEVIATION_PRIOR, np.full(len(deviated), (1.0 - NO_DEVIATION_PRIOR) / len(deviated)))
+    total = fit.covariance + prior
+    gain = prior @ np.linalg.inv(total)
+    misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
+    log_weight = np.log(chance) - TEMPERATURE * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    means = gain @ estimate
+    mean = weight @ means
+    spread = gain @ fit.covariance + np.einsum("ki,kj->kij", means - mean, means - mean)
+    covariance = np.einsum("k,kij->ij", weight, spread)
+    averaged = replace(fit, coefficients=mean[:5], covariance=(covariance + covariance.T) / 2.0)
+    return replace(averaged, heeling=float(mean[5]) if size > 5 else fit.heeling), float(weight[0])
