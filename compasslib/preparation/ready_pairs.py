@@ -133,5 +133,9 @@ def _read_matlab(path: Path) -> dict[str, Any]:
         expected, found = "h5py, which reads MATLAB 7.3", "it not installed"
         advice = "pip install 'compasslib[matlab73]', or save -v7 in MATLAB"
         raise InputError(str(path), expected=expected, found=found, advice=advice) from error
-    with h5py.File(path) as file:
-        return {name: item[()] for name, item in file.items() if isinstance(item, h5py.Dataset)}
+    try:
+        with h5py.File(path) as file:
+            return {name: item[()] for name, item in file.items() if isinstance(item, h5py.Dataset)}
+    except OSError as error:
+        advice = "copy it again from where it was made"
+        raise InputError(str(path), expected="a whole MATLAB file", found=error, advice=advice) from error
