@@ -110,7 +110,7 @@ def test_what_is_wrong_with_ready_made_pairs_is_one_line_or_a_warning(tmp_path, 
     with pytest.raises(InputError, match=r"expected times as datenum or as seconds since 1970, found 5289\.0"):
         read_ready_pairs(written(tmp_path / "b.mat", DATENUM - 728000.0, "mat"), COLUMNS)
     (tmp_path / "c.mat").write_bytes(bytes(512) + b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(InputError, match="expected (a whole MATLAB file|h5py)"):
+    with pytest.raises(InputError, match=r"expected (a whole MATLAB file|h5py)"):
         read_ready_pairs(tmp_path / "c.mat", COLUMNS)
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match=r"expected h5py, .* found it not installed; pip install"):
