@@ -148,6 +148,7 @@ class Record(Labelled):
     # in the integers of the file, -1 where missing.
     profiles: Mapping[str, Rows] = field(default_factory=dict)
     recorded_in: str = ""  # beam | instrument | ship | earth, where the files tell it
+    bins_mapped: bool = False  # whether velocities of beams were combined at one depth, however the instrument leans
     echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
     counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report
     warnings: tuple[str, ...] = ()  # sentences for the report

@@ -24,11 +24,13 @@ from pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variab
 from sea import real
 
 from compasslib import angles
+from compasslib.demo import adcp
 from compasslib.errors import InputError
 from compasslib.readers import pd0
 from compasslib.readers.pd0 import currents, frames
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, select
 from compasslib.records import Record
+from compasslib.types import Floats
 
 EH2 = "eh2_20060530_20060717_0007m.000"
 GOOD_ENSEMBLES = {
@@ -142,6 +144,31 @@ def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
 def test_two_missing_beams_stay_missing() -> None:
     beams, where = currents.fill_missing_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
     assert not where.any() and np.isnan(beams[0, :2]).all()
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_beams_of_a_tilted_instrument_are_mapped_to_the_depths_of_a_level_one(up: bool, tmp_path: Path) -> None:
+    """Of a current that is linear in depth nothing is left of the tilt; cells that no beam reaches are missing."""
+    setup = adcp.Setup(300, up, 12, 4.0, 1.76, 6.0, 60, "beam", 1)
+    tilts, shear = ((12.0, -7.0), (-5.0, 11.0), (0.0, 0.0)), 0.004 - 0.002j
+
+    def current(water: object, time_s: Floats, depth_m: Floats) -> NDArray[np.complexfloating]:
+        return (0.2 - 0.1j) + shear * (depth_m - 100.0)
+
+    for tilt in tilts:
+        one = [np.array([x]) for x in (0.0, 100.0, 30.0, 30.0, *tilt, *tilt, 0.0)]
+        stance = adcp.Stance(*one[:4], tuple(one[4:6]), tuple(one[6:8]), one[8], np.array([True]))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(adcp.sea, "velocity", current)
+            beams = np.rint(1000.0 * adcp._beams(setup, stance, None)[0]).astype(int).tolist()
+        sensed = adcp.inclinometers(*stance.sensed_tilt_deg)
+        turned = {name: round(100 * float(x[0])) for name, x in zip(("tilt1", "tilt2"), sensed, strict=True)}
+        fixed = {"ex": EX[BEAM], "up": up, "cell_cm": 400, "bin1_cm": 600}
+        record = read(written(tmp_path, ensemble(beams, fixed=fixed, heading=3000, **turned)))
+        known = np.isfinite(record.east[0])
+        wanted = current(None, record.time_s, 100.0 + (-1.0 if up else 1.0) * record.bin_range_m[0])
+        assert known[:9].all() and known.sum() >= 9
+        np.testing.assert_allclose((record.east + 1j * record.north)[0][known], wanted[known], atol=0.004)
 
 
 def test_a_concave_head_turns_its_horizontal_axes() -> None:

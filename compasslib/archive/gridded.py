@@ -49,7 +49,7 @@ def affected_source(
         return Velocities(velocity, depth, quality, up[0] if rising else None)
 
     samples, beam_deg = product.record, record.beam_angle_deg or USUAL_BEAM_DEG
-    tilt = np.hypot(samples.pitch_deg, samples.roll_deg)
+    tilt = np.hypot(samples.pitch_deg, samples.roll_deg) * (not record.bins_mapped)
     return Source(name, samples.time_s, samples.depth_m, tilt, bins, beam_deg, rows, rising)
 
 
@@ -72,7 +72,7 @@ def reference_source(name: str, path: str | Path, record: Record, field: EarthFi
         depth = record.depth_m[which][:, None] + (-1.0 if record.looks_up else 1.0) * range_m
         return Velocities(velocity, depth, quality, up[0] if rising else None)
 
-    tilt = np.hypot(record.pitch_deg, record.roll_deg)
+    tilt = np.hypot(record.pitch_deg, record.roll_deg) * (not record.bins_mapped)
     return Source(name, record.time_s, record.depth_m, tilt, bins, record.beam_angle_deg, rows, rising)
 
 

@@ -34,6 +34,7 @@ from compasslib.readers.pd0.currents import (
     velocity_bias,
 )
 from compasslib.readers.pd0.fields import (
+    BEAM,
     COUNTS,
     EARTH,
     DroppedCounts,
@@ -265,6 +266,7 @@ def _record(
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
         profiles=_profiles(arrays, leaders),
+        bins_mapped=bool(np.all(leaders.bins_mapped | (leaders.coordinates == BEAM))),
         recorded_in=checks.COORDINATES[int(codes[0])] if len(codes) == 1 else "several",
         quality=np.maximum(arrays["quality"], flags[:, None]),
         heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),

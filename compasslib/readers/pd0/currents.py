@@ -22,6 +22,7 @@ from compasslib.types import Bools, Floats
 
 LEAST_PERCENT_GOOD = 25
 ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
+MOST_TURNED = 0.4  # change of a beam's reach in depth, of its own, up to which bins are mapped: some 30 degrees of tilt
 SAMPLED = 200  # ensembles of a piece tell which columns percent good has
 # Error velocity is a multiple of b1 + b2 - b3 - b4.
 _ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
@@ -136,6 +137,39 @@ def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
     return np.where(missing & alone[..., None], -_ERROR_SIGNS * error, beams), alone
 
 
+def _map_bins(ensembles: Ensembles, up: Bools) -> Floats:
+    """Interpolate each beam's velocities to the depths that its cells have where the instrument is level, (n, m, 4).
+
+    A tilt brings the cells of one beam nearer in depth and moves those of the opposite one away, so that the same cell
+    of four beams stands for different water. Cells beyond the first and the last are missing. An instrument that lies
+    on its side, as on deck, has no depths: its cells stay.
+    """
+    sine, cosine = angles.sin_cos(ensembles.beam_angle_deg)
+    across = np.where(ensembles.convex, sine, -sine)
+    pitch, roll = true_pitch(ensembles.tilt1_deg, ensembles.tilt2_deg), ensembles.tilt2_deg + np.where(up, 180.0, 0.0)
+    (sp, cp), (sr, cr) = angles.sin_cos(pitch), angles.sin_cos(roll)
+    # Of the way along each beam, over the cosine of its angle: how far it goes up or down.
+    along, x, y = cosine * cp * cr, across * cp * sr, across * sp
+    reach = np.abs(np.stack([along - x, along + x, along - y, along + y], axis=-1) / cosine[:, None])
+    cells = np.arange(ensembles.velocity.shape[1])
+    reach = np.where((np.abs(reach - 1.0) < MOST_TURNED).all(axis=-1, keepdims=True), reach, 1.0)
+    range_m = ensembles.bin1_m[:, None] + ensembles.cell_m[:, None] * cells
+    place = range_m[..., None] / reach[:, None]
+    place = (place - ensembles.bin1_m[:, None, None]) / ensembles.cell_m[:, None, None]
+    place = np.where(np.isfinite(place), place, cells[:, None])
+    last = ensembles.cells[:, None, None] - 1
+    outside = (place < -0.5) | (place > last + 0.5)
+    place = np.clip(place, 0, last)
+    before = np.floor(place).astype(np.intp)
+    share = place - before
+    nearer, farther = (
+        np.take_along_axis(ensembles.velocity, np.minimum(index, last), axis=1) for index in (before, before + 1)
+    )
+    mapped = np.where(share > 0.0, (1.0 - share) * nearer + share * farther, nearer)
+    mapped = np.where(np.isfinite(mapped), mapped, np.where(share < 0.5, nearer, farther))
+    return np.where(outside, np.nan, mapped)
+
+
 def beams_to_instrument(
     beams: Floats, beam_angle_deg: ArrayLike, convex: ArrayLike = True
 ) -> tuple[Floats, Floats, Floats, Floats]:
@@ -196,7 +230,7 @@ def _turn(ensembles: Ensembles, settings: Settings, code: int) -> Currents:
     """Turn ensembles of one kind of coordinates."""
     heading = magnetic_heading(ensembles, settings)
     if code == BEAM:
-        beams, solved = fill_missing_beam(ensembles.velocity)
+        beams, solved = fill_missing_beam(_map_bins(ensembles, looks_up(ensembles, settings)))
         *xyz, error = beams_to_instrument(beams, ensembles.beam_angle_deg[:, None], ensembles.convex[:, None])
         turned = _turn_with_tilts(ensembles, settings, xyz, heading)
         return Currents(*turned, np.where(solved, np.nan, error), int(solved.sum()))

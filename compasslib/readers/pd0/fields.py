@@ -93,6 +93,7 @@ class Ensembles:
     blank_m: Floats  # (n,)
     coordinates: Bytes  # (n,) BEAM, INSTRUMENT, SHIP or EARTH
     tilts_used: Bools  # (n,) in the instrument's own turning
+    bins_mapped: Bools  # (n,) whether it combined beams at one depth, by its tilts
     looks_up: Bools  # (n,) as the instrument states
     convex: Bools  # (n,)
     beam_angle_deg: Floats  # (n,) from the vertical; NaN where the file does not say
@@ -317,6 +318,7 @@ def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "blank_m": leader["blank_cm"] / 100.0,
         "coordinates": (leader["ex"] >> 3) & 3,
         "tilts_used": (leader["ex"] & 4) > 0,
+        "bins_mapped": (leader["ex"] & 5) == 5,
         "looks_up": (system & 0x80) > 0,
         "convex": (system & 0x08) > 0,
         "beam_angle_deg": np.where((written > 0) & (written < 90), written, by_bits),
