@@ -33,9 +33,10 @@ AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
 # Windows in a row whose changes of heading and of flow are compared. By how much the correlation at another lag exceeds
 # that at none: at most 0.26 in 34 sound records, real water included. A window beside such a one has at least half.
 TOGETHER, MAX_LAG, LAG_EXCESS, LAG_SIGMAS = 3, 24, 0.3, 5.5
+LEAST_LAG_S = 1800.0  # a mooring turns some minutes after the flow
 # Smoothness of heading over that of flow, less the record's median, in two windows in a row: at most 1.03 in the same
 # records, 0.7 to 2.3 where headings were averaged over 6 samples, 1.1 to 3.0 over 12.
-SMOOTHER, SMOOTHER_ALONE = 1.1, 0.25
+SMOOTHER, SMOOTHER_ALONE, TURNS_DEG = 1.1, 0.25, 2.0  # and the least mean change from sample to sample of such records
 # Readings of a run of which one is compared with the one before; the share of equal ones where all others differ by
 # several steps of resolution. Sound records have up to 0.09.
 HELD_RUN, HELD_SHARE, HELD_STEPS = 100, 0.4, 5.0
@@ -97,7 +98,9 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
     correlation = np.array([pooled(heading * f) / size / np.sqrt(np.maximum(pooled(f**2), 1e-12)) for f in shifted])
     # Over what chance gives the largest of all lags and windows.
     least = np.maximum(LAG_EXCESS, LAG_SIGMAS / np.sqrt(np.maximum(pooled(np.sign(both)), 1.0)))
-    excess = (np.abs(correlation) - np.abs(correlation[MAX_LAG])) / least
+    step_s = float(np.median(np.diff(record.time_s)))
+    natural = (lags == 0) | (np.abs(lags) * step_s < LEAST_LAG_S)
+    excess = (np.abs(correlation) - np.abs(correlation[natural]).max(axis=0)) / least
     lag, largest = int(np.argmax(excess.max(axis=1))), float(excess.max())
     if largest <= 1.0:
         return record
@@ -128,7 +131,10 @@ def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDA
         roughness(x) for x in (record.heading_deg, flow_deg, record.heading_deg - flow_deg)
     )
     smoothness = persistence - persistence_of_flow - np.log(turn / relative)
-    enough = np.bincount(number[1:], both, windows) >= FEWEST
+    count = np.bincount(number[1:], both, windows)
+    enough = count >= FEWEST
+    if np.median((turn / np.maximum(count, 1.0))[enough]) < TURNS_DEG:  # a frame on the bottom does not turn
+        return record
     # Of the heading alone, too: slow flow has a rough direction.
     excess, alone = (np.where(enough, x - np.median(x[enough]), 0.0) for x in (smoothness, persistence))
     pairs = (excess[1:] + excess[:-1] > 2.0 * SMOOTHER) & (alone[1:] + alone[:-1] > 2.0 * SMOOTHER_ALONE)
