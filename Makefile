@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
 RUN := $(BIN)/compass run "$(CRUISE)" --cores $(CORES)
 
-.PHONY: concealed install slurm run verify check-archive test check bench accuracy proof docs clean lock
+.PHONY: concealed install slurm run verify check-archive test check bench accuracy proof schema docs clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -60,6 +60,9 @@ accuracy: run .venv/test  ## the long measurements of how right the results are
 
 proof: install  ## sealed moorings by SEED, N of them, scored: results/proof/scorecard.md
 	$(BIN)/python -m benchmarks.proof --seed $(SEED) --count $(N)
+
+schema: install  ## JSON schemas of the YAML files, from the models
+	$(BIN)/python -m compasslib.config.json_schema config/schema
 
 docs: .venv/docs  ## the documentation as a site, built without a network: build/docs/index.html
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/docs

@@ -25,6 +25,7 @@ from snakemake.iocontainers import Namedlist
 
 from compasslib import __version__
 from compasslib.archive import crate, deposit, provenance, verification
+from compasslib.cli import main
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
 from compasslib.errors import InputError
@@ -75,6 +76,24 @@ def unpacked(processed, tmp_path_factory):
         assert packed.testzip() is None and len(packed.namelist()) == count
         packed.extractall(into / "there")
     return into / "there"
+
+
+def test_diff_tells_what_changed_since_the_deposit(unpacked, archive, capsys):
+    deposited = str(unpacked.parent / "c.zip")
+    assert main(["diff", deposited, str(archive)]) == 0
+    assert capsys.readouterr().out.startswith("nothing changed: ")
+    with netCDF4.Dataset(archive / "results/M1/corrected.nc", "a") as nc:
+        nc["DECLINATION"][:] = nc["DECLINATION"][:] + 1.0
+    record = archive / "results/M1/logs/read_deep.json"
+    record.write_text(record.read_text().replace('raw/M1/deep.csv": "', 'raw/M1/deep.csv": "f'))
+    assert main(["diff", deposited, str(archive)]) == 0
+    assert "DECLINATION" in (said := capsys.readouterr().out) and "deep: raw/M1/deep.csv changed" in said
+    with zipfile.ZipFile(deposited) as packed:
+        at = packed.getinfo("results/M1/corrected.nc").header_offset + 1000
+    whole = Path(deposited).read_bytes()
+    (archive / "cut.zip").write_bytes(whole[:at] + b"junk" + whole[at + 4 :])
+    assert main(["diff", str(archive / "cut.zip"), str(archive)]) == 1
+    assert "cut.zip: expected a whole ZIP file" in capsys.readouterr().err
 
 
 def test_a_deposit_is_a_workflow_run_crate_that_holds_what_it_lists(unpacked):

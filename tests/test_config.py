@@ -11,10 +11,12 @@ import re
 from datetime import UTC, date, datetime, timedelta, timezone
 from pathlib import Path
 
+import jsonschema
 import pytest
+import yaml
 
 from compasslib import readers
-from compasslib.config import calibrations, schema, section, values
+from compasslib.config import calibrations, json_schema, schema, section, values
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
@@ -755,3 +757,16 @@ def test_names_of_files_that_cannot_be_printed_are_refused(cruise: Path, name: b
     write(cruise, MOORING_FILE, MOORING)
     (Path(os.fsdecode(os.fsencode(cruise) + b"/config/moorings/" + name + b".yaml"))).touch()
     assert "config/moorings: expected names in UTF-8 without control characters" in message(cruise)
+
+
+def test_the_json_schemas_are_those_of_the_models_and_accept_what_stands_here() -> None:
+    made = json_schema.schemas()
+    assert {path.name: path.read_text() for path in (ROOT / json_schema.FOLDER).iterdir()} == made, "run: make schema"
+    folders = [ROOT / "config", *ROOT.glob("examples/*/config")]
+    kinds = {"config": "config.yaml", "mooring": "moorings/*.yaml", "calibration": "calibrations/*.yaml"}
+    for kind, pattern in kinds.items():
+        check = jsonschema.Draft202012Validator(json.loads(made[f"{kind}.json"]))
+        for path in (path for folder in folders for path in folder.glob(pattern)):
+            check.validate(content := json.loads(json.dumps(yaml.safe_load(path.read_text()), default=str)))
+            assert not check.is_valid(content | {"lattitude": 1}), path
+    assert check.is_valid(content) and not check.is_valid(content | {"kind": "another"})

@@ -1,7 +1,8 @@
 """A cruise as one ZIP to deposit: a Workflow Run Crate (RO-Crate 1.1) whose root is the cruise folder.
 
 Profile: https://w3id.org/ro/wfrun/workflow/0.5. It holds the files that the manifest lists, each compared with its hash
-as it is packed, the manifest itself, so that the unpacked folder is verified as any, and the workflow's rules.
+as it is packed, the manifest itself, so that the unpacked folder is verified as any, the workflow's rules, and the
+records of the jobs, so that ``compass diff`` tells which setting or raw file changed since.
 """
 
 from __future__ import annotations
@@ -81,6 +82,7 @@ def deposit(cruise: str | Path, to: str | Path, attributes: Mapping[str, Any]) -
     }
     if (lock := provenance.RELEASE_FILES / crate.LOCK).is_file():
         rules[crate.LOCK] = lock
+    rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
     described = compose(page, attributes, {name: provenance.sha256(path) for name, path in rules.items()}, root)
     texts = {METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n"}
     texts[README] = ABOUT.format(title=next(x["name"] for x in described["@graph"] if x["@id"] == "./"))
@@ -104,7 +106,7 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
 
     Args:
         page: the manifest, whose paths are relative to results/.
-        rules: SHA-256 of the workflow's files by their paths in the deposit.
+        rules: SHA-256 of the workflow's files and of the records of jobs by their paths in the deposit.
         root: the cruise folder, whose records of jobs tell when each ended.
     """
     author = str(attributes.get("principal_investigator_orcid", "#principal_investigator"))
@@ -116,8 +118,9 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     entities = {x["@id"]: x for x in (_moved(x, moved) for x in page["@graph"] if x["@id"] not in apart)}
     files = [identifier for identifier, entity in entities.items() if entity["@type"] == "File"]
     for name, digest in rules.items():
+        form = "application/json" if name.endswith(".json") else "text/plain"
         entities[quote(name)] = {
-            "@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": "text/plain",
+            "@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form,
         }  # fmt: skip
     actions, ends = [x for x in entities.values() if x["@type"] == "CreateAction"], dict(_ends(root))
     last = max(ends.values(), default=provenance.date_created())

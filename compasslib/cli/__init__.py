@@ -128,7 +128,9 @@ def _parser() -> argparse.ArgumentParser:
 
     diff = _command(commands, "diff", "compare the results of two runs by mooring", "results_before my_cruise")
     for place in ("old", "new"):
-        diff.add_argument(place, metavar=place.upper(), help="cruise folder, folder of results, or of one mooring's")
+        diff.add_argument(
+            place, metavar=place.upper(), help="cruise, its deposit (ZIP), folder of results, or of one mooring's"
+        )
 
     verify = _command(commands, "verify", "verify results against their manifest", "my_cruise")
     verify.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")

@@ -149,12 +149,17 @@ def diff(asked: Namespace) -> int:
     """Print a table of moorings and one of calibrations, those in which something changed, or that nothing did.
 
     Args:
-        asked: ``old`` and ``new``, each a cruise, a folder of results, or that of one mooring or calibration.
+        asked: ``old`` and ``new``, each a cruise, a deposit (ZIP), a folder of results, or that of one mooring or
+            calibration.
 
     Raises:
         InputError: there are no results, or one of their files is damaged.
     """
-    old, new = (results.find_results(place) for place in (asked.old, asked.new))
+    with results.unpack_deposit(asked.old) as old, results.unpack_deposit(asked.new) as new:
+        return _print_differences(results.find_results(old), results.find_results(new))
+
+
+def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -> int:
     moorings = _rows(old.moorings, new.moorings, results.MOORING_FILES, _compare_moorings)
     calibrations = _rows(old.calibrations, new.calibrations, results.CALIBRATION_FILES, _compare_calibrations)
     changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]

@@ -17,7 +17,7 @@ import numpy as np
 from compasslib import readers
 from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
-from compasslib.config import draft
+from compasslib.config import draft, json_schema
 from compasslib.config.draft import Drafted, Mooring, Place, Roles
 from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import shown
@@ -101,9 +101,10 @@ def init(asked: Namespace) -> int:
         print_warnings(left)
         raise InputError(", ".join(asked.files), expected="exports of instruments", found="none", advice="name others")
     config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if moorings else "[]")}
+    config |= {f"{json_schema.FOLDER}/{name}": text for name, text in json_schema.schemas().items()}
     links = {root / _inside(path, root): Path(os.path.abspath(path)) for path in paths}
     links = {link: path for link, path in links.items() if not os.path.lexists(link)}
-    _write(root, links, texts, {} if (root / "config/config.yaml").exists() else config)
+    _write(root, links, texts, {file: text for file, text in config.items() if not (root / file).exists()})
     for file, text in texts.items():
         n = draft.decisions(text)
         print(f"{root / file}: {n} DECIDE entr{'y' if n == 1 else 'ies'} to replace by a value")

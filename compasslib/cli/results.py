@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 import textwrap
+import zipfile
+import zlib
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
@@ -16,7 +19,7 @@ from compasslib.archive.files import RERUN, read_json
 from compasslib.config import cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
-from compasslib.pipeline import guard, plan
+from compasslib.pipeline import guard, plan, records
 from compasslib.report import explanation, sections
 from compasslib.report.explanation import diagnosis_caption
 from compasslib.report.sections import MooringResults
@@ -30,6 +33,7 @@ REQUIRED_KEYS = {
     "work/field.json": ("warnings",),
 }
 CALIBRATION_FILES = ("calibration.json", "table.csv")
+COMPARED = (".nc", ".json", ".csv")  # of a deposit
 
 
 def mooring_folder(cruise: str, mooring: str) -> Path:
@@ -56,6 +60,29 @@ class ResultFolders:
 
     moorings: Mapping[str, Path]
     calibrations: Mapping[str, Path]
+
+
+@contextmanager
+def unpack_deposit(place: str) -> Iterator[str]:
+    """Give a place whose files can be read: a deposited ZIP unpacked until the block ends, anything else as it is.
+
+    Raises:
+        InputError: the ZIP is damaged.
+    """
+    if not zipfile.is_zipfile(place):
+        yield place
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with zipfile.ZipFile(place) as packed:
+                compared = [
+                    x for x in packed.namelist() if x.startswith(f"{records.RESULTS}/") and x.endswith(COMPARED)
+                ]
+                packed.extractall(folder, compared)
+        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+            advice = "fetch the deposit again"
+            raise InputError(place, expected="a whole ZIP file", found=str(error), advice=advice) from error
+        yield folder
 
 
 def find_results(place: str) -> ResultFolders:

@@ -17,9 +17,10 @@ import yaml
 from compasslib.config.values import DECIDE
 from compasslib.records import iso_time
 
-CONFIG = """# Drafted by compass init; config/README.md of the pipeline has every key.
-moorings: {moorings}
-# attributes: {{institution: ..., principal_investigator: ..., project: ...}}  # they stand in every product
+SCHEMA = "# yaml-language-server: $schema={}.json\n"
+CONFIG = f"""{SCHEMA.format("schema/config")}# Drafted by compass init; config/README.md of the pipeline has every key.
+moorings: {{moorings}}
+# attributes: {{{{institution: ..., principal_investigator: ..., project: ...}}}}  # they stand in every product
 """
 HEAD = f"# Drafted by compass init from the files. Replace every {DECIDE} by a value, then: compass check\n"
 STILL_M = 0.3  # tide and weather move an instrument's depth by more
@@ -89,6 +90,7 @@ def mooring(name: str, drafted: Mooring, said: Place) -> str:
     instruments = {each: drafted.instruments[each] for each in affected_first}
     return "".join(
         [
+            SCHEMA.format("../schema/mooring"),
             HEAD,
             _line("name", name),
             *_place(list(instruments.values()), said),
@@ -113,7 +115,7 @@ def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str])
         _line(key, value, comments.get(key, "")) if value is not None else f"# {key}: ...  # {comments[key]}\n"
         for key, value in keys.items()
     ]
-    return "".join([HEAD, _line("kind", kind), *lines])
+    return "".join([SCHEMA.format("../schema/calibration"), HEAD, _line("kind", kind), *lines])
 
 
 def decisions(text: str) -> int:

@@ -21,29 +21,38 @@ def _form(value: Any) -> str:
     return str(value)
 
 
+Cell = str | int | float
 Number = Annotated[float, BeforeValidator(values.number)]
 Count = Annotated[int, BeforeValidator(values.count)]
 Switch = Annotated[bool, BeforeValidator(values.switch)]
 Text = Annotated[str, BeforeValidator(values.text)]
 Name = Annotated[str, BeforeValidator(values.name)]
-Names = Annotated[tuple[Name, ...], BeforeValidator(values.names)]
-Time = Annotated[float, BeforeValidator(values.time_s)]
-Files = Annotated[tuple[str, ...], BeforeValidator(values.raw_files)]
-MooringPaths = Annotated[str | tuple[str, ...], BeforeValidator(values.mooring_paths)]
+Names = Annotated[tuple[Name, ...], BeforeValidator(values.names, json_schema_input_type=str | list[str])]
+Time = Annotated[float, BeforeValidator(values.time_s, json_schema_input_type=str)]
+Files = Annotated[tuple[str, ...], BeforeValidator(values.raw_files, json_schema_input_type=str | list[str])]
+MooringPaths = Annotated[
+    str | tuple[str, ...], BeforeValidator(values.mooring_paths, json_schema_input_type=str | list[str])
+]
 Attributes = Annotated[dict[str, str | int | float], BeforeValidator(values.attributes)]
 Declination = Annotated[float | Literal["auto"], BeforeValidator(values.declination)]
 TimeFormat = Annotated[str, BeforeValidator(values.time_format)]
 Delimiter = Annotated[str, BeforeValidator(values.delimiter)]
 Decimal = Annotated[str, BeforeValidator(values.decimal)]
 Zone = Annotated[str, BeforeValidator(values.zone)]
-Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing)]
+Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing, json_schema_input_type=Cell | list[Cell])]
 DeclinationApplied = Annotated[float | dict[str, float], BeforeValidator(values.declination_applied)]
-Formats = Annotated[tuple[str, ...], BeforeValidator(values.figure_formats)]
+Formats = Annotated[
+    tuple[str, ...],
+    BeforeValidator(values.figure_formats, json_schema_input_type=Literal["png", "pdf"] | list[Literal["png", "pdf"]]),
+]
 Coefficients = Annotated[dict[str, float], BeforeValidator(values.coefficients)]
 Covariance = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(values.covariance)]
-Span = Annotated[tuple[float, float], BeforeValidator(values.span)]
-Form = Annotated[str, BeforeValidator(_form)]
-Reference = Annotated[Literal["magnetic", "true"], BeforeValidator(values.unquoted_true)]
+Span = Annotated[tuple[float, float], BeforeValidator(values.span, json_schema_input_type=float | list[float])]
+Form = Annotated[str, BeforeValidator(_form, json_schema_input_type=Literal[*readers.FORMATS] | str)]
+Reference = Annotated[
+    Literal["magnetic", "true"],
+    BeforeValidator(values.unquoted_true, json_schema_input_type=Literal["magnetic", "true", True]),
+]
 
 
 def key(expected: str, example: str, default: Any = ..., advice: str | None = None, **limits: Any) -> Any:
@@ -77,7 +86,7 @@ class Section(BaseModel):
         return {k: v for k, v in data.items() if v is not None or k not in known} if isinstance(data, dict) else data
 
 
-FlagValues = Annotated[tuple[int, ...], BeforeValidator(values.quality_flags)]
+FlagValues = Annotated[tuple[int, ...], BeforeValidator(values.quality_flags, json_schema_input_type=int | list[int])]
 
 
 def _auto(expected: str, example: str, **limits: Any) -> Any:
