@@ -136,7 +136,12 @@ def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats
     """
     nodes, degree, order, values = _coefficients()
     g_and_h = np.array([np.interp(days, nodes, row) for row in values])
-    latitude_there, radius_km = _on_the_sphere(latitude)
+    # Geocentric latitude and distance from the centre of a place on the ellipsoid.
+    sine, cosine = angles.sin_cos(latitude)
+    squashed = (1.0 - FLATTENING) ** 2
+    normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
+    equatorial, polar = normal * cosine, normal * squashed * sine
+    latitude_there, radius_km = 90.0 - float(angles.direction(equatorial, polar)), float(np.hypot(equatorial, polar))
     legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
     p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
     sine, cosine = angles.sin_cos(np.abs(order) * longitude)
@@ -190,15 +195,6 @@ def _coefficients() -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], Floats]
     nodes = np.array(years, dtype="datetime64[D]").astype(float)
     rows = np.array(numbers[1:], dtype=float)
     return nodes, rows[:, 0].astype(int), rows[:, 1].astype(int), rows[:, 2:]
-
-
-def _on_the_sphere(latitude: float) -> tuple[float, float]:
-    """Compute geocentric latitude (degrees) and distance from the centre (km) of a place on the ellipsoid."""
-    sine, cosine = angles.sin_cos(latitude)
-    squashed = (1.0 - FLATTENING) ** 2
-    normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
-    outward, upward = normal * cosine, normal * squashed * sine
-    return 90.0 - float(angles.direction(outward, upward)), float(np.hypot(outward, upward))
 
 
 def _legendre(colatitude_deg: float, degrees: int) -> tuple[Floats, Floats]:

@@ -131,7 +131,12 @@ def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
     """
     files = {entity["@id"]: entity["name"] for entity in page["@graph"] if entity["@type"] == "File"}
     used = {item for action in _actions(page) for part in ("object", "result") for item in _identifiers(action, part)}
-    wrong = {name: known for known, name in files.items() if known not in used or not _is_of(known, name)}
+    wrong = {}
+    for known, name in files.items():
+        # An identifier must be that of its path, and the path a plain one that stays in the cruise folder.
+        plain = name.isprintable() and posixpath.normpath(name) == name and not name.startswith(("/", ".."))
+        if known not in used or not plain or known != _id(name):
+            wrong[name] = known
     return wrong | {known: known for known in sorted(used - files.keys())}
 
 
@@ -159,12 +164,6 @@ def _actions(page: Mapping[str, Any]) -> list[Entity]:
 def _identifiers(action: Mapping[str, Any], part: str) -> list[str]:
     given = action.get(part, [])
     return [item["@id"] for item in (given if isinstance(given, list) else [given])]
-
-
-def _is_of(identifier: str, path: str) -> bool:
-    """Tell whether an identifier is that of a path, and the path a plain one that stays in the cruise folder."""
-    plain = path.isprintable() and posixpath.normpath(path) == path and not path.startswith(("/", ".."))
-    return plain and identifier == _id(path)
 
 
 def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -113,7 +113,10 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     terms = str(attributes["license"])
     license_id, publisher = terms if "://" in terms else "#license", str(attributes["publisher_url"])
     moved = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
-    moved |= dict(_addresses(page["@graph"], attributes)) | {f"#{crate.LOCK}": quote(crate.LOCK)}
+    moved |= {f"#{crate.LOCK}": quote(crate.LOCK)}
+    for entity in page["@graph"]:  # programs get an identifier that leads to them, where an address is known
+        if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or attributes.get("software_url")):
+            moved[entity["@id"]] = f"{url}#{quote(str(entity['softwareVersion']))}"
     apart = {"./", METADATA, crate.PROFILE, *(f"#{key}" for _, (key, _) in crate.PEOPLE.items())}
     entities = {x["@id"]: x for x in (_moved(x, moved) for x in page["@graph"] if x["@id"] not in apart)}
     files = [identifier for identifier, entity in entities.items() if entity["@type"] == "File"]
@@ -165,15 +168,6 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     for profile, (name, version) in PROFILES.items():
         added.append({"@id": profile, "@type": "CreativeWork", "name": name, "version": version})
     return {"@context": crate.CONTEXT, "@graph": [*added, *entities.values()]}
-
-
-def _addresses(graph: Sequence[Entity], attributes: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Give programs an identifier that leads to them, where an address is known."""
-    for entity in graph:
-        if entity["@type"] == "SoftwareApplication":
-            url = entity.get("url") or attributes.get("software_url")
-            if url:
-                yield entity["@id"], f"{url}#{quote(str(entity['softwareVersion']))}"
 
 
 def _moved(entity: Any, identifiers: Mapping[str, str]) -> Any:

@@ -373,6 +373,8 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
     depth, instrument_depth = record.bin_depth_m(), record.depth_m
     corrected = _flag_missing(product.heading_corrected_quality, product.heading_corrected_deg, BAD)
     true = angles.wrap360(product.heading_corrected_deg + product.declination_deg)
+    tests = np.zeros(record.quality.shape, dtype=np.int16) if record.tests is None else record.tests
+    doubtful = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0).astype(np.int16)
     columns: Columns = {
         "DEPTH": (depth, _judged("DEPTH", depth, nominal)),
         "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),
@@ -389,7 +391,7 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         "VCUR": (product.north, _flag_missing(product.velocity_quality, product.north, BAD)),
         "UCUR_RECORDED": (product.east_recorded, _flag_missing(record.quality, product.east_recorded, MISSING)),
         "VCUR_RECORDED": (product.north_recorded, _flag_missing(record.quality, product.north_recorded, MISSING)),
-        "UCUR_QC_TESTS": (_failed_tests(product), None),
+        "UCUR_QC_TESTS": (tests | doubtful[:, None], None),
         "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "HEADING_TRUE": (true, _flag_missing(product.heading_corrected_quality, true, BAD)),
@@ -403,14 +405,6 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         flags = _flag_missing(record.quality, values, MISSING) if values.dtype.kind == "f" else None
         columns[variables.PROFILES[name]] = (_beams_first(values), flags)
     return columns
-
-
-def _failed_tests(product: CorrectedRecord) -> NDArray[np.int16]:
-    """Return the bits of the tests that each velocity failed, the doubtful or missing headings among them."""
-    record = product.record
-    tests = np.zeros(record.quality.shape, dtype=np.int16) if record.tests is None else record.tests
-    heading = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0).astype(np.int16)
-    return tests | heading[:, None]
 
 
 def _count(values: Floats) -> int:

@@ -237,9 +237,12 @@ def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
     fitted = coefficients(old.deviation, new.deviation)
     shown = {"assessment": turned[0], "diagnosis": "".join(outcome).replace(2 * SAME, SAME), "deviation": fitted}
     keys = dict.fromkeys([*old.attributes, *new.attributes])
-    others = _changed_variables(old, new, turned[0]) + [
-        f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))
-    ]
+    names = dict.fromkeys([*old.series, *new.series])
+    others = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
+    if turned[0] != SAME:  # what turns with the heading is left out
+        follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
+        others = [name for name in others if name not in follow]
+    others += [f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))]
     alike = (file for file, cell in shown.items() if cell == SAME)
     others += [f"{file}.json" for file in alike if getattr(old, file) != getattr(new, file)]
     return (
@@ -301,16 +304,6 @@ def _flag_changes(old: MooringRun, new: MooringRun) -> str:
 def _corrected_share(run: MooringRun) -> float:
     corrected = np.isfinite(run.series["HEADING_CORRECTED"])
     return float(corrected.mean()) if corrected.size else 0.0
-
-
-def _changed_variables(old: MooringRun, new: MooringRun, turned: str) -> list[str]:
-    """List the variables of corrected.nc that differ, those left out that turn with the heading."""
-    names = dict.fromkeys([*old.series, *new.series])
-    differing = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
-    if turned == SAME:
-        return differing
-    follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
-    return [name for name in differing if name not in follow]
 
 
 def _equal(entry: Any, other: Any) -> bool:

@@ -140,7 +140,11 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
             continue
         if form == "table":
             tables[path] = detect.guess_columns(path)
-        table, mooring = tables.get(path), name or _folder(path, root)
+        mooring = name
+        if not mooring:  # named by the folder of its files, where that has a name of its own
+            folders = (path.absolute().parent.name, Path(os.path.abspath(root)).name)
+            mooring = next((_name(folder) for folder in folders if folder.lower() not in NAMELESS), "M1")
+        table = tables.get(path)
         if form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
         elif form == "table" and table is None:
@@ -426,12 +430,6 @@ def _describe_records(instruments: Mapping[str, Drafted]) -> str:
         read = f"{each.bins} bin{'s' * (each.bins != 1)}{depth}, headings in {each.sectors} of 36 sectors"
         words_of.append(f"{name}: {'could not be read' if each.trouble else read}")
     return "; ".join(words_of)
-
-
-def _folder(path: Path, root: Path) -> str:
-    """Name a mooring by the folder of its files, where that has a name of its own."""
-    folders = (path.absolute().parent.name, Path(os.path.abspath(root)).name)
-    return next((_name(name) for name in folders if name.lower() not in NAMELESS), "M1")
 
 
 def _stem(path: Path, form: str) -> str:

@@ -69,7 +69,12 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
     wobble = np.zeros((2, *times.shape)) if rng is None else rng.normal(0.0, WOBBLE_DEG, (2, *times.shape))
     heading, *steady = _attitude(ground, times)
     true = (steady[0] + wobble[0], steady[1] + wobble[1])
-    sensed = _sensed(ground, times, wobble, stepped=rng is not None)
+    stepped = rng is not None
+    _, *late = _attitude(ground, times - TILT_LAG_S * stepped)
+    steps = [slow + TILT_PASSES * fast for slow, fast in zip(late, wobble, strict=True)]
+    sensed = steps[0], steps[1]
+    if stepped:
+        sensed = TILT_STEP_DEG * np.rint(steps[0] / TILT_STEP_DEG), TILT_STEP_DEG * np.rint(steps[1] / TILT_STEP_DEG)
     gamma = _compass(ground, effects, times, tilts=(wobble, sensed), stepped=rng is not None)
     noise = 0.0 if rng is None else rng.normal(0.0, NOISE_DEG, time_s.size)
     return Reading(
@@ -86,14 +91,6 @@ def _attitude(ground: Ground, times: Floats) -> tuple[Floats, Floats, Floats]:
         np.interp(times, motion.time_s, x) for x in (motion.heading_deg, motion.pitch_deg, motion.roll_deg)
     )
     return heading, pitch, roll
-
-
-def _sensed(ground: Ground, times: Floats, wobble: Floats, *, stepped: bool) -> tuple[Floats, Floats]:
-    _, *late = _attitude(ground, times - TILT_LAG_S * stepped)
-    sensed = [slow + TILT_PASSES * fast for slow, fast in zip(late, wobble, strict=True)]
-    if stepped:
-        sensed = [TILT_STEP_DEG * np.rint(x / TILT_STEP_DEG) for x in sensed]
-    return sensed[0], sensed[1]
 
 
 def _compass(

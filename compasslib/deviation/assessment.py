@@ -7,7 +7,7 @@ four), the model is fitted without some of them and tried on those.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -90,7 +90,15 @@ def compare_forms(pairs: Pairs, fit: DeviationFit) -> dict[str, Any] | None:
     block = _blocks(pairs.time_s)
     near = {EXACT.name: fit}
     scores = {f.name: held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
-    return {name: _against(score, scores[EXACT.name], block) for name, score in scores.items()}
+    result = {}
+    for name, score in scores.items():
+        gain = score - scores[EXACT.name]
+        sums, counts = np.bincount(block, gain), np.bincount(block)
+        blocks = int(np.sum(counts > 0))
+        spread = float(np.sqrt(np.sum((sums - counts * gain.mean()) ** 2) * blocks / max(blocks - 1, 1)) / len(gain))
+        sizes = {"minus_exact": float(gain.mean()), "minus_exact_sigma": spread}
+        result[name] = {"mean_log_score": float(score.mean()), **sizes}
+    return result
 
 
 def _block_length(time_s: Floats) -> float:
@@ -101,14 +109,6 @@ def _blocks(time_s: Floats) -> NDArray[np.int_]:
     """Number the contiguous blocks that the pairs lie in, (n,)."""
     length = max(_block_length(time_s), 1.0)
     return np.floor((time_s - time_s[0]) / length).astype(int)
-
-
-def _against(score: Floats, exact_score: Floats, block: NDArray[np.int_]) -> dict[str, Any]:
-    gain = score - exact_score
-    sums, counts = np.bincount(block, gain), np.bincount(block)
-    blocks = int(np.sum(counts > 0))
-    spread = float(np.sqrt(np.sum((sums - counts * gain.mean()) ** 2) * blocks / max(blocks - 1, 1)) / len(gain))
-    return {"mean_log_score": float(score.mean()), "minus_exact": float(gain.mean()), "minus_exact_sigma": spread}
 
 
 @single_threaded()
@@ -125,7 +125,12 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
     after = _agreement(turned[0][known], turned[1][known], take(pairs, known))
     before = _agreement(pairs.upper_east[known], pairs.upper_north[known], take(pairs, known))
-    others = _of_other_days(turned[0][known], turned[1][known], take(pairs, known))
+    others = None  # the least rms against the reference's directions of other days, where there are enough
+    if known.sum() >= FEWEST_OF_OTHER_DAYS:
+        upper = angles.direction(turned[0][known], turned[1][known])
+        lower = angles.direction(pairs.lower_east[known], pairs.lower_north[known])
+        shifts = (np.arange(1, OTHER_DAYS + 1) * len(upper) // (OTHER_DAYS + 1)).tolist()
+        others = min(angles.rms(angles.difference(upper, np.roll(lower, shift))) for shift in shifts)
     shown = take(pairs, known) if known.any() else pairs
     corrected = turned[0][known] + 1j * turned[1][known]
     return {
@@ -146,15 +151,6 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
         "refuted": _refuted(after, others) or _worse(before, after) or _misread(pairs, fit, after),
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
-
-
-def _of_other_days(east: Floats, north: Floats, pairs: Pairs) -> float | None:
-    """Compute the least rms of corrected directions against the reference's of other days, None for few pairs."""
-    if len(pairs) < FEWEST_OF_OTHER_DAYS:
-        return None
-    upper, lower = angles.direction(east, north), angles.direction(pairs.lower_east, pairs.lower_north)
-    shifts = (np.arange(1, OTHER_DAYS + 1) * len(pairs) // (OTHER_DAYS + 1)).tolist()
-    return min(angles.rms(angles.difference(upper, np.roll(lower, shift))) for shift in shifts)
 
 
 def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
@@ -191,7 +187,7 @@ def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
     subset = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
     velocity = subset.lower_east + 1j * subset.lower_north
     best, current = (
-        min(_left_by(_with_reference(subset, read(velocity))) for read in READINGS),
+        min(_left_by(subset, read(velocity)) for read in READINGS),
         after["median_absolute_deg"],
     )
     if best > FAR_BETTER * current:
@@ -203,15 +199,12 @@ def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
     )
 
 
-def _with_reference(pairs: Pairs, velocity: Complexes) -> Pairs:
-    return replace(pairs, lower_east=velocity.real, lower_north=velocity.imag)
-
-
-def _left_by(pairs: Pairs) -> float:
+def _left_by(pairs: Pairs, reference: Complexes) -> float:
     """Compute the median size of what a fit leaves, degrees; a heading that it cannot have recorded is unrelated.
 
     Of a folded compass one in five may be such: they would make up most of an rms.
     """
+    pairs = replace(pairs, lower_east=reference.real, lower_north=reference.imag)
     fit = fit_deviation(EXACT.name, pairs)
     return float(np.median(np.abs(np.nan_to_num(heading_residual(fit, pairs), nan=UNRELATED_DEG))))
 
@@ -397,7 +390,12 @@ def find_constant_offset(
     if abs(angle) <= max(LEAST_DEG, LEAST_SIGMAS * sigma):
         return ConstantOffset(angle, sigma)
     questioned = []
-    for effect, cause, mistake in _mistakes(declination_deg, heading_bias_deg or {}):
+    mistakes = [
+        ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
+    ]
+    for name, bias in (heading_bias_deg or {}).items():
+        mistakes += [("declination_error", BIAS.format(bias, name), angle) for angle in (bias, -bias) if bias]
+    for effect, cause, mistake in [*mistakes, ("mounting_offset", BACKWARDS, 180.0)]:
         off = float(angles.wrap180(angle - mistake))
         log_odds = _log_density(off, sigma) - _log_density(angle, np.hypot(sigma, ORDINARY_DEG))
         if abs(off) <= NEAR_SIGMAS * sigma and log_odds > np.log(LEAST_ODDS):
@@ -426,16 +424,6 @@ def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
     if fit.method == "von_appen":
         return float(angles.wrap180(a)), sigma
     return float(angles.wrap180(angles.direction(a, 1.0))), sigma / angles.DEGREE
-
-
-def _mistakes(declination_deg: float, heading_bias_deg: Mapping[str, float]) -> Iterator[tuple[str, str, float]]:
-    """Give the effect, the cause in words and the angle that each mistake leaves, degrees."""
-    for times, cause in DECLINATION.items():
-        yield "declination_error", cause.format(declination_deg), times * declination_deg
-    for name, bias in heading_bias_deg.items():
-        if bias:
-            yield from (("declination_error", BIAS.format(bias, name), angle) for angle in (bias, -bias))
-    yield "mounting_offset", BACKWARDS, 180.0
 
 
 def _log_density(off_deg: float, sigma_deg: float) -> float:

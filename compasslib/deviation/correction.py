@@ -205,7 +205,9 @@ def correct_headings(
         decision = HeadingDecision(heading, certain * PRECISION_DEG / slope, certain, np.full(heading.shape, np.nan))
     else:
         at = compass_series(fit, readings) if at is None else at
-        overlap, width, scatter = _overlaps(readings.time_s, fit, pairs)
+        overlap = np.searchsorted(readings.time_s, pairs.time_s)
+        width = scatter_widths(fit.noise, *pair_speeds(pairs))
+        scatter = scatter_density(squared_chords(observed_heading(pairs)), width, fit.noise.outliers)
         decision = choose_branches(readings, at, fit, overlap, scatter)
         shown = int(shows_branch(at.roots()[overlap], width).sum())
         decision = open_branches(decision, shown, len(pairs))
@@ -214,7 +216,10 @@ def correct_headings(
     else:
         average = average_compasses(at, decision.heading_deg)
         decision, parameters = _moved(decision, average), average.sigma_deg
-    left_out = np.zeros(parameters.shape) if at is not None and at.tilted else _left_out_by_tilt(readings)
+    left_out = np.zeros(parameters.shape)
+    if at is None or not at.tilted:
+        tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
+        left_out = LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
     return replace(decision, sigma_deg=np.minimum(sigma, UNIFORM_SIGMA_DEG))
 
@@ -228,11 +233,6 @@ def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecisio
         heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, heading),
         probability=np.minimum(decision.probability, probability),
     )
-
-
-def _left_out_by_tilt(readings: Readings) -> Floats:
-    tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
-    return LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
 
 
 def readings_at_pairs(pairs: Pairs) -> Readings:
@@ -269,13 +269,6 @@ def _water(record: Record) -> Complexes:
     with np.errstate(invalid="ignore", divide="ignore"):
         east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))
     return to_body_frame(east, north, record.heading_deg)
-
-
-def _overlaps(time_s: Floats, fit: DeviationFit, pairs: Pairs) -> tuple[NDArray[np.intp], Floats, Floats]:
-    overlap = np.searchsorted(time_s, pairs.time_s)
-    width = scatter_widths(fit.noise, *pair_speeds(pairs))
-    chords = squared_chords(observed_heading(pairs))
-    return overlap, width, scatter_density(chords, width, fit.noise.outliers)
 
 
 def _heading_quality(record: Record, decision: HeadingDecision) -> Flags:

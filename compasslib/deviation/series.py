@@ -153,16 +153,12 @@ def multistart_least_squares(columns: Floats, deviation: Floats) -> Floats:
     eight = [tuple(map(float, angles.sin_cos(direction))) for direction in range(0, 360, 45)]
     starts = [np.zeros(5), *(np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in eight)]
     solver = np.linalg.pinv(columns)
-    solved = [_descend(solver, columns, deviation, start) for start in starts]
+    solved = []
+    for coefficients in starts:  # a linear step on the wrapped residuals until it no longer moves
+        for _ in range(50):
+            step = solver @ angles.wrap180(deviation - columns @ coefficients)
+            coefficients = coefficients + step
+            if np.max(np.abs(step)) < 1e-7:
+                break
+        solved.append(coefficients)
     return min(solved, key=lambda k: float(np.sum(angles.wrap180(deviation - columns @ k) ** 2)))
-
-
-def _descend(solver: Floats, columns: Floats, deviation: Floats, start: Floats) -> Floats:
-    """Least squares with wrapped residuals: a linear step on the residuals until it no longer moves."""
-    coefficients = start
-    for _ in range(50):
-        step = solver @ angles.wrap180(deviation - columns @ coefficients)
-        coefficients = coefficients + step
-        if np.max(np.abs(step)) < 1e-7:
-            break
-    return coefficients

@@ -59,11 +59,7 @@ class Harmonic(Effect):
     @property
     def possible(self) -> bool:
         """Whether the reading always turns with the field: the order times the amplitude is under a radian."""
-        return self._flattest > 0.0
-
-    @property
-    def _flattest(self) -> float:
-        return 1.0 - self.order * angles.DEGREE * float(np.hypot(self.sine_deg, self.cosine_deg))
+        return 1.0 - self.order * angles.DEGREE * float(np.hypot(self.sine_deg, self.cosine_deg)) > 0.0
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         sine, cosine = angles.sin_cos(self.order * x)

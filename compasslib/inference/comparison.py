@@ -288,7 +288,11 @@ def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: ForwardModel) -> F
     that drifts as the same growing.
     """
     span = max(int(TILT_HIGHPASS_HOURS * 3600.0 / np.median(np.diff(pairs.time_s))), 1)
-    fast = [x - _moving_average(x, span) for x in (scene.pitch_deg, scene.roll_deg)]
+    fast, n = [], len(scene.pitch_deg)
+    first, last = np.maximum(np.arange(n) - span, 0), np.minimum(np.arange(n) + span + 1, n)
+    for tilt in (scene.pitch_deg, scene.roll_deg):
+        summed = np.concatenate([[0.0], np.cumsum(tilt)])
+        fast.append(tilt - (summed[last] - summed[first]) / (last - first))
     wobble = Scene(scene.time_s, scene.horizontal_nT, scene.vertical_nT, fast[0], fast[1], scene.begin_s)
     vertical = ForwardModel(simulation.coefficients, simulation.horizontal_nT, (Heeling(),))
     heading = invert_heading(simulation, scene, pairs.heading_deg)[:, 0]
@@ -314,12 +318,6 @@ def _aliased_tides(time_s: Floats) -> Floats:
 def tide_waves(time_s: Floats) -> Floats:
     """Build sine and cosine of the five largest tides, (n, 10)."""
     return np.column_stack(angles.sin_cos(360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDE_PERIODS_H)))
-
-
-def _moving_average(x: Floats, reach: int) -> Floats:
-    summed = np.concatenate([[0.0], np.cumsum(x)])
-    first, last = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach + 1, len(x))
-    return (summed[last] - summed[first]) / (last - first)
 
 
 def build_finding(

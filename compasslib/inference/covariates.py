@@ -65,7 +65,14 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
     moving[stretch] = False
     if stretch.stop == stretch.start or moving.sum() < FEWEST_MOVING:
         return {}
-    columns, known = _drag_regressors(record)
+    # Powers of the flow along and across the instrument, and where they are known.
+    velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
+    sine, cosine = angles.sin_cos(record.heading_deg)
+    along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
+    speed = np.abs(velocity)
+    columns = np.column_stack([np.ones(len(speed)), speed * along, speed * across, along, across])
+    known = np.asarray(np.isfinite(columns).all(axis=1))
+    columns = np.where(known[:, None], columns, 0.0)
     if (moving & known).sum() < FEWEST_MOVING:
         return {}
     tilts = np.column_stack([record.pitch_deg, record.roll_deg])
@@ -89,17 +96,6 @@ def longest_constant_tilt(record: Record) -> slice:
     first, last = int(begins[k]), int(ends[k])
     long = record.time_s[last] - record.time_s[first] >= SHORTEST_STUCK_S and last - first >= FEWEST_MOVING
     return slice(first, last + 1) if long else slice(0, 0)
-
-
-def _drag_regressors(record: Record) -> tuple[Floats, NDArray[np.bool_]]:
-    """Build powers of the flow along and across the instrument, (n, 5), and a mask of where it is known, (n,)."""
-    velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
-    sine, cosine = angles.sin_cos(record.heading_deg)
-    along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
-    speed = np.abs(velocity)
-    columns = np.column_stack([np.ones(len(speed)), speed * along, speed * across, along, across])
-    known = np.asarray(np.isfinite(columns).all(axis=1))
-    return np.where(known[:, None], columns, 0.0), known
 
 
 def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
@@ -299,7 +295,15 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     span_s = pairs.time_s[2:] - pairs.time_s[:-2]
     moved[1:-1] = np.where(span_s <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / span_s, 0.0)
     across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
-    result = {"excursion_turn": across, "flow_turn": _flow_turn_rate(both, pairs.time_s)}
+    # The flow's rate of turn by a straight line through five samples, degrees/h, 0 at gaps.
+    five = np.lib.stride_tricks.sliding_window_view(both, 5)
+    hours = np.lib.stride_tricks.sliding_window_view(pairs.time_s, 5) / HOUR_S
+    away = hours - hours.mean(axis=1, keepdims=True)
+    trend, middle = np.sum(away * five, axis=1) / np.sum(away**2, axis=1), five.mean(axis=1)
+    turn = -np.imag(trend * np.conj(middle)) / np.maximum(np.abs(middle), 0.02) ** 2 / angles.DEGREE
+    flow_turn = np.zeros(len(both))
+    flow_turn[2:-2] = np.where(np.ptp(hours, axis=1) <= 4.5, turn, 0.0)
+    result = {"excursion_turn": across, "flow_turn": flow_turn}
     if np.any(predicted):
         result |= dict(zip(FLOW_NAMES, predicted.T, strict=True))
     return result
@@ -343,18 +347,6 @@ def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Float
     shares, *_ = np.linalg.lstsq(z, x, rcond=FAINTEST)
     scaled = around @ shares
     return np.asarray(scaled + (np.mean(harmonics, axis=0) - np.mean(scaled, axis=0)))
-
-
-def _flow_turn_rate(flow: NDArray[np.complex128], time_s: Floats) -> Floats:
-    """Fit the flow's rate of turn, a straight line through five samples, degrees/h, 0 at gaps."""
-    result = np.zeros(len(flow))
-    five = np.lib.stride_tricks.sliding_window_view(flow, 5)
-    hours = np.lib.stride_tricks.sliding_window_view(time_s, 5) / HOUR_S
-    away = hours - hours.mean(axis=1, keepdims=True)
-    slope, middle = np.sum(away * five, axis=1) / np.sum(away**2, axis=1), five.mean(axis=1)
-    turn = -np.imag(slope * np.conj(middle)) / np.maximum(np.abs(middle), 0.02) ** 2 / angles.DEGREE
-    result[2:-2] = np.where(np.ptp(hours, axis=1) <= 4.5, turn, 0.0)
-    return result
 
 
 def _predict_from_neighbours(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:

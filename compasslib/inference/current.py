@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib.effects.effect import USUAL_DEG, Effect
+from compasslib.effects.effect import USUAL_DEG
 from compasslib.inference import covariates
 from compasslib.inference.comparison import TIDE_RESOLVING_STEP_S, LongComparison, tide_waves
 from compasslib.inference.finding import SURE
@@ -114,30 +113,20 @@ def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
         columns["tide"] = [USUAL_TIDE_DEG * tide_waves(case.scene.time_s)]
     for kind in case.terms:
         if kind.side == "water" and kind.driver not in ("speed", "depth"):
-            turn = _usual_turn(kind, case)
+            # The turn by each parameter at its usual size, (n, k) degrees.
+            unit, still = np.eye(len(kind.fitted())), np.zeros(len(case))
+            turn = np.stack([kind().at(values).apply(still, case.scene) for values in unit], axis=1)
+            size, usual = np.sqrt(np.mean(turn**2, axis=0)), kind.expected()
+            with np.errstate(divide="ignore"):
+                scale = np.where(usual > 0.0, usual**-0.5, USUAL_DEG / np.maximum(size, 1e-12))
+            turn = np.asarray(turn * np.where(size > 0.0, scale, 0.0))
             columns.setdefault(kind.driver, []).append(turn)
             if kind.driver in VELOCITY_ERRORS:
-                columns[kind.driver] += [turn * covariates.standardize(x)[:, None] for x in _modulators(case)]
+                series = (case.scene.departures.get(name) for name in MODULATORS)
+                varying = [x for x in series if x is not None and np.std(x) > LEAST_SPREAD]
+                columns[kind.driver] += [turn * covariates.standardize(x)[:, None] for x in varying]
     blocks = [CurrentBlock(driver, np.concatenate(each, axis=1)) for driver, each in columns.items()]
     return tuple(block for block in blocks if np.max(block.columns.std(axis=0), initial=0.0) > LEAST_SPREAD)
-
-
-def _modulators(case: LongComparison) -> list[Floats]:
-    """Collect the series along which an error of the velocity measurement may change, (n,) each."""
-    series = case.scene.departures
-    return [series[name] for name in MODULATORS if name in series and np.std(series[name]) > LEAST_SPREAD]
-
-
-def _usual_turn(kind: type[Effect], case: LongComparison) -> Floats:
-    """Compute the turn by each parameter at its usual size, (n, k) degrees."""
-    still = np.zeros(len(case))
-    unit = np.eye(len(kind.fitted()))
-    columns = np.stack([kind().at(values).apply(still, case.scene) for values in unit], axis=1)
-    turn = np.sqrt(np.mean(columns**2, axis=0))
-    usual = kind.expected()
-    with np.errstate(divide="ignore"):
-        size = np.where(usual > 0.0, usual**-0.5, USUAL_DEG / np.maximum(turn, 1e-12))
-    return np.asarray(columns * np.where(turn > 0.0, size, 0.0))
 
 
 @dataclass(frozen=True)
@@ -186,7 +175,11 @@ def infer_current(drivers: Sequence[str], information: Floats, score: Floats) ->
     names = list(dict.fromkeys(drivers))
     at = np.array([names.index(driver) for driver in drivers])
     subsets = [np.flatnonzero(np.array(subset)[at]) for subset in itertools.product((False, True), repeat=len(names))]
-    fits = [_fitted(columns, information, score) for columns in subsets]
+    fits = []
+    for subset in subsets:
+        lower = np.linalg.cholesky(information[np.ix_(subset, subset)] + np.eye(len(subset)))
+        half, root = np.linalg.solve(lower, score[subset]), np.linalg.inv(lower).T
+        fits.append((root @ half, root, float(0.5 * half @ half - np.sum(np.log(np.diag(lower))))))
     log = np.array([fit[2] for fit in fits])  # drivers are there as probably as not
     weight = np.exp(log - log.max())
     rng, values = np.random.default_rng(SEED), np.zeros((DRAWS, len(at)))
@@ -195,14 +188,6 @@ def infer_current(drivers: Sequence[str], information: Floats, score: Floats) ->
         mine, (mean, root, _) = np.flatnonzero(chosen == k), fits[k]
         values[np.ix_(mine, subsets[k])] = mean + rng.normal(size=(len(mine), len(mean))) @ root.T
     return CurrentPosterior(tuple(drivers), values)
-
-
-def _fitted(columns: NDArray[np.intp], information: Floats, score: Floats) -> tuple[Floats, Floats, float]:
-    """Fit some columns of usual size: mean, root of the covariance, and log evidence."""
-    lower = np.linalg.cholesky(information[np.ix_(columns, columns)] + np.eye(len(columns)))
-    half = np.linalg.solve(lower, score[columns])
-    root = np.linalg.inv(lower).T
-    return root @ half, root, float(0.5 * half @ half - np.sum(np.log(np.diag(lower))))
 
 
 def _sizes(values: Floats, visible: Floats) -> Floats:

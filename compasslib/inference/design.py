@@ -364,14 +364,12 @@ def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
     first, second = (clip_standardized(np.nan_to_num(x.residual_deg), width) for x in (before, after))
     second = np.where(lost, np.minimum(HUBER_CLIP, 90.0 / width), second)
     moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
-    ends = [_filtered_residual(x, whitener, standard) for x, standard in ((before, first), (after, second))]
+    ends = []
+    for state, standard in ((before, first), (after, second)):
+        white, basis = whitener.filtered(standard[:, None])[:, 0], orthonormal_basis(whitener(state.base))
+        ends.append(np.asarray(white - basis @ (basis.T @ white)))
     way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]
     return float(sum(ends) @ way) * before.response / before.sigma**2 / 2.0
-
-
-def _filtered_residual(state: FittedModel, whitener: Whitener, standard: Floats) -> Floats:
-    white, basis = whitener.filtered(standard[:, None])[:, 0], orthonormal_basis(whitener(state.base))
-    return np.asarray(white - basis @ (basis.T @ white))
 
 
 def _least_squares_step(state: FittedModel) -> Floats:

@@ -200,7 +200,10 @@ def combine_outcomes(
         [[item for item in group if item in stands] for group in (extra, *(part.findings for part in parts))]
     )
     unnamed = [part.left for part in parts if part.left is not None]
-    unnamed += [_unconfirmed(item) for item in matter if id(item) in denied]
+    for item in (item for item in matter if id(item) in denied):  # its name only
+        text = wording.unexplained_text(item.where.text, item.rms_effect_deg, [])
+        place = (item.where.covariate,), item.where, item.when_s, item.rms_effect_deg, ()
+        unnamed.append(Unexplained(*place, text))
     left = max(unnamed, key=lambda item: item.rms_effect_deg, default=None)
     small = [(item.effect, item.rms_effect_deg) for item in findings if item.rms_effect_deg < options.min_effect_deg]
     small += [item for part in parts for item in part.small]
@@ -284,12 +287,6 @@ def _with_current(sides: Mapping[str, float], exceeded: float) -> dict[str, floa
         return {}
     water = sides["none"] * exceeded
     return dict(sides) | {"none": sides["none"] - water, "water": sides["water"] + water}
-
-
-def _unconfirmed(finding: Finding) -> Unexplained:
-    """Describe a mismatch that is proven where it was fitted and whose name held-out readings deny."""
-    text = wording.unexplained_text(finding.where.text, finding.rms_effect_deg, [])
-    return Unexplained((finding.where.covariate,), finding.where, finding.when_s, finding.rms_effect_deg, (), text)
 
 
 def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:

@@ -154,7 +154,10 @@ class Candidates:
 
     def terms(self, products: Products, hypothesis: Hypothesis) -> list[Effect]:
         """Make the terms of a hypothesis at their likeliest values."""
-        values = self._values(products, hypothesis)
+        index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
+        uneven = self.uneven[list(hypothesis)].max(initial=1.0)
+        inverse = np.linalg.inv(products.information[np.ix_(index, index)] / uneven + np.eye(len(index)))
+        values = inverse @ products.score[index] / uneven  # in units of their prior scales
         terms, at = [], 0
         for k in hypothesis:
             term, part = self.groups[k].term, self.parts[k]
@@ -162,13 +165,6 @@ class Candidates:
             terms.append(term.at(values[at : at + len(part)] * self.usual[part]))
             at += len(part)
         return terms
-
-    def _values(self, products: Products, hypothesis: Hypothesis) -> Floats:
-        """Estimate the likeliest values of a hypothesis's columns, in units of their prior scales."""
-        index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
-        uneven = self.uneven[list(hypothesis)].max(initial=1.0)
-        inverse = np.linalg.inv(products.information[np.ix_(index, index)] / uneven + np.eye(len(index)))
-        return np.asarray(inverse @ products.score[index] / uneven)
 
 
 def noise_variances(slow: SlowNoiseBasis | None, water: SlowNoiseParams | None) -> Floats:

@@ -8,7 +8,7 @@ Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -139,7 +139,16 @@ def prospects(inferred: Inference) -> Prospects | None:
     weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in hypothesis) for hypothesis in hypotheses])
     probability = posterior.probability[likely] / posterior.probability[likely].sum()
     names = [posterior.names[i] for i in likely]
-    return Prospects(model, weighed, names, probability, dict(_observations(model, variance)))
+    time_s = model.state.case.scene.time_s
+    observations = {
+        f"another {float(np.ptp(time_s)) / DAY_S:.0f} days of the same mooring": _longer(model, variance),
+        "a second reference instrument at another depth, throughout": _second(model, variance),
+        f"a swing of {COURSES} headings after recovery, each to {SWUNG_DEG:.0f} degree": _swing(model),
+    }
+    if any(term.acts_on == "field" for term in model.terms):
+        logged = f"the strength of the field logged beside the compass, to {STRENGTH_NT:.0f} nT"
+        observations[logged] = _strength(model)
+    return Prospects(model, weighed, names, probability, observations)
 
 
 def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
@@ -164,17 +173,6 @@ def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
         slow=candidates.slow.columns.shape[1],
         score=rows.T @ (view.innovation * scale),
     )
-
-
-def _observations(model: Model, variance: Floats) -> Iterator[tuple[str, Rows]]:
-    """List the observations with what each adds to the model."""
-    time_s = model.state.case.scene.time_s
-    days = float(np.ptp(time_s)) / DAY_S
-    yield f"another {days:.0f} days of the same mooring", _longer(model, variance)
-    yield "a second reference instrument at another depth, throughout", _second(model, variance)
-    yield f"a swing of {COURSES} headings after recovery, each to {SWUNG_DEG:.0f} degree", _swing(model)
-    if any(term.acts_on == "field" for term in model.terms):
-        yield f"the strength of the field logged beside the compass, to {STRENGTH_NT:.0f} nT", _strength(model)
 
 
 def _parts(model: Model) -> tuple[Floats, Floats, Floats]:
@@ -327,22 +325,18 @@ class _Weighed:
             shown: its pull on the recording's unknowns, (p + q + b, d).
             probability: of each hypothesis before, (h,).
         """
-        log = np.log(probability)[:, None] + np.array(
-            [self._gained(h, information, shown) for h in range(len(probability))]
-        )
-        after = np.exp(log - log.max(axis=0))
-        return np.asarray(after / after.sum(axis=0))
-
-    def _gained(self, h: int, information: Floats, shown: Floats) -> Floats:
-        """Compute the log probability of the observations under a hypothesis, up to a constant, (d,)."""
-        at = self.index[h]
-        before = cholesky(self.precision[h], lower=True)
-        after = cholesky(self.precision[h] + information[np.ix_(at, at)], lower=True)
-        score = self.score[at]
-        pulled = solve_triangular(after, score[:, None] + shown[at], lower=True)
-        before_half = solve_triangular(before, score, lower=True)
-        volume = np.sum(np.log(np.diag(after))) - np.sum(np.log(np.diag(before)))
-        return np.asarray(0.5 * np.sum(pulled**2, axis=0) - 0.5 * before_half @ before_half - volume)
+        log = np.empty((len(probability), shown.shape[1]))
+        for h, at in enumerate(self.index[: len(probability)]):  # log probability of the observations, up to a constant
+            before = cholesky(self.precision[h], lower=True)
+            after = cholesky(self.precision[h] + information[np.ix_(at, at)], lower=True)
+            score = self.score[at]
+            pulled = solve_triangular(after, score[:, None] + shown[at], lower=True)
+            before_half = solve_triangular(before, score, lower=True)
+            volume = np.sum(np.log(np.diag(after))) - np.sum(np.log(np.diag(before)))
+            log[h] = 0.5 * np.sum(pulled**2, axis=0) - 0.5 * before_half @ before_half - volume
+        log = np.log(probability)[:, None] + log
+        weight = np.exp(log - log.max(axis=0))
+        return np.asarray(weight / weight.sum(axis=0))
 
 
 def _single_name_share(names: Sequence[tuple[str, ...]], probability: Floats) -> float:

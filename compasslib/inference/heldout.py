@@ -75,7 +75,13 @@ def _refit_folds(inferred: Inference, without: FittedModel, fold: NDArray[np.int
     unit = quiet.response / quiet.sigma / np.sqrt(candidates.scatter)
     waves = np.zeros((len(fold), 0)) if slow is None else quiet.whitener(slow.columns.astype(np.float32)) * unit
     variance = evidence.noise_variances(slow, inferred.posterior.water_of(inferred.chosen))
-    targets = _targets(quiet, unit, waves * np.sqrt(variance), surrogates)
+    # The whitened residual and surrogates of it: white noise, slow water and the current redrawn, (n, 1 + r).
+    rng, deviations = np.random.default_rng(SEED), waves * np.sqrt(variance)
+    measured = np.isfinite(quiet.whitener.width_deg)[:, None]
+    surrogate = rng.normal(size=(len(measured), surrogates))
+    surrogate = surrogate + deviations @ rng.normal(size=(deviations.shape[1], surrogates))
+    residual = quiet.innovation[:, None] / quiet.response * unit
+    targets = np.where(measured, quiet.project_out_nuisance(np.column_stack([residual, surrogate])), 0.0)
     low_rank, loud = without.case.low_rank, targets.astype(np.float32)
     loud = loud if low_rank is None else low_rank.whiten(loud)
     choices = _alternatives(inferred, without, loud * np.sqrt(candidates.scatter), fold)
@@ -119,15 +125,6 @@ def _describe_gain(gain: Floats, predicted: float, followed: float, size_deg: fl
         "slope": interval if z >= CLEAR_Z else None,
         "placebo": Placebo(surrogates, chance),
     }
-
-
-def _targets(quiet: FittedModel, unit: float, slow: Floats, surrogates: int) -> Floats:
-    """Build the whitened residual and surrogates of it: white noise, slow water and the current redrawn, (n, 1 + r)."""
-    rng = np.random.default_rng(SEED)
-    known = np.isfinite(quiet.whitener.width_deg)[:, None]
-    surrogate = rng.normal(size=(len(known), surrogates)) + slow @ rng.normal(size=(slow.shape[1], surrogates))
-    residual = quiet.innovation[:, None] / quiet.response * unit
-    return np.where(known, quiet.project_out_nuisance(np.column_stack([residual, surrogate])), 0.0)
 
 
 def _alternatives(inferred: Inference, without: FittedModel, loud: Floats, fold: NDArray[np.intp]) -> _Alternatives:
@@ -201,18 +198,12 @@ def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Flo
     total = state.residual_deg + state.base @ values
     left, rms_deg = [], []
     for columns in (~term_columns, term_columns | True):
-        fitted = _fold_values(white[:, columns], target, state.base_ridge[columns], fold)
+        fitted, training = np.empty(white[:, columns].shape), white[:, columns]
+        for f in np.unique(fold):
+            inside = training[fold != f]
+            inverse = scaled_inverse(inside.T @ inside + np.diag(state.base_ridge[columns]))
+            fitted[fold == f] = inverse @ (inside.T @ target[fold != f])
         left.append(target - np.sum(white[:, columns] * fitted, axis=1))
         rms_deg.append(angles.rms(total - np.sum(state.base[:, columns] * fitted, axis=1)))
     each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
     return each, (rms_deg[0], rms_deg[1])
-
-
-def _fold_values(white: Floats, target: Floats, ridge: Floats, fold: NDArray[np.intp]) -> Floats:
-    """Fit the values of the columns for each sample without its fold, (n, k)."""
-    values = np.empty(white.shape)
-    for f in np.unique(fold):
-        out = fold == f
-        training = white[~out]
-        values[out] = scaled_inverse(training.T @ training + np.diag(ridge)) @ (training.T @ target[~out])
-    return values

@@ -281,9 +281,14 @@ def join_records(members: Sequence[Member]) -> JointCompass:
         if tested[worst][0] >= LEAST_SAME:
             break
         wrong = [worst] if len(siblings) > 2 else list(tested)  # of two nobody can say which one is odd
-        rejected += [
-            _rejected(name, *tested[name], [record for record in siblings if record.name != name]) for name in wrong
-        ]
+        for name in wrong:
+            against = ", ".join(record.name for record in siblings if record.name != name)
+            probability, sigmas = tested[name]
+            why = (
+                f"B to E are {sigmas:.1f} standard deviations from what {against} tell of this compass, iron that "
+                "varies between deployments counted: another compass, or iron that changed; it is not averaged"
+            )
+            rejected.append(RejectedRecord(name, probability, sigmas, why))
         siblings = [record for record in siblings if record.name not in wrong]
     return JointCompass(tuple(members), tuple(record.name for record in siblings), tuple(rejected), same)
 
@@ -392,15 +397,6 @@ def _sizes() -> list[tuple[float, float]]:
 def _log_prior(sizes: tuple[float, float]) -> float:
     """Compute the log prior of two sizes, on a grid even in their logarithms."""
     return float(sum(np.log(size / BETWEEN_PRIOR_NT) - np.log1p((size / BETWEEN_PRIOR_NT) ** 2) for size in sizes))
-
-
-def _rejected(name: str, probability: float, sigmas: float, others: Sequence[Member]) -> RejectedRecord:
-    against = ", ".join(other.name for other in others)
-    why = (
-        f"B to E are {sigmas:.1f} standard deviations from what {against} tell of this compass, iron that varies "
-        "between deployments counted: another compass, or iron that changed; it is not averaged"
-    )
-    return RejectedRecord(name, probability, sigmas, why)
 
 
 def _log_normal(off: Floats, covariance: Floats) -> float:

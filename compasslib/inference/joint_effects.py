@@ -183,16 +183,13 @@ class JointEvidence:
         self.kinds = tuple(joint_compass.effect_class(form) for form in forms)
         self.parts = [np.r_[columns] for columns in parameter_slices(self.kinds)]
         self.count = sum(len(part) for part in self.parts)
-        self.usual = self._usual(list(forms))
-        self.records = [self._record(member, list(forms)) for member in self.members]
-
-    def _usual(self, forms: list[str]) -> Floats:
         sizes: list[list[Floats]] = [[] for _ in forms]
         for member in self.members:
             assert member.effects is not None
             for form, part in _form_parts(member):
-                sizes[forms.index(form)].append(member.effects.usual[part])
-        return np.concatenate([np.zeros(0), *(np.median(each, axis=0) for each in sizes)])
+                sizes[list(forms).index(form)].append(member.effects.usual[part])
+        self.usual = np.concatenate([np.zeros(0), *(np.median(each, axis=0) for each in sizes)])
+        self.records = [self._record(member, list(forms)) for member in self.members]
 
     def _record(self, member: Member, forms: list[str]) -> ConditionalInformation:
         effects = member.effects

@@ -342,7 +342,11 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     if not clustered.any():
         return None
     k = int(np.argmax(np.where(clustered, held, 0.0)))
-    reach, inside = _emptied_sector(np.roll(held, cells // 2 - k))
+    around, middle = np.roll(held, cells // 2 - k), len(held) // 2
+    both_sides = np.array([around[middle - j] + around[middle + j] for j in range(1, WIDEST_SECTOR + 1)])
+    dense = np.convolve(both_sides, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
+    reach = int(np.argmax(both_sides >= EMPTIED_SHARE * dense))
+    inside = float(around[middle - reach : middle + reach + 1].sum())
     width = CELL_DEG * (2 * reach + 1)
     share = inside / len(state.case)
     return HeadingCluster(float(angles.mean(recorded[cell == k])), width, width / float(np.sqrt(12.0 / share)))
@@ -352,12 +356,3 @@ def observed_outside(case: LongComparison, cluster: HeadingCluster) -> Floats:
     """Mask the observed headings, (n,) degrees, with NaN where the reading sticks."""
     away = np.abs(angles.difference(case.recorded_deg, cluster.recorded_deg))
     return np.where(away > cluster.width_deg / 2.0, case.observed_deg, np.nan)
-
-
-def _emptied_sector(held: Floats) -> tuple[int, float]:
-    """Count the emptied cells on either side of the middle one, and the readings in all of them."""
-    middle = len(held) // 2
-    both_sides = np.array([held[middle - k] + held[middle + k] for k in range(1, WIDEST_SECTOR + 1)])
-    dense = np.convolve(both_sides, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
-    reach = int(np.argmax(both_sides >= EMPTIED_SHARE * dense))
-    return reach, float(held[middle - reach : middle + reach + 1].sum())

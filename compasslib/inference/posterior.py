@@ -114,7 +114,16 @@ class Posterior:
             for place, name in enumerate(self._filled(chosen, other, instead, alike)):
                 if name is not None:
                     counters[place][name] += probability
-        return [_finding_posterior(self.effects[k], counter) for k, counter in zip(chosen, counters, strict=True)]
+        result = []
+        for k, counter in zip(chosen, counters, strict=True):
+            total, effect, others = sum(counter.values()), self.effects[k], dict[str, float]()
+            probability = held = counter[effect] / total
+            for name, weight in counter.most_common():
+                if name != effect and held < SURE:
+                    others[name] = weight / total
+                    held += weight / total
+            result.append(FindingPosterior(effect, probability, others))
+        return result
 
     def _filled(
         self, chosen: Hypothesis, other: Hypothesis, instead: str | None, alike: Callable[[int, int], float]
@@ -194,13 +203,3 @@ def _assignments(
         for order in itertools.permutations(come, size)
     )
     return max(tries, key=lambda pairs: sum(alike(place, k) for place, k in pairs))
-
-
-def _finding_posterior(effect: str, counter: Counter[str]) -> FindingPosterior:
-    total = sum(counter.values())
-    probability, others, held = counter[effect] / total, {}, counter[effect] / total
-    for name, weight in counter.most_common():
-        if name != effect and held < SURE:
-            others[name] = weight / total
-            held += weight / total
-    return FindingPosterior(effect, probability, others)

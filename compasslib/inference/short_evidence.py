@@ -65,16 +65,13 @@ def log_evidence(channel: ShortComparison, evidences: Sequence[ShortEvidence], u
     fit = -0.5 * _degrees_of_freedom(channel) * (
         np.log(least) + np.log1p((squares / least - 1.0) / uneven)
     ) - 0.5 * np.log(first)
-    return np.logaddexp.reduce(fit, axis=1) - np.array([_occam_factor(evidence, uneven) for evidence in evidences])
-
-
-def _occam_factor(evidence: ShortEvidence, uneven: float) -> float:
-    """Compute the cost of the sizes that a hypothesis could have had, with a wide-tailed prior."""
-    p = len(evidence.information)
-    if not p:
-        return 0.0
-    determinant = np.linalg.slogdet(np.eye(p) + evidence.information / uneven)[1]
-    return 0.5 * float(determinant) + 0.5 * (p + 1) * float(np.log1p(evidence.size))
+    # The cost of the sizes that a hypothesis could have had, with a wide-tailed prior.
+    cost = []
+    for evidence in evidences:
+        p = len(evidence.information)
+        determinant = np.linalg.slogdet(np.eye(p) + evidence.information / uneven)[1]
+        cost.append(0.5 * float(determinant) + 0.5 * (p + 1) * float(np.log1p(evidence.size)) if p else 0.0)
+    return np.logaddexp.reduce(fit, axis=1) - np.array(cost)
 
 
 def short_evidence(fitted: FittedHypothesis) -> ShortEvidence:

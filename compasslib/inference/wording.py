@@ -48,21 +48,19 @@ OTHERWISE = "a record in which {} and {} vary independently"
 
 def separating_observations(effect: str, alternatives: Sequence[str]) -> str:
     """List the observations that would separate an effect from its alternatives, one sentence a pair."""
-    pairs = [(effect, other) for other in alternatives]
-    phrases = dict.fromkeys(_separating_observation(*pair) for pair in pairs)
-    return "; ".join(phrases)
-
-
-def _separating_observation(a: str, b: str) -> str:
-    first, second = (display_name(name) if name.startswith(COMPOSED) else name for name in (a, b))
-    both = f"{first} or {second}: "
-    if how := SEPARATED_BY.get(frozenset((a, b))):
-        return both + how
-    if len([name for name in (a, b) if name.startswith("reference_")]) == 1:
-        return both + TRUSTED_OR_NOT
-    if (side_of(a) == "water") != (side_of(b) == "water"):
-        return both + WATER_OR_COMPASS.format(*((first, second) if side_of(a) == "water" else (second, first)))
-    return both + OTHERWISE.format(first, second)
+    phrases = []
+    for other in alternatives:
+        first, second = (display_name(name) if name.startswith(COMPOSED) else name for name in (effect, other))
+        if how := SEPARATED_BY.get(frozenset((effect, other))):
+            text = how
+        elif len([name for name in (effect, other) if name.startswith("reference_")]) == 1:
+            text = TRUSTED_OR_NOT
+        elif (side_of(effect) == "water") != (side_of(other) == "water"):
+            text = WATER_OR_COMPASS.format(*((first, second) if side_of(effect) == "water" else (second, first)))
+        else:
+            text = OTHERWISE.format(first, second)
+        phrases.append(f"{first} or {second}: {text}")
+    return "; ".join(dict.fromkeys(phrases))
 
 
 def finding_text(
@@ -145,7 +143,10 @@ def _effect_text(
     """Describe where an effect is, what it is, its size, and its numbers with their intervals."""
     fitted = {name: parameter for name, parameter in parameters.items() if parameter[1] > 0.0}
     known = meanings(effect)
-    numbers = "".join(f"; {known.get(name, name)} {_interval_text(*parameter)}" for name, parameter in fitted.items())
+    numbers = ""
+    for name, (value, sigma, unit) in fitted.items():
+        interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}{'' if unit == '1' else f' {unit}'}"
+        numbers += f"; {known.get(name, name)} {interval} (95 %)"
     physics = physics or PHYSICS.get(effect, effect)
     size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
     return f"{where[0].upper()}{where[1:]}: {physics}. Size {size}° rms{numbers}."
@@ -175,12 +176,6 @@ def describe_composition(acts_on: str, driver: str, form: str) -> tuple[str, str
     }
     drives = " times ".join(named.get(name, name.replace("_", " ")) for name in driver.split("*"))
     return ACTED_ON[acts_on], FORMS[form].words.format(f"the {drives}" if driver not in ("heading", "time") else drives)
-
-
-def _interval_text(value: float, sigma: float, unit: str) -> str:
-    """Format a number with its 95 % interval and its unit, without an exponent."""
-    text = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
-    return f"{text} (95 %)" if unit == "1" else f"{text} {unit} (95 %)"
 
 
 def unexplained_text(where: str, size_deg: float, named: Sequence[str]) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
-from compasslib.pipeline.records import RESULTS, KnownHashes, is_future, recall, simulated, truth_file
+from compasslib.pipeline.records import RESULTS, is_future, recall, simulated, truth_file
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, LOCK = ".snakemake", ".snakemake/compasslib.lock"
@@ -244,7 +244,19 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[s
             where = f"{cruise.mooring_files[name]}: {file}"
             raise InputError(where, expected="a file of one simulated mooring", found=actual, advice=advice)
     known = recall()
-    ours = {name: listed for name, listed in files.items() if _may_write(name, listed, known)}
+    ours = {}
+    for name, listed in files.items():
+        made = simulated(name)
+        foreign = [
+            file for file in (*listed, truth_file(name)) if _foreign(file, known.sha256(file), made.get(file, ()))
+        ]
+        if foreign and not all(os.path.isfile(file) for file in listed):
+            missing = next(file for file in listed if not os.path.isfile(file))
+            actual = f"a file or link that is there already, while {missing} is missing"
+            advice = "measured files are never written over: add the missing one, or delete demonstration: true"
+            raise InputError(foreign[0], expected="what the simulation wrote, or nothing", found=actual, advice=advice)
+        if not foreign:
+            ours[name] = listed
     for name in files.keys() - ours.keys():
         warn(f"{name}: raw files used as they stand: no record says that the simulation wrote them")
     return ours
@@ -257,17 +269,6 @@ def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
         name: [file for each in mooring.instruments.values() for file in (*each.files, *each.pressure_files)]
         for name, mooring in moorings
     }
-
-
-def _may_write(name: str, raw: Sequence[str], known: KnownHashes) -> bool:
-    ours = simulated(name)
-    foreign = [file for file in (*raw, truth_file(name)) if _foreign(file, known.sha256(file), ours.get(file, ()))]
-    if foreign and not all(os.path.isfile(file) for file in raw):
-        missing = next(file for file in raw if not os.path.isfile(file))
-        actual = f"a file or link that is there already, while {missing} is missing"
-        advice = "measured files are never written over: add the missing one, or delete demonstration: true"
-        raise InputError(foreign[0], expected="what the simulation wrote, or nothing", found=actual, advice=advice)
-    return not foreign
 
 
 def _foreign(file: str, digest: str, ours: Sequence[str] | set[str]) -> bool:

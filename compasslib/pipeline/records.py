@@ -263,12 +263,13 @@ def stale(paths: Iterable[str], known: KnownHashes) -> list[str]:
     Args:
         paths: records of all jobs of the cruise.
     """
-    return [path for path in paths if os.path.lexists(path) and not _holds(load(path), known)]
-
-
-def _holds(record: Record, known: KnownHashes) -> bool:
-    files = [*record["read"].items(), *record["wrote"].items()]
-    return bool(record["rule"]) and all(known.sha256(path) == digest for path, digest in files)
+    stale = []
+    for path in filter(os.path.lexists, paths):
+        record = load(path)
+        files = [*record["read"].items(), *record["wrote"].items()]
+        if not record["rule"] or not all(known.sha256(file) == digest for file, digest in files):
+            stale.append(path)
+    return stale
 
 
 def restore_times(paths: Iterable[str], known: KnownHashes, now: float) -> list[str]:

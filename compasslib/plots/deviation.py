@@ -427,15 +427,12 @@ def _write_statistics(axes: Axes, assessment: Mapping[str, Any]) -> None:
     rows = [["", "pairs", *STATISTICS.values()]]
     for when in ("before", "after"):
         entry = assessment[when]
-        cells = [_with_interval(entry, key) for key in STATISTICS] if entry["n"] else ["–"] * len(STATISTICS)
+        cells = [] if entry["n"] else ["–"] * len(STATISTICS)
+        for key in STATISTICS if entry["n"] else ():
+            low, high = (signed(bound, ".1f") for bound in entry["interval_95"][key])
+            cells.append(f"{signed(entry[key], '+.1f' if key == 'mean_deg' else '.1f')} ({low}, {high})")
         rows.append([f"{when} (°)", str(entry["n"]), *cells])
     for texts, x in zip(rows, (-0.12, 0.11, 0.62), strict=True):
         for row, text in enumerate(texts):
             colour = COLOURS.get(texts[0].partition(" ")[0], "#444444") if row == 0 else "#222222"
             axes.text(x, 1.0 - 0.25 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=8.0)
-
-
-def _with_interval(entry: Mapping[str, Any], key: str) -> str:
-    low, high = entry["interval_95"][key]
-    form = "+.1f" if key == "mean_deg" else ".1f"
-    return f"{signed(entry[key], form)} ({signed(low, '.1f')}, {signed(high, '.1f')})"

@@ -112,23 +112,18 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
             layout.execute(figure)
         figure.set_layout_engine("none")
         if Path(path).suffix == ".pdf":
-            _save_pdf(path, figure)
+            for artist in figure.findobj(Collection):  # clouds of points and long lists of lines are pixels in it
+                # The cells of a mesh are counted by its values: to make a path of each takes long.
+                counts = [np.asarray(artist.get_array()).size, len(np.asarray(artist.get_offsets()))]
+                counts += [] if isinstance(artist, QuadMesh) else [len(artist.get_paths())]
+                artist.set_rasterized(max(counts) > MAX_VECTORS)
+            with atomic_write(path) as temporary:
+                figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
             return
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
         with atomic_write(path) as temporary:
             Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=DEFLATE)
-
-
-def _save_pdf(path: str | Path, figure: Figure) -> None:
-    """Save a figure as PDF without a date; clouds of points and long lists of lines are pixels in it."""
-    for artist in figure.findobj(Collection):
-        # The cells of a mesh are counted by its values: to make a path of each takes long.
-        counts = [np.asarray(artist.get_array()).size, len(np.asarray(artist.get_offsets()))]
-        counts += [] if isinstance(artist, QuadMesh) else [len(artist.get_paths())]
-        artist.set_rasterized(max(counts) > MAX_VECTORS)
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
 
 
 def wrapped(text: str, width_in: float) -> str:

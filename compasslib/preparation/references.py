@@ -158,11 +158,8 @@ def _apart(first: Pairs, second: Pairs) -> str | None:
     sums = np.asarray(np.bincount(block, turn.real) + 1j * np.bincount(block, turn.imag), dtype=complex)
     if len(sums) < MIN_BLOCKS:
         return None
-    return _at_once(sums, time_s[0]) or _constant(sums)
-
-
-def _constant(sums: Complexes) -> str | None:
-    """Say by how much directions differ all along."""
+    if (at_once := _at_once(sums, time_s[0])) is not None:
+        return at_once
     mean = complex(sums.sum())
     across = np.imag(sums * np.conj(mean)) / abs(mean)
     sigma = float(np.sqrt(np.sum(across**2))) / abs(mean) / angles.DEGREE
@@ -246,7 +243,10 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         met = MatchedVelocities(
             velocity, place, np.abs(upper.time_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * max(steps)
         )
-        for cells in _bin_averages(upper):
+        velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
+        runs = [range(k, k + n) for n in range(1, WIDEST + 1) for k in range(velocity.shape[1] - n + 1)]
+        averages = (CellSeries(velocity[:, r].mean(axis=1), float(np.nanmedian(depth[:, r])), r) for r in runs)
+        for cells in averages:
             shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
             if (shared or off_m > OFF_M) and (_same(cells, met) or (cells.bins.start == 0 and _averaged(cells, met))):
                 return _reason(cells, shared, off_m)
@@ -260,14 +260,6 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
     for run in [order, *([k] for k in order if len(order) > 1)]:
         yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
-
-
-def _bin_averages(upper: Record) -> Iterator[CellSeries]:
-    velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
-    for wide in range(1, WIDEST + 1):
-        for first in range(velocity.shape[1] - wide + 1):
-            run = range(first, first + wide)
-            yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), run)
 
 
 def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
@@ -337,7 +329,14 @@ def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
     speeds[0][slot] = np.hypot(pairs.upper_east, pairs.upper_north)
     speeds[1][slot] = np.hypot(pairs.lower_east, pairs.lower_north)
     slow = max(round(SLOW_S / step_s), 4)
-    fast, days = (_mean_squares(*speeds, lag) for lag in (1, slow))
+    squares = []  # of changes over a lag that both have: structure functions
+    for lag in (1, slow):
+        changes = [speed[lag:] - speed[:-lag] for speed in speeds]
+        known = np.isfinite(changes[0] + changes[1])
+        if known.sum() < MIN_CHANGES:
+            return ()
+        squares.append([float(np.mean(change[known] ** 2)) for change in changes])
+    fast, days = squares
     if min(fast[0], days[0], days[1]) <= 0.0:
         return ()
     contrast = (fast[1] / fast[0]) / (days[1] / days[0])
@@ -350,16 +349,6 @@ def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
         f"next {np.sqrt(contrast):.2g} times as much as the affected instrument's: it may have been {what}; use the "
         "reference as it was measured",
     )
-
-
-def _mean_squares(upper: Floats, lower: Floats, lag: int) -> tuple[float, float]:
-    """Compute both structure functions at a lag from the changes that both have; zeros where these are too few."""
-    changes = [speed[lag:] - speed[:-lag] for speed in (upper, lower)]
-    known = np.isfinite(changes[0] + changes[1])
-    if known.sum() < MIN_CHANGES:
-        return 0.0, 0.0
-    first, second = (float(np.mean(change[known] ** 2)) for change in changes)
-    return first, second
 
 
 def _curvature(speed: Floats) -> float:

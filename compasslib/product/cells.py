@@ -121,7 +121,10 @@ def place_profiles(
     usable, noise = np.isfinite(velocity.real) & np.isfinite(depth), bin_noise[line]
     levels, (k, m) = axes.depth_m, depth.shape
     row = np.arange(k)[:, None]
-    below = _count_above(np.where(np.isfinite(depth), depth, FAR_M + np.arange(m)), levels)
+    # Bins of each sample at a level or above it, (k, z); depths increase along a row, and rows are set far apart.
+    depths, apart = np.where(np.isfinite(depth), depth, FAR_M + np.arange(m)), ROW_M * row
+    below = np.searchsorted((depths + apart).ravel(), (levels + 1e-6 + apart).ravel(), side="right")
+    below = below.reshape(k, len(levels)) - m * row
     last = np.maximum.accumulate(np.where(usable, np.arange(m), -1), axis=1)
     next_ = np.minimum.accumulate(np.where(usable, np.arange(m), m)[:, ::-1], axis=1)[:, ::-1]
     first = np.where(below > 0, last[row, np.maximum(below - 1, 0)], -1)
@@ -250,14 +253,6 @@ def take_slots(cells: Cells, which: slice) -> Cells:
     """Return some of the times."""
     parts: dict[str, Any] = {name: None if part is None else part[which] for name, part in vars(cells).items()}
     return Cells(**parts)
-
-
-def _count_above(depth_m: Floats, levels_m: Floats) -> NDArray[np.intp]:
-    """Count the bins of each sample that lie at a depth or above it, (k, z); depths increase along a row."""
-    k, m = depth_m.shape
-    rows = ROW_M * np.arange(k)[:, None]
-    below = np.searchsorted((depth_m + rows).ravel(), (levels_m + 1e-6 + rows).ravel(), side="right")
-    return below.reshape(k, len(levels_m)) - m * np.arange(k)[:, None]
 
 
 def _of_stance(stance: Stance, levels_m: Floats, by_depth: Differences) -> Floats:

@@ -239,26 +239,19 @@ def _kind_of_record(data: bytes) -> Kind | None:
         record, ad2cp = view[mark.start() :], bool(mark["ad2cp"])
         if mark["acm"]:
             return next(kind for kind in KINDS if kind.form == "mmp_acm")
-        if mark["rdi"] and _rdi_checksum_holds(record):
-            return next(kind for kind in KINDS if kind.form == ("pd12" if mark["rdi"][:1] == b"n" else "pd0"))
-        if not mark["rdi"] and _nortek_checksum_holds(record, header=ad2cp):
-            return next(kind for kind in KINDS if kind.form == "nortek" and ("ad2cp" in kind.name) == ad2cp)
+        if mark["rdi"]:
+            size = int.from_bytes(record[2:4], "little")
+            stated = int.from_bytes(record[size : size + 2], "little")
+            if 4 < size <= len(record) - 2 and sum(record[:size]) & 0xFFFF == stated:
+                return next(kind for kind in KINDS if kind.form == ("pd12" if mark["rdi"][:1] == b"n" else "pd0"))
+            continue
+        # The last word is the sum of a record's words, or of those of an ad2cp file's header.
+        size = record[1] if ad2cp else 2 * int.from_bytes(record[2:4], "little")
+        if size <= len(record):
+            *words, stated = struct.unpack(f"<{size // 2}H", record[:size])
+            if (sum(words) + NORTEK_START) & 0xFFFF == stated:
+                return next(kind for kind in KINDS if kind.form == "nortek" and ("ad2cp" in kind.name) == ad2cp)
     return None
-
-
-def _rdi_checksum_holds(record: memoryview) -> bool:
-    size = int.from_bytes(record[2:4], "little")
-    stated = int.from_bytes(record[size : size + 2], "little")
-    return 4 < size <= len(record) - 2 and sum(record[:size]) & 0xFFFF == stated
-
-
-def _nortek_checksum_holds(record: memoryview, *, header: bool) -> bool:
-    """Tell whether the sum of a record's words, or of those of an ad2cp file's header, is its last word."""
-    size = record[1] if header else 2 * int.from_bytes(record[2:4], "little")
-    if size > len(record):
-        return False
-    *words, stated = struct.unpack(f"<{size // 2}H", record[:size])
-    return (sum(words) + NORTEK_START) & 0xFFFF == stated
 
 
 PRESSURE_ALONE = 3  # columns of a profiler's pressure, perhaps with temperature

@@ -59,7 +59,15 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     """
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
         files = [_read_file(Path(path)) for path in paths]
-    _refuse_several_stations(files)
+    station = files[0].header.get("iaga code", "").upper()
+    for file in files[1:]:
+        code = file.header.get("iaga code", "").upper()
+        if code != station:
+            raise _error(file.path, f"station {station or 'without code'} as in {files[0].path}", code or "no code")
+        for label in ("geodetic latitude", "geodetic longitude"):
+            here, there = _number(file.header.get(label, "")), _number(_first([f.header for f in files], label))
+            if abs(angles.difference(here, there)) > KILOMETRE_DEG:
+                raise _error(file.path, f"{label} {there:g} as in the other files", f"{here:g}")
     rows = np.concatenate([np.array([file.time_s, *_field(file.values)]) for file in files], axis=1)
     _, first, which = np.unique(rows[0], return_index=True, return_inverse=True)
     time_s, declination, horizontal, vertical = rows[:, first]
@@ -154,18 +162,15 @@ def _fillers(letter: str, column: Floats) -> Bools:
     isolated = (np.minimum(apart[:-1], apart[1:]) > alone) & (len(value) > 1)
     usual = np.isin(np.abs(value), FILLERS)
     sure = isolated & (usual | ((count >= FEWEST_FILLED) & (count < np.sum(count) / 2)))
-    doubtful = [each for each in value[usual & ~sure & (count >= FEWEST_FILLED)] if _off_neighbours(column, each)]
+    doubtful = []  # what stands far off what is before and after it, wherever it stands
+    for each in value[usual & ~sure & (count >= FEWEST_FILLED)]:
+        others = np.flatnonzero(np.isfinite(column) & (column != each))
+        if len(others) >= FEWEST_FILLED:
+            around = np.interp(np.flatnonzero(column == each), others, column[others])
+            step = float(np.median(np.abs(np.diff(column[others]))))
+            if float(np.median(np.abs(around - each))) > STEPS_OFF * max(step, 1e-9):
+                doubtful.append(each)
     return np.isin(column, [*value[sure], *doubtful])
-
-
-def _off_neighbours(column: Floats, value: float) -> bool:
-    """Tell whether a value stands far off what is before and after it, wherever it stands."""
-    others = np.flatnonzero(np.isfinite(column) & (column != value))
-    if len(others) < FEWEST_FILLED:
-        return False
-    around = np.interp(np.flatnonzero(column == value), others, column[others])
-    step = float(np.median(np.abs(np.diff(column[others]))))
-    return float(np.median(np.abs(around - value))) > STEPS_OFF * max(step, 1e-9)
 
 
 def _stuck(column: Floats, time_s: Floats) -> Bools:
@@ -220,18 +225,6 @@ def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
     if {"I", "F"} <= set(values) and "Z" not in values:
         vertical = values["F"] * angles.sin_cos(values["I"] / MINUTES)[0]
     return declination, horizontal, vertical
-
-
-def _refuse_several_stations(files: Sequence[_File]) -> None:
-    first = files[0].header.get("iaga code", "").upper()
-    for file in files[1:]:
-        code = file.header.get("iaga code", "").upper()
-        if code != first:
-            raise _error(file.path, f"station {first or 'without code'} as in {files[0].path}", code or "no code")
-        for label in ("geodetic latitude", "geodetic longitude"):
-            here, there = _number(file.header.get(label, "")), _number(_first([f.header for f in files], label))
-            if abs(angles.difference(here, there)) > KILOMETRE_DEG:
-                raise _error(file.path, f"{label} {there:g} as in the other files", f"{here:g}")
 
 
 def _first(headers: Sequence[Mapping[str, str]], label: str) -> str:

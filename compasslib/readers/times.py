@@ -277,7 +277,12 @@ def _parse_fields(cells: Sequence[str]) -> tuple[_Fields | None, str]:
                 advice = "write the months in figures or in English"
                 raise Unreadable(row, repr(cells[row]), "an English name of a month", advice)
         column["m"], note = np.array([float(number[name.lower()]) for name in groups["name"]]), "months by their names"
-    hour = _hours(cells, column.get("H", np.zeros(n)), groups.get("half", (None,) * n))
+    hour, half = column.get("H", np.zeros(n)), groups.get("half", (None,) * n)
+    if any(half):  # of 12 with AM or PM
+        wrong = next((k for k, letter in enumerate(half) if not letter or not 1 <= hour[k] <= 12), None)
+        if wrong is not None:
+            raise Unreadable(wrong, repr(cells[wrong]), "an hour from 1 to 12 with AM or PM, as in other rows")
+        hour = hour % 12.0 + 12.0 * np.array([letter in "pP" for letter in half if letter])
     zones = [np.nan if zone is None else _offset_s(zone) for zone in groups["zone"]] if any(groups["zone"]) else []
     zone_s = np.array(zones) if zones else np.full(n, np.nan)
     zone_s[np.isnan(zone_s) & np.array([cell[-1] in "ZCT" for cell in cells])] = 0.0  # Z, UTC, GMT
@@ -286,16 +291,6 @@ def _parse_fields(cells: Sequence[str]) -> tuple[_Fields | None, str]:
         _Fields(column["y"], column["m"], column["d"], hour, column.get("M", zero), column.get("S", zero), zone_s),
         note,
     )
-
-
-def _hours(cells: Sequence[str], hour: Floats, half: Sequence[str | None]) -> Floats:
-    """Convert hours of 12 with AM or PM to those of 24."""
-    if not any(half):
-        return hour
-    row = next((k for k, letter in enumerate(half) if not letter or not 1 <= hour[k] <= 12), None)
-    if row is not None:
-        raise Unreadable(row, repr(cells[row]), "an hour from 1 to 12 with AM or PM, as in other rows")
-    return hour % 12.0 + 12.0 * np.array([letter in "pP" for letter in half if letter])
 
 
 def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:

@@ -189,7 +189,12 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
             findings.append(finding)
         elif size > 0.0:
             small[name] = max(size, small.get(name, 0.0))
-    unexplained = _restless(compared, limit) or slow.unexplained
+    unexplained = slow.unexplained
+    if compared.ordinary_deg >= limit:  # disturbed at all times: then no storm stands out
+        span = _span(compared)
+        place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
+        text = restless_text(compared.ordinary_deg)
+        unexplained = Unexplained(("time",), place, span, compared.ordinary_deg, (), text)
     ordered = tuple(sorted(findings, key=lambda item: -item.rms_effect_deg))
     return Diagnosis(
         verdict=diagnosis.overall_verdict(ordered, unexplained),
@@ -352,13 +357,3 @@ def _residual_gain(before: Floats, after: Floats, block: NDArray[np.intp]) -> He
     width = max(angles.rms(after), 1e-6)
     each = (before**2 - after**2) / (2.0 * width**2)
     return findings.bootstrap_gain(each, block, (angles.rms(before), angles.rms(after)))
-
-
-def _restless(compared: FieldComparison, limit_deg: float) -> Unexplained | None:
-    """Describe a series that is disturbed at all times, if it is: then no storm stands out."""
-    if compared.ordinary_deg < limit_deg:
-        return None
-    span = _span(compared)
-    place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
-    text = restless_text(compared.ordinary_deg)
-    return Unexplained(("time",), place, span, compared.ordinary_deg, (), text)

@@ -72,7 +72,14 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     """Diagnose a log."""
     if len(log.raw) < magnetometer_log.MIN_READINGS:
         return diagnosis.insufficient(magnetometer_log.unusable_reason(log))
-    choice, why_not = _choice(log)
+    choice, why_not = ModelChoice(), ""  # the ellipsoid that the readings carry, or why they say nothing of iron
+    if magnetometer_log.are_direction_cosines(log):
+        why_not = magnetometer_log.COSINES
+    elif not (why_not := magnetometer_log.unusable_reason(log)):
+        choice = ellipsoid.choose_model(log, log.raw)
+        why_not = "" if choice.fitted is not None else choice.why
+    else:
+        choice = ModelChoice(why=why_not)
     axes, no_heading = _axes(log, choice)
     missing = [("hard_iron", why_not)] if why_not else []
     missing += [("tilt_uncompensated", "no tilts were logged")] if not log.tilted else []
@@ -90,16 +97,6 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
         options,
         not_testable=missing,
     )
-
-
-def _choice(log: Log) -> tuple[ModelChoice, str]:
-    """Choose the ellipsoid that the readings carry, or explain why their modulus says nothing of iron."""
-    if magnetometer_log.are_direction_cosines(log):
-        return ModelChoice(), magnetometer_log.COSINES
-    if why := magnetometer_log.unusable_reason(log):
-        return ModelChoice(why=why), why
-    choice = ellipsoid.choose_model(log, log.raw)
-    return choice, "" if choice.fitted is not None else choice.why
 
 
 def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:

@@ -26,7 +26,6 @@ from compasslib.inference import product as products
 from compasslib.inference.comparison import (
     FEWEST_PAIRS,
     SHORTEST_DAYS,
-    LongComparison,
     Options,
     SharedInformation,
     compare_pairs,
@@ -236,8 +235,14 @@ def diagnose(
     wide = pairs if wide is None else wide
     searched = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
     pairs, logged = take(pairs, searched), {name: series[searched] for name, series in logged.items()}
-    if why := _why_too_few(pairs, fit):
-        return diagnosis.insufficient(why)
+    if not fit.fitted:
+        return diagnosis.insufficient(f"no compass was fitted: {fit.why}")
+    days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
+    if len(pairs) < FEWEST_PAIRS or days < SHORTEST_DAYS:
+        return diagnosis.insufficient(
+            f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST_PAIRS} over {SHORTEST_DAYS:.0f} "
+            "days are needed to separate unmodelled effects from the water"
+        )
     is_series = fit.method == "von_appen"
     exact = fit_deviation("exact", pairs) if is_series else fit
     first = [] if not is_series else exact_compass_findings(pairs, exact, fit, options.min_effect_deg)
@@ -251,7 +256,10 @@ def diagnose(
     case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
     case = replace(case, shared=shared or {})
     if repair is not None:
-        case = _without_veer_by_direction(case)
+        # The veer by direction has no noise of the flow that was interpolated.
+        why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
+        terms = tuple(kind for kind in case.terms if kind is not VeerWithDirection)
+        case = replace(case, terms=terms, not_testable=(*case.not_testable, (VeerWithDirection.name, why)))
     if is_series:  # it was looked for already
         case = replace(case, not_testable=tuple(item for item in case.not_testable if item[0] != "large_deviation"))
     diagnosed = replace(diagnosis.prepend_findings(first, long_record.diagnose(case, options, exact)), warnings=doubted)
@@ -266,18 +274,6 @@ def diagnose(
     return replace(
         diagnosed, fit=exact, applied=tuple(products.limit_precision(item, exact) for item in diagnosed.applied)
     )
-
-
-def _why_too_few(pairs: Pairs, fit: DeviationFit) -> str:
-    if not fit.fitted:
-        return f"no compass was fitted: {fit.why}"
-    days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
-    if len(pairs) < FEWEST_PAIRS or days < SHORTEST_DAYS:
-        return (
-            f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST_PAIRS} over {SHORTEST_DAYS:.0f} "
-            "days are needed to separate unmodelled effects from the water"
-        )
-    return ""
 
 
 def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
@@ -298,16 +294,6 @@ def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[R
         f"{why}: nothing was corrected; check clocks, time zones and dates of both"
     )
     return None, (warning,)
-
-
-def _without_veer_by_direction(case: LongComparison) -> LongComparison:
-    """Remove the veer by direction, whose flow has no noise that was interpolated."""
-    why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
-    return replace(
-        case,
-        terms=tuple(kind for kind in case.terms if kind is not VeerWithDirection),
-        not_testable=(*case.not_testable, (VeerWithDirection.name, why)),
-    )
 
 
 def clock_findings(

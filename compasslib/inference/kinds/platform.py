@@ -109,22 +109,16 @@ def too_few(headings: int, points: Points, why: str = "") -> str:
     design = series_design(points.recorded_deg)
     series = design @ np.linalg.lstsq(design, points.deviation_deg, rcond=None)[0]
     left = angles.wrap180(points.deviation_deg - series)
-    sizes = {k: _harmonic(points.recorded_deg, left, k) for k in (3, 4)}
+    sizes = {}
+    for k in (3, 4):  # the rms that one harmonic takes off, the five terms refitted jointly with it
+        columns = np.column_stack([design, *angles.sin_cos(k * points.recorded_deg)])
+        after = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-6)[0]
+        sizes[k] = float(np.sqrt(max(angles.rms(left) ** 2 - angles.rms(after) ** 2, 0.0)))
     return (
         f"{headings} headings determine at most {headings} coefficients and five are the curve's: what those leave "
         f"({angles.rms(left):.1f}° rms) is in the third ({sizes[3]:.1f}) and fourth harmonics "
         f"({sizes[4]:.1f}° rms, each fitted alone), sextantal and octantal; neither can be tested; {SWING}"
     )
-
-
-def _harmonic(recorded_deg: Floats, left_deg: Floats, k: int) -> float:
-    """Compute the rms that one harmonic takes off a residual, the five terms refitted jointly with it, degrees."""
-    five, pair = series_design(recorded_deg), np.column_stack(angles.sin_cos(k * recorded_deg))
-    after = (
-        left_deg
-        - np.column_stack([five, pair]) @ np.linalg.lstsq(np.column_stack([five, pair]), left_deg, rcond=1e-6)[0]
-    )
-    return float(np.sqrt(max(angles.rms(left_deg) ** 2 - angles.rms(after) ** 2, 0.0)))
 
 
 def _untested() -> tuple[tuple[str, str], ...]:

@@ -374,19 +374,13 @@ def untested(made: Calibration, fitted: FittedHypothesis, *, same_clock: bool) -
     absent = [("declination_error", CONSTANT)]
     absent += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
     absent += [("clock_offset", SAME_CLOCK)] if same_clock else []
-    if not _delay_separable(fitted):
+    column = short_fit.term_derivative(fitted, LateCourse())
+    shown = float(np.linalg.norm(fitted.projected(column))) > LEAST_SEPARABLE * float(np.linalg.norm(column))
+    if not shown and not any(term.acts_on == "time" for term in fitted.terms):
         absent += [(effect, SAME_TURN) for effect in ("course_lag", "compass_lag")]
     if water := _water_unseparated(made):
         absent.append((WATER_DRIFT, water))
     return tuple(absent)
-
-
-def _delay_separable(fitted: FittedHypothesis) -> bool:
-    """Tell whether the turns show a delay beside the curve, or one was found."""
-    if any(term.acts_on == "time" for term in fitted.terms):
-        return True
-    column = short_fit.term_derivative(fitted, LateCourse())
-    return float(np.linalg.norm(fitted.projected(column))) > LEAST_SEPARABLE * float(np.linalg.norm(column))
 
 
 def _water_unseparated(made: Calibration) -> str:
@@ -400,7 +394,11 @@ def _water_unseparated(made: Calibration) -> str:
 def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
     """Find that the exact compass fits where the series with the same terms does not."""
     needs_it = any(term.acts_on == "field" for term in exact.terms)
-    if needs_it or _beyond_series(exact.base) < options.min_effect_deg:
+    correct = np.arange(0.0, 360.0, 5.0)
+    recorded = compass.recorded_heading(exact.base, correct)
+    columns, deviation = series_design(recorded), angles.difference(correct, recorded)
+    beyond_deg = angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
+    if needs_it or beyond_deg < options.min_effect_deg:
         return []
     series = short_fit.fit_hypothesis(series_alone.channel, exact.terms, near=series_alone)
     apart = series.residual_deg - exact.residual_deg
@@ -418,14 +416,6 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
         if proof.refuted
         else [comparison.large_deviation_finding(angles.rms(apart), proof, what=series.channel.what)]
     )
-
-
-def _beyond_series(coefficients: Floats) -> float:
-    """Compute the part of an exact compass's curve that the five-term series cannot take, rms degrees."""
-    correct = np.arange(0.0, 360.0, 5.0)
-    recorded = compass.recorded_heading(coefficients, correct)
-    columns, deviation = series_design(recorded), angles.difference(correct, recorded)
-    return angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
 
 
 def add_water_statement(diagnosed: Diagnosis, made: Calibration, fitted: FittedHypothesis) -> Diagnosis:
