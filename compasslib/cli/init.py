@@ -381,7 +381,12 @@ def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) ->
     """Identify the affected instrument: the only one with headings, or the one whose heading explains directions."""
     turning = [name for name, each in instruments.items() if each.sectors]
     unread = [name for name, each in instruments.items() if each.trouble]
-    affected, evidence = None, f"the instrument whose compass is near iron; {_describe_records(instruments)}"
+    listed = []  # what each instrument recorded, as far as it may help to tell the affected one
+    for name, each in instruments.items():
+        depth = "" if math.isnan(each.depth_m) else f" at {each.depth_m:.0f} m"
+        read = f"{each.bins} bin{'s' * (each.bins != 1)}{depth}, headings in {each.sectors} of 36 sectors"
+        listed.append(f"{name}: {'could not be read' if each.trouble else read}")
+    affected, evidence = None, f"the instrument whose compass is near iron; {'; '.join(listed)}"
     if len(turning) == 1 and not unread:
         affected, evidence = turning[0], "the only instrument with headings"
     elif len(turning) > 1 and not unread:
@@ -420,16 +425,6 @@ def _by_directions(
             other_shares = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
             return name, f"its heading explains {share:.0%} of the difference of directions, {other_shares}"
     return None
-
-
-def _describe_records(instruments: Mapping[str, Drafted]) -> str:
-    """Say what each instrument recorded, as far as it may help to tell the affected one."""
-    words_of = []
-    for name, each in instruments.items():
-        depth = "" if math.isnan(each.depth_m) else f" at {each.depth_m:.0f} m"
-        read = f"{each.bins} bin{'s' * (each.bins != 1)}{depth}, headings in {each.sectors} of 36 sectors"
-        words_of.append(f"{name}: {'could not be read' if each.trouble else read}")
-    return "; ".join(words_of)
 
 
 def _stem(path: Path, form: str) -> str:

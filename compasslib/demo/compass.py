@@ -127,10 +127,13 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     """
     places = rng.normal(0.0, 0.015, (3, 3))
     axes = np.eye(3) * (1.0 + rng.normal(0.0, 0.004, 3))[:, None] + rng.normal(0.0, 0.004, (3, 3))
-    magnets = tuple(_magnet(rng) for _ in range(rng.integers(3, 6)))
+    magnets = []
+    for _ in range(rng.integers(3, 6)):
+        x, y, z = rng.normal(0.0, 1.0, 3).tolist()
+        magnets.append(Magnet(_place(rng, 0.3, 1.0), (x, y, z)))
     ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
     bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
-    made = Magnetometer(magnets, ball, places, axes, even=(bent[0], bent[1], bent[2]))
+    made = Magnetometer(tuple(magnets), ball, places, axes, even=(bent[0], bent[1], bent[2]))
     # The magnets' moments are scaled so that the horizontal part is as strong as wanted.
     _, added = response(made)
     scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
@@ -185,8 +188,3 @@ def _place(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[f
     away = rng.normal(size=3)
     x, y, z = rng.uniform(nearest, farthest) * away / np.linalg.norm(away)
     return float(x), float(y), float(z)
-
-
-def _magnet(rng: np.random.Generator) -> Magnet:
-    x, y, z = rng.normal(0.0, 1.0, 3).tolist()
-    return Magnet(_place(rng, 0.3, 1.0), (x, y, z))

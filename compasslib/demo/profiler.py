@@ -25,6 +25,7 @@ COLUMNS = (
     "   MM-DD-YYYY HH:MM:SS     HDNG       TX       TY        HX        HY        HZ"
     "      VPAB      VPCD      VPEF      VPGH\r\n"
 )
+STAMP = "%m/%d/%Y %H:%M:%S"
 PARTIAL_EVERY = 97  # one profile in so many ends in the middle of a row
 ROW_CHARACTERS, PARTIAL_CHARACTERS = 121, 64
 FLAGS = {
@@ -79,7 +80,17 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
             rows = (ROW * (end - begin)) % tuple(cells.ravel())
             if number % PARTIAL_EVERY == 0:
                 rows = rows[: PARTIAL_CHARACTERS - ROW_CHARACTERS] + "\r\n"
-            file.write(f"{head} Profile {number}\r\n\r\n{COLUMNS}\r\n{rows}\r\n{_tail(acm, scans, k)}")
+            on, off = (np.datetime64(int(t), "s").item().strftime(STAMP) for t in (scans.on_s[k], scans.off_s[k]))
+            fields = _header_fields(acm)
+            length = struct.calcsize("<" + "".join(code for _, code, _ in fields)) + _RECORD.itemsize * int(
+                scans.size[k]
+            )
+            listing = [("FILELEN", "I", length), *fields]
+            shown = "".join(f"{name:<12}: {_shown(name, code, value)}\r\n" for name, code, value in listing if name)
+            file.write(f"{head} Profile {number}\r\n\r\n{COLUMNS}\r\n{rows}\r\n Profile {scans.number[k]}\r\n")
+            file.write(
+                f"  ACM turned on at {on}\r\n  ACM turned off at {off}\r\n\r\nACM+ Header Contents:\r\n\r\n{shown}"
+            )
 
 
 def write_binary(path: Path, acm: Acm, scans: Scans) -> None:
@@ -105,18 +116,6 @@ def _profiles(scans: Scans) -> list[tuple[int, int, int, int]]:
     ends = np.cumsum(scans.size)
     begins = ends - scans.size
     return list(zip(range(ends.size), scans.number.tolist(), begins.tolist(), ends.tolist(), strict=True))
-
-
-def _tail(acm: Acm, scans: Scans, k: int) -> str:
-    on, off = (np.datetime64(int(t), "s").item().strftime("%m/%d/%Y %H:%M:%S") for t in (scans.on_s[k], scans.off_s[k]))
-    fields = _header_fields(acm)
-    length = struct.calcsize("<" + "".join(code for _, code, _ in fields)) + _RECORD.itemsize * int(scans.size[k])
-    listing = [("FILELEN", "I", length), *fields]
-    shown = "".join(f"{name:<12}: {_shown(name, code, value)}\r\n" for name, code, value in listing if name)
-    return (
-        f" Profile {scans.number[k]}\r\n  ACM turned on at {on}\r\n  ACM turned off at {off}\r\n\r\n"
-        f"ACM+ Header Contents:\r\n\r\n{shown}"
-    )
 
 
 def _shown(name: str, code: str, value: float | int | bytes) -> str:

@@ -207,12 +207,20 @@ def combine_outcomes(
     left = max(unnamed, key=lambda item: item.rms_effect_deg, default=None)
     small = [(item.effect, item.rms_effect_deg) for item in findings if item.rms_effect_deg < options.min_effect_deg]
     small += [item for part in parts for item in part.small]
-    sides = min((_side_probabilities(part, stands) for part in parts), key=lambda item: item["none"], default={})
+    by_part = []  # the probability of each side; what is too small or was taken back counts as nothing
+    for part in parts:
+        standing, fallen = set[str](), set(part.taken_back)
+        for item, slot in zip(part.findings, part.finding_posteriors, strict=True):
+            (standing if item in stands else fallen).update((slot.effect, *slot.alternatives))
+        by_part.append(part.posterior.sides(fallen - standing))
+    sides = min(by_part, key=lambda item: item["none"], default={})
     for item in extra:
         sides = exclude_nothing(item.side, sides) if item in merged else sides
     if left is not None:
         sides = spread_unexplained(sides, left.covariates)
-    sides = _with_current(sides, max((part.current_probability for part in parts), default=0.0))
+    if sides:  # the water takes from none as the current exceeds the size that matters
+        water = sides["none"] * max((part.current_probability for part in parts), default=0.0)
+        sides = dict(sides) | {"none": sides["none"] - water, "water": sides["water"] + water}
     current = tuple(stated for part in parts for stated in part.current)
     phrases = [wording.separating_observations(f.named, f.alternatives) for f in merged if f.alternatives]
     phrases += [SEPARATED_BY] * any(item.probability < SURE for item in current)
@@ -267,26 +275,6 @@ def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosi
     sides = exclude_nothing(first[0].side, diagnosis.sides)
     verdict = overall_verdict(findings, diagnosis.unexplained, diagnosis.current)
     return replace(diagnosis, findings=findings, verdict=verdict, sides=sides)
-
-
-def _side_probabilities(part: Outcome, stands: Sequence[Finding]) -> dict[str, float]:
-    """Compute the probability of each side; what is too small or was taken back counts as nothing."""
-    standing, fallen = set[str](), set(part.taken_back)
-    for finding, slot in zip(part.findings, part.finding_posteriors, strict=True):
-        (standing if finding in stands else fallen).update((slot.effect, *slot.alternatives))
-    return part.posterior.sides(fallen - standing)
-
-
-def _with_current(sides: Mapping[str, float], exceeded: float) -> dict[str, float]:
-    """Move to the water what the current takes from none.
-
-    Args:
-        exceeded: probability that the current exceeds the size that matters.
-    """
-    if not sides:
-        return {}
-    water = sides["none"] * exceeded
-    return dict(sides) | {"none": sides["none"] - water, "water": sides["water"] + water}
 
 
 def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:

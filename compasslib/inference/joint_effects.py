@@ -287,7 +287,13 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
         [not evidence.possible(hypothesis, mode) for hypothesis, mode in zip(hypotheses, likeliest, strict=True)]
     ] = -MOST_LOG
     shared = np.array([log_sum(row) for row in table]) + prior
-    apart = np.array([_log_odds_apart(evidence, k, odds[k]) for k in range(len(evidence.kinds))]) + shared[0]
+    apart = np.zeros(len(evidence.kinds))  # records have an effect each by itself, at least one, against none
+    for k, _ in enumerate(evidence.kinds):
+        alone = [evidence.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence for j in everyone]
+        without = [evidence.mode((), 0.1, [j]).log_evidence for j in everyone]
+        whole = float(np.sum(np.logaddexp(0.0, [odds[k] + a - b for a, b in zip(alone, without, strict=True)])))
+        apart[k] = whole + float(np.log(-np.expm1(-whole))) if whole > 0.0 else -MOST_LOG
+    apart += shared[0]
     logs = np.concatenate([shared, apart])
     probability = np.exp(logs - log_sum(logs))
     posterior_shared = Posterior(
@@ -336,16 +342,6 @@ def information_from_others(members: Sequence[Member], shared: SharedEffects) ->
             score = mode.score[:k] - gain @ mode.score[k:]
             result[amplitude.kind.__name__] = (information / np.outer(usual, usual), score / usual)
     return result
-
-
-def _log_odds_apart(evidence: JointEvidence, k: int, odds: float) -> float:
-    """Compute the log odds that records have an effect each by itself, at least one, against none."""
-    each = [
-        odds + evidence.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence - evidence.mode((), 0.1, [j]).log_evidence
-        for j in range(len(evidence.members))
-    ]
-    whole = float(np.sum(np.logaddexp(0.0, each)))
-    return whole + float(np.log(-np.expm1(-whole))) if whole > 0.0 else -MOST_LOG
 
 
 def _amplitude(

@@ -93,6 +93,10 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         not_testable=case.not_testable,
     )
     detectable = weighing.detection_limits(inferred.posterior)
+    covariance = inferred.estimate(null_model).covariance[:5, :5]
+    if inferred.slow is not None and inferred.slow.acting:  # what a current does to the fit
+        shift = null_model.simulation.coefficients - null_model.case.simulation.coefficients
+        covariance = covariance + np.outer(shift, shift)
     return replace(
         diagnosed,
         applied=tuple(
@@ -105,22 +109,13 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         )
         if options.apply
         else (),
-        covariance=_coefficient_covariance(inferred, null_model),
+        covariance=covariance,
         why=_detection_limits(detectable, options.min_effect_deg),
         detectable_deg=detectable,
         threshold={"omnibus": remainder.threshold},
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
     )
-
-
-def _coefficient_covariance(inferred: Inference, null_model: FittedModel) -> Floats:
-    """Compute the covariance of A..E without effects, (5, 5), with what a current that acts does to the fit."""
-    covariance = inferred.estimate(null_model).covariance[:5, :5]
-    if inferred.slow is None or not inferred.slow.acting:
-        return covariance
-    shift = null_model.simulation.coefficients - null_model.case.simulation.coefficients
-    return covariance + np.outer(shift, shift)
 
 
 def _outcome(

@@ -345,7 +345,12 @@ def build_outcome(named: SearchResult) -> Outcome:
 
 def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
     fitted, channel = named.fitted, named.fitted.channel
-    term = fitted.terms[k]
+    term, columns = fitted.terms[k], parameter_slices(fitted.terms, len(fitted.base))[k]
+    sigma, parameters = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], {}
+    for j, name in enumerate(term.fitted()):
+        factor, unit = channel.unit(term, j)
+        plain = name if factor == 1.0 and unit == term.units()[j] else name.replace("_nT", "")
+        parameters[plain] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
     shared: dict[str, float] = {}
     for effect, p in {
         named.finding_posteriors[k].effect: named.finding_posteriors[k].probability,
@@ -358,22 +363,11 @@ def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
         channel,
         term,
         shared,
-        _parameters(fitted, k, covariance),
+        parameters,
         size_deg=short_fit.visible_size_deg(fitted, k),
         proof=held_out(fitted, k),
         place=channel.outside(residual_curve(named.before, named.before, channel.main_covariate(term))),
     )
-
-
-def _parameters(fitted: FittedHypothesis, k: int, covariance: Floats) -> dict[str, Parameter]:
-    columns = parameter_slices(fitted.terms, len(fitted.base))[k]
-    sigma, term = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], fitted.terms[k]
-    parameters = {}
-    for j, name in enumerate(term.fitted()):
-        factor, unit = fitted.channel.unit(term, j)
-        plain = name if factor == 1.0 and unit == term.units()[j] else name.replace("_nT", "")
-        parameters[plain] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
-    return parameters
 
 
 def held_out(fitted: FittedHypothesis, k: int) -> HeldOut:

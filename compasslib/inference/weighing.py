@@ -131,7 +131,9 @@ def compute_posterior(
     rivalry = log_rivalry(candidates, waters[int(np.argmax(table[:, 0]))])
     best = few[int(np.argmax(table[modes].max(axis=0)))]
     near = _best_of(candidates, itertools.combinations(range(len(candidates.groups)), 2), MOST_PAIRS, scored, modes)
-    near += _best_of(candidates, _joined(candidates, near[:JOINED]), MOST_TRIPLES, scored, modes)
+    tried = range(len(candidates.groups))
+    triples = sorted({tuple(sorted((*pair, k))) for pair in near[:JOINED] for k in tried if k not in pair})
+    near += _best_of(candidates, triples, MOST_TRIPLES, scored, modes)
     hypotheses = [*alone, *near]
     best = hypotheses[int(np.argmax(scored(hypotheses, modes).max(axis=0)))]
     joint = scored(hypotheses, kept)
@@ -249,10 +251,6 @@ def _alike(candidates: Candidates, products: Products, a: int, b: int) -> float:
     first, second = candidates.parts[a], candidates.parts[b]
     size = [np.trace(products.information[np.ix_(part, part)]) for part in (first, second)]
     return float(np.sum(products.information[np.ix_(first, second)] ** 2) / max(size[0] * size[1], 1e-300))
-
-
-def _joined(candidates: Candidates, pairs: Sequence[Hypothesis]) -> list[Hypothesis]:
-    return sorted({tuple(sorted((*pair, k))) for pair in pairs for k in range(len(candidates.groups)) if k not in pair})
 
 
 def _within_cutoff(scores: Floats, most: int) -> list[int]:

@@ -137,7 +137,18 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     """Compute the products of both series, None where there is too little."""
     first_s = float(min(upper.time_s[0], lower.time_s[0]))
     hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
-    (x, measured), (y, there) = (_high_passed(series, first_s, hours) for series in (upper, lower))
+    parts = []
+    for series in (upper, lower):
+        # Hourly speeds without their slow part, over their scatter of days, 0 where none; and where there are any.
+        known = np.isfinite(series.speed)
+        slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
+        count = np.bincount(slot, minlength=hours)
+        mean, present = np.bincount(slot, series.speed[known], hours) / np.maximum(count, 1), (count > 0).astype(float)
+        fast = (mean - _running_mean(mean, present, SLOW_H)) * present
+        whole = np.sum(fast**2) / max(float(present.sum()), 1.0)
+        size = np.sqrt(np.maximum(_running_mean(fast**2, present, WEEK_H), QUIET**2 * whole))
+        parts.append((np.clip(fast / np.maximum(size, 1e-12), -CLIP, CLIP), present))
+    (x, measured), (y, there) = parts
     if hours < SHORTEST_H or np.sum(measured * there) < MIN_COMMON_HOURS:
         return None
     reach = min(FARTHEST_H, hours // 3)
@@ -147,18 +158,6 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     counts = np.sum([_lagged(measured, there, span, reach) for span in spans], axis=0)
     scale = np.maximum(counts, FEWEST_SHARE * counts.max())
     return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1))
-
-
-def _high_passed(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Floats]:
-    """Compute hourly speeds without their slow part, over their scatter of days, 0 where none; where there are any."""
-    known = np.isfinite(series.speed)
-    slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
-    count = np.bincount(slot, minlength=hours)
-    mean, there = np.bincount(slot, series.speed[known], hours) / np.maximum(count, 1), (count > 0).astype(float)
-    fast = (mean - _running_mean(mean, there, SLOW_H)) * there
-    whole = np.sum(fast**2) / max(float(there.sum()), 1.0)
-    size = np.sqrt(np.maximum(_running_mean(fast**2, there, WEEK_H), QUIET**2 * whole))
-    return np.clip(fast / np.maximum(size, 1e-12), -CLIP, CLIP), there
 
 
 def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:

@@ -136,22 +136,19 @@ def _read_file(path: Path) -> _File:
         raise _error(path, f"nT under {MISSING:g}", f"{beyond[-1]:g}", "write the components in nT")
     values = np.where(np.abs(numbers[:, 7:]) >= MISSING, np.nan, numbers[:, 7:])[sound]
     header = {line[:LABEL_ENDS].strip().lower(): line[LABEL_ENDS:].rstrip(" |").strip() for line in lines[:begin]}
-    known, counts = _drop_fillers(dict(zip(letters, values.T, strict=True)), time_s[sound])
+    # What stands for a missing value in the components is dropped, and the rows in which it stood are counted.
+    columns = dict(zip(letters, values.T, strict=True))
+    filled = {letter: _fillers(letter, column) for letter, column in columns.items()}
+    known = {letter: np.where(filled[letter], np.nan, column) for letter, column in columns.items()}
+    stuck = {letter: _stuck(known[letter], time_s[sound]) for letter in known if letter in "DY"}
+    known |= {letter: np.where(stuck[letter], np.nan, known[letter]) for letter in stuck}
+    counts = {
+        name: int(np.sum(np.any(list(each.values()), axis=0))) if each else 0
+        for name, each in (("fillers", filled), ("stuck", stuck))
+    }
     file = _File(path, header, time_s[sound], known, {"damaged": len(rows) - int(sound.sum()), **counts})
     _refuse_contradiction(file)
     return file
-
-
-def _drop_fillers(values: Mapping[str, Floats], time_s: Floats) -> tuple[dict[str, Floats], dict[str, int]]:
-    """Drop what stands for a missing value in the components; count the rows in which it stood."""
-    filled = {letter: _fillers(letter, column) for letter, column in values.items()}
-    unfilled = {letter: np.where(filled[letter], np.nan, column) for letter, column in values.items()}
-    stuck = {
-        letter: _stuck(unfilled[letter], time_s) if letter in "DY" else filled[letter] & False for letter in unfilled
-    }
-    known = {letter: np.where(stuck[letter], np.nan, column) for letter, column in unfilled.items()}
-    rows = (int(np.sum(np.any(list(each.values()), axis=0))) for each in (filled, stuck))
-    return known, dict(zip(("fillers", "stuck"), rows, strict=True))
 
 
 def _fillers(letter: str, column: Floats) -> Bools:

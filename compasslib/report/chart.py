@@ -149,7 +149,11 @@ def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
     result = []
     for item in marks:
         places = [Label(item.x + dx, item.y + dy, item.station.name, anchor) for dx, dy, anchor in LABEL_OFFSETS]
-        free = [each for each in places if _inside(_around(each), box) and not _hits(_around(each), taken)]
+        others, free = np.array(taken), []
+        for each in places:
+            x0, y0, x1, y1 = _around(each)
+            hits = (others[:, 0] < x1) & (others[:, 2] > x0) & (others[:, 1] < y1) & (others[:, 3] > y0)
+            free += [each] if _inside((x0, y0, x1, y1), box) and not hits.any() else []
         taken += [_around(free[0])] if free else []
         result.append(Mark(item.x, item.y, item.station, item.tips, free[0] if free else None))
     return result
@@ -163,9 +167,3 @@ def _around(label: Label) -> Box:
 def _inside(corners: Box, box: Box) -> bool:
     x, y, wide, high = box
     return corners[0] >= x and corners[1] >= y and corners[2] <= x + wide and corners[3] <= y + high
-
-
-def _hits(corners: Box, taken: Sequence[Box]) -> bool:
-    x0, y0, x1, y1 = corners
-    others = np.array(taken)
-    return bool(np.any((others[:, 0] < x1) & (others[:, 2] > x0) & (others[:, 1] < y1) & (others[:, 3] > y0)))

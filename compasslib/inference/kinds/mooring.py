@@ -90,7 +90,14 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
     if step > 2.0 * HOUR_S:
         return ClockError()
     slot = grid_positions(pairs.time_s)
-    upper, lower = (_highpass_speed(slot, speed, step) for speed in pair_speeds(pairs))
+    parts = []
+    for speed in pair_speeds(pairs):  # on an even grid without slow changes, 0 where missing
+        grid, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
+        grid[slot], present[slot] = np.where(np.isfinite(speed), speed, 0.0), np.isfinite(speed)
+        window = np.ones(2 * max(int(SLOW_HOURS * HOUR_S / step), 1) + 1)
+        mean = np.convolve(grid, window, "same") / np.maximum(np.convolve(present, window, "same"), 1.0)
+        parts.append((grid - mean) * present)
+    upper, lower = parts
     width = max(len(upper) // WINDOWS, FEWEST_IN_WINDOW)
     windows = [slice(begin, begin + width) for begin in range(0, len(upper) - width + 1, width)]
     later = np.interp(np.arange(len(upper)), slot, pairs.separation_minutes / 60.0)
@@ -174,16 +181,6 @@ def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
 def pairs_remaining(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:
     """Mark the pairs that a repair keeps, (n,)."""
     return np.isin(pairs.time_s, again.time_s)
-
-
-def _highpass_speed(slot: NDArray[np.intp], speed: Floats, step_s: float) -> Floats:
-    """Put the speed on an even grid without slow changes, 0 where missing."""
-    grid, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
-    grid[slot], present[slot] = np.where(np.isfinite(speed), speed, 0.0), np.isfinite(speed)
-    reach = max(int(SLOW_HOURS * HOUR_S / step_s), 1)
-    window = np.ones(2 * reach + 1)
-    mean = np.convolve(grid, window, "same") / np.maximum(np.convolve(present, window, "same"), 1.0)
-    return (grid - mean) * present
 
 
 def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:

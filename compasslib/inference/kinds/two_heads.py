@@ -219,7 +219,13 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     """Score the estimated clock by the difference of the headings; the clock comes from rates, not from it."""
     left, rms_deg = {}, {}
     for name, pairs in (("before", aligned.given), ("after", aligned.corrected)):
-        off = _about_others(angles.difference(pairs.recorded_b, pairs.recorded_a), pairs.time_s)
+        # Differences less the mean of the other half of the stretches, degrees.
+        difference = angles.difference(pairs.recorded_b, pairs.recorded_a)
+        off = np.array(difference)
+        odd = blocks_by_count(pairs.time_s, short_fit.MOST_BLOCKS) % 2 == 1 if len(off) else None
+        for out in () if odd is None else (odd, ~odd):
+            others = difference[~out] if (~out).any() else difference
+            off[out] = angles.difference(difference[out], float(angles.mean(others)))
         rms_deg[name] = angles.rms(off) if len(off) >= two_heads.MIN_SAMPLES else float("nan")
         left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
     same = sorted(set(left["before"]) & set(left["after"]))
@@ -229,16 +235,6 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     width = max(robust_width(before), short_fit.FINEST_DEG)
     block = blocks_by_count(np.array(same), short_fit.MOST_BLOCKS)
     return finding.compare_residuals(before, after, width, block)
-
-
-def _about_others(off_deg: Floats, time_s: Floats) -> Floats:
-    """Subtract from differences the mean of the other half of the stretches, (n,) degrees."""
-    if not len(off_deg):
-        return off_deg
-    left, odd = np.array(off_deg), blocks_by_count(time_s, short_fit.MOST_BLOCKS) % 2 == 1
-    for out in (odd, ~odd):
-        left[out] = angles.difference(off_deg[out], float(angles.mean(off_deg[~out] if (~out).any() else off_deg)))
-    return left
 
 
 def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
