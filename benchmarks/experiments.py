@@ -28,8 +28,8 @@ from compasslib.inference import design, experiments
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import SURE
-from compasslib.inference.inference import Inference
 from compasslib.inference.kinds.mooring import diagnose
+from compasslib.inference.weighing import Inference
 from compasslib.preparation.references import combine_references, join_references
 from compasslib.records import Pairs, take
 from tests.world import pairs as sea

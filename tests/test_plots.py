@@ -605,7 +605,7 @@ IRON = st.tuples(*(st.floats(-low, low) for low in (0.3, 2.0, 2.0, 0.3, 0.3)))
 def test_curve_is_the_compass_over_one_turn(iron, begin):
     for method, coefficients in (("exact", iron), ("von_appen", 60.0 * np.array(iron))):
         fit = DeviationFit(method, 0, coefficients=np.array(coefficients))
-        curve = plots_curves.curve(fit, begin, [])
+        curve = plots_curves.deviation_curve(fit, begin, [])
         assert curve.heading_deg[0] == begin and curve.heading_deg[-1] == pytest.approx(begin + 360.0)
         if method == "exact":
             expected = compass.recorded_heading(coefficients, curve.heading_deg)
@@ -617,12 +617,12 @@ def test_curve_is_the_compass_over_one_turn(iron, begin):
 
 
 def test_stretches_are_what_each_method_inverts():
-    small = plots_curves.curve(SMALL_FIT, 0.0, [])
-    large = plots_curves.curve(LARGE_FIT, 0.0, [])
+    small = plots_curves.deviation_curve(SMALL_FIT, 0.0, [])
+    large = plots_curves.deviation_curve(LARGE_FIT, 0.0, [])
     assert set(small.stretch) == {INVERTED}
     assert set(large.stretch) == {INVERTED, BACKWARDS}
     published = fit_series(LARGE)
-    curve = plots_curves.curve(published, 0.0, [])
+    curve = plots_curves.deviation_curve(published, 0.0, [])
     inverted = invert_series(published.coefficients, curve.recorded_deg)
     kept = curve.stretch == INVERTED
     assert set(curve.stretch) == {INVERTED, GIVEN_UP}

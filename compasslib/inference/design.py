@@ -391,3 +391,11 @@ def _least_squares_step(state: FittedModel) -> Floats:
         pull += (score - information @ (values + state.shift)) / scale
     step = np.linalg.solve(unit.T @ unit + precision, pull)
     return np.asarray(step / scale + state.shift)
+
+
+def freed_model(state: FittedModel) -> tuple[FittedModel, FittedModel]:
+    """Give the terms back to the residual, without slow water, and build a state for slopes half way."""
+    quiet, half = replace(state.case, low_rank=None), midpoint_linearization(state)
+    slopes = heading_jacobian(half.simulation, quiet.scene, half.heading_deg, first=5)
+    effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]
+    return evaluate_model(quiet, state.simulation, state.nuisance, freed_deg=effect), half

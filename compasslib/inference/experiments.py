@@ -24,12 +24,12 @@ from compasslib.effects.forward import (
     north_shift,
     sensed_field,
 )
-from compasslib.inference import inference
+from compasslib.inference import design
 from compasslib.inference.design import FittedModel
 from compasslib.inference.evidence import ANYTHING, TEMPERATURE
 from compasslib.inference.finding import SURE
-from compasslib.inference.inference import Inference
 from compasslib.inference.posterior import MOST_TERMS, Hypothesis
+from compasslib.inference.weighing import Inference
 from compasslib.types import Floats
 
 LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
@@ -153,7 +153,7 @@ def prospects(inferred: Inference) -> Prospects | None:
 
 def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
     candidates = inferred.posterior.candidates
-    view, half = inference.freed_model(inferred.state)
+    view, half = design.freed_model(inferred.state)
     groups = [candidates.groups[k] for k in numbers]
     usual = np.concatenate([candidates.usual[candidates.parts[k]] for k in numbers])
     assert candidates.slow is not None

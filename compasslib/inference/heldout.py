@@ -26,7 +26,7 @@ from compasslib.inference import design, evidence, finding, grammar, posterior
 from compasslib.inference.design import ColumnGroup, FittedModel
 from compasslib.inference.evidence import ANYTHING, TEMPERATURE
 from compasslib.inference.finding import Amplitude, HeldOut, Interval, Placebo
-from compasslib.inference.inference import Inference
+from compasslib.inference.weighing import Inference
 from compasslib.statistics.resampling import NORMAL_95, blocks_by_count, blocks_by_span
 from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats

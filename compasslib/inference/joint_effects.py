@@ -22,14 +22,14 @@ from compasslib.deviation.model import DeviationFit
 from compasslib.effects import SLOW_WATER, Effect
 from compasslib.effects.effect import YEAR_S, parameter_slices
 from compasslib.effects.forward import heading_jacobian
+from compasslib.inference import design, joint_compass, posterior
 from compasslib.inference import evidence as evidences
-from compasslib.inference import inference, joint_compass, posterior
 from compasslib.inference import noise as noise_models
 from compasslib.inference.comparison import LongComparison
 from compasslib.inference.design import Products
-from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, log_sum
 from compasslib.inference.posterior import Hypothesis, Posterior
+from compasslib.inference.weighing import Inference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
@@ -74,7 +74,7 @@ def _coefficients(inferred: Inference, state: Any) -> tuple[Floats, Floats]:
 
 def _effect_information(inferred: Inference) -> EffectInformation:
     state, candidates = inferred.state, inferred.posterior.candidates
-    view, half = inference.freed_model(state)
+    view, half = design.freed_model(state)
     kinds = tuple(kind for kind in state.case.terms if kind.instrument)
     groups = evidences.enumerate_candidates(replace(half, case=replace(half.case, terms=kinds)), [])
     listed = [group.columns for group in groups.groups]

@@ -36,9 +36,9 @@ from compasslib.inference.current import CurrentStatement
 from compasslib.inference.design import ColumnGroup, FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
-from compasslib.inference.inference import Inference
 from compasslib.inference.omnibus import HeadingCluster, OmnibusResult
 from compasslib.inference.product import AppliedCompass, WeightedCompass
+from compasslib.inference.weighing import Inference
 from compasslib.inference.wording import TURN_PREFIX
 from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats

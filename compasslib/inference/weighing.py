@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib.effects import COMPOSED, SLOW_WATER, Effect
+from compasslib.effects.composed import ComposedEffect
+from compasslib.inference import design, evidence, noise
 from compasslib.inference.current import coupled_drivers
-from compasslib.inference.design import Products
-from compasslib.inference.evidence import TEMPERATURE, Candidates
-from compasslib.inference.noise import SlowNoiseParams
+from compasslib.inference.design import Estimate, FittedModel, Products
+from compasslib.inference.evidence import TEMPERATURE, Candidates, follows_current
+from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
 from compasslib.inference.posterior import (
     AGAIN,
     LOG_EVIDENCE_CUTOFF,
@@ -33,6 +35,9 @@ NEIGHBOURS = 3  # dates that do about as well as the right one
 MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40  # kept of each: seconds and memory
 LIKELY = 25  # effects, in calm and in rough water, beside which every kind of water is tried
 STATED = 3.0  # Bayes factor of tempered evidence from which an effect is stated; at most 0.3 for 12 nulls
+
+STEADY = 1e-8  # share of what is known of a column that keeps its inverse steady
+LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
 
 
 @dataclass(frozen=True)
@@ -272,3 +277,140 @@ def _best_of(
         if len({candidates.groups[k].name for k in hypothesis}) == len(hypothesis)  # no effect twice
     ]
     return [admissible[i] for i in _within_cutoff(scored(admissible, waters).max(axis=0), most)] if admissible else []
+
+
+@dataclass(frozen=True)
+class Inference:
+    """The likeliest hypothesis refitted, and how probable it and the others are."""
+
+    state: FittedModel  # with its terms, slow water in the noise
+    posterior: NoiseMarginalPosterior
+    chosen: Hypothesis  # the terms' candidates, in their order
+    finding_posteriors: tuple[FindingPosterior, ...]
+    slow: SlowNoiseBasis | None  # with the current as it was learnt
+
+    def estimate(self, state: FittedModel) -> Estimate:
+        """Compute the covariance of everything that a state was refitted with, averaged over slow water.
+
+        Args:
+            state: of this recording, with any terms.
+        """
+        posterior, slow = self.posterior, without_rivals(self.slow, state.simulation.terms)
+        quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
+        columns = quiet.base if slow is None else np.concatenate([quiet.base, slow.columns], axis=1)
+        scale = np.linalg.norm(quiet.base, axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        white = quiet.whitener(columns) * quiet.response / quiet.sigma / np.sqrt(posterior.candidates.scatter)
+        white[:, : len(scale)] /= scale
+        information = white.T @ white
+        score = white.T @ quiet.innovation / quiet.sigma / np.sqrt(posterior.candidates.scatter)
+        known = STEADY * np.diag(information)[: len(scale)]
+        ridge = np.diag(quiet.base_ridge * (quiet.response / quiet.sigma / scale) ** 2 + known)
+        ridge += quiet.external_information()[0] / np.outer(scale, scale)
+        steps, covariances = [], []
+        for water in posterior.waters:
+            products = evidence.marginalize_slow_noise(
+                information, score, len(scale), evidence.noise_variances(slow, water)
+            )
+            covariances.append(scaled_inverse(products.information + ridge))
+            steps.append(covariances[-1] @ products.score)
+        weight = posterior.water_probability
+        step = np.array(steps) - weight @ np.array(steps)
+        covariance = np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * step).T @ step
+        return Estimate(state, covariance / np.outer(scale, scale))
+
+    def display_name(self, effect: str) -> str:
+        """Name an effect as a diagnosis does: a composed field by its larger part.
+
+        Args:
+            effect: name of a candidate.
+        """
+        if not effect.startswith(COMPOSED):
+            return effect
+        posterior = self.posterior
+        containing = [i for i, names in enumerate(posterior.names) if effect in names]
+        best = posterior.hypotheses[max(containing, key=lambda i: float(posterior.probability[i]))]
+        term = next(each for each in posterior.terms_of(best) if each.name == effect)
+        assert isinstance(term, ComposedEffect)
+        return COMPOSED + "/".join(term.said())
+
+    def only(self, selection: Sequence[bool]) -> Inference:
+        """Refit with some of the terms only.
+
+        Args:
+            selection: of each term whether it stays.
+        """
+        if all(selection):
+            return self
+        terms = [term for term, stays in zip(self.state.simulation.terms, selection, strict=True) if stays]
+        chosen = tuple(k for k, stays in zip(self.chosen, selection, strict=True) if stays)
+        finding_posteriors = tuple(
+            finding for finding, stays in zip(self.finding_posteriors, selection, strict=True) if stays
+        )
+        return replace(
+            self, state=design.refit(self.state, terms), chosen=chosen, finding_posteriors=finding_posteriors
+        )
+
+    @property
+    def weighted(self) -> list[tuple[float, FittedModel]]:
+        """The states that correct the record, each by the probability of its hypotheses, less than 1 in all.
+
+        Of hypotheses that differ by a date only, or by the form in which a reading follows what the current may, the
+        likeliest stands for all.
+        """
+        groups, posterior = self.posterior.candidates.groups, self.posterior
+        chosen = self._alike(self.state.simulation.terms)
+        weighed = list(zip(posterior.hypotheses, posterior.probability.tolist(), strict=True))
+        if len(self.chosen) < len(posterior.best):  # names were taken back: nothing is known of the others' weights
+            weighed = [(self.chosen, 1.0)]
+        weights: dict[frozenset[type | str], float] = {}
+        best: dict[frozenset[type | str], tuple[float, Hypothesis]] = {}
+        for hypothesis, p in weighed:
+            kinds = self._alike([groups[k].term for k in hypothesis])
+            weights[kinds] = weights.get(kinds, 0.0) + p
+            best[kinds] = max(best.get(kinds, (0.0, hypothesis)), (p, hypothesis), key=lambda x: x[0])
+        likely = {kinds: weight for kinds, weight in weights.items() if weight >= LEAST_WEIGHT or kinds == chosen}
+        for kinds in weights.keys() - likely.keys():  # some effects and a doubtful further one: counted without it
+            if contained := [other for other in likely if other and other < kinds]:
+                likely[max(contained, key=lambda other: weights[other])] += weights[kinds]
+        states = [
+            (weight, self.state if kinds == chosen else self._refitted(best[kinds][1]))
+            for kinds, weight in likely.items()
+        ]
+        return sorted(states, key=lambda each: (each[1] is not self.state, -each[0]))
+
+    def _alike(self, terms: Sequence[Effect | None]) -> frozenset[type | str]:
+        drivers = () if self.slow is None else self.slow.drivers
+        return frozenset(
+            min(coupled_drivers(term.driver)) if term is not None and follows_current(term, drivers) else type(term)
+            for term in terms
+        )
+
+    def _refitted(self, hypothesis: Hypothesis) -> FittedModel:
+        """Refit a hypothesis, the current that its readings stand for left out of the noise."""
+        candidates, water, state = self.posterior.candidates, self.posterior.water_of(hypothesis), self.state
+        terms = self.posterior.terms_of(hypothesis)
+        if candidates.rivals(hypothesis):
+            quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
+            state = with_slow_noise(state, quiet, without_rivals(self.slow, terms), water)
+        return design.refit(state, terms)
+
+
+def without_rivals(slow: SlowNoiseBasis | None, terms: Sequence[Effect]) -> SlowNoiseBasis | None:
+    """Remove from the noise the current of drivers that readings follow instead."""
+    if slow is None:
+        return None
+    rivals = [coupled_drivers(term.driver) for term in terms if follows_current(term, slow.drivers)]
+    return slow.without_current(set().union(*rivals)) if rivals else slow
+
+
+def with_slow_noise(
+    state: FittedModel, view: FittedModel, slow: SlowNoiseBasis | None, water: SlowNoiseParams | None
+) -> FittedModel:
+    """Put slow noise into the noise of a state.
+
+    Args:
+        view: whose whitener knows no slow water.
+    """
+    low_rank = None if slow is None or water is None else noise.low_rank_noise(view, slow, water)
+    return design.evaluate_model(replace(state.case, low_rank=low_rank), state.simulation, state.nuisance)
