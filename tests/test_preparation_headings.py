@@ -64,10 +64,22 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         (altered(MIDDLE, lambda h: AVERAGED[MIDDLE]), "far smoother than the flow", MIDDLE),
         (altered(MIDDLE, lambda h: moored().heading_deg[795:1195]), "lag the direction of flow by 5 samples", MIDDLE),
         (altered(MIDDLE, lambda h: WITHOUT_A_BIT[MIDDLE]), "a bit of the reading is stuck", MIDDLE),
+        (altered(slice(None), lambda h: np.minimum(h, 360.0 - h)), "folded on the other", slice(None)),
         (altered(slice(None), across_north), "average them as directions", slice(None)),
         (replace(moored(), heading_deg=np.maximum(moored().heading_deg, 40.0)), "exactly 40 degrees", CUT),
     ],
-    ids=["half a turn", "mirrored", "copied", "held", "averaged", "late", "stuck bit", "across north", "clipped"],
+    ids=[
+        "half a turn",
+        "mirrored",
+        "copied",
+        "held",
+        "averaged",
+        "late",
+        "stuck bit",
+        "folded",
+        "across north",
+        "clipped",
+    ],
 )
 def test_altered_headings_are_flagged_and_the_log_says_how(record, words, some):
     found = headings.flag_altered(record)
@@ -87,13 +99,14 @@ def test_headings_as_recorded_keep_their_flags_whatever_iron_bends_them(seed):
     assert headings.flag_altered(bent) is bent
 
 
-def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes_keep_their_flags():
+def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes_keep_their_flags(monkeypatch):
     record, rng = moored(), np.random.default_rng(2)
     still = np.where(np.arange(N) // 240 % 3 == 1, 40.0, 40.0 + rng.integers(-1, 2, N))
     assert headings.flag_altered(replace(record, heading_deg=still)).heading_quality.max() < PROBABLY_BAD
-    often = replace(record, time_s=record.time_s[0] + 1500.0 * np.arange(N))
-    followed = replace(often, heading_deg=np.roll(record.heading_deg, 1))
-    assert headings.flag_altered(followed).heading_quality.max() < PROBABLY_BAD
+    late = replace(record, heading_deg=np.roll(record.heading_deg, 1))  # by an hour
+    assert headings.flag_altered(late).heading_quality.min() == PROBABLY_BAD
+    monkeypatch.setattr(headings, "LEAST_LAG_S", 2.0 * HOUR)
+    assert headings.flag_altered(late) is late
 
 
 @pytest.mark.parametrize(

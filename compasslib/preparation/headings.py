@@ -30,6 +30,7 @@ MIRRORED = 0.15  # by which the mirrored headings keep more to one side
 NEAR_BINS = 3  # whose mean velocity is the flow
 # Headings equal to the extreme one, the same over those equal to each of the next values, and how many of these.
 AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
+HALF_END_DEG, HALF_END_COUNT = 2.0, 5  # of headings that fill half of the circle: how near to its ends, and how many
 # Windows in a row whose changes of heading and of flow are compared. By how much the correlation at another lag exceeds
 # that at none: at most 0.26 in 34 sound records, real water included. A window beside such a one has at least half.
 TOGETHER, MAX_LAG, LAG_EXCESS, LAG_SIGMAS = 3, 24, 0.3, 5.5
@@ -287,6 +288,13 @@ def _flag_limits(record: Record) -> Record:
     known = np.isfinite(heading) & (record.heading_quality < PROBABLY_BAD)
     if not known.any():
         return record
+    ends = [np.count_nonzero(np.abs(heading[known] - end) <= HALF_END_DEG) for end in (0.0, 180.0)]
+    if heading[known].max() <= 180.0 and min(ends) >= HALF_END_COUNT:
+        note = (
+            "all recorded headings lie between 0 and 180 degrees, up to both limits: half of the circle was folded on "
+            "the other (modulo 180, halved, or without a sign), all are doubtful; check the column of headings"
+        )
+        return _flag(record, known, note)
     for limit in (heading[known].min(), heading[known].max()):
         at = known & (heading == limit)
         values, counts = np.unique(heading[known & ~at], return_counts=True)
