@@ -172,6 +172,22 @@ def test_the_readme_can_be_read_to_its_end():
     assert len((PROJECT / "README.md").read_text().split()) <= MOST_WORDS
 
 
+# Private words, for which the field has terms: reference, two-valued, directional shear, attributed to, identified,
+# correct, distinguish, compare with, previous release, validate.
+PRIVATE = (
+    r"trusted|two roots|folded|veer\w*|put(ting)? down to|what was found|set aside|mend(s|ed|ing)?|told|tells? apart|"
+    r"h[eo]lds? against|held against|card before|looks? whether"
+)
+
+
+@pytest.mark.parametrize(
+    "page", [PROJECT / "README.md", *(page for page in PAGES if page in SITE)], ids=lambda p: p.stem
+)
+def test_a_page_uses_the_terms_of_the_field(page):
+    prose = re.sub(r"^```.*?^```|^    .*?$|`[^`\n]*`", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert not [line for line in prose.splitlines() if re.search(rf"\b({PRIVATE})\b", line, re.IGNORECASE)]
+
+
 @pytest.mark.parametrize("page", WITH_YAML, ids=lambda page: page.stem)
 def test_the_yaml_of_a_page_is_a_cruise(page, tmp_path):
     """Blocks that are whole files, with empty raw files beside them: every key and value is allowed."""
