@@ -25,7 +25,7 @@ import yaml
 
 from compasslib.archive.gridded import open_gridded
 from compasslib.config import cruise as config
-from compasslib.demo import compass, mooring, sealed
+from compasslib.demo import compass, sealed, water
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Adcp, Setup
 from compasslib.demo.sealed import Effect, Export, Ground, Wish
@@ -54,9 +54,9 @@ def ground_of(kind: str, seed: int) -> Ground:
         layers, veer = ground.currents.layers.times(level), 0.0 * ground.currents.veer_deg_m
         ground = replace(ground, currents=replace(ground.currents, layers=layers, veer_deg_m=veer))
     if kind == "diving":
-        rig = mooring.Rig(WEAK * (500.0 + 1.7 * ground.water_depth_m), 30.0, 26.0, 1.0, -1.0)
+        rig = water.Rig(WEAK * (500.0 + 1.7 * ground.water_depth_m), 30.0, 26.0, 1.0, -1.0)
         declination = float(ground.field.at(ground.stamp_s)[0].mean())
-        motion = mooring.make_motion(seed, "M", rig, ground.currents, declination_deg=declination)
+        motion = water.make_motion(seed, "M", rig, ground.currents, declination_deg=declination)
         ground = replace(ground, motion=motion)
     return ground
 

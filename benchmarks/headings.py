@@ -31,7 +31,7 @@ from targets import Measured
 
 from compasslib import angles, compass
 from compasslib.demo import compass as needle
-from compasslib.demo import demonstration, mooring, water
+from compasslib.demo import demonstration, water
 from compasslib.demo.water import HOUR_S, clockwise, stream, white_vector
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, to_body_frame
@@ -62,7 +62,7 @@ def draw(index: int, seed: int, heeling: bool) -> Mooring:
     site, span_s = (spec.latitude_deg, spec.water_depth_m), (time_s[0], time_s[-1] + HOUR_S)
     climate = replace(spec.climate, mean_m_s=spec.climate.mean_m_s * MEAN_FLOW[spread])
     currents = water.make_water(seed, name, climate, site=site, span_s=span_s)
-    motion = mooring.make_motion(seed, name, rig, currents, declination_deg=0.0)
+    motion = water.make_motion(seed, name, rig, currents, declination_deg=0.0)
     series = (motion.heading_deg, motion.sphere_depth_m, heeling * motion.pitch_deg, heeling * motion.roll_deg)
     heading, sphere, *tilt = (np.interp(time_s, motion.time_s, x) for x in series)
     iron, (level_nt, down_nt) = draw_iron(rng, strength, heeling), FIELD_NT

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.archive.files import read_csv, write_csv
+from compasslib.deviation.correction import LOOKUP_COLUMNS
 from compasslib.deviation.histograms import BIN_DEG, BINS, QUANTITIES, Counts
-from compasslib.deviation.lookup import LOOKUP_COLUMNS
 from compasslib.types import Floats
 
 HISTOGRAM_COLUMNS = ("quantity", "from_deg", "to_deg", "count")

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.demo import water as sea
-from compasslib.demo.mooring import pressure
-from compasslib.demo.water import DAY_S, Complexes, Floats, Water, circle, clockwise
+from compasslib.demo.water import DAY_S, Complexes, Floats, Water, circle, clockwise, pressure
 
 Counts = NDArray[np.uint8]
 

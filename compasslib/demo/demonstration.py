@@ -7,13 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.demo import adcp, compass, mooring, profiler, water
+from compasslib.demo import adcp, compass, profiler, water
 from compasslib.demo import adcp as sounder
 from compasslib.demo.adcp import Adcp, Setup, Stance
 from compasslib.demo.compass import Field, Iron
-from compasslib.demo.mooring import Motion, Rig
 from compasslib.demo.profiler import Profiler
-from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Water, circle, direction, red_noise, stream
+from compasslib.demo.water import (
+    DAY_S,
+    HOUR_S,
+    Climate,
+    Floats,
+    Motion,
+    Rig,
+    Water,
+    circle,
+    direction,
+    red_noise,
+    stream,
+)
 
 DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
 ON_DECK_S = DAY_S
@@ -85,7 +96,7 @@ def make_world(spec: MooringSpec, seed: int) -> World:
     site = (spec.latitude_deg, spec.water_depth_m)
     currents = water.make_water(seed, spec.name, spec.climate, site=site, span_s=SPAN_S)
     declination = float(field.declination_deg.mean())
-    motion = mooring.make_motion(seed, spec.name, spec.rig, currents, declination_deg=declination)
+    motion = water.make_motion(seed, spec.name, spec.rig, currents, declination_deg=declination)
     return World(spec, seed, field, currents, motion)
 
 
@@ -112,7 +123,7 @@ def deep_stance(world: World, instrument: Adcp) -> Stance:
         below = motion.sphere_depth_m + DEEP_BELOW_SPHERE_M
         flow = water.velocity(world.currents, motion.time_s, below)
         equilibrium = direction(flow) - world.field.at(motion.time_s)[0] + 75.0
-        hanging = mooring.wake_heading(rng, equilibrium, np.abs(flow), wobble_deg=25.0)
+        hanging = water.wake_heading(rng, equilibrium, np.abs(flow), wobble_deg=25.0)
         heading = np.interp(time, motion.time_s, hanging)
     pitch, roll = (mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2))
     return _stance(rng, time, depth, (heading, pitch, roll), iron=Iron(), field=world.field)

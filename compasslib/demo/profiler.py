@@ -17,8 +17,18 @@ from numpy.typing import NDArray
 
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field
-from compasslib.demo.mooring import NOMINAL_M, Motion, pressure
-from compasslib.demo.water import HOUR_S, Complexes, Floats, Water, circle, clockwise, direction
+from compasslib.demo.water import (
+    HOUR_S,
+    NOMINAL_M,
+    Complexes,
+    Floats,
+    Motion,
+    Water,
+    circle,
+    clockwise,
+    direction,
+    pressure,
+)
 
 ROW = "   %s%9.2f%9.2f%9.2f%10.4f%10.4f%10.4f%10.2f%10.2f%10.2f%10.2f\r\n"
 COLUMNS = (

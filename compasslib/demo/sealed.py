@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.demo import adcp, compass, mooring
+from compasslib.demo import adcp, compass, water
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
 from compasslib.demo.compass import Field, Magnetometer, tilting
-from compasslib.demo.mooring import Motion, Rig
 from compasslib.demo.water import (
     DAY_S,
     HOUR_S,
     Climate,
     Floats,
+    Motion,
+    Rig,
     Water,
     circle,
     clockwise,
@@ -172,7 +173,7 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     field = compass.earth_field(latitude, longitude, span)
     currents = _currents(seed, name, wish, site=(latitude, depth), span_s=span, along_deg=float(rng.uniform(0, 360)))
     declination, horizontal, vertical = (float(x.mean()) for x in field.at(stamps))
-    motion = mooring.make_motion(seed, name, _rig(rng, depth), currents, declination_deg=declination)
+    motion = water.make_motion(seed, name, _rig(rng, depth), currents, declination_deg=declination)
     strength = float(rng.choice(STRENGTHS)) if wish.strength is None else wish.strength
     meter = compass.build(rng, (horizontal, vertical), strength)
     temperature = _temperature(stream(seed, name, "temperature"), motion)

@@ -17,8 +17,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from compasslib import angles, compass
+from compasslib.deviation.correction import correct_roots
 from compasslib.deviation.histograms import BIN_DEG, BINS, Counts, directions_at_pairs
-from compasslib.deviation.lookup import correct_roots
 from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
 from compasslib.plots.page import (
     BACKWARDS,

@@ -1,4 +1,4 @@
-"""All moorings of a cruise on one figure each: deviations, differences from the reference, currents."""
+"""All moorings of a cruise on one figure each: array, deviations, differences from the reference, currents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ready-made pairs at the samples of the affected instrument's record."""
+"""Pairs that others made: read from a table or MATLAB file, at the samples of the affected instrument's record."""
 
 from __future__ import annotations
 

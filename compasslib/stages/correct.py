@@ -11,9 +11,8 @@ from compasslib.archive import netcdf, provenance, tables
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
 from compasslib.deviation.assessment import compare_forms, describe_forms
-from compasslib.deviation.correction import correct_in_pieces, describe_correction
+from compasslib.deviation.correction import correct_in_pieces, describe_correction, tabulate_deviation
 from compasslib.deviation.histograms import build_histograms
-from compasslib.deviation.lookup import tabulate_deviation
 from compasslib.inference import covariates, product
 from compasslib.preparation.references import combine_references
 

@@ -15,13 +15,13 @@ import numpy as np
 from compasslib.demo import adcp, compass
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field, Iron
-from compasslib.demo.mooring import pressure
 from compasslib.demo.water import (
     Climate,
     Complexes,
     Floats,
     Water,
     clockwise,
+    pressure,
     red_vector,
     stream,
     towards,
