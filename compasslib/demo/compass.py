@@ -1,4 +1,4 @@
-"""What a compass near iron reads: the earth's field, the iron's own, the tilt, the instrument's levelling; its magnetometer."""
+"""What a compass near iron reads: the earth's field, the iron, tilt and levelling; and its magnetometer."""
 
 from __future__ import annotations
 

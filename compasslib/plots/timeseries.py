@@ -1,4 +1,4 @@
-"""The record and its currents before and after the correction: headings, sticks, progressive vectors, roses, section."""
+"""The record and its currents before and after: headings, sticks, progressive vectors, roses, section."""
 
 from __future__ import annotations
 
