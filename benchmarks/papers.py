@@ -191,8 +191,11 @@ MONCUNILL = [
         "test_calibrations_swing_cardinal.py::test_spheres_and_magnets_nullify_their_terms"),
     Row("(handbook)", "Flinders bar: induced and hard iron by two dips", "deviation.model:separate_iron",
         "test_deviation_transfer.py::test_two_places_separate_hard_and_induced_iron"),
-    Row("Fig. 9", "deviations while the ship turns: water, delay and their certificate",
-        why="the page tells two drifts, of the fit and of the diagnosis; a course lag is fitted, but how much less the certificate would state without it is not said"),
+    Row("Fig. 9", "courses that are late while the ship turns are applied; what the certificate states without and with it",
+        "calibrations.swing.observations:read",
+        "test_calibrations_swing.py::test_a_delay_that_explains_most_of_the_misfit_is_applied"),
+    Row("(22), Fig. 9", "one set and drift: that of the fit, in the diagnosis too", "inference.kinds.swing:diagnose",
+        "test_inference_swing.py::test_speeds_that_vary_show_the_water"),
 ]  # fmt: skip
 
 B_OF_FIG_5 = (0.0, 20.0, 45.0, 57.3, 90.0, 135.0)

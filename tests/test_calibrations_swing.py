@@ -15,6 +15,8 @@ from compasslib.deviation.series import series_deviation
 from compasslib.errors import InputError
 from compasslib.plots.calibrations import draw_swing as page
 from compasslib.plots.page import DPI, WIDTH_IN
+from tests.world import recordings
+from tests.world import swing as world
 
 REAL = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
 DEVIATIONS = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])  # MM section 5.3
@@ -349,6 +351,29 @@ def test_a_delay_hides_in_a_unless_the_boat_turns_to_both_sides(tmp_path):
     assert both.details["lag_s"][0] == pytest.approx(3.0, abs=0.5)
     assert both.coefficients[0] == pytest.approx(TRUTH[0], abs=3.0 * sigmas(both)[0])
     assert sigmas(both)[0] < 0.3
+
+
+@pytest.mark.parametrize(
+    ("late", "applied"), [({"filter_s": 6.0}, 5.5), ({"clock_s": -7.0}, 7.0), ({"lag_s": 6.0}, -6.0), ({}, 0.0)]
+)
+def test_a_delay_that_explains_most_of_the_misfit_is_applied(tmp_path, late, applied):
+    """Legs with quick turns: the delay of the course, or of the compass, is found again, and turns are kept."""
+    boat = world.Boat(plan=world.LEGS, speed_kn=8.0, leeway_deg=0.5, wander_deg=1.0, **late)
+    path = recordings.written(world.sail(np.random.default_rng(3), boat, 5.0), tmp_path / "swing.csv")
+    found = swing.calibrate([path], SURE | {"declination_deg": 5.0})
+    assert np.all(np.abs(found.coefficients) < 3.0 * sigmas(found))
+    turning = [text for text in found.warnings if "turning quicker" in text]
+    if not applied:
+        assert found.details["delay"] is None and turning
+        return
+    delay_s, sigma_s = found.details["lag_s"]
+    assert abs(delay_s - applied) < max(3.0 * sigma_s, 0.5) and not turning
+    assert (
+        f"The {'courses' if applied > 0 else 'readings'} are late by {abs(delay_s):.1f}"
+        in found.details["delay"]["text"]
+    )
+    without = swing.calibrate([path], SURE | {"declination_deg": 5.0, "max_lag_s": 0.0})
+    assert without.n < found.n and budget.expanded(found.sources) < budget.expanded(without.sources)
 
 
 def noisy(seed: int, *, both: bool) -> tuple[np.ndarray, dict[str, np.ndarray]]:

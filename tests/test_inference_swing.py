@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compasslib import calibrations
 from compasslib.demo.compass import Iron
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
@@ -53,7 +54,10 @@ def test_speeds_that_vary_show_the_water(tmp_path):
     found = swung(tmp_path, replace(BOAT, water_kn=WATER_KN))
     assert sets(found) == [{"water_drift"}] and found.findings[0].side == "water"
     near(found, east_m_s=KNOT_M_S * WATER_KN.real, north_m_s=KNOT_M_S * WATER_KN.imag, drift_kn=0.8)
-    assert "The water sets" in found.findings[0].text
+    assert "The water: set " in found.findings[0].text
+    fitted = calibrations.calibrate("swing", [tmp_path / "swing.csv"], {"declination": 5.0}).details["drift"]
+    told = found.findings[0].parameters  # the page states one current
+    assert told["drift_kn"].value == fitted["drift_kn"] and fitted["described"] in found.findings[0].text
 
 
 def test_one_circle_at_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):

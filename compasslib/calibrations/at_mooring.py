@@ -10,6 +10,7 @@ import numpy as np
 
 from compasslib import angles, compass
 from compasslib.calibrations.budget import too_exact
+from compasslib.calibrations.curves import EMPIRICAL
 from compasslib.calibrations.result import LETTERS
 from compasslib.deviation.exact import fit_exact, smooth_density
 from compasslib.deviation.likelihood import CELLS
@@ -32,6 +33,7 @@ METHOD, GIVEN = "calibration", "coefficients"
 HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
 MAX_CHI_SQUARE = 36.0  # chi-square of four coefficients: by chance once in four million
 MIN_CONTRADICTION_DEG = 5.0
+SAME_FIELD = 0.05  # change of the horizontal field within which an empirical curve is that of the calibration
 MIN_NOISE_DEG, MAX_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
 
 
@@ -52,7 +54,7 @@ def carry_to_mooring(
         pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
         parts: what stands near the mooring's compass, as its file states it.
     """
-    if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each))]:
+    if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
         return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
     transferred = [_transfer(each, field) for each in contents]
     named = []
@@ -170,7 +172,7 @@ def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str
     sources, carried = [], []
     for content in contents:
         source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
-        if not _missing_part(content):
+        if not _missing_part(content, field):
             transferred = _transfer(content, field)
             carried.append(transferred.coefficients)
             ends = {"if_all_hard": transferred.if_all_hard, "if_all_induced": transferred.if_all_induced}
@@ -182,13 +184,20 @@ def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str
     return {"calibration": sources[0]} | after | change
 
 
-def _missing_part(content: Mapping[str, Any]) -> str:
+def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
     if content["exact"] is None:
         return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
     if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():
         return "its coefficients of the exact compass are not all determined"
     if content["place"]["field"] is None:
         return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
+    ratio = float(np.mean(field.horizontal_nT)) / content["place"]["field"]["horizontal_nT"]
+    if content["model"] == EMPIRICAL.name and abs(ratio - 1.0) > SAME_FIELD:
+        return (
+            "its curve is empirical, and how much of it iron makes, which the field changes, is unknown: the level "
+            f"field of the mooring is {ratio:.2f} of the calibration's; calibrate where it is the same within "
+            f"{100.0 * SAME_FIELD:.0f} %, correct the instrument's table and calibrate again, or fit a reference"
+        )
     return ""
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compasslib.types import Floats
 
@@ -76,7 +77,7 @@ def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool
     from scipy.special import chdtrc  # only where objects are measured
 
     strength, covariance, misfit = fit_fall(far, DIPOLE)
-    p_value = float(chdtrc(2 * len(far) - 2, misfit)) if len(far) > 1 else None
+    p_value = float(chdtrc(2 * len(far) - 2, float(misfit))) if len(far) > 1 else None
     content, texts = dict[str, Any](p_value=p_value), list[str]()
     if exponent:
         content["exponent"] = n = fall_exponent(far)
@@ -89,22 +90,25 @@ def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool
     return content, [*texts, f"{law}, no deviation changes by {SAFE_DEG:g}° from {ends}."]
 
 
-def fit_fall(changes: Sequence[ObjectChange], exponent: float) -> tuple[Floats, Floats, float]:
-    """Fit the vector M of changes M / r^n by weighted least squares: M, its covariance, chi-squared."""
-    information, pull, square = np.zeros((2, 2)), np.zeros(2), 0.0
-    for each in changes:
-        weight, share = np.linalg.inv(each.covariance), each.distance_m**-exponent
-        information += share**2 * weight
-        pull += share * weight @ each.change_deg
-        square += float(each.change_deg @ weight @ each.change_deg)
-    covariance = np.linalg.inv(information)
-    strength = covariance @ pull
-    return strength, covariance, max(square - float(pull @ strength), 0.0)
+def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Fit the vector M of changes M / r^n by weighted least squares: M, its covariance, chi-squared.
+
+    Args:
+        exponent: n, one or several; the results have its shape in front.
+    """
+    weights = np.linalg.inv([each.covariance for each in changes])
+    observed = np.array([each.change_deg for each in changes])
+    shares = np.array([each.distance_m for each in changes]) ** -np.asarray(exponent, dtype=float)[..., None]
+    covariance = np.linalg.inv(np.einsum("...k,kij->...ij", shares**2, weights))
+    pull = np.einsum("...k,kij,kj->...i", shares, weights, observed)
+    strength = np.einsum("...ij,...j->...i", covariance, pull)
+    square = np.einsum("ki,kij,kj", observed, weights, observed) - np.einsum("...i,...i", pull, strength)
+    return strength, covariance, np.maximum(square, 0.0)
 
 
 def fall_exponent(changes: Sequence[ObjectChange]) -> dict[str, float]:
     """Estimate the exponent of the fall with its interval of 95 %."""
-    misfit = np.array([fit_fall(changes, exponent)[2] for exponent in EXPONENTS])
+    misfit = fit_fall(changes, EXPONENTS)[2]
     within = EXPONENTS[misfit <= misfit.min() + TWO_SIGMA_CHI2]
     return {"value": float(EXPONENTS[np.argmin(misfit)]), "low": float(within[0]), "high": float(within[-1])}
 

@@ -141,6 +141,10 @@ class FilteredCourse(Effect):
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Filter headings of a sample a second, not wrapped."""
+        return self.delayed(x)
+
+    def delayed(self, x: Floats) -> Floats:
+        """Filter headings of a sample a second, not wrapped, (n,)."""
         size = abs(self.lag_s)
         kernel = (size / (1.0 + size)) ** np.arange(int(FILTER_REACH * size) + 2) / (1.0 + size)
         unit = angles.phasor(np.concatenate([np.full(len(kernel) - 1, x[0]), x]))

@@ -277,12 +277,11 @@ def writing(shown: Page) -> Writing:
     texts += [f"Note: {sentence(text)}" for text in content["warnings"]]
     texts += [extra["text"] for extra in extras if extra and extra.get("text")]
     uncertainty = content["uncertainty"]
-    rows = [
-        f"  {name.removesuffix('_deg').replace('_', ' '):<18}{row['standard_deg']:6.2f}°"
-        for name, row in uncertainty["rows"].items()
-    ]
+    names = {name: name.removesuffix("_deg").replace("_", " ") for name in uncertainty["rows"]}
+    wide = max([18, *(1 + len(text) for text in names.values())])
+    rows = [f"  {names[name]:<{wide}}{row['standard_deg']:6.2f}°" for name, row in uncertainty["rows"].items()]
     ends = (("combined", "standard_deg"), ("expanded (k = 2)", "expanded_deg"))
-    totals = [f"  {name:<18}{_number(uncertainty[key], '6.2f')}°" for name, key in ends]
+    totals = [f"  {name:<{wide}}{_number(uncertainty[key], '6.2f')}°" for name, key in ends]
     return Writing(
         [*_about(content), "", *_coefficients(content)],
         ["standard uncertainties", *rows, "", *totals],
@@ -329,6 +328,7 @@ def _about(content: Mapping[str, Any]) -> list[str]:
         north, east = place["latitude"], float(angles.wrap180(place["longitude"]))
         where = f"{abs(north):.4f}° {'N' if north >= 0 else 'S'}, {abs(east):.4f}° {'E' if east >= 0 else 'W'}"
     strength = UNKNOWN if field is None else f"H {field['horizontal_nT']:.0f} nT, Z {field['vertical_nT']:.0f} nT"
+    late = content["lag_s"] if content.get("delay") else None
     return [
         f"date        {place['date'] or UNKNOWN}",
         f"place       {where}",
@@ -336,6 +336,7 @@ def _about(content: Mapping[str, Any]) -> list[str]:
         f"readings    {content['n']} in {content['coverage']} of 36 sectors",
         f"model       {textwrap.shorten(_model_name(content), MODEL_CHARACTERS, placeholder=' …')}",
         f"residual    {_number(content['residual_rms_deg'], '.2f')}° rms",
+        *([f"course late {late[0]:.1f} ± {1.96 * late[1]:.1f} s (95 %), applied"] if late else []),
     ]
 
 

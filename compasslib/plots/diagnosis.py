@@ -39,7 +39,7 @@ BEFORE: dict[str, Any] = {"color": RECORDED, "marker": "o", "markersize": 3.0, "
 AFTER: dict[str, Any] = {"color": CORRECTED, "marker": "s", "markersize": 3.0, "linestyle": ""}
 EFFECT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
 SIZES: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"color": CORRECTED, "marker": "s", "markersize": 4.0, "linestyle": ""}, "size on left-out days, 95 %"),
+    ({"color": CORRECTED, "marker": "s", "markersize": 4.0, "linestyle": ""}, "size on left-out data, 95 %"),
     (
         {"color": BLACK, "marker": "o", "markersize": 5.0, "markerfacecolor": "none", "linestyle": ""},
         "as others predict",

@@ -154,7 +154,7 @@ class Rows:
 
     @cached_property
     def _ends(self) -> Floats:
-        return np.cumsum([0.0, *(1.0 + name.count("\n") for name in self.wrapped)])
+        return np.cumsum([0.0, *(1.0 + 1.2 * name.count("\n") for name in self.wrapped)])
 
     @property
     def places(self) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 
 from compasslib import angles, earthfield
 from compasslib.calibrations.budget import Source
+from compasslib.calibrations.curves import SECTOR_DEG, count_sectors
 from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import adjustment, correctors, model, observations
@@ -70,7 +71,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     observed = observations.read(files, settings)
     swing = _make_swing(observed, settings)
     details = _details(swing, settings)
-    sectors = observations.count_sectors(observed.recorded_deg)
+    sectors = count_sectors(observed.recorded_deg)
     shell = Calibration(KIND, MODEL, len(observed), sectors, details=details)
     if why := _refusal(swing):
         lost = tuple(f"left out: {n} {what}" for what, n in observed.left_out.items())
@@ -212,13 +213,14 @@ def _residual_b_c(principal: Mapping[str, Any], swing: Swing, drift_ratio: float
 def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
     coefficients, covariance = series.parameters[SERIES], series.covariance[SERIES, SERIES]
     table = adjustment.deviation_table(coefficients, covariance, swing.options.table_step_deg)
-    lag_s = [float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
+    lag_s = [swing.observed.delay_s + float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
     drift = model.separate_drift(swing, series) if swing.observed.over_ground else None
     planned = adjustment.plan_magnets(coefficients, swing.options.table_step_deg)
     more = {
         "drift": drift,
         "cardinal_without_water": _without_water(shell.details["cardinal"], drift, swing.declination_deg),
         "lag_s": lag_s if swing.observed.timed else None,
+        "delay": _describe_delay(swing.observed, *lag_s) if swing.observed.delay_s else None,
         "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, shell.details["speed_kn"]),
         "nullify": planned,
         "correctors": correctors.plan(coefficients, planned["largest_deg"]["none"], swing.horizontal_nT),
@@ -239,6 +241,17 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         details={**shell.details, **more},
         warnings=_warnings(swing, series, exact),
     )
+
+
+def _describe_delay(observed: Observations, lag_s: float, sigma_s: float) -> dict[str, Any]:
+    """Describe a delay between courses and readings that is applied."""
+    late, of = ("courses", "readings") if lag_s > 0.0 else ("readings", "courses")
+    without, left = observed.misfit_deg
+    text = (
+        f"The {late} are late by {abs(lag_s):.1f} ± {1.96 * sigma_s:.1f} s (95 %). They are paired with the {of} of "
+        f"then, and turns are kept: the mean misfit is {left:.1f}° instead of {without:.1f}°."
+    )
+    return {"applied_s": observed.delay_s, "misfit_deg": {"without": without, "with": left}, "text": text}
 
 
 def _without_water(
@@ -316,7 +329,7 @@ def _refusal(swing: Swing) -> str:
         return f"{len(observed)} observations leave no degree of freedom for the uncertainty: {REMEDY}"
     gap = observations.widest_gap(observed.recorded_deg)
     if gap > observations.REFUSED_GAP_DEG:
-        sectors = observations.count_sectors(observed.recorded_deg)
+        sectors = count_sectors(observed.recorded_deg)
         return (
             f"the headings cover {sectors} of 36 sectors and leave a gap of {gap:.0f}°: so narrow an arc does not "
             f"determine five coefficients; {REMEDY}"
@@ -338,7 +351,7 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
     stated = observed.variation_deg
     if np.isfinite(stated) and abs(float(angles.difference(stated, swing.declination_deg))) >= 0.5:
         warnings.append(f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used")
-    columns = series_design(np.arange(0.0, 360.0, observations.SECTOR_DEG))
+    columns = series_design(np.arange(0.0, 360.0, SECTOR_DEG))
     largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
     if largest >= SERIES_LIMIT_DEG:
         left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
@@ -427,6 +440,11 @@ def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
     if not observed.timed:
         return []
     warnings = []
+    if observed.delay_s and abs(observed.delay_s) >= swing.options.max_lag_s:
+        warnings.append(
+            f"the delay of the courses is the longest allowed, {swing.options.max_lag_s:g} s: raise max_lag_s if a "
+            "longer one is possible"
+        )
     noise = series.noises[COURSE]
     if noise.n_effective < len(observed) / 2.0:
         warnings.append(

@@ -415,7 +415,9 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
     water = covariance[np.ix_(DRIFT, DRIFT)]
     left = float(np.max(sigma[DRIFT] / prior[DRIFT]))
     unit = "kn" if swing.has_speed else "of the ship's speed"
-    side = float(np.sqrt(max(float(across @ water @ across), 0.0)))
+    ahead, side = (float(np.sqrt(max(float(x @ water @ x), 0.0))) for x in (along, across))
+    sigma_set = float(angles.direction(side, drift)) if drift else 90.0
+    described = f"set {set_deg:.0f} ± {1.96 * sigma_set:.0f}° (true), drift {drift:.2f} ± {1.96 * ahead:.2f} {unit}"
     index = [1, 2, *DRIFT]  # B, C and the drift: their combination with the widest covariance
     scale = sigma[index]
     size, vectors = np.linalg.eigh(covariance[np.ix_(index, index)] / np.outer(scale, scale))
@@ -424,8 +426,8 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
         "set_deg": set_deg,
         "drift_kn": drift if swing.has_speed else None,
         "drift_ratio": drift / float(np.median(swing.speed_kn)),
-        "sigma_drift_kn": float(np.sqrt(max(float(along @ water @ along), 0.0))) if swing.has_speed else None,
-        "sigma_set_deg": float(angles.direction(side, drift)) if drift else 90.0,
+        "sigma_drift_kn": ahead if swing.has_speed else None,
+        "sigma_set_deg": sigma_set,
         "east": float(series.parameters[EAST]),
         "north": float(series.parameters[NORTH]),
         "covariance": water.tolist(),
@@ -438,18 +440,18 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
         "largest_alike": {"share": float(size[-1] / size.sum()), "direction": weakest},
         "log_scale": float(series.parameters[LOG]) if np.isfinite(prior[LOG]) and prior[LOG] > 1e-6 else None,
         "separable": left < MAX_PRIOR_SHARE,
-        "text": _describe_drift(swing, (set_deg, drift, unit), left, sigma),
+        "described": described,
+        "text": _describe_drift(swing, left, sigma, described),
     }
 
 
-def _describe_drift(swing: Swing, water: tuple[float, float, str], left: float, sigma: Floats) -> str:
-    set_deg, drift, unit = water
+def _describe_drift(swing: Swing, left: float, sigma: Floats, water: str) -> str:
     speed = swing.observed.speed_kn
     ratio = f"speeds from {speed.min():.1f} to {speed.max():.1f} kn" if swing.has_speed else "no speeds"
     if left < MAX_PRIOR_SHARE:
         return (
-            f"With {ratio} the current is separated from the compass: set {set_deg:.0f}°, drift {drift:.2f} {unit} "
-            f"(± {np.max(sigma[DRIFT]):.2f}). A steady leeway by wind has the same signature."
+            f"With {ratio} the current is separated from the compass: {water} (95 %). A steady leeway by wind has the "
+            "same signature."
         )
     return (
         f"With {ratio} set and drift cannot be separated from B and C: to first order they are the same function of "

@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.calibrations.curves import count_sectors
+from compasslib.deviation.series import series_design
+from compasslib.effects.ship import FilteredCourse
 from compasslib.errors import InputError
 from compasslib.readers import delimited, nmea
 from compasslib.types import Floats
@@ -22,9 +25,11 @@ TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this ti
 BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
 STEADY_S = 60.0  # a helmsman's wandering about the course is over in that time
 APART_S = 30.0  # samples further apart do not hang together
-SECTOR_DEG = 10.0
 REFUSED_GAP_DEG = 180.0
 HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
+MIN_LASTED_S = 480.0  # of a log that shows a delay
+DELAY_STEP_S = 0.5
+MAX_LEFT = 0.7  # of the mean misfit of a log, by a delay that is applied: half of its square
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,11 @@ class Observations:
     steady_turn_deg_s: Floats  # (n,) over the minute about it, quick turns left out; 0 without times
     settled_deg: Floats  # (n,) recorded headings, means over 20 s
     also_course_deg: Floats  # (n,) over ground where course_deg is of the bow, NaN where absent
+    delay_s: float = 0.0  # by which the course is later than the reading that it is paired with
+    misfit_deg: tuple[float, float] = (
+        float("nan"),
+        float("nan"),
+    )  # of a log, mean about a curve, without that delay and with it
     place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
     variation_deg: float = float("nan")  # declination that the log states
     left_out: Mapping[str, int] = field(default_factory=dict)
@@ -118,7 +128,57 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     slow = np.abs(turn) <= options.max_turn_deg_s
     steady, settled = rate_and_heading(known.time_s, turned, slow)
     known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
+    known = _with_delay(known, turned, options)
+    if known.delay_s:
+        return known
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
+
+
+def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) -> Observations:
+    """Pair each course of a log with the reading of some seconds before, where that explains most of the misfit.
+
+    Turns, in which a delay shows, then need not be left out. The misfit is the mean distance of averages over 20 s from
+    a series in the recorded heading: outliers hardly move it, the series takes up a steady drift to first order, and a
+    filter of the readings, which averages their noise, gains nothing by that.
+
+    Args:
+        turned_deg: recorded headings, not wrapped, (n,).
+    """
+    time_s, most = known.time_s, options.max_lag_s
+    if len(known) < 2 or np.ptp(time_s) < MIN_LASTED_S or np.median(np.diff(time_s)) > APART_S:
+        return known
+    seconds = np.arange(time_s[0], time_s[-1] + 1.0)
+    turned = np.interp(seconds, time_s, turned_deg)
+
+    def paired(delay_s: float, *, filtered: bool) -> tuple[Floats, Floats]:
+        """Delay the readings by a filter of first order, or as they are: for each course the reading and its mean."""
+        series = FilteredCourse(delay_s).delayed(turned) if filtered else turned
+        at = time_s if filtered else time_s - delay_s
+        return np.interp(at, seconds, series), np.interp(at, seconds, moving_average(series, seconds, BLOCK_S))
+
+    def misfit(form: tuple[float, bool]) -> float:
+        recorded, on = paired(form[0], filtered=form[1])
+        apart, columns = known.course_deg - recorded, series_design(on)
+        off = angles.difference(apart, angles.mean(apart))
+        off -= columns @ np.linalg.lstsq(columns, off)[0]
+        return float(np.mean(np.abs(moving_average(off, time_s, BLOCK_S))))
+
+    delays = np.arange(-most, most + DELAY_STEP_S / 2.0, DELAY_STEP_S).tolist()
+    forms = [(delay, False) for delay in delays] + [(delay, True) for delay in delays if delay > 0.0]
+    misfits = [misfit(form) for form in forms]
+    (delay, filtered), left, without = forms[int(np.argmin(misfits))], min(misfits), misfit((0.0, False))
+    if left > MAX_LEFT * without:
+        return known
+    recorded, on = paired(delay, filtered=filtered)
+    rate = on - paired(delay + 1.0, filtered=filtered)[1]
+    return replace(
+        known,
+        recorded_deg=angles.wrap360(recorded),
+        settled_deg=angles.wrap360(on),
+        steady_turn_deg_s=rate,
+        delay_s=delay,
+        misfit_deg=(without, left),
+    )
 
 
 def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
@@ -284,11 +344,6 @@ def group_headings(recorded_deg: Floats) -> NDArray[np.int_]:
     if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= HEADING_GAP_DEG:
         groups[groups == groups.max()] = 0
     return groups
-
-
-def count_sectors(recorded_deg: Floats) -> int:
-    """Count the occupied sectors of 10 degrees."""
-    return len(np.unique(np.floor(recorded_deg / SECTOR_DEG)))
 
 
 def distinct_headings(recorded_deg: Floats) -> int:

@@ -29,7 +29,7 @@ from compasslib.effects.ship import ClocksApart, FilteredCourse, LateCourse, Lat
 from compasslib.inference import comparison, diagnosis, finding, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.design import ColumnGroup
-from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.inference.kinds import platform
 from compasslib.inference.short_fit import FittedHypothesis, ResidualModel, ShortComparison
@@ -218,7 +218,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
         files: tables or NMEA 0183 logs.
         declination_deg: east positive.
     """
-    turning = {**settings, "max_turn_deg_s": np.inf}
+    turning = {**settings, "max_turn_deg_s": np.inf, "max_lag_s": 0.0}
     all_samples = observations.read(files, {**turning, "min_speed_kn": -1.0})
     time_s, first = np.unique(all_samples.time_s, return_index=True)
     heading = all_samples.recorded_deg[first]
@@ -282,13 +282,14 @@ def diagnose_log(
     channel = replace(before.channel, terms=terms)
     named = short_search.search_effects(channel, options)
     extra = too_large(fits[0], named.fitted, options) if before is fits[1] else []
+    outcomes = [short_search.build_outcome(searched) for searched in ((named,) if known is None else (named, known))]
     diagnosed = diagnosis.combine_outcomes(
-        [short_search.build_outcome(searched) for searched in ((named,) if known is None else (named, known))],
+        [replace(each, findings=tuple(_with_water(item, each, made) for item in each.findings)) for each in outcomes],
         options,
         extra=extra,
         not_testable=untested(made, named.fitted, same_clock=same_clock),
     )
-    return add_water_statement(diagnosed, made, named.fitted)
+    return add_water_statement(diagnosed, made)
 
 
 def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> SearchResult | None:
@@ -418,15 +419,18 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
     )
 
 
-def add_water_statement(diagnosed: Diagnosis, made: Calibration, fitted: FittedHypothesis) -> Diagnosis:
-    """Add what is known of the water: set and drift, a bound, or why they cannot be separated."""
-    diagnosed = replace(diagnosed, findings=tuple(_with_set(item) for item in diagnosed.findings))
+def add_water_statement(diagnosed: Diagnosis, made: Calibration) -> Diagnosis:
+    """Add what is known of the water: a bound, or why set and drift cannot be separated."""
     drift = made.details["drift"]
     if drift is None or any(WATER_DRIFT in (item.effect, *item.alternatives) for item in diagnosed.findings):
         return diagnosed
     why = _water_unseparated(made)
+    if not why and drift["drift_kn"] is None:
+        return diagnosed
     if not why:
-        return replace(diagnosed, why=f"{diagnosed.why} {_bound(fitted)}")
+        most = drift["drift_kn"] + 1.96 * np.sqrt(np.linalg.eigvalsh(drift["covariance"])[-1])
+        bound = f"Set and drift of the water do not show in the courses: less than {most:.2g} kn (95 %)."
+        return replace(diagnosed, why=f"{diagnosed.why} {bound}")
     if diagnosed.verdict == "consistent":
         return replace(diagnosed, verdict="insufficient", why=f"{diagnosed.why} {why}", separated_by=SEPARATED)
     return replace(diagnosed, separated_by="; ".join(filter(None, (diagnosed.separated_by, SEPARATED))))
@@ -434,35 +438,29 @@ def add_water_statement(diagnosed: Diagnosis, made: Calibration, fitted: FittedH
 
 SEPARATED = (
     "water_drift or B and C of the curve: each heading at two speeds, a log of the speed through the water, a visual "
-    "mark or the sun; the same circle the other way round tells only a delay"
+    "mark or the sun, not the same circle the other way round, which tells only a delay"
 )
 
 
-def _bound(fitted: FittedHypothesis) -> str:
-    """Bound the drift that the courses still allow."""
-    if fitted.channel.covariates.get("speed") is None:
-        return ""
-    with_water = short_fit.fit_hypothesis(fitted.channel, (*fitted.terms, SetAndDrift()), near=fitted)
-    drift, spread = with_water.terms[-1].values, short_fit.parameter_covariance(with_water)[-2:, -2:]
-    most = float(np.hypot(*drift) + 1.96 * np.sqrt(np.linalg.eigvalsh(spread)[-1]))
-    return f"Set and drift of the water do not show in the courses: less than {most / KNOT_M_S:.2g} kn (95 %)."
-
-
-def _with_set(item: Finding) -> Finding:
-    """Add set and drift to the components of a finding of the water."""
-    if item.effect != WATER_DRIFT:
+def _with_water(item: Finding, outcome: Outcome, made: Calibration) -> Finding:
+    """State set and drift in a finding of the water as the curve's fit has them: a page states one current."""
+    drift = made.details["drift"]
+    if item.effect != WATER_DRIFT or drift["drift_kn"] is None:
         return item
-    east, north = (item.parameters[name] for name in ("east_m_s", "north_m_s"))
-    drift = max(float(np.hypot(east.value, north.value)), 1e-9)
-    along = np.abs([east.value, north.value]) / drift
-    sigma = np.array([east.sigma, north.sigma])
-    size, side = (float(np.hypot(*(sigma * share))) for share in (along, along[::-1]))
-    more = {
-        "drift_kn": Parameter(drift / KNOT_M_S, size / KNOT_M_S, "kn"),
-        "set_deg": Parameter(float(angles.direction(east.value, north.value)), np.degrees(side / drift), "degrees"),
+    sigma = KNOT_M_S * np.sqrt(np.diag(drift["covariance"]))
+    names = {"east_m_s": "east", "north_m_s": "north"}
+    components = {
+        name: Parameter(KNOT_M_S * drift[towards], float(sigma[k]), "m/s")
+        for k, (name, towards) in enumerate(names.items())
     }
-    text = (
-        f" The water sets {more['set_deg'].value:.0f}° ± {1.96 * more['set_deg'].sigma:.0f}° (true) at "
-        f"{more['drift_kn'].value:.2f} ± {1.96 * more['drift_kn'].sigma:.2f} kn; a steady leeway would look the same."
+    chances = {item.effect: item.probability, **item.alternatives_probability}
+    size, proof, place = item.rms_effect_deg, item.held_out, item.where
+    rebuilt = comparison.build_finding(
+        outcome.comparison, SetAndDrift(), chances, components, size_deg=size, proof=proof, place=place
     )
-    return replace(item, parameters={**more, **item.parameters}, text=item.text + text)
+    more = {
+        "drift_kn": Parameter(drift["drift_kn"], drift["sigma_drift_kn"], "kn"),
+        "set_deg": Parameter(drift["set_deg"], drift["sigma_set_deg"], "degrees"),
+    }
+    text = f"{rebuilt.text} The water: {drift['described']} (95 %); a steady leeway would look the same."
+    return replace(rebuilt, parameters={**more, **components}, text=text)
