@@ -56,7 +56,7 @@ def _mooring(cruise: Path, truth: dict[str, Any], errors: HeadingErrors) -> dict
     return {
         "planted": truth["planted"], "verdict": diagnosis["verdict"],
         "bayes_factor": diagnosis["bayes_factor"],
-        "findings": diagnosis["findings"],
+        "findings": [{k: x for k, x in entry.items() if k != "text"} for entry in diagnosis["findings"]],
         "turn": [curve for curve in diagnosis["curves"] if curve["covariate"].startswith("turn_by_")],
         "detectable_deg": diagnosis["detectable_deg"],
         "error": {name: errors.rms(error) for name, error in each.items()},
@@ -159,7 +159,8 @@ Rms heading error, with its 95 % interval.
 {_missed(moorings)}
 
 {_judgement(moorings)} Four moorings are
-no statistic. [The sealed proof](proof.md) has 450, with [what is missed and why](../proof/known-misses.md).
+no statistic. [The sealed proof](proof.md) has 450, with [what is missed and why](../proof/known-misses.md), and
+says how to repeat it.
 """
 
 
