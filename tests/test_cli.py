@@ -295,6 +295,15 @@ def test_explain_tells_findings_and_warnings(copied, capsys):
     assert f"Figure: {figure}" in capsys.readouterr().out
 
 
+def test_explain_tells_a_calibration(calibrated, tmp_path, capsys):
+    assert main(["explain", str(calibrated / "old/calibrations/bench")]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("bench: not searched\n") and "model: exact compass" in told
+    shutil.copytree(calibrated / "old/calibrations/few", tmp_path / "few")
+    (tmp_path / "few/table.csv").unlink()
+    assert "all results of a calibration, found no table.csv" in refused(capsys, "explain", str(tmp_path / "few"))
+
+
 def rewrite(file: Path, **keys: object) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | keys))
 
@@ -320,7 +329,7 @@ def test_results_that_lack_something_deep_are_refused(copied, capsys):
 
 def test_a_mooring_without_results_is_refused(copied, capsys):
     root = str(copied.parents[1])
-    assert f"M7: expected a mooring with results in {root}, found M1;" in refused(
+    assert f"M7: expected a mooring, calibration or compass with results in {root}, found M1;" in refused(
         capsys, "explain", "M7", "--cruise", root
     )
     assert "found no folder results" in refused(capsys, "explain", "M7", "--cruise", str(copied))

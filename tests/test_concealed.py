@@ -83,6 +83,7 @@ def test_the_page_sets_said_beside_planted_and_measures_the_headings(processed):
     set_beside(page=str(page), truths=truths, corrected=[str(page.parent / "C1/corrected.nc")], say=lines.append)
     text = page.read_text()
     assert "a &lt;planted&gt; change" in text and "<planted>" not in text and "on 2007-09-10 at 00:00" in text
+    assert "<strong>Not identified.</strong>" in text  # there is no finding
     assert "2.0° (2.0–2.0)" in text  # the corrected headings' rms, with its interval
     within = f"{100 * np.mean(processed.sigma_deg * 1.959964 >= 2.0):.0f} %"
     assert within in text and text.count("data:image/png") == 2 and lines[0].endswith("1 moorings beside the truth")

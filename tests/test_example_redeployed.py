@@ -14,6 +14,7 @@ import yaml
 from launch import PROJECT, change, keeps_contract, planned, snakemake
 
 from compasslib import angles
+from compasslib.cli import main
 from compasslib.pipeline.process import process_mooring
 from tests.world import redeployed
 
@@ -57,7 +58,9 @@ def test_a_mooring_without_a_reference_is_corrected_within_the_stated_uncertaint
     assert deviation["shared"]["text"].startswith("the compass is carried by R1, R2, deck of compass wh8104")
 
 
-def test_the_compass_has_its_files_and_its_section(done):
+def test_the_compass_has_its_files_and_its_section(done, capsys):
+    assert main(["explain", "wh8104", "--cruise", str(done)]) == 0
+    assert "of one compass: R1, R2" in capsys.readouterr().out
     compass = result(done, "compasses/wh8104/compass.json")
     assert [one["name"] for one in compass["deployments"]] == ["R1", "R2", "R4", "deck"]
     assert compass["rejected"] == [] and compass["sigma_between"] > 0.0

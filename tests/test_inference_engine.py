@@ -1,5 +1,7 @@
 """The parts of the search: filter, scores, clocks, covariates, curves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sea import pairs
@@ -98,6 +100,19 @@ def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():
     clear = finding.bootstrap_gain(rng.normal(0.2, 1.0, 4000), block, (12.0, 11.9))
     none = finding.bootstrap_gain(rng.normal(0.0, 1.0, 4000), block, (12.0, 12.0))
     assert clear.p_value < 0.01 < 0.05 < none.p_value and clear.gain_interval[0] > 0.0
+
+
+def test_left_out_days_are_stated_with_their_rank_and_what_they_do_not_confirm():
+    shown = finding.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001)
+    weak = replace(shown, amplitude=finding.Amplitude(2.3, 0.5, -0.1, 1.1), placebo=finding.Placebo(19, 1.0))
+    sure = replace(shown, amplitude=finding.Amplitude(3.7, 2.8, 2.0, 3.6), placebo=finding.Placebo(19, 0.05))
+    assert "0.5° (-0.1 to 1.1°, 95 %), where the other days predict 2.3°, rank 20 of 20" in (
+        told := wording.left_out_text(weak, 3.5)
+    )
+    assert "do not confirm it. Without it headings would be wrong by 3.5° rms." in told
+    assert "rank 1 of 20" in (told := wording.left_out_text(sure, None)) and "confirm" not in told
+    assert wording.left_out_text(shown, None) == ""
+    assert "by 2°/K" in wording.tilt_zero_text(1815.0, 52000.0)  # 1815 / 52000 rad
 
 
 def test_what_would_tell_pairs_apart_is_said():

@@ -105,8 +105,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--profile", default="default", metavar="NAME", help="of workflow/profiles: default or slurm")
     run.epilog = f"{run.epilog}\n  compass run my_cruise -- --dry-run      after --, options of Snakemake, or files"
 
-    explain = _command(commands, "explain", "print the diagnosis of one mooring", "EG4 --cruise my_cruise")
-    explain.add_argument("mooring", metavar="MOORING", help="its name, or the folder of its results")
+    what = "print the diagnosis of a mooring, calibration or shared compass"
+    explain = _command(commands, "explain", what, "EG4 --cruise my_cruise")
+    explain.add_argument("mooring", metavar="NAME", help="its name, or the folder of its results")
     explain.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
 
     export = _command(

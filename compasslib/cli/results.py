@@ -8,7 +8,7 @@ import textwrap
 import zipfile
 import zlib
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +21,7 @@ from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
 from compasslib.report import explanation, sections
-from compasslib.report.explanation import diagnosis_caption
-from compasslib.report.sections import MooringResults
+from compasslib.report.sections import ReportSection
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 REQUIRED_KEYS = {
@@ -36,22 +35,24 @@ CALIBRATION_FILES = ("calibration.json", "table.csv")
 COMPARED = (".nc", ".json", ".csv")  # of a deposit
 
 
-def mooring_folder(cruise: str, mooring: str) -> Path:
-    """Find the folder of one mooring's results.
+def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
+    """Find the folder of the results of a mooring, or of what else stands in parts of the results.
 
     Args:
         mooring: a name in it, or the folder itself.
+        parts: folders of the results in which it may stand.
 
     Raises:
         InputError: there is no such folder.
     """
-    for folder in (Path(cruise) / "results" / mooring, Path(cruise) / "corrected" / mooring, Path(mooring)):
+    root = Path(cruise) / "results"
+    for folder in (*(root / part / mooring for part in parts), Path(cruise) / "corrected" / mooring, Path(mooring)):
         if folder.is_dir():
             return folder
-    find_results = Path(cruise) / "results"
-    there = ", ".join(_moorings(find_results)) if find_results.is_dir() else "no folder results"
-    advice = "write the name of a mooring that was run, and --cruise FOLDER where it is not in this one"
-    raise InputError(mooring, expected=f"a mooring with results in {cruise}", found=there or "none", advice=advice)
+    others = [path.name for part in parts if part for path in sorted((root / part).glob("*")) if path.is_dir()]
+    there = ", ".join([*_moorings(root), *others]) if root.is_dir() else "no folder results"
+    advice = f"write the name of a {what} that was run, and --cruise FOLDER where it is not in this one"
+    raise InputError(mooring, expected=f"a {what} with results in {cruise}", found=there or "none", advice=advice)
 
 
 @dataclass(frozen=True)
@@ -152,15 +153,15 @@ def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = 
     return ""
 
 
-def refuse_incomplete(folder: Path) -> None:
+def refuse_incomplete(folder: Path, needed: Sequence[str] = MOORING_FILES, what: str = "mooring") -> None:
     """Refuse results that a run did not finish.
 
     Raises:
         InputError: a file is missing.
     """
-    if files := missing_files(folder):
+    if files := missing_files(folder, needed):
         actual, advice = f"no {files[0]}", "run the cruise to its end"
-        raise InputError(str(folder), expected="all results of a mooring", found=actual, advice=advice)
+        raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
 
 
 @contextmanager
@@ -218,13 +219,14 @@ def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> Non
         print(f"{len(once)} warning{'s' * (len(once) != 1)}:", *once, sep="\n  ", file=stream or sys.stderr, flush=True)
 
 
-# compass explain: the diagnosis of one mooring in words, from its results.
+# compass explain: the diagnosis of a mooring, a calibration or a shared compass in words, from its results.
 
 WIDTH, INDENT = 100, "  "
+EXPLAINED = ("", "calibrations", "compasses")  # folders of the results
 
 
 def explain(asked: Namespace) -> int:
-    """Print what is known of a mooring's compass.
+    """Print what is known of the compass of a mooring or a calibration, or of one that several records share.
 
     Args:
         asked: ``cruise`` and ``mooring``, a name in it or a folder of results.
@@ -232,34 +234,60 @@ def explain(asked: Namespace) -> int:
     Raises:
         InputError: there are no results, or not all of them.
     """
-    folder = mooring_folder(asked.cruise, asked.mooring).resolve()
-    refuse_incomplete(folder)
+    what = "mooring, calibration or compass"
+    folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, what).resolve()
+    read: Callable[[Path], ReportSection] = _mooring_section
+    for part, needed in (("calibration", CALIBRATION_FILES), ("compass", ("compass.json", "diagnosis.json"))):
+        if (folder / f"{part}.json").is_file():
+            refuse_incomplete(folder, needed, part)
+            read = _calibration_section if part == "calibration" else _compass_section
+            break
+    else:
+        refuse_incomplete(folder)
     with check_version(folder):
-        lines = explanation_lines(_read_mooring(folder))
+        lines = explanation_lines(read(folder), folder)
     print("\n".join(lines))
     return 0
 
 
-def _read_mooring(folder: Path) -> MooringResults:
+def _mooring_section(folder: Path) -> ReportSection:
     for file in (name for name in MOORING_FILES if name in REQUIRED_KEYS):
         read_content(folder / file)
     row = summary.summary_row(folder.name, folder)
-    return sections.read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
+    read = sections.read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
+    return ReportSection(
+        name=read.name,
+        anchor="",
+        verdict=read.diagnosis["verdict"],
+        summary=explanation.summary_sentences(read),
+        facts=explanation.measures(read),
+        findings=explanation.report_findings(read.diagnosis, product=True),
+        limits=explanation.describe_limits(read.diagnosis),
+        warnings=read.warnings,
+    )
 
 
-def explanation_lines(read: MooringResults) -> list[str]:
-    lines = [f"{read.name}: {read.diagnosis['verdict']}", *_wrap(explanation.summary_sentences(read))]
-    lines += ["", *_wrap(f"{name}: {value}" for name, value in explanation.measures(read))]
-    for finding in explanation.report_findings(read.diagnosis, product=True):
-        numbers = [": ".join(row) for row in finding.parameters.rows] if finding.parameters else []
+def _calibration_section(folder: Path) -> ReportSection:
+    root = folder.parents[1]
+    return explanation.calibration_section(sections.read_calibration(folder.name, root), root, small=True)
+
+
+def _compass_section(folder: Path) -> ReportSection:
+    return explanation.compass_section(folder.name, folder.parents[1], small=True)
+
+
+def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
+    lines = [f"{section.name}: {section.verdict or 'not searched'}", *_wrap(section.summary)]
+    lines += ["", *_wrap(f"{name}: {value}" for name, value in section.facts)]
+    for finding in section.findings:
+        numbers = [f"{': '.join(row)} (1σ)" for row in finding.parameters.rows] if finding.parameters else []
         named = [f"{name}: {value}" for name, value in finding.facts]
         lines += ["", f"Finding: {finding.title}", *_wrap([finding.text, *named, *numbers])]
-    if (figure := read.folder / "figures/diagnosis.png").exists():
-        lines += ["", f"Figure: {figure}", *_wrap([diagnosis_caption(read.diagnosis)])]
-    for title, sentences in (
-        ("Limits of this record", explanation.describe_limits(read.diagnosis)),
-        ("Warnings", read.warnings),
-    ):
+    diagnosis = read_json(folder / "diagnosis.json") if (folder / "diagnosis.json").exists() else {}
+    if diagnosis and (figure := folder / "figures/diagnosis.png").exists():
+        lines += ["", f"Figure: {figure}", *_wrap([explanation.diagnosis_caption(diagnosis)])]
+    tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in explanation.limits_table(diagnosis)]
+    for title, sentences in (("Limits of this record", section.limits), *tables, ("Warnings", section.warnings)):
         lines += ["", title, *_wrap(sentences)] if sentences else []
     return lines
 

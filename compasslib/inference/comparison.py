@@ -354,7 +354,7 @@ def build_finding(
         where=place.text,
         parameters={name: (parameter.value, parameter.sigma, parameter.unit) for name, parameter in parameters.items()},
         size_deg=size_deg,
-        proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
+        proof=None if proof.amplitude else (proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
         physics=f"{physics}, which no listed effect does" if composition else physics,
         what=comparison.what,
     )
@@ -375,7 +375,7 @@ def build_finding(
         heading_error_deg=heading_error_deg,
     )
     stated = made.statement
-    text += wording.amplitude_text(vars(proof.amplitude) if proof.amplitude else None, heading_error_deg)
+    text += wording.left_out_text(proof, heading_error_deg)
     text += wording.level_text(stated.level, stated.probability, stated.side, stated.driver)
     return replace(made, text=text)
 

@@ -16,6 +16,7 @@ from compasslib.effects import Effect
 from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import DAY_S, parameter_slices
 from compasslib.effects.forward import north_shift
+from compasslib.effects.iron import TemperatureOfField
 from compasslib.inference import comparison as comparisons
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import (
@@ -39,7 +40,7 @@ from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Une
 from compasslib.inference.omnibus import HeadingCluster, OmnibusResult
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.weighing import Inference
-from compasslib.inference.wording import TURN_PREFIX
+from compasslib.inference.wording import TURN_PREFIX, tilt_zero_text
 from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
@@ -235,7 +236,10 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
         span_s=span,
         heading_error_deg=angles.rms(off[np.isfinite(off)]),
     )
-    return replace(built, applied=term.side == "compass")
+    text = built.text
+    if isinstance(term, TemperatureOfField):
+        text += tilt_zero_text(float(np.hypot(*term.values)), float(np.mean(case.scene.vertical_nT)))
+    return replace(built, text=text, applied=term.side == "compass")
 
 
 def _place_parameters(inferred: Inference, term: ComposedEffect) -> dict[str, Parameter]:

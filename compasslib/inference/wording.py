@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, meanings, side_of
 from compasslib.effects.composed import FORMS
 from compasslib.records import iso_time
+
+if TYPE_CHECKING:
+    from compasslib.inference.finding import HeldOut
 
 VERDICTS = {
     "consistent": "no compass error beyond the fitted deviation was detected",
@@ -70,7 +74,7 @@ def finding_text(
     where: str,
     parameters: Mapping[str, tuple[float, float, str]],
     size_deg: float,
-    proof: tuple[float, float, float],
+    proof: tuple[float, float, float] | None,
     physics: str = "",
     what: str = "",
 ) -> str:
@@ -79,15 +83,17 @@ def finding_text(
     Args:
         parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
-        proof: residual rms before and after on held-out days, degrees, and the p-value.
+        proof: residual rms before and after on held-out days, degrees, and the p-value; None where sizes are stated.
         physics: in words; that of the effect where empty.
         what: is compared, where a recording holds more than one comparison.
     """
     begin = _effect_text(effect, f"{what}, {where}" if what else where, parameters, size_deg, physics)
-    before, after, p = proof
-    chance = f"p = {p:.2g}" if p > SMALLEST_P else f"p < {SMALLEST_P:g}"
-    stretches = "stretches" if what else "days"
-    shown = f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
+    shown = ""
+    if proof is not None:
+        before, after, p = proof
+        chance = f"p = {p:.2g}" if p > SMALLEST_P else f"p < {SMALLEST_P:g}"
+        stretches = "stretches" if what else "days"
+        shown = f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
     others = f" This record cannot separate it from {join_names(alternatives)}." if alternatives else ""
     return begin + shown + others
 
@@ -102,14 +108,29 @@ def level_text(level: str | None, probability: float | None, side: str, driver: 
     return f" Established (P = {probability:.2f}): it acts on the {side}{how}."
 
 
-def amplitude_text(amplitude: Mapping[str, float] | None, heading_error_deg: float | None) -> str:
-    """State the size on held-out days beside what other days predict, and what leaving an effect out would do."""
+def rank_text(placebo: Mapping[str, Any]) -> str:
+    """State the rank of a gain among those of surrogates; nothing where there were none."""
+    n, p = placebo["n"], placebo["rank_p"]
+    return "" if p is None else f"rank {round(p * (n + 1))} of {n + 1}"
+
+
+def tilt_zero_text(field_nt_k: float, vertical_nt: float) -> str:
+    """State which drift of the tilts' zero turns headings as a horizontal field that grows with temperature does."""
+    zero = math.degrees(field_nt_k / abs(vertical_nt))
+    return f" A tilt zero that drifts by {zero:.2g}°/K turns headings alike: this record cannot separate the two."
+
+
+def left_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
+    """State the size on left-out days beside the prediction, its rank, and the heading error without the effect."""
     texts = []
-    if amplitude is not None:
-        texts.append(
-            " There its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %) where the other days predict "
-            "{fitted_elsewhere:.1f}°.".format(**amplitude)
+    if proof.amplitude is not None:
+        size = (
+            " On left-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
+            "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
         )
+        rank = rank_text(vars(proof.placebo)) if proof.placebo else ""
+        texts.append(size + (f", {rank} among records simulated without it." if rank else "."))
+        texts += [] if proof.confirmed else [" So left-out days do not confirm it."]
     if heading_error_deg is not None:
         texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")
     return "".join(texts)

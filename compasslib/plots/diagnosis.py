@@ -17,7 +17,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-from compasslib.inference.wording import TURN_PREFIX, UNITS, UNITS_OF_CALIBRATIONS, display_name, displayed_residuals
+from compasslib.inference.wording import (
+    TURN_PREFIX,
+    UNITS,
+    UNITS_OF_CALIBRATIONS,
+    display_name,
+    displayed_residuals,
+    rank_text,
+)
 from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, Rows, dates, degrees, empty, legend, page
 from compasslib.types import Floats
 
@@ -157,9 +164,10 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
         axes.fill_between(x, slope["low"] * x, slope["high"] * x, **LEFT_OUT)
         axes.plot(x, slope["value"] * x, color=CORRECTED, linewidth=1.0)
         texts.append("slope {value:.2f} ({low:.2f} to {high:.2f})".format(**slope).replace("-", "−"))
-    if (placebo := proof.get("placebo")) and placebo["rank_p"] is not None:
-        texts.append(f"rank {round(placebo['rank_p'] * (placebo['n'] + 1))} of {placebo['n'] + 1}")
-    axes.set_title(f"left-out days: {', '.join(texts)}" if texts else "")
+    if proof.get("placebo"):
+        texts.append(rank_text(proof["placebo"]))
+    if any(texts):
+        axes.set_title(f"left-out days: {', '.join(filter(None, texts))}")
 
 
 def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> None:

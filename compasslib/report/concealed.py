@@ -60,6 +60,7 @@ class Revealed:
     truth: Mapping[str, Any]
     verdict: str
     answer: str
+    drivers: frozenset[str]  # of the findings
     findings: Sequence[ReportedFinding]
     errors: HeadingErrors
     figures: Sequence[Figure]
@@ -103,5 +104,6 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], headings: Mapping[st
     figures.append(Figure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
     return Revealed(
         name, truth, diagnosis["verdict"], explanation.describe_findings(diagnosis),
+        frozenset(entry.get("driver") or "" for entry in diagnosis["findings"]),
         explanation.report_findings(diagnosis, product=True), errors, figures, f"report.html#mooring-{name}",
     )  # fmt: skip

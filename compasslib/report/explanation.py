@@ -65,11 +65,11 @@ def candidate_names(finding: Mapping[str, Any]) -> list[str]:
 def describe_findings(diagnosis: Mapping[str, Any]) -> str:
     """Summarize the findings beyond the fitted deviation in a clause, with their probabilities."""
     clauses = []
-    for names in map(candidate_names, diagnosis["findings"]):
+    for entry in diagnosis["findings"]:
+        names = candidate_names(entry)
         more = len(names) - MAX_NAMES
-        clauses.append(
-            " or ".join([*names[:MAX_NAMES], *([f"one of {more} others"] if more > 1 else names[MAX_NAMES:])])
-        )
+        clause = " or ".join([*names[:MAX_NAMES], *([f"one of {more} others"] if more > 1 else names[MAX_NAMES:])])
+        clauses.append(clause + ("" if words.confirmed(entry) else ", not confirmed on left-out days"))
     return words.paragraphs("diagnosis", "findings", d=diagnosis, clauses=clauses)[0]
 
 
@@ -89,6 +89,11 @@ def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
 def hypotheses_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
     """Tabulate the single effects that were tested, the best first; no table where none was."""
     return sections.table("diagnosis", "hypotheses", d=diagnosis)
+
+
+def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
+    """Tabulate the detection limits, the smallest first; no table where none is stated."""
+    return sections.table("diagnosis", "detectable", d=diagnosis)
 
 
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
@@ -144,7 +149,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
         verdict=results.diagnosis["verdict"],
         summary=summary_sentences(results),
         to_do=words.paragraphs("mooring", "actions", r=results)
-        or ("Nothing: UCUR and VCUR of corrected.nc are the currents to use.",),
+        or ("Use UCUR and VCUR of corrected.nc; effects smaller than the detection limits may be left in them.",),
         facts=(
             *words.facts("mooring", "place", r=results, site=site),
             *measures(results),
@@ -159,6 +164,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
         tables=(
             *sections.table("mooring", "agreement", r=results),
             *sections.table("mooring", "coefficients", r=results),
+            *limits_table(results.diagnosis),
             *hypotheses_table(results.diagnosis),
             *sections.table("mooring", "inputs", inputs=results.inputs, names=nonzero, zero=zero),
         ),
@@ -223,7 +229,7 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
         first=tuple(figures.values()),
         tables=(
             *(table for name in TABLES for table in sections.table("calibration", name, c=content)),
-            *(hypotheses_table(diagnosis) if diagnosis else ()),
+            *((*limits_table(diagnosis), *hypotheses_table(diagnosis)) if diagnosis else ()),
             *sections.table("calibration", "deviations", table=results.table),
         ),
         links=sections.links(results.folder, root, CALIBRATION_FILES),

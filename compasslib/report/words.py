@@ -15,6 +15,7 @@ from typing import Any
 
 from compasslib import angles
 from compasslib.calibrations import MODELS
+from compasslib.inference.finding import CONFIRMED_P
 
 UNKNOWN = "\N{EN DASH}"
 MINUS, SPACE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
@@ -128,7 +129,17 @@ def sentence(text: str) -> str:
     return begun if not begun or begun.endswith((".", "!", "?")) else begun + "."
 
 
+def confirmed(finding: Mapping[str, Any]) -> bool:
+    """Judge whether left-out days show a finding and chance hardly does; true where they are not asked."""
+    proof = finding.get("heldout") or {}
+    size, placebo = proof.get("amplitude_deg"), proof.get("placebo")
+    if not size or not placebo:
+        return True
+    return placebo["rank_p"] is not None and placebo["rank_p"] <= CONFIRMED_P and size["low"] > 0.0
+
+
 FILTERS = (
+    confirmed,
     number, degrees, significant, with_sigma, percent, chance, current, count, plural, days, plain, parameter, listed,
     sentence,
 )  # fmt: skip
