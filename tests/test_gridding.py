@@ -87,6 +87,12 @@ def test_gaps_are_bridged_up_to_their_limit_with_flag_8_and_profilers_never_in_t
     assert (profiles.quality[10:12] == 9).all() and profiles.quality[50, level[3]] == 8
 
 
+def test_an_instrument_without_a_sample_in_the_deployment_fills_no_grid():
+    absent = source("top", np.zeros(0), time_s=np.zeros(0))
+    axes = make_axes([absent], [survey(absent)], AUTO)
+    assert not len(axes.time_s) and average_slots(np.zeros((0, 2)), absent.time_s, axes, 10800.0).shape == (0, 2)
+
+
 def test_a_profiler_s_scans_keep_their_times_and_the_reference_stands_where_both_measured():
     seconds = 1.2e9 + 43200.0 + 6.0 * np.arange(60)  # six minutes of climbing at 25 cm/s
     profiler = source("mmp", 300.0 - 0.25 * (seconds - seconds[0]), bins=1, up=False, time_s=seconds)

@@ -460,6 +460,8 @@ def linked_raw(cruise: Cruise, rng: np.random.Generator) -> str:
 
 def table_text(cruise: Cruise, rng: np.random.Generator) -> str:
     path, how = cruise.path("deep"), str(rng.choice(["CRLF", "BOM", "quotes", "spaces"]))
+    if path.suffix != ".csv":
+        raise NotApplicableError
     text = path.read_text()
     text = {"CRLF": text.replace("\n", "\r\n"), "BOM": "\ufeff" + text, "spaces": text.replace(",", ", ")}.get(
         how, text

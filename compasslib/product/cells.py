@@ -38,6 +38,8 @@ class Axes:
 
     def slot_of(self, time_s: Floats) -> NDArray[np.intp]:
         """Return the interval that holds each time, (n,); outside of them all: below 0, or beyond the last."""
+        if not len(self.time_s):
+            return np.full(len(time_s), ABSENT)
         return np.floor((time_s - self.time_s[0]) / self.step_s + 0.5).astype(np.intp)
 
 
