@@ -222,7 +222,7 @@ VON_APPEN = [
         why="its data are not in the repository; EG4 of the demonstration has iron of the same strength"),
     Row("section 2, Table 1", "seven moorings, their instruments and ranges", "demo.demonstration",
         "test_simulation.py::test_the_configuration_of_the_cruise_says_the_same_as_the_simulation"),
-    Row("section 2", "blow-down and tilts of 3 to 10°", "demo.mooring",
+    Row("section 2", "blow-down and tilts of 3 to 10°", "demo.water",
         "test_simulation.py::test_the_sphere_tilts_as_the_paper_says"),
     Row("section 2, appendix", "pairs: two bins each, 20 min, 20 m", "preparation.pairs",
         "test_preparation_overlap.py::test_pairs_are_less_than_20_minutes_and_20_metres_apart"),
