@@ -320,6 +320,22 @@ def tide_waves(time_s: Floats) -> Floats:
     return np.column_stack(angles.sin_cos(360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDE_PERIODS_H)))
 
 
+def left_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
+    """State the size on left-out days beside the prediction, its rank, and the heading error without the effect."""
+    texts = []
+    if proof.amplitude is not None:
+        size = (
+            " On left-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
+            "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
+        )
+        rank = wording.rank_text(vars(proof.placebo)) if proof.placebo else ""
+        texts.append(size + (f", {rank} among records simulated without it." if rank else "."))
+        texts += [] if proof.confirmed else [" So left-out days do not confirm it."]
+    if heading_error_deg is not None:
+        texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")
+    return "".join(texts)
+
+
 def build_finding(
     comparison: Comparison,
     term: Effect,
@@ -375,7 +391,7 @@ def build_finding(
         heading_error_deg=heading_error_deg,
     )
     stated = made.statement
-    text += wording.left_out_text(proof, heading_error_deg)
+    text += left_out_text(proof, heading_error_deg)
     text += wording.level_text(stated.level, stated.probability, stated.side, stated.driver)
     return replace(made, text=text)
 

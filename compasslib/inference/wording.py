@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, meanings, side_of
 from compasslib.effects.composed import FORMS
 from compasslib.records import iso_time
-
-if TYPE_CHECKING:
-    from compasslib.inference.finding import HeldOut
 
 VERDICTS = {
     "consistent": "no compass error beyond the fitted deviation was detected",
@@ -118,22 +115,6 @@ def tilt_zero_text(field_nt_k: float, vertical_nt: float) -> str:
     """State which drift of the tilts' zero turns headings as a horizontal field that grows with temperature does."""
     zero = math.degrees(field_nt_k / abs(vertical_nt))
     return f" A tilt zero that drifts by {zero:.2g}°/K turns headings alike: this record cannot separate the two."
-
-
-def left_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
-    """State the size on left-out days beside the prediction, its rank, and the heading error without the effect."""
-    texts = []
-    if proof.amplitude is not None:
-        size = (
-            " On left-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
-            "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
-        )
-        rank = rank_text(vars(proof.placebo)) if proof.placebo else ""
-        texts.append(size + (f", {rank} among records simulated without it." if rank else "."))
-        texts += [] if proof.confirmed else [" So left-out days do not confirm it."]
-    if heading_error_deg is not None:
-        texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")
-    return "".join(texts)
 
 
 def shared_finding_text(

@@ -263,18 +263,14 @@ def _flag_stuck_bits(record: Record) -> Record:
             edges = np.concatenate([[0], np.flatnonzero(np.diff(count >> bit & 1)) + 1, [len(count)]])
             for run in np.flatnonzero(np.diff(edges) > BIT_CHANGES):
                 inside = slice(edges[run], edges[run + 1])
-                stuck[known[inside]] |= _bit_is_stuck(count[inside], bit)
+                changes = np.count_nonzero(np.diff(count[inside] >> bit + 1))
+                eighths = np.bincount((count[inside] & 2**bit - 1) * 8 >> bit, minlength=8)
+                filled = eighths.min() >= BIT_FILLED * eighths.sum()
+                stuck[known[inside]] |= changes >= BIT_CHANGES and filled
     if not stuck.any():
         return record
     note = f"{_span(record, stuck)} leave out every other sector of the circle: a bit of the reading is stuck"
     return _flag(record, stuck, f"{note}, and they are flagged doubtful")
-
-
-def _bit_is_stuck(count: NDArray[np.int64], bit: int) -> bool:
-    """Tell whether a bit that is the same in all counts should have changed with the higher and lower ones."""
-    changes = np.count_nonzero(np.diff(count >> bit + 1))
-    eighths = np.bincount((count & 2**bit - 1) * 8 >> bit, minlength=8)
-    return bool(changes >= BIT_CHANGES and eighths.min() >= BIT_FILLED * len(count))
 
 
 def _span(record: Record, which: Bools) -> str:
