@@ -12,7 +12,7 @@ from test_preparation_overlap import record as steady
 
 from compasslib import angles, readers
 from compasslib.preparation import headings
-from compasslib.records import PROBABLY_BAD, Record
+from compasslib.records import PROBABLY_BAD, Record, take
 from tests.world.pairs import red_from_rest as red_noise
 
 N = 2000
@@ -103,6 +103,8 @@ def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes
     record, rng = moored(), np.random.default_rng(2)
     still = np.where(np.arange(N) // 240 % 3 == 1, 40.0, 40.0 + rng.integers(-1, 2, N))
     assert headings.flag_altered(replace(record, heading_deg=still)).heading_quality.max() < PROBABLY_BAD
+    sparse = take(record, np.arange(0, N, 6))  # too few a window to compare
+    assert headings.flag_altered(sparse) is sparse
     late = replace(record, heading_deg=np.roll(record.heading_deg, 1))  # by an hour
     assert headings.flag_altered(late).heading_quality.min() == PROBABLY_BAD
     monkeypatch.setattr(headings, "LEAST_LAG_S", 2.0 * HOUR)

@@ -134,8 +134,8 @@ def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDA
     smoothness = persistence - persistence_of_flow - np.log(turn / relative)
     count = np.bincount(number[1:], both, windows)
     enough = count >= FEWEST
-    if np.median((turn / np.maximum(count, 1.0))[enough]) < TURNS_DEG:  # a frame on the bottom does not turn
-        return record
+    if not enough.any() or np.median((turn / np.maximum(count, 1.0))[enough]) < TURNS_DEG:
+        return record  # a frame on the bottom does not turn
     # Of the heading alone, too: slow flow has a rough direction.
     excess, alone = (np.where(enough, x - np.median(x[enough]), 0.0) for x in (smoothness, persistence))
     pairs = (excess[1:] + excess[:-1] > 2.0 * SMOOTHER) & (alone[1:] + alone[:-1] > 2.0 * SMOOTHER_ALONE)
