@@ -20,7 +20,7 @@ from launch import PROJECT, change, copied_project, environment, snakemake
 from sea import cruise
 
 import compasslib
-from compasslib import calibrations
+from compasslib import angles, calibrations
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive import summary
 from compasslib.archive.files import write_json
@@ -454,9 +454,14 @@ def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_
     assert main(["diff", str(versions_of / "old"), str(versions_of / "new")]) == 0
     table, why = capsys.readouterr().out.split("\n\n")
     cells = dict(zip(*(re.split("  +", line) for line in table.splitlines()), strict=True))
-    with netCDF4.Dataset(versions_of / "old/M1/corrected.nc") as nc:
+    with (
+        netCDF4.Dataset(versions_of / "old/M1/corrected.nc") as nc,
+        netCDF4.Dataset(versions_of / "new/M1/corrected.nc") as new,
+    ):
         stated = nc["HEADING_CORRECTED_UNCERTAINTY"][:].compressed()
-    expected = 2.0 / np.quantile(stated, [0.5, 0.05, 0.0])  # every heading turned by 2 degrees
+        heading = [x["HEADING_CORRECTED"][:].compressed() for x in (nc, new)]
+    turned = 2.0 + angles.difference(*heading)  # by the declination, and by what else has changed
+    expected = np.quantile(turned / stated, [0.5, 0.95, 1.0])
     told = [float(x) for x in cells["in OLD's 1σ: median, 95 %, largest"].split(", ")]
     assert told == pytest.approx(expected, rel=0.05)  # to two digits
     assert cells["flags"] == cells["coefficients"] == "same" and "UNCERTAINTY" in cells["also changed"]
