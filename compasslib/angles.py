@@ -44,6 +44,7 @@ def argument(z: ArrayLike) -> Floats:
 
 
 def sin_cos(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
+    """Compute sine and cosine of angles in degrees."""
     radians = np.deg2rad(np.asarray(angle_deg, dtype=float))
     return np.sin(radians), np.cos(radians)
 

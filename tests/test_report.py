@@ -192,6 +192,14 @@ def test_the_page_begins_with_the_answer(done, document):
     assert after[after.index(f"M1 {diagnosis['verdict']}") + 1 :][:2] == ["What to do", "Currents before and after"]
 
 
+def test_a_compass_without_deviation_is_said_first_and_no_deviation_beside_it(done):
+    results = sections.read_mooring("M1", done / "results", {"warnings": ""})
+    assert "the compass deviated by up to" in explanation.summary_sentences(results)[0]
+    without = results.fit | {"applied": results.fit["applied"] | {"no_deviation_probability": 0.8}}
+    said = explanation.summary_sentences(replace(results, fit=without))[0]
+    assert said.startswith("No deviation is shown; headings are left as recorded") and "deviated" not in said
+
+
 def test_there_is_one_number_for_after(done, document):
     """The agreement on held-out pairs, said as that; the residual of the fit and of all pairs stand nowhere."""
     assessed, fit = (json.loads((done / f"results/M1/{name}.json").read_text()) for name in ("assessment", "deviation"))

@@ -49,8 +49,7 @@ def affected_source(
         return Velocities(velocity, depth, quality, up[0] if rising else None)
 
     samples, beam_deg = product.record, record.beam_angle_deg or USUAL_BEAM_DEG
-    tilt = np.hypot(samples.pitch_deg, samples.roll_deg) * (not record.bins_mapped)
-    return Source(name, samples.time_s, samples.depth_m, tilt, bins, beam_deg, rows, rising)
+    return Source(name, samples.time_s, samples.depth_m, _tilt(samples, record), bins, beam_deg, rows, rising)
 
 
 def reference_source(name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int]) -> Source:
@@ -72,8 +71,12 @@ def reference_source(name: str, path: str | Path, record: Record, field: EarthFi
         depth = record.depth_m[which][:, None] + (-1.0 if record.looks_up else 1.0) * range_m
         return Velocities(velocity, depth, quality, up[0] if rising else None)
 
-    tilt = np.hypot(record.pitch_deg, record.roll_deg) * (not record.bins_mapped)
-    return Source(name, record.time_s, record.depth_m, tilt, bins, record.beam_angle_deg, rows, rising)
+    return Source(name, record.time_s, record.depth_m, _tilt(record, record), bins, record.beam_angle_deg, rows, rising)
+
+
+def _tilt(samples: Record, setup: Record) -> Floats:
+    """Compute the tilt by which beams stand for different depths, (n,) degrees: none where bins were mapped."""
+    return np.zeros(len(samples.time_s)) if setup.bins_mapped else np.hypot(samples.pitch_deg, samples.roll_deg)
 
 
 def _read_rows(path: str | Path, names: Sequence[str], which: slice) -> list[NDArray[Any]]:

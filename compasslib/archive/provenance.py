@@ -117,11 +117,13 @@ def installed(package: str) -> str:
 
 
 def sha256(path: str | Path) -> str:
+    """Hash a file's bytes (SHA-256, hexadecimal)."""
     with Path(path).open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def hashes(paths: Iterable[str]) -> dict[str, str]:
+    """Hash several files, by their paths."""
     return {str(path): sha256(path) for path in paths}
 
 

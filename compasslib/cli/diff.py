@@ -24,14 +24,8 @@ from compasslib.report import words
 from compasslib.types import Floats
 
 CHANGELOG = RELEASE_FILES / "CHANGELOG.md"
-KINDS_OF_CHANGE = (
-    "headings",
-    "flags",
-    "uncertainty",
-    "coefficients",
-    "verdict",
-    "calibration",
-)  # what an entry can change
+# What an entry can change.
+KINDS_OF_CHANGE = ("headings", "flags", "uncertainty", "coefficients", "verdict", "calibration")
 WIDTH = 100
 
 _SECTION = re.compile(r"^## (\S+).*$", re.MULTILINE)
@@ -46,7 +40,7 @@ class ChangelogEntry:
 
     version: str
     text: str
-    changes: frozenset[str]  # of KINDS, or calibration:KIND; none where it changes no result
+    changes: frozenset[str]  # of KINDS_OF_CHANGE, or calibration:KIND; none where it changes no result
 
 
 def parse_changelog(text: str) -> list[ChangelogEntry]:
@@ -72,7 +66,7 @@ def changelog_reasons(old: str, new: str, changed: Iterable[str], changelog: Pat
     Args:
         old: the software of the earlier results, as the products name it; empty where they do not.
         new: that of the later ones.
-        changed: what did, of ``KINDS`` or calibration:KIND.
+        changed: what did, of ``KINDS_OF_CHANGE`` or calibration:KIND.
         changelog: the file that is looked into.
     """
     if old == new:
@@ -409,6 +403,7 @@ MIN_CHANGE_IN_SIGMAS = 0.01  # of a coefficient's standard deviation: below lies
 
 
 def from_to(old: str, new: str) -> str:
+    """Format a change of a value, or that there is none."""
     return SAME if old == new else f"{old} → {new}"
 
 

@@ -277,6 +277,7 @@ def _compass_section(folder: Path) -> ReportSection:
 
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
+    """Compose the lines of ``compass explain`` from a section of the report."""
     lines = [f"{section.name}: {section.verdict or 'not searched'}", *_wrap(section.summary)]
     lines += ["", *_wrap(f"{name}: {value}" for name, value in section.facts)]
     for finding in section.findings:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.demo import adcp, compass, profiler, water
-from compasslib.demo import adcp as sounder
 from compasslib.demo.adcp import Adcp, Setup, Stance
 from compasslib.demo.compass import Field, Iron
 from compasslib.demo.profiler import Profiler
@@ -60,7 +59,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     stance = top_stance(world)
     _write_adcp(folder / "top.000", world, "top", world.spec.top, stance)
     wet = stance.in_water
-    current = sounder.near_bins(world.spec.top.setup, stance, world.currents)
+    current = adcp.near_bins(world.spec.top.setup, stance, world.currents)
     stamps = np.datetime_as_string(stance.time_s[wet].astype("datetime64[s]")).tolist()
     columns = (stance.heading_deg, stance.recorded_deg, current.real, current.imag, stance.depth_m)
     rows = zip(stamps, *(column[wet].tolist() for column in columns), strict=True)
@@ -88,10 +87,12 @@ def raw_files(name: str) -> tuple[str, ...]:
 
 
 def spec_of(name: str) -> MooringSpec:
+    """Look up a mooring of the demonstration by its name."""
     return {spec.name: spec for spec in MOORINGS}[name]
 
 
 def make_world(spec: MooringSpec, seed: int) -> World:
+    """Draw the field, the current and the motion of a mooring."""
     field = compass.earth_field(spec.latitude_deg, spec.longitude_deg, SPAN_S)
     site = (spec.latitude_deg, spec.water_depth_m)
     currents = water.make_water(seed, spec.name, spec.climate, site=site, span_s=SPAN_S)
@@ -171,7 +172,7 @@ def _stance(
 
 def _write_adcp(path: Path, world: World, purpose: str, instrument: Adcp, stance: Stance) -> None:
     rng, latitude_deg = world.random(purpose), world.spec.latitude_deg
-    measured = sounder.measure(rng, instrument, stance, world.currents, latitude_deg=latitude_deg)
+    measured = adcp.measure(rng, instrument, stance, world.currents, latitude_deg=latitude_deg)
     adcp.write(path, instrument.setup, measured)
 
 

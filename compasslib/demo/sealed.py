@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.demo import adcp, compass, water
-from compasslib.demo import water as sea
 from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
 from compasslib.demo.compass import Field, Magnetometer, tilting
 from compasslib.demo.water import (
@@ -194,7 +193,7 @@ def _currents(
 ) -> Water:
     """Simulate the water; what shears between the depths grows with the speed, as it does in real records."""
     climate = replace(WIDE if wish.wide else NARROW, along_deg=along_deg)
-    made = sea.make_water(seed, name, climate, site=site, span_s=span_s)
+    made = water.make_water(seed, name, climate, site=site, span_s=span_s)
     speed = np.abs(made.surface + made.column)
     return replace(made, layers=made.layers.times(0.6 + speed / 0.6))
 
@@ -207,7 +206,7 @@ def _rig(rng: np.random.Generator, depth_m: float) -> Rig:
 def _temperature(rng: np.random.Generator, motion: Motion) -> Floats:
     count = motion.time_s.size
     season = 1.5 * np.cos(2 * np.pi * (motion.time_s / DAY_S / 365.25 + rng.uniform()))
-    weather = red_noise(rng, count, memory=10 * DAY_S / sea.STEP_S, deviation=0.6)
+    weather = red_noise(rng, count, memory=10 * DAY_S / water.STEP_S, deviation=0.6)
     return np.asarray(4.0 + season + weather - 0.4 * (motion.sphere_depth_m - 100.0) / 100.0)
 
 

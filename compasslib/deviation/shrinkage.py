@@ -41,8 +41,8 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     prior = np.array([np.diag(scale**2) for scale in (np.zeros(size), *deviated)])
     chance = np.append(NO_DEVIATION_PRIOR, np.full(len(deviated), (1.0 - NO_DEVIATION_PRIOR) / len(deviated)))
     total = fit.covariance + prior
-    gain = prior @ np.linalg.inv(total)
-    misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
+    inverse = np.linalg.inv(total)
+    gain, misfit = prior @ inverse, np.einsum("i,kij,j->k", estimate, inverse, estimate)
     log_weight = np.log(chance) - TEMPERATURE * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()

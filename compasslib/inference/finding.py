@@ -61,6 +61,16 @@ class Placebo:
     rank_p: float | None
 
 
+def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
+    """Judge whether left-out days show an effect and chance hardly does.
+
+    Args:
+        low_deg: lower end of the 95 % interval of its size on left-out days.
+        rank_p: rank of its gain among surrogates, as a probability; None where there are none.
+    """
+    return low_deg > 0.0 and rank_p is not None and rank_p <= CONFIRMED_P
+
+
 @dataclass(frozen=True)
 class HeldOut:
     """What terms add on days that were not fitted."""
@@ -81,7 +91,7 @@ class HeldOut:
         """Whether left-out days show it and chance hardly does."""
         if self.placebo is None or self.amplitude is None:
             return True
-        return self.placebo.rank_p is not None and self.placebo.rank_p <= CONFIRMED_P and self.amplitude.low > 0.0
+        return is_confirmed(self.amplitude.low, self.placebo.rank_p)
 
     @property
     def refuted(self) -> bool:

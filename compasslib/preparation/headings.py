@@ -32,7 +32,7 @@ NEAR_BINS = 3  # whose mean velocity is the flow
 AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
 HALF_END_DEG, HALF_END_COUNT = 2.0, 5  # of headings that fill half of the circle: how near to its ends, and how many
 # Windows in a row whose changes of heading and of flow are compared. By how much the correlation at another lag exceeds
-# that at none: at most 0.26 in 34 sound records, real water included. A window beside such a one has at least half.
+# that at none: at most 0.26 in 24 sound records, real water included. A window beside such a one has at least half.
 TOGETHER, MAX_LAG, LAG_EXCESS, LAG_SIGMAS = 3, 24, 0.3, 5.5
 LEAST_LAG_S = 1800.0  # a mooring turns some minutes after the flow
 # Smoothness of heading over that of flow, less the record's median, in two windows in a row: at most 1.03 in the same
@@ -55,8 +55,8 @@ def flag_altered(record: Record) -> Record:
     only.
     """
     record = _flag_across_north(_flag_stuck_bits(_flag_held(_flag_limits(_flag_repeated(record)))))
-    flow, known = _flow(record), np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
-    speed = np.where(known, np.abs(flow), 0.0)
+    flow = _flow(record)
+    speed = np.where(_usable(record), np.abs(flow), 0.0)
     if np.count_nonzero(speed) < FEWEST_WINDOWS * FEWEST or np.ptp(record.time_s) < FEWEST_WINDOWS * WINDOW_S:
         return record
     weight = np.minimum(speed, np.median(speed[speed > 0.0]))  # slow flow has no direction
@@ -72,13 +72,11 @@ def flag_altered(record: Record) -> Record:
         return _flag(record, np.ones(weight.shape, dtype=bool), note)
     number = np.floor((record.time_s - record.time_s[0]) / WINDOW_S).astype(int)
     altered = _far_windows(number, direction, weight)[number]
-    if altered.any():
-        note = (
-            f"{_span(record, altered)} are not those by which the velocities were turned, as the flow in "
-            "the instrument's own frame shows: they are flagged doubtful, with five days on either side; check the "
-            "column of headings"
-        )
-        record = _flag(record, altered, note)
+    text = (
+        "are not those by which the velocities were turned, as the flow in the instrument's own frame shows: they are "
+        "flagged doubtful, with five days on either side; check the column of headings"
+    )
+    record = _flag_some(record, altered, text)
     return _flag_smoothed(_flag_late(record, towards, weight, number), towards, weight, number)
 
 
@@ -106,12 +104,11 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
     if largest <= 1.0:
         return record
     late = np.convolve(excess[lag] > 0.5, np.ones(TOGETHER))[: int(number[-1]) + 1] > 0
-    which = late[number]
-    note = (
-        f"{_span(record, which)} {'lag' if lags[lag] > 0 else 'lead'} the direction of flow by {abs(lags[lag])} "
-        "samples, as no compass does: they are flagged doubtful; check the times of the column of headings"
+    text = (
+        f"{'lag' if lags[lag] > 0 else 'lead'} the direction of flow by {abs(lags[lag])} samples, as no compass does: "
+        "they are flagged doubtful; check the times of the column of headings"
     )
-    return _flag(record, which, note)
+    return _flag_some(record, late[number], text)
 
 
 def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
@@ -139,14 +136,17 @@ def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDA
     # Of the heading alone, too: slow flow has a rough direction.
     excess, alone = (np.where(enough, x - np.median(x[enough]), 0.0) for x in (smoothness, persistence))
     pairs = (excess[1:] + excess[:-1] > 2.0 * SMOOTHER) & (alone[1:] + alone[:-1] > 2.0 * SMOOTHER_ALONE)
-    which = (np.append(pairs, False) | np.append(False, pairs))[number]
-    if not which.any():
-        return record
-    note = (
-        f"{_span(record, which)} are far smoother than the flow and the rest of the record: averaged or interpolated "
-        "headings are not those by which the velocities were turned, and are flagged doubtful"
+    smoothed = np.append(pairs, False) | np.append(False, pairs)
+    text = (
+        "are far smoother than the flow and the rest of the record: averaged or interpolated headings are not those by "
+        "which the velocities were turned, and are flagged doubtful"
     )
-    return _flag(record, which, note)
+    return _flag_some(record, smoothed[number], text)
+
+
+def _usable(record: Record) -> Bools:
+    """Tell which headings are there and not flagged, (n,)."""
+    return np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
 
 
 def _flow(record: Record) -> Complexes:
@@ -190,7 +190,7 @@ def _flag_repeated(record: Record) -> Record:
     """Flag sequences of readings that stand at two places, both of them: nobody knows which was recorded there."""
     latest = np.maximum.accumulate(np.append(-np.inf, record.time_s[:-1]))
     later = record.time_s > latest  # one sample given twice repeats nothing
-    known = np.flatnonzero(later & np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
+    known = np.flatnonzero(later & _usable(record))
     if len(known) < SEQUENCE:
         return record
     runs = np.lib.stride_tricks.sliding_window_view(record.heading_deg[known].round(2), SEQUENCE)
@@ -200,18 +200,13 @@ def _flag_repeated(record: Record) -> Record:
     begins = varied[count[index.ravel()] > 1]
     repeated = np.zeros(record.heading_deg.shape, dtype=bool)
     repeated[known[(begins[:, None] + np.arange(SEQUENCE)).ravel()]] = True
-    if not repeated.any():
-        return record
-    note = (
-        f"{_span(record, repeated)} repeat others to the last digit: part of the record was copied, and both places "
-        "are flagged doubtful"
-    )
-    return _flag(record, repeated, note)
+    text = "repeat others to the last digit: part of the record was copied, and both places are flagged doubtful"
+    return _flag_some(record, repeated, text)
 
 
 def _flag_held(record: Record) -> Record:
     """Flag stretches in which a reading stands for several samples, though the compass turned."""
-    known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
+    known = np.flatnonzero(_usable(record))
     if len(known) <= HELD_RUN:
         return record
     change = np.abs(angles.wrap180(np.diff(record.heading_deg[known])))
@@ -221,15 +216,16 @@ def _flag_held(record: Record) -> Record:
         moved = change[run] > 0.0
         if 2 < np.count_nonzero(moved) <= (1.0 - HELD_SHARE) * len(run):
             held[known[run]] = np.median(change[run][moved]) > HELD_STEPS * resolution
-    if not held.any():
-        return record
-    note = f"{_span(record, held)} are repeated from sample to sample and then turn by many degrees"
-    return _flag(record, held, f"{note}: one reading stands for several samples, and they are flagged doubtful")
+    text = (
+        "are repeated from sample to sample and then turn by many degrees: one reading stands for several samples, and "
+        "they are flagged doubtful"
+    )
+    return _flag_some(record, held, text)
 
 
 def _flag_across_north(record: Record) -> Record:
     """Flag all headings where readings between two neighbours either side of north often point elsewhere."""
-    known = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)]
+    known = record.heading_deg[_usable(record)]
     if len(known) < FEWEST:
         return record
     between = angles.wrap180(known[2:] - known[:-2])
@@ -251,7 +247,7 @@ def _flag_across_north(record: Record) -> Record:
 
 def _flag_stuck_bits(record: Record) -> Record:
     """Flag runs of readings in which one bit of the count never changes, though higher ones do."""
-    known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
+    known = np.flatnonzero(_usable(record))
     stuck = np.zeros(record.heading_deg.shape, dtype=bool)
     for step in COUNTS_DEG:
         exact = record.heading_deg[known] / step
@@ -267,21 +263,16 @@ def _flag_stuck_bits(record: Record) -> Record:
                 eighths = np.bincount((count[inside] & 2**bit - 1) * 8 >> bit, minlength=8)
                 filled = eighths.min() >= BIT_FILLED * eighths.sum()
                 stuck[known[inside]] |= changes >= BIT_CHANGES and filled
-    if not stuck.any():
-        return record
-    note = f"{_span(record, stuck)} leave out every other sector of the circle: a bit of the reading is stuck"
-    return _flag(record, stuck, f"{note}, and they are flagged doubtful")
-
-
-def _span(record: Record, which: Bools) -> str:
-    first, last = record.time_s[which][[0, -1]]
-    return f"{int(which.sum())} recorded headings between {iso_time(first)} and {iso_time(last)}"
+    text = "leave out every other sector of the circle: a bit of the reading is stuck, and they are flagged doubtful"
+    return _flag_some(record, stuck, text)
 
 
 def _flag_limits(record: Record) -> Record:
-    """Flag headings equal to the smallest or greatest recorded one, where many are: they were cut there."""
-    heading = record.heading_deg
-    known = np.isfinite(heading) & (record.heading_quality < PROBABLY_BAD)
+    """Flag headings cut at the smallest or greatest recorded one, where many are equal to it, or folded between limits.
+
+    Headings that fill exactly half of the circle were taken modulo 180, halved, or have lost their sign.
+    """
+    heading, known = record.heading_deg, _usable(record)
     if not known.any():
         return record
     ends = [np.count_nonzero(np.abs(heading[known] - end) <= HALF_END_DEG) for end in (0.0, 180.0)]
@@ -299,6 +290,14 @@ def _flag_limits(record: Record) -> Record:
             note = f"{int(at.sum())} recorded headings are exactly {limit:g} degrees, the limit of all others"
             record = _flag(record, at, f"{note}: they were cut there, and are flagged doubtful")
     return record
+
+
+def _flag_some(record: Record, which: Bools, text: str) -> Record:
+    """Flag the selected headings, if any, and say how many, between which times and what is wrong with them."""
+    if not which.any():
+        return record
+    first, last = (iso_time(when) for when in record.time_s[which][[0, -1]])
+    return _flag(record, which, f"{int(which.sum())} recorded headings between {first} and {last} {text}")
 
 
 def _flag(record: Record, which: Bools, note: str) -> Record:

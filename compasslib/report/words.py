@@ -15,7 +15,7 @@ from typing import Any
 
 from compasslib import angles
 from compasslib.calibrations import MODELS
-from compasslib.inference.finding import CONFIRMED_P
+from compasslib.inference.finding import is_confirmed
 
 UNKNOWN = "\N{EN DASH}"
 MINUS, SPACE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
@@ -133,9 +133,7 @@ def confirmed(finding: Mapping[str, Any]) -> bool:
     """Judge whether left-out days show a finding and chance hardly does; true where they are not asked."""
     proof = finding.get("heldout") or {}
     size, placebo = proof.get("amplitude_deg"), proof.get("placebo")
-    if not size or not placebo:
-        return True
-    return placebo["rank_p"] is not None and placebo["rank_p"] <= CONFIRMED_P and size["low"] > 0.0
+    return not (size and placebo) or is_confirmed(size["low"], placebo["rank_p"])
 
 
 FILTERS = (

@@ -72,10 +72,7 @@ class Observations:
     settled_deg: Floats  # (n,) recorded headings, means over 20 s
     also_course_deg: Floats  # (n,) over ground where course_deg is of the bow, NaN where absent
     delay_s: float = 0.0  # by which the course is later than the reading that it is paired with
-    misfit_deg: tuple[float, float] = (
-        float("nan"),
-        float("nan"),
-    )  # of a log, mean about a curve, without that delay and with it
+    misfit_deg: tuple[float, float] = (np.nan, np.nan)  # of a log, mean about a curve, without that delay and with it
     place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
     variation_deg: float = float("nan")  # declination that the log states
     left_out: Mapping[str, int] = field(default_factory=dict)
