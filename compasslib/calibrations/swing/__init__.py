@@ -34,7 +34,6 @@ UNKNOWN_FIELD_DEG = 0.4  # the same at H = 18,000 nT
 BLOCKS = {
     COURSE: ("scatter of the courses about the curve", "least squares, alike neighbours and Student's t allowed for"),
     model.VISUAL: ("visual references", "as given, and the scatter about the curve"),
-    model.SECOND: ("set and drift in second order", "57.3 (d/S)² in D and E, MM (37), (43)"),
     model.WATER: ("speed through the water", "scatter of the ship's log about the triangle of speeds"),
 }
 WATER = ("set and drift of the water", "anything up to the largest allowed, reduced by the information of the swing")

@@ -44,7 +44,7 @@ SMOOTHED_S = 60.0  # over which speeds are averaged
 HARMONICS = (3, 4)  # which compasses have too
 MIN_LEFT = 1e-6  # of a harmonic of amplitude 1 beside the compass's own terms
 MIN_SPEED_SHARE = 0.3  # of a speed, where the drift is faster than the ship
-COURSE, VISUAL, WATER, SECOND = "course", "visual", "log", "second"
+COURSE, VISUAL, WATER = "course", "visual", "log"
 
 
 @dataclass(frozen=True)
@@ -214,27 +214,7 @@ def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None)
         )
     if exact:
         begin[SERIES] = exact_start(swing.observed.recorded_deg, corrected_course(begin, swing))
-    fitted = solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
-    return _with_second_order(fitted, swing, unit=angles.DEGREE if exact else 1.0)
-
-
-def _with_second_order(fitted: SwingFit, swing: Swing, unit: float) -> SwingFit:
-    """Add the second-order effect of an unknown drift on A, D and E: 57.3 (d/S)^2 in D and E, MM (37) and (43).
-
-    The drift acts by the heading, the series by the recorded one; their difference adds d/S times half of B and C.
-
-    Args:
-        unit: of the coefficients, in degrees: 1, or that of the exact ones.
-    """
-    if not swing.observed.over_ground:
-        return fitted
-    slowness = 1.0 / float(np.median(swing.speed_kn))
-    variance = float(np.mean(np.diag(fitted.covariance)[DRIFT])) * slowness**2
-    square = float(np.sum(fitted.parameters[DRIFT] ** 2)) * slowness**2 + variance
-    iron = float(np.sum((fitted.parameters[1:3] * angles.DEGREE / unit) ** 2))
-    part = np.zeros((SIZE, SIZE))
-    part[[0, 3, 4], [0, 3, 4]] = variance * (np.array([0.0, square, square]) + iron / 4.0) * (unit / angles.DEGREE) ** 2
-    return replace(fitted, covariance=fitted.covariance + part, parts={**fitted.parts, SECOND: part})
+    return solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
 
 
 def prior_widths(swing: Swing) -> Floats:
@@ -297,7 +277,8 @@ def _offset(parameters: Floats, swing: Swing) -> Floats:
 def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
     """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
-    Only speeds that vary may separate the drift from B and C. At one speed it differs from what a compass can be in
+    Linearised at the fitted B and C, which hold part of the drift, it has what is of second order in the drift in A, D
+    and E too (MM (37), (43)). Only speeds that vary may separate the drift from B and C. At one speed it differs from what a compass can be in
     higher harmonics of the heading alone, which compasses have too: what is like these is taken out of its derivatives.
     """
     speed = _through_speed(parameters, swing, facing_deg)
