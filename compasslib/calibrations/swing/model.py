@@ -278,8 +278,9 @@ def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compas
     """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
     Linearised at the fitted B and C, which hold part of the drift, it has what is of second order in the drift in A, D
-    and E too (MM (37), (43)). Only speeds that vary may separate the drift from B and C. At one speed it differs from what a compass can be in
-    higher harmonics of the heading alone, which compasses have too: what is like these is taken out of its derivatives.
+    and E too (MM (37), (43)). Only speeds that vary may separate the drift from B and C. At one speed it differs from
+    what a compass can be in higher harmonics of the heading alone, which compasses have too: what is like these is
+    taken out of its derivatives.
     """
     speed = _through_speed(parameters, swing, facing_deg)
     (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
