@@ -14,12 +14,12 @@ from pathlib import Path
 
 PROFILE = Path(__file__).resolve().parents[1] / "workflow/profiles/slurm"
 # What a run on the loopback needs beside the profile: it keeps no accounts, so that the queue itself must be asked, and
-# it may be asked often; a mooring a job, so that two cores have two.
+# it may be asked often; one core a mooring, so that two cores have two.
 OPTIONS = (
     *("--workflow-profile", str(PROFILE)),
     *("--slurm-status-command", "squeue"),
     *("--slurm-init-seconds-before-status-checks", "1"),
-    *("--group-components", "mooring=1"),
+    *("--config", "mooring_cores=1"),
 )
 DAEMONS = ("munged", "slurmctld", "slurmd")
 # Where every client looks: the plugin takes SLURM_CONF out of its jobs' environment.

@@ -28,7 +28,7 @@ from compasslib.pipeline.plan import Stage
 from compasslib.pipeline.settings import Wildcards
 from compasslib.stages import correct
 
-OF_THE_RUN = ("logs", "benchmarks")  # times, and who wrote what
+OF_THE_RUN = ("logs",)  # who wrote what
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
 
 
@@ -158,6 +158,21 @@ def test_several_affected_instruments_have_folders_of_their_own_and_one_grid(tmp
         assert (share[:2, :2] == 1.0).all() and not (share[0, 2:] * share[1, 2:]).any()  # common, and each its own
     jobs = plan.plan(load_cruise(folder)).jobs
     assert {"results/M1/logs/grid.json", "results/M1/top/logs/correct.json"} <= jobs.keys()
+
+
+def test_a_compass_of_two_moorings_parts_their_jobs_and_needs_the_configuration_of_both(tmp_path):
+    folder = cruise(tmp_path / "c", ("M1", "M2"), n=5)
+    assert [*load_cruise(folder, plan.moorings_of(["--target-jobs", "mooring_M2:", "--cores", "1"])).moorings] == ["M2"]
+    for name, start, end in (("M1", "2007-09-04", "2007-10-04"), ("M2", "2008-09-04", "2008-10-04")):
+        path = folder / f"config/moorings/{name}.yaml"
+        instruments = yaml.safe_load(path.read_text())["instruments"]
+        instruments["top"]["compass"] = "wh1"
+        change(path, instruments=instruments, start=start, end=end)
+    loaded = load_cruise(folder, ["M2"])
+    groups = plan.plan(loaded).mooring_jobs()
+    assert [*groups] == ["alone_M1", "mooring_M1", "alone_M2", "mooring_M2"] and [*loaded.moorings] == ["M1", "M2"]
+    assert groups["alone_M1"][-1].endswith("diagnose_alone.json") and groups["mooring_M1"][0].endswith("diagnose.json")
+    assert plan.moorings_of(["--target-jobs", "alone_M1:", "mooring_M1:"]) is None
 
 
 @pytest.mark.parametrize(("stops", "expected"), [(("top",), None), (("top", "mid"), "why")])

@@ -35,7 +35,8 @@ def done(tmp_path_factory):
 
 def test_settings_on_snakemake_s_command_line_are_refused(tmp_path):
     ran = snakemake(cruise(tmp_path, n=5), "--config", "fit=von_appen")
-    assert ran.returncode and "--config: expected settings in the cruise's YAML files alone, found fit" in ran.stderr
+    expected = "--config: expected mooring_cores, and other settings in the cruise's YAML files alone, found fit"
+    assert ran.returncode and expected in ran.stderr
 
 
 def test_it_keeps_the_contract(done):
@@ -148,12 +149,12 @@ def test_a_module_whose_results_would_stand_elsewhere_is_refused(tmp_path):
     assert ran.returncode != 0 and expected in ran.stderr + ran.stdout and "Traceback" not in ran.stderr
 
 
-def test_every_file_is_the_same_in_another_folder_on_one_core(done, tmp_path):
-    """netCDF, JSON, CSV, PNG, HTML, the manifest, and even the logs; only benchmarks hold times."""
+def test_every_file_is_the_same_in_another_folder_where_a_job_is_a_mooring(done, tmp_path):
+    """netCDF, JSON, CSV, PNG, HTML, the manifest, and even the logs and records."""
     again = two(tmp_path / "again")
-    ran = snakemake(again, "--cores", "1")
-    assert ran.returncode == 0, ran.stderr
-    first, second = (hashes(folder / "results", "benchmarks") for folder in (done, again))
+    ran = snakemake(again, "--config", "mooring_cores=2")
+    assert ran.returncode == 0 and "rule mooring_M1:" in ran.stderr and "rule fit:" not in ran.stderr, ran.stderr
+    first, second = (hashes(folder / "results") for folder in (done, again))
     assert sorted(first) == sorted(second) and "ro-crate-metadata.json" in first
     assert [name for name in first if first[name] != second[name]] == []
 

@@ -72,7 +72,7 @@ def check(asked: Namespace) -> int:
         InputError: config/config.yaml cannot be used.
     """
     refused: list[InputError] = []
-    cruise = config.load_cruise(Path(asked.cruise), refused.append)
+    cruise = config.load_cruise(Path(asked.cruise), refuse=refused.append)
     planned = plan.plan(cruise)
     problems = [str(each) for first in refused for each in (first, *first.others)]
     jobs: list[tuple[Callable[[str, plan.Plan], Inspection], str]] = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,10 +53,13 @@ def _raise(mistake: InputError) -> None:
     raise mistake
 
 
-def load_cruise(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> Cruise:
+def load_cruise(
+    cruise: Path, only: Collection[str] | None = None, *, refuse: Callable[[InputError], None] = _raise
+) -> Cruise:
     """Load the configuration of a cruise, with every raw file located and every glob expanded.
 
     Args:
+        only: moorings whose files alone are read, where each is NAME.yaml and shares no compass.
         refuse: takes each mistake of a mooring's or a calibration's file, which is then left out.
 
     Raises:
@@ -67,6 +70,8 @@ def load_cruise(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> 
     moorings: dict[str, Mooring] = {}
     files: dict[str, str] = {}
     listed = _mooring_files(cruise, options.moorings)
+    if only is not None:
+        listed = [file for file in listed if Path(file).stem in only]
     for file in listed:
         try:
             mooring = _mooring(file, options, place)
@@ -75,6 +80,9 @@ def load_cruise(cruise: Path, refuse: Callable[[InputError], None] = _raise) -> 
             files |= dict.fromkeys(split, file)
         except InputError as mistake:
             refuse(mistake)
+    shared = any(each.compass for mooring in moorings.values() for each in mooring.instruments.values())
+    if only is not None and (shared or {*only} != {name.partition("/")[0] for name in moorings}):
+        return load_cruise(cruise, refuse=refuse)
     calibrations = _calibrations(cruise, place, refuse)
     stays = compasses.calibration_dates(calibrations)
     for file in dict.fromkeys(files.values()):

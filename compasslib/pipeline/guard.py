@@ -23,10 +23,11 @@ from compasslib.pipeline.records import RESULTS, is_future, recall, simulated, t
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, LOCK = ".snakemake", ".snakemake/compasslib.lock"
-BELOW = ("work", "work/alone", "wide", "figures", "logs", "benchmarks")  # in the folder of each mooring and calibration
+BELOW = ("work", "work/alone", "wide", "figures", "logs")  # in the folder of each mooring and calibration
 # glibc gives large arrays back and takes the next one anew, page by page: a quarter of a simulated mooring's time, a
 # twentieth of an assessment's. Those under 32 MB stay with the process, which grows by some 10 MB.
 MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
+CORES = "mooring_cores"  # key of Snakemake's configuration, which the profiles of clusters set
 WARNING = "warning: "
 KILLED = (
     "killed before it could say why, most often because memory ran out; run again with fewer --cores, on a cluster "
@@ -54,19 +55,24 @@ def enter(cruise: Path, project: Path) -> None:
                 raise InputError(str(cruise / name), expected=expected, found="one", advice="remove or rename it")
 
 
-def refuse_config(config: Mapping[str, object]) -> None:
-    """Refuse settings of Snakemake's own, which would change nothing here and stand in no archive.
+def mooring_cores(config: Mapping[str, object]) -> int:
+    """Read how many cores the one job of a mooring has; 0 where each stage is a job.
 
     Args:
-        config: what ``--config`` and ``--configfile`` gave.
+        config: what ``--config`` and ``--configfile`` gave: nothing else, as it would stand in no archive.
 
     Raises:
-        InputError: there is one.
+        InputError: there is another setting, or no such number.
     """
-    if config:
-        expected, actual = "settings in the cruise's YAML files alone", ", ".join(map(str, config))
+    if others := [str(key) for key in config if key != CORES]:
+        expected, actual = f"{CORES}, and other settings in the cruise's YAML files alone", ", ".join(others)
         advice = "write it into config/config.yaml, or into the mooring's file, and run again"
         raise InputError("--config", expected=expected, found=actual, advice=advice)
+    cores = config.get(CORES, 0)
+    if not isinstance(cores, int) or cores < 0:
+        expected, advice = "the cores of a mooring's job, or 0: each stage is a job", f"write --config {CORES}=2"
+        raise InputError(f"--config {CORES}", expected=expected, found=str(cores), advice=advice)
+    return cores
 
 
 def refuse_prefix(modifier: Any) -> None:

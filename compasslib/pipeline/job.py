@@ -29,6 +29,18 @@ Say = Callable[[str], None]
 
 
 def job(snakemake: Any, stage: Callable[..., None]) -> None:
+    """Run one stage as the only one of this process, see ``run_job``.
+
+    Raises:
+        SystemExit: the job failed.
+    """
+    try:
+        run_job(snakemake, stage)
+    finally:
+        gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job
+
+
+def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
     """Run one stage: wildcards in order, then the files and settings of its rule by the names of its arguments.
 
     ``say`` writes a line into the job's log. Where the content of a file cannot be used, or the program fails on it,
@@ -65,8 +77,6 @@ def job(snakemake: Any, stage: Callable[..., None]) -> None:
             lines = [f"{begins}{records.reason(log.stem, error)['why']}"]
         else:
             return
-        finally:
-            gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job
         for line in lines:
             say(f"error: {line}")
             _on_screen(f"error: {line}")
@@ -95,8 +105,8 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say) -> Rec
         made["read"] = {path: digest for path, (_, digest) in looked_at.items()}
         records.check_inputs(made["read"], known)
         named = {"say": say, "stopped": records.reasons(before), **reads, **files["writes"], **settings}
-        taken = signature(stage).parameters
-        stage(*snakemake.wildcards, **{name: value for name, value in named.items() if name in taken})
+        taken = {name: named[name] for name in signature(stage).parameters if name in named}
+        stage(*(value for _, value in snakemake.wildcards.items()), **taken)
         records.check_unchanged(looked_at)
     except (Exception, SystemExit) as error:
         records.check_unchanged(looked_at)  # a file that is still being copied is no damaged one
@@ -125,8 +135,8 @@ def _clear(files: Mapping[str, str | Sequence[str]]) -> None:
 def _opened(log: Path) -> Iterator[TextIO]:
     """Open the log anew; where the disk is full, standard error in its place."""
     try:
-        # Log and benchmark are opened as they stand, which may be a link, or a hard one of an older copy.
-        for left in (log, log.parent.parent / "benchmarks" / f"{log.stem}.tsv", log.with_suffix(".json")):
+        # The log is opened as it stands, which may be a link, or a hard one of an older copy.
+        for left in (log, log.with_suffix(".json")):
             left.unlink(missing_ok=True)
         stream = log.open("w", encoding="utf-8")
     except OSError:

@@ -7,10 +7,11 @@ The table of stages serves the Snakefile and ``process.process_mooring``. Snakem
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from compasslib.pipeline.settings import (
 from compasslib.pipeline.stages import CRUISE, OF_CRUISE, Given, Stage
 
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *records.CONCEALED)  # the moorings of the demonstration cruise
+BEFORE_JOINING = ("read", "overlap", "fit", "carry", "diagnose_alone")
 SUMMARY, REPORT, MANIFEST = "results/summary.csv", "results/report.html", "results/ro-crate-metadata.json"
 
 
@@ -96,6 +98,50 @@ class Plan:
             yield "concealed", Wildcards()
         if self.cruise.moorings or self.cruise.calibrations:
             yield from ((rule, Wildcards()) for rule in ("report", "provenance", "complete"))
+
+    def mooring_jobs(self) -> dict[str, list[str]]:
+        """Group the records of jobs by the mooring or calibration that one process makes, by the names of their rules.
+
+        What a shared compass waits for, before it is joined, is a group of its own.
+        """
+        groups: dict[str, list[str]] = {}
+        for record, (rule, job) in self.jobs.items():
+            shared = job.mooring in self.compasses.moorings and rule in BEFORE_JOINING
+            kind = "calibration" if job.calibration else "alone" if shared else "mooring"
+            if (name := job.calibration or job.mooring.partition("/")[0]) and rule != "check_conventions":
+                groups.setdefault(f"{kind}_{name}", []).append(record)
+        return groups
+
+    def described_jobs(self, records_: list[str]) -> Given:
+        """Give the function that describes jobs to ``whole.run_jobs``."""
+
+        def describe(wildcards: Any) -> list[dict[str, Any]]:
+            return [
+                {
+                    "rule": rule,
+                    "function": self.stages[rule].function,
+                    "wildcards": {name: value for name, value in of._asdict().items() if value},
+                    "input": self.inputs(rule)(of),
+                    "log": str(Path(record).with_suffix(".log")),
+                    "params": {name: given(of) for name, given in self.params(rule).items()},
+                }
+                for record in records_
+                for rule, of in [self.jobs[record]]
+            ]
+
+        return describe
+
+    def inputs_of(self, records_: list[str]) -> Given:
+        """Give the function that lists what jobs wait for that others make."""
+        return lambda wildcards: list(
+            dict.fromkeys(
+                file
+                for record in records_
+                for rule, of in [self.jobs[record]]
+                for file in self.inputs(rule)(of)
+                if file not in records_
+            )
+        )
 
     @cached_property
     def writers(self) -> dict[str, str]:
@@ -244,6 +290,18 @@ def plan(cruise: Cruise, scripts: Path = SCRIPTS) -> Plan:
 def only(names: Iterable[str]) -> str:
     """Constrain a wildcard to these names and nothing that merely looks like them."""
     return "|".join(map(re.escape, names)) or "(?!)"
+
+
+def moorings_of(arguments: Sequence[str]) -> list[str] | None:
+    """Name the moorings whose configuration alone a job on a cluster needs; None where that of others may count.
+
+    Args:
+        arguments: of Snakemake on the node; it tells the Snakefile its targets by no other way.
+    """
+    targets = arguments[arguments.index("--target-jobs") + 1 :] if "--target-jobs" in arguments else []
+    names = [target.strip("'").removesuffix(":") for target in takewhile(lambda target: target[:1] != "-", targets)]
+    whole = names and all(name.startswith("mooring_") for name in names)
+    return [name.removeprefix("mooring_") for name in names] if whole else None
 
 
 def _named(wildcards: Any) -> dict[str, str]:

@@ -11,7 +11,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir, contextmanager, suppress
-from importlib import import_module
 from inspect import signature
 from itertools import product
 from pathlib import Path
@@ -23,6 +22,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline import plan, records
 from compasslib.pipeline.records import RESULTS
 from compasslib.pipeline.settings import Wildcards
+from compasslib.pipeline.whole import load_stage
 from compasslib.statistics import single_threaded
 
 TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # of a folder of results until it is whole
@@ -102,8 +102,7 @@ def run_stages(
 
 def run_stage(stage: plan.Stage, job: Wildcards, named: dict[str, Any]) -> None:
     """Run the function of a stage with the files and settings that it takes by name; only then is it imported."""
-    module, _, name = stage.function.partition(".")
-    function = getattr(import_module(f"compasslib.stages.{module}"), name)
+    function = load_stage(stage.function)
     taken = signature(function).parameters
     settings = {name: given(job) for name, given in stage.settings.items()}
     with single_threaded():

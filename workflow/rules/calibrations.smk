@@ -9,8 +9,6 @@ rule calibrate:
         "results/calibrations/{calibration}/logs/calibrate.json",
     log:
         "results/calibrations/{calibration}/logs/calibrate.log",
-    benchmark:
-        "results/calibrations/{calibration}/benchmarks/calibrate.tsv"
     params:
         **PLAN.params("calibrate"),
     script:
@@ -25,8 +23,6 @@ rule diagnose_calibration:
         "results/calibrations/{calibration}/logs/diagnose.json",
     log:
         "results/calibrations/{calibration}/logs/diagnose.log",
-    benchmark:
-        "results/calibrations/{calibration}/benchmarks/diagnose.tsv"
     params:
         **PLAN.params("diagnose_calibration"),
     script:
@@ -41,8 +37,6 @@ rule diagnosis_figure:
         "results/calibrations/{calibration}/logs/diagnosis_figure.json",
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
-    benchmark:
-        "results/calibrations/{calibration}/benchmarks/diagnosis_figure.tsv"
     params:
         **PLAN.params("diagnosis_figure"),
     script:
@@ -57,8 +51,6 @@ rule calibration_figures:
         "results/calibrations/{calibration}/logs/figures.json",
     log:
         "results/calibrations/{calibration}/logs/figures.log",
-    benchmark:
-        "results/calibrations/{calibration}/benchmarks/figures.tsv"
     params:
         **PLAN.params("calibration_figures"),
     script:

@@ -19,8 +19,6 @@ rule summary:
         "results/logs/summary.json",
     log:
         "results/logs/summary.log",
-    benchmark:
-        "results/benchmarks/summary.tsv"
     params:
         **PLAN.params("summary"),
     script:
@@ -35,8 +33,6 @@ rule cruise_figures:
         "results/logs/cruise_figures.json",
     log:
         "results/logs/cruise_figures.log",
-    benchmark:
-        "results/benchmarks/cruise_figures.tsv"
     params:
         **PLAN.params("cruise_figures"),
     script:
@@ -52,8 +48,6 @@ rule report:
         "results/logs/report.json",
     log:
         "results/logs/report.log",
-    benchmark:
-        "results/benchmarks/report.tsv"
     params:
         **PLAN.params("report"),
     script:
@@ -69,8 +63,6 @@ rule provenance:
         "results/logs/provenance.json",
     log:
         "results/logs/provenance.log",
-    benchmark:
-        "results/benchmarks/provenance.tsv"
     params:
         **PLAN.params("provenance"),
     script:
@@ -85,12 +77,30 @@ rule complete:
         "results/logs/complete.json",
     log:
         "results/logs/complete.log",
-    benchmark:
-        "results/benchmarks/complete.tsv"
     params:
         **PLAN.params("complete"),
     script:
         "../scripts/complete.py"
+
+
+rule check_conventions:
+    """CF, ACDD and OceanSITES against one mooring's netCDF files; in each run where the options say so."""
+    input:
+        PLAN.inputs("check_conventions"),
+    output:
+        "results/{mooring}/logs/conventions.json",
+    log:
+        "results/{mooring}/logs/conventions.log",
+    params:
+        **PLAN.params("check_conventions"),
+    script:
+        "../scripts/conventions.py"
+
+
+rule conventions:
+    """CF, ACDD and OceanSITES against the netCDF files of all moorings."""
+    input:
+        PLAN.conventions,
 
 
 rule verify:

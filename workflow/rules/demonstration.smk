@@ -10,8 +10,6 @@ for NAME in SIMULATED:
             truth=records.truth_file(NAME),
         log:
             f"results/{NAME}/logs/simulate.log",
-        benchmark:
-            f"results/{NAME}/benchmarks/simulate.tsv"
         priority: 1  # all moorings first: one that came last would end on one core
         params:
             files={"reads": {}, "writes": {"raw": SIMULATED[NAME], "truth": records.truth_file(NAME)}},
@@ -36,8 +34,6 @@ if PLAN.concealed:
             "results/logs/concealed.json",
         log:
             "results/logs/concealed.log",
-        benchmark:
-            "results/benchmarks/concealed.tsv"
         params:
             **PLAN.params("concealed"),
         script:

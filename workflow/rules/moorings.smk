@@ -9,8 +9,6 @@ rule read:
         "results/{mooring}/logs/read_{role}.json",
     log:
         "results/{mooring}/logs/read_{role}.log",
-    benchmark:
-        "results/{mooring}/benchmarks/read_{role}.tsv"
     params:
         **PLAN.params("read"),
     script:
@@ -25,8 +23,6 @@ rule overlap:
         "results/{mooring}/logs/overlap.json",
     log:
         "results/{mooring}/logs/overlap.log",
-    benchmark:
-        "results/{mooring}/benchmarks/overlap.tsv"
     params:
         **PLAN.params("overlap"),
     script:
@@ -41,8 +37,6 @@ rule fit:
         "results/{mooring}/logs/fit.json",
     log:
         "results/{mooring}/logs/fit.log",
-    benchmark:
-        "results/{mooring}/benchmarks/fit.tsv"
     wildcard_constraints:
         mooring=PLAN.names("fit"),
     params:
@@ -59,8 +53,6 @@ rule carry:
         "results/{mooring}/logs/fit.json",
     log:
         "results/{mooring}/logs/fit.log",
-    benchmark:
-        "results/{mooring}/benchmarks/fit.tsv"
     wildcard_constraints:
         mooring=PLAN.names("carry"),
     params:
@@ -77,14 +69,44 @@ rule diagnose:
         "results/{mooring}/logs/diagnose.json",
     log:
         "results/{mooring}/logs/diagnose.log",
-    benchmark:
-        "results/{mooring}/benchmarks/diagnose.tsv"
     wildcard_constraints:
         mooring=PLAN.names("diagnose"),
     params:
         **PLAN.params("diagnose"),
     script:
         "../scripts/diagnose.py"
+
+
+rule diagnose_alone:
+    """As diagnose, of a record whose compass has others: what it shows alone, and what they may learn from it."""
+    input:
+        PLAN.inputs("diagnose_alone"),
+    output:
+        "results/{mooring}/logs/diagnose_alone.json",
+    log:
+        "results/{mooring}/logs/diagnose_alone.log",
+    wildcard_constraints:
+        mooring=PLAN.names("diagnose_alone"),
+    params:
+        **PLAN.params("diagnose_alone"),
+    script:
+        "../scripts/diagnose.py"
+
+
+rule share:
+    """As diagnose, with what the other records of the compass tell beforehand."""
+    input:
+        PLAN.inputs("share"),
+    output:
+        "results/{mooring}/logs/diagnose.json",
+    log:
+        "results/{mooring}/logs/diagnose.log",
+    wildcard_constraints:
+        mooring=PLAN.names("share"),
+    params:
+        **PLAN.params("share"),
+    script:
+        "../scripts/share.py"
 
 
 rule correct:
@@ -95,8 +117,6 @@ rule correct:
         "results/{mooring}/logs/correct.json",
     log:
         "results/{mooring}/logs/correct.log",
-    benchmark:
-        "results/{mooring}/benchmarks/correct.tsv"
     params:
         **PLAN.params("correct"),
     script:
@@ -111,8 +131,6 @@ rule grid:
         "results/{mooring}/logs/grid.json",
     log:
         "results/{mooring}/logs/grid.log",
-    benchmark:
-        "results/{mooring}/benchmarks/grid.tsv"
     wildcard_constraints:
         mooring=PLAN.names("grid"),
     params:
@@ -129,8 +147,6 @@ rule compare:
         "results/{mooring}/logs/compare.json",
     log:
         "results/{mooring}/logs/compare.log",
-    benchmark:
-        "results/{mooring}/benchmarks/compare.tsv"
     priority: -1  # it fills the cores that others leave
     params:
         **PLAN.params("compare"),
@@ -146,8 +162,6 @@ rule figures:
         "results/{mooring}/logs/figures.json",
     log:
         "results/{mooring}/logs/figures.log",
-    benchmark:
-        "results/{mooring}/benchmarks/figures.tsv"
     params:
         **PLAN.params("figures"),
     script:
@@ -162,33 +176,9 @@ rule sections:
         "results/{mooring}/logs/sections.json",
     log:
         "results/{mooring}/logs/sections.log",
-    benchmark:
-        "results/{mooring}/benchmarks/sections.tsv"
     wildcard_constraints:
         mooring=PLAN.names("sections"),
     params:
         **PLAN.params("sections"),
     script:
         "../scripts/sections.py"
-
-
-rule check_conventions:
-    """CF, ACDD and OceanSITES against one mooring's netCDF files; in each run where the options say so."""
-    input:
-        PLAN.inputs("check_conventions"),
-    output:
-        "results/{mooring}/logs/conventions.json",
-    log:
-        "results/{mooring}/logs/conventions.log",
-    benchmark:
-        "results/{mooring}/benchmarks/conventions.tsv"
-    params:
-        **PLAN.params("check_conventions"),
-    script:
-        "../scripts/conventions.py"
-
-
-rule conventions:
-    """CF, ACDD and OceanSITES against the netCDF files of all moorings."""
-    input:
-        PLAN.conventions,
