@@ -43,6 +43,10 @@ AVERAGED = angles.direction(*(np.convolve(x, np.ones(12) / 12, "same") for x in 
 WITHOUT_A_BIT = (np.rint(100 * moored().heading_deg).astype(int) & ~(1 << 12)) / 100  # of 40.96 degrees
 
 
+def running_mean(values):
+    return np.convolve(values, np.ones(6) / 6, "same")
+
+
 def across_north(heading_deg):
     """Replace those within 20 degrees of north by what an arithmetic mean of numbers either side gives."""
     share = np.random.default_rng(1).uniform(size=N)
@@ -65,6 +69,7 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         (altered(MIDDLE, lambda h: moored().heading_deg[795:1195]), "lag the direction of flow by 5 samples", MIDDLE),
         (altered(MIDDLE, lambda h: WITHOUT_A_BIT[MIDDLE]), "a bit of the reading is stuck", MIDDLE),
         (altered(slice(None), lambda h: np.minimum(h, 360.0 - h)), "folded on the other", slice(None)),
+        (altered(slice(None), running_mean), "are running means", slice(None)),
         (altered(slice(None), across_north), "average them as directions", slice(None)),
         (replace(moored(), heading_deg=np.maximum(moored().heading_deg, 40.0)), "exactly 40 degrees", CUT),
     ],
@@ -77,6 +82,7 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         "late",
         "stuck bit",
         "folded",
+        "degrees averaged",
         "across north",
         "clipped",
     ],
@@ -97,6 +103,10 @@ def test_headings_as_recorded_keep_their_flags_whatever_iron_bends_them(seed):
     east, north = angles.turn(record.east, record.north, turned[:, None])
     bent = replace(record, heading_deg=angles.wrap360(record.heading_deg + turned), east=east, north=north)
     assert headings.flag_altered(bent) is bent
+    direction = angles.direction(*(running_mean(x) for x in angles.sin_cos(record.heading_deg)))
+    velocity = {name: np.apply_along_axis(running_mean, 0, getattr(record, name)) for name in ("east", "north")}
+    means = replace(record, heading_deg=direction, **velocity)  # of all, as some exports are
+    assert headings.flag_altered(means) is means
 
 
 def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes_keep_their_flags(monkeypatch):

@@ -43,6 +43,9 @@ SMOOTHER, SMOOTHER_ALONE, TURNS_DEG = 1.1, 0.25, 2.0  # and the least mean chang
 HELD_RUN, HELD_SHARE, HELD_STEPS = 100, 0.4, 5.0
 # Readings far off both neighbours, which lie either side of north: how many, their share, and times that elsewhere.
 ACROSS, ACROSS_SHARE, ACROSS_TIMES, BETWEEN_DEG, ASTRAY_DEG = 8, 0.2, 1.5, 100.0, 60.0
+# A running mean over m samples leaves no power at the multiples of 1/m: log10 of the power beside over that there, the
+# median of the multiples, of directions and of degrees as numbers.
+SECTION, MEANS, NOTCH, NOTCH_OF_DEGREES = 1024, range(3, 37), 0.75, 1.2
 # Steps in which compasses count, degrees, the least and greatest error of a bit, changes of the higher bits by which
 # it should have changed, and the least share of readings in each eighth of the sectors that are left.
 COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_FILLED = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
@@ -77,7 +80,8 @@ def flag_altered(record: Record) -> Record:
         "flagged doubtful, with five days on either side; check the column of headings"
     )
     record = _flag_some(record, altered, text)
-    return _flag_smoothed(_flag_late(record, towards, weight, number), towards, weight, number)
+    record = _flag_smoothed(_flag_late(record, towards, weight, number), towards, weight, number)
+    return _flag_running_means(record, flow)
 
 
 def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
@@ -142,6 +146,42 @@ def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDA
         "which the velocities were turned, and are flagged doubtful"
     )
     return _flag_some(record, smoothed[number], text)
+
+
+def _flag_running_means(record: Record, flow: Complexes) -> Record:
+    """Flag sections whose headings are running means, unless the velocities are the same ones."""
+    known = np.flatnonzero(_usable(record))
+    if len(known) < SECTION // 2:
+        return record
+    size = min(SECTION, len(known))
+    starts = np.unique(np.append(np.arange(0, len(known) - size + 1, max(size // 2, 1)), len(known) - size))
+    sections = known[starts[:, None] + np.arange(size)]
+    heading = record.heading_deg[sections]
+    of_flow = np.maximum(_notches(flow[sections]), 0.0)
+    of_directions, of_degrees = (_notches(x) - of_flow for x in (angles.phasor(heading), heading))
+    found = np.any((of_directions > NOTCH) | (of_degrees > NOTCH_OF_DEGREES), axis=1)
+    averaged = np.zeros(record.heading_deg.shape, dtype=bool)
+    averaged[sections[found].ravel()] = True
+    text = (
+        "are running means, by their spectrum, where the velocities are not: averaged headings are not those by which "
+        "the velocities were turned, and are flagged doubtful"
+    )
+    return _flag_some(record, averaged, text)
+
+
+def _notches(values: Complexes | Floats) -> Floats:
+    """Compute by how much the power at the multiples of 1/m is below that beside them, (sections, MEANS) log10."""
+    length = values.shape[1] // 3
+    pieces = np.lib.stride_tricks.sliding_window_view(values - values.mean(axis=1, keepdims=True), length, axis=1)
+    power = np.abs(np.fft.fft(pieces[:, :: length // 2] * np.hanning(length))) ** 2 + 1e-9
+    depths = []
+    for m in MEANS:
+        off = np.fft.fftfreq(length) - np.arange(1, m)[:, None] / m
+        off = np.abs(off - np.rint(off))
+        at, beside = off <= 0.75 / length, (off > 0.25 / m) & (off < 0.45 / m)
+        ratio = (power @ beside.T / beside.sum(axis=1)) / (power @ at.T / at.sum(axis=1))
+        depths.append(np.median(np.log10(ratio), axis=(1, 2)))
+    return np.stack(depths, axis=1)
 
 
 def _usable(record: Record) -> Bools:
