@@ -145,6 +145,16 @@ def test_a_sound_record_has_no_doubtful_stretch(iron, seed):
     assert find_doubtful_windows(seen, fit_exact(seen)) == ()
 
 
+@pytest.mark.parametrize(("angle_deg", "days", "doubted"), [(18.0, 12, True), (18.0, 5, False), (8.0, 12, False)])
+def test_two_windows_in_a_row_that_are_turned_are_doubted_where_one_is_not(angle_deg, days, doubted):
+    seen, _ = pairs(MILD, n=3000, seed=21)
+    moved = turned(
+        seen, "upper", np.where((np.arange(3000) >= 1200) & (np.arange(3000) < 1200 + 24 * days), angle_deg, 0)
+    )
+    inside, _ = evaluate_doubts(find_doubtful_windows(moved, fit_exact(moved)), moved.time_s)
+    assert inside[1230 : 1170 + 24 * days].mean() > 0.9 if doubted else not inside.any()
+
+
 def test_a_slope_within_a_few_headings_is_no_doubtful_stretch():
     """Water that veers by some degrees with the heading is none of another compass, however steep it is there."""
     seen, heading = pairs(MILD, n=3000, seed=2)

@@ -80,6 +80,9 @@ GROWS = 0.5  # of these, for a window beside one that is far off
 LEAST_SPREAD = np.array([5.0, 3.0, 0.2, 0.03])
 # Least departure that matters, in the same units.
 LEAST_DEPARTURE = np.array([20.0, 20.0, 0.5, 0.25])
+# Turn and heading dependence together in each of two windows in a row, degrees, and over the median window's: sound
+# moorings, real water included, have at most 13 degrees and 3.7 times.
+IN_A_ROW_DEG, IN_A_ROW_TIMES, LEAST_USUAL_DEG = 15.0, 4.5, 2.0
 LEAST_DOUBT_DEG = 10.0  # standard deviation of the error that a doubt suspects
 # Period and remainder of the index of samples that are compared with the others.
 INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
@@ -220,6 +223,10 @@ def _far_windows(windows: Windows) -> Bools:
     spread = np.maximum(np.median(np.abs(off), axis=0) * [1.4826, 1.0, 1.4826, 1.4826], LEAST_SPREAD)
     matters, departure = off > LEAST_DEPARTURE, off / spread / FAR_SIGMAS
     far, near = (np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS))
+    size = np.hypot(off[:, 0], off[:, 1])
+    large = size > max(IN_A_ROW_DEG, IN_A_ROW_TIMES * max(float(np.median(size)), LEAST_USUAL_DEG))
+    beside_large = np.append(large[1:], False) | np.append(False, large[:-1])
+    far = far | (large & beside_large)
     for _ in range(len(far)):  # a stretch begins in a window: those beside it that are nearly far off belong to it
         far = far | (near & (np.append(far[1:], False) | np.append(False, far[:-1])))
     return far
