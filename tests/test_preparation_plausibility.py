@@ -103,6 +103,14 @@ def test_a_meter_that_shows_one_velocity_from_first_to_last_is_bad_and_still_wat
     assert apply_deployment(still, **LONG).counts["frozen_velocity"] == 0
 
 
+def test_a_component_that_was_cut_at_a_limit_is_bad_there():
+    east = np.random.default_rng(4).normal(0.0, 0.1, (N, 3)).round(3)
+    record = apply_deployment(replace(turning(), east=np.minimum(east, 0.08)), **LONG)
+    assert ((record.quality == BAD) == (east >= 0.08)).all() and (east >= 0.08).sum() > 20
+    assert any("exactly its limit" in said for said in record.warnings)
+    assert apply_deployment(replace(turning(), east=east), **LONG).counts["impossible_speed"] == 0
+
+
 def test_a_compass_that_only_trembles_is_stuck():
     assert list(np.flatnonzero(settled("heading_stuck").heading_quality == PROBABLY_BAD)) == list(range(21, 40))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.preparation.headings import flag_altered
+from compasslib.preparation.headings import AT_LIMIT, COMPARED_VALUES, CROWDED, flag_altered
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record, iso_time
 from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Bools, Floats
@@ -40,6 +40,7 @@ ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by
 BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
 # Shares of the depth that an instrument rarely exceeds: on deck, and where a moored one passes in hours at most.
 ON_DECK, BETWEEN, RARELY, LEAST_DEPTH_M = 0.2, 0.5, 0.01, 15.0
+NEAR_LIMIT = 0.3  # of the largest value of a component: how far the values next to it are looked for
 COARSE_DEG = 2.0  # steps of the headings from which on they are mentioned
 FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
 STILL_DEG = 0.1  # from one sample to the next: the noise of a compass that no longer turns
@@ -174,15 +175,35 @@ def _flag_profiles(record: Record, thresholds: Thresholds) -> Record:
 def _impossible(record: Record, water_depth: float, thresholds: Thresholds) -> Record:
     """Flag what no ocean, no levelled instrument and no depth in the water can show."""
     too_fast = np.hypot(record.east, record.north) > thresholds.speed
+    cut = _at_limit(record.east) | _at_limit(record.north)
     with np.errstate(invalid="ignore"):
         fallen = (np.abs(record.pitch_deg) > thresholds.tilt_deg) | (np.abs(record.roll_deg) > thresholds.tilt_deg)
         outside = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
-    record = flag_velocities(record, too_fast, BAD, "impossible_speed", f"faster than {thresholds.speed:g} m/s")
+    sentence = f"faster than {thresholds.speed:g} m/s"
+    if cut.any():
+        sentence = f"a component is exactly its limit, at which values were cut ({int(cut.sum())}), or {sentence}"
+    record = flag_velocities(record, too_fast | cut, BAD, "impossible_speed", sentence)
     record = flag_velocities(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
     heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
     record = replace(record, heading_quality=heading.astype(np.int8))
     sentence = "the instrument's depth lies above the surface or below the bottom"
     return _out_of_water(flag_velocities(record, outside[:, None], BAD, "impossible_depth", sentence))
+
+
+def _at_limit(component: Floats) -> Bools:
+    """Tell which values are exactly the smallest or greatest one, where far more are than of the values next to it."""
+    cut = np.zeros(component.shape, dtype=bool)
+    if not np.isfinite(component).any():
+        return cut
+    for limit in (np.nanmin(component), np.nanmax(component)):
+        with np.errstate(invalid="ignore"):
+            near = component[np.abs(component - limit) < NEAR_LIMIT * abs(limit)]
+        values, counts = np.unique(near, return_counts=True)
+        order = np.argsort(np.abs(values - limit))
+        next_to_it = counts[order[1 : 1 + COMPARED_VALUES]]
+        if len(next_to_it) and counts[order[0]] > max(AT_LIMIT, CROWDED * np.median(next_to_it)):
+            cut |= component == limit
+    return cut
 
 
 def _out_of_water(record: Record) -> Record:
