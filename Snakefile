@@ -4,8 +4,8 @@
 include: "workflow/Snakefile"
 
 
+# Snakemake takes no target from the included file by itself.
 rule default:
-    """What the included file makes: Snakemake takes no target from there by itself."""
+    default_target: True
     input:
         rules.all.input,
-    default_target: True

@@ -141,7 +141,9 @@ class Record(Labelled):
     direction_reference: str = "magnetic"  # magnetic | true
     heading_bias_deg: float = 0.0  # that was taken out of the file's headings
     velocity_bias_deg: float | None = None  # the same of its velocities, None: as of the headings
-    serial_number: str = ""  # the instrument's, where its files tell it
+    serial_number: str = ""  # the instrument's, where its files tell it, as the next two
+    manufacturer: str = ""
+    model: str = ""
     channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each: what else was logged, NaN where missing
     channel_units: Mapping[str, str] = field(default_factory=dict)
     # What the velocities came with, by the keys of ``PROFILES``: (n, m) m/s, NaN where missing, or (n, m, beams) counts

@@ -19,18 +19,19 @@ from urllib.parse import unquote
 import netCDF4
 import pytest
 from bench import readings, write_calibration
-from launch import PROJECT, copied_project, snakemake
+from launch import PROJECT, change, copied_project, snakemake
 from sea import cruise
 from snakemake.iocontainers import Namedlist
 
 from compasslib import __version__
-from compasslib.archive import crate, deposit, provenance, verification
+from compasslib.archive import crate, datacite, deposit, provenance, verification
 from compasslib.cli import main
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
 from compasslib.errors import InputError
 from compasslib.pipeline import plan
 from compasslib.pipeline.job import job
+from compasslib.pipeline.process import process_mooring
 
 SAMPLES = 120
 
@@ -71,7 +72,7 @@ def ids(reference: object) -> list[str]:
 def unpacked(processed, tmp_path_factory):
     """The cruise exported as one ZIP and unpacked elsewhere."""
     into = tmp_path_factory.mktemp("deposit")
-    count = deposit.deposit(processed, into / "c.zip", config.load_cruise(processed).options.attributes)
+    count = deposit.deposit(config.load_cruise(processed), into / "c.zip")
     with zipfile.ZipFile(into / "c.zip") as packed:
         assert packed.testzip() is None and len(packed.namelist()) == count
         packed.extractall(into / "there")
@@ -94,6 +95,25 @@ def test_diff_tells_what_changed_since_the_deposit(unpacked, archive, capsys):
     (archive / "cut.zip").write_bytes(whole[:at] + b"junk" + whole[at + 4 :])
     assert main(["diff", str(archive / "cut.zip"), str(archive)]) == 1
     assert "cut.zip: expected a whole ZIP file" in capsys.readouterr().err
+
+
+def test_a_product_states_which_keys_and_files_changed_since_the_deposit_that_it_supersedes(unpacked, archive):
+    """In history and product_version, the same each time; what is no deposit is refused before any work."""
+    shutil.copy(unpacked.parent / "c.zip", archive / "v1.zip")
+    change(archive / "config/moorings/M1.yaml", water_depth=890)
+    with open(archive / "raw/M1/deep.csv", "a") as stream:
+        stream.write("\n")
+    options = (archive / "config/config.yaml").read_text()
+    (archive / "config/config.yaml").write_text(f"{options}supersedes: v1.zip\n")
+    made = process_mooring(archive, "M1", archive / "again")
+    changes = "since v1.zip: water_depth was 894, is 890; raw/M1/deep.csv changed"
+    for name in ("corrected.nc", "gridded.nc"):
+        with netCDF4.Dataset(made / name) as nc:
+            assert nc.product_version == f"{provenance.software()}; {changes}"
+            assert f": {changes} (manifest sha256 {provenance.sha256(archive / crate.FILE)})" in nc.history
+    (archive / "v1.zip").write_bytes(b"none")
+    with pytest.raises(InputError, match=r"v1\.zip: expected the ZIP of compass export --to rocrate"):
+        plan.plan(config.load_cruise(archive))
 
 
 def test_a_deposit_is_a_workflow_run_crate_that_holds_what_it_lists(unpacked):
@@ -123,16 +143,30 @@ def test_a_deposit_is_a_workflow_run_crate_that_holds_what_it_lists(unpacked):
     assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
 
 
-def test_an_unpacked_deposit_verifies_and_one_of_changed_results_is_refused(unpacked, archive, tmp_path):
+def test_a_deposit_has_what_datacite_requires_and_nothing_that_nobody_gave(unpacked):
+    cited = json.loads((unpacked / datacite.FILE).read_text())
+    affiliation = {"name": "A. Fram", "nameType": "Personal", "affiliation": [{"name": "Sea"}]}
+    assert cited["creators"] == [affiliation] and cited["publisher"] == {"name": "Sea"} and "doi" not in cited
+    assert cited["titles"] == [{"title": "Compass deviations corrected: Größe"}]
+    assert cited["rightsList"] == [{"rights": "CC-BY-4.0"}] and len(cited["publicationYear"]) == 4
+    (place,) = cited["geoLocations"]
+    assert place["geoLocationPoint"] == {"pointLatitude": 65.3333, "pointLongitude": -32.955}
+    assert cited["dates"][0]["dateType"] == "Collected" and cited["dates"][0]["date"].startswith("2007-09-04/2007")
+
+
+def test_an_unpacked_deposit_verifies_and_one_of_changed_results_is_refused(unpacked, archive, tmp_path, capsys):
     assert verify(unpacked)[0] == 0
-    attributes = config.load_cruise(archive).options.attributes
+    assert main(["export", "--cruise", str(archive), "--to", "rocrate", "--into", str(tmp_path / "by_command")]) == 0
+    asked = capsys.readouterr().err.splitlines()
+    assert "  doi: of the deposit, once reserved" in asked
+    assert any(line.startswith("  manufacturer, model") and line.endswith(": of M1's instrument top") for line in asked)
     (archive / "results/M1/corrected.nc").write_bytes(b"other")
     with pytest.raises(InputError, match=r"results/M1/corrected\.nc: expected the file that the manifest lists"):
-        deposit.deposit(archive, tmp_path / "c.zip", attributes)
+        deposit.deposit(config.load_cruise(archive), tmp_path / "c.zip")
+    options = archive / "config/config.yaml"
+    options.write_text(options.read_text().replace("publisher_url", "address"))
     with pytest.raises(InputError, match="found no publisher_url; add publisher_url, its address"):
-        deposit.deposit(
-            archive, tmp_path / "c.zip", {key: x for key, x in attributes.items() if key != "publisher_url"}
-        )
+        deposit.deposit(config.load_cruise(archive), tmp_path / "c.zip")
     assert not (tmp_path / "c.zip").exists()
 
 

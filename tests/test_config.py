@@ -166,6 +166,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
         "demonstration": False,
         "seed": 2007,
         "attributes": {},
+        "supersedes": (),
         "overlap": {
             "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "predict": True, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
         },

@@ -111,6 +111,7 @@ def test_what_mhkit_writes_is_what_the_pd0_reader_reads(tmp_path, name, monkeypa
         n = len(record.time_s)
         assert n >= 99 and (record.looks_up, record.beam_angle_deg) == (own.looks_up, own.beam_angle_deg)
         assert record.serial_number == own.serial_number
+        assert (record.manufacturer, record.model) == (data.attrs["inst_make"], data.attrs["inst_model"])
         known = np.isfinite(record.east)  # dolfyn does not solve for currents from three beams
         close(record.east[known], own.east[:n][known], 1e-5)
         close(record.north[known], own.north[:n][known], 1e-5)

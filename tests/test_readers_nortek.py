@@ -90,7 +90,7 @@ def test_a_genuine_aquadopp_is_read_as_by_an_independent_reader_and_every_byte_i
     assert int((found.end - found.start).sum()) == GENUINE.stat().st_size == record.counts["bytes_total"]
     assert record.counts["diagnostic_samples"] == 20080 and record.counts["bytes_skipped"] == 0
     assert ((record.quality[:, 0] == BAD) == (known["status"] & 0x0C > 0)).all()  # on deck, tilted beyond the sensor
-    assert record.serial_number == "AQD 9330" and record.looks_up
+    assert (record.manufacturer, record.serial_number) == ("Nortek", "AQD 9330") and record.looks_up
     assert record.warnings == (
         "Each sample is the mean of 120 s from its time on: its middle is 60 s later; clock_offset_seconds: -60 moves "
         "it there.",
@@ -182,6 +182,7 @@ def test_what_the_instrument_itself_doubts_is_flagged(tmp_path):
     correlation = np.full((4, 5), 90)
     correlation[2, 3] = 40
     found = read(tmp_path, of_signature([replace(s, correlation=correlation) for s in drawn(4, n=3)]))
+    assert (found.manufacturer, found.model, found.serial_number) == ("Nortek", "Signature500", "100123")
     assert found.quality[0].tolist() == [GOOD, GOOD, GOOD, BAD, GOOD]
 
 

@@ -85,7 +85,9 @@ def test_a_mooring_without_reference_ends_with_flags_not_with_an_error(done):
         assert np.isfinite(nc["UCUR_RECORDED"][:].filled(np.nan)).any()
 
 
-def test_nothing_to_do_the_second_time(done):
+def test_nothing_to_do_the_second_time_though_files_were_touched(done):
+    for file in (*(done / "raw/M1").iterdir(), *(done / "config").rglob("*.yaml")):
+        file.touch()
     assert "Nothing to be done" in snakemake(done).stderr
 
 
@@ -95,7 +97,10 @@ def test_raw_data_are_never_written_to(done):
 
 def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
     change(done / "config/moorings/M1.yaml", declination=-22.0)
-    said = snakemake(done, "--dry-run", "--quiet", "progress").stdout
+    ran = snakemake(done, "--dry-run", "--quiet", "progress")
+    said = ran.stdout
+    assert "\n  results/M1/logs/overlap.json: declination was null, is -22.0\n" in ran.stderr
+    assert "results/logs/provenance.json: config/moorings/M1.yaml changed\n" in ran.stderr
     assert "reason: Params have changed since last execution" in said and "'declination': -22.0" in said
     assert jobs_in(said) == {*((rule, "M1") for rule in EACH), *((rule, "") for rule in OF_ALL)}
     change(done / "config/moorings/M1.yaml", declination="auto")

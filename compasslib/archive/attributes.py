@@ -105,8 +105,8 @@ def global_attributes(
     computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", "unknown")))
     computed |= {acdd: user[same] for acdd, same in SAME.items() if same in user}
     computed |= _where(site, depth_m) | _when(time_s)
-    computed |= {named.get(key, key): value for key, value in made.items()} | dated
     computed |= {"product_version": made["software_version"]} if "software_version" in made else {}
+    computed |= {named.get(key, key): value for key, value in made.items()} | dated
     return computed | {key: value for key, value in user.items() if not values.stated(key)}
 
 

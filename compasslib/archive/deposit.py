@@ -10,16 +10,19 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from compasslib.archive import crate, provenance
+import yaml
+
+from compasslib.archive import crate, datacite, provenance
 from compasslib.archive.crate import Entity
 from compasslib.archive.files import atomic_write
 from compasslib.archive.verification import read_manifest
+from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
 
 METADATA, README = "ro-crate-metadata.json", "README.md"
@@ -40,6 +43,7 @@ OWNERS = {
 OPTIONAL = {
     "principal_investigator_orcid": "https://orcid.org/...",
     "software_url": "where the version of this software that was used is kept",
+    "doi": "of the deposit, once reserved",
 }
 SNAKEMAKE: Entity = {
     "@id": "https://w3id.org/workflowhub/workflow-ro-crate#snakemake",
@@ -51,24 +55,24 @@ SNAKEMAKE: Entity = {
 ABOUT = """# {title}
 
 Moored current records whose compass was corrected, as one Workflow Run Crate. `results/` holds the products, `config/`
-and `raw/` what they were made from, `workflow/` the rules, `ro-crate-metadata.json` the description of all files.
+and `raw/` what they were made from, `workflow/` the rules, `ro-crate-metadata.json` the description of all files,
+`datacite.json` what a DOI is registered with.
 
 The unpacked folder is compared with its manifest by `compass verify FOLDER`.
 """
 BLOCK_BYTES = 1 << 20  # copied at a time
 
 
-def deposit(cruise: str | Path, to: str | Path, attributes: Mapping[str, Any]) -> int:
+def deposit(cruise: Cruise, to: str | Path) -> int:
     """Pack a processed cruise, and return the number of its files.
 
     Args:
         to: the ZIP file.
-        attributes: of the cruise.
 
     Raises:
         InputError: there is no manifest, a file is not as it lists, or a key that only an owner can give is missing.
     """
-    root = Path(cruise)
+    root, attributes = cruise.root, cruise.options.attributes
     if missing := [key for key in OWNERS if not str(attributes.get(key, "")).strip()]:
         advice = "add " + "; ".join(f"{key}, {OWNERS[key]}" for key in missing)
         expected = f"the attributes {', '.join(OWNERS)}"
@@ -85,7 +89,10 @@ def deposit(cruise: str | Path, to: str | Path, attributes: Mapping[str, Any]) -
     rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
     described = compose(page, attributes, {name: provenance.sha256(path) for name, path in rules.items()}, root)
     texts = {METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n"}
-    texts[README] = ABOUT.format(title=next(x["name"] for x in described["@graph"] if x["@id"] == "./"))
+    whole = next(x for x in described["@graph"] if x["@id"] == "./")
+    texts[README] = ABOUT.format(title=whole["name"])
+    cited = datacite.describe(cruise, title=whole["name"], published=whole["datePublished"])
+    texts[datacite.FILE] = json.dumps(cited, indent=1, ensure_ascii=False) + "\n"
     with atomic_write(to) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in texts.items():
             archive.writestr(_entry(name), text)
@@ -99,6 +106,39 @@ def deposit(cruise: str | Path, to: str | Path, attributes: Mapping[str, Any]) -
                 expected, advice = "the file that the manifest lists", "run the cruise again, then export"
                 raise InputError(name, expected=expected, found="another", advice=advice)
     return len(listed) + len(rules) + len(texts) + 1
+
+
+def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:
+    """Describe the earlier deposit of a mooring: which keys of its YAML files differ, and the hashes of its files.
+
+    Args:
+        file: the ZIP.
+        configuration: YAML files of the mooring, relative to the cruise folder ``root``.
+
+    Raises:
+        InputError: it is no deposit.
+    """
+    try:
+        with zipfile.ZipFile(file) as packed:
+            manifest, there = packed.read(crate.FILE), {*packed.namelist()}
+            old = {name: yaml.safe_load(packed.read(name)) for name in configuration if name in there}
+        page = json.loads(manifest)
+        made_by = {x["name"]: x["softwareVersion"] for x in page["@graph"] if x["@type"] == "SoftwareApplication"}
+        listed = crate.listed(page)
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile, yaml.YAMLError) as error:
+        expected, advice = "the ZIP of compass export --to rocrate", "correct supersedes in config/config.yaml"
+        raise InputError(str(file), expected=expected, found=str(error), advice=advice) from error
+    new = {name: yaml.safe_load((root / name).read_bytes()) for name in configuration}
+    for options in (old, new):
+        options.get("config/config.yaml", {}).pop("supersedes", None)
+    return {
+        "name": file.name,
+        "manifest": hashlib.sha256(manifest).hexdigest(),
+        "software": f"compasslib {made_by['compasslib']}",
+        "keys": [text for name in old for text in provenance.changed_settings({"": old[name]}, {"": new[name]})]
+        + [f"{name} is new" for name in configuration if name not in old],
+        "files": {path: digest for path, digest in listed.items() if not path.startswith(f"{crate.FOLDER}/")},
+    }
 
 
 def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mapping[str, str], root: Path) -> Entity:
@@ -146,7 +186,7 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     whole = next(entity for entity in page["@graph"] if entity["@id"] == "./") | {
         "conformsTo": _references(PROFILES), "license": {"@id": license_id}, "author": {"@id": author},
         "publisher": {"@id": publisher}, "mainEntity": {"@id": WORKFLOW_FILE},
-        "hasPart": _references({*files, *map(quote, rules), README}),
+        "hasPart": _references({*files, *map(quote, rules), README, datacite.FILE}),
         "mentions": _references([RUN, *(action["@id"] for action in actions)]),
     }  # fmt: skip
     organization = {"@type": "Organization", "name": str(attributes["institution"]), "url": publisher}
@@ -156,7 +196,10 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
             "conformsTo": _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]]),
         },
         whole, SNAKEMAKE, run,
-        {"@id": README, "@type": "File", "name": README, "encodingFormat": "text/markdown", "about": {"@id": "./"}},
+        *(
+            {"@id": name, "@type": "File", "name": name, "encodingFormat": form, "about": {"@id": "./"}}
+            for name, form in ((README, "text/markdown"), (datacite.FILE, "application/json"))
+        ),
         {"@id": license_id, "@type": "CreativeWork", "name": terms},
         {"@id": publisher, **organization},
         {

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.archive import variables
 from compasslib.archive.attributes import (
+    SENSOR_KEYS,
     Attributes,
     Site,
     declination_attributes,
@@ -290,7 +291,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         measured=(*perhaps, *(variables.PROFILES[name] for name in record.profiles)),
         beams=_beams(record),
         recorded_in={"recorded_in": record.recorded_in} if record.recorded_in else {},
-        instrument={"serial_number": record.serial_number} if record.serial_number else {},
+        instrument={key: told for key in SENSOR_KEYS[:3] if (told := getattr(record, key))},
     )
 
 

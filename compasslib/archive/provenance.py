@@ -8,7 +8,7 @@ import json
 import os
 import re
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -172,36 +172,54 @@ def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def origin(what: str, files: Sequence[str], within: Path | None = None) -> dict[str, str]:
+def origin(
+    what: str, files: Sequence[str], within: Path | None = None, superseded: Mapping[str, Any] | None = None
+) -> dict[str, str]:
     """Compose the attributes of a netCDF file that lead back to what it was made from.
 
     Args:
         what: was done, for the history.
         files: that it was made from, relative to the cruise folder.
         within: a folder from which they are named, where not from the cruise's.
+        superseded: the earlier deposit, as ``deposit.describe_superseded`` gives it.
     """
     made, by = date_created(), software()
     known = hashes(files)
     names = {file: file if within is None else Path(file).relative_to(within).as_posix() for file in files}
     listed = ", ".join(f"{names[file]} (sha256 {known[file]})" for file in files)
-    return {
+    history, changes = f"{made}: {what} by {by} from {listed}", {}
+    if superseded:
+        earlier = superseded["files"]
+        changed = [
+            f"{file} {'changed' if earlier.get(file) else 'is new'}"
+            for file in files
+            if known[file] != earlier.get(file)
+        ]
+        changed += [f"software was {superseded['software']}"] if superseded["software"] != by else []
+        since = f"since {superseded['name']}: {'; '.join([*superseded['keys'], *changed]) or 'nothing changed'}"
+        history += f"\n{made}: {since} (manifest sha256 {superseded['manifest']})"
+        changes = {"product_version": f"{by}; {since}"}
+    return changes | {
         "software_version": by,
         "source_files": ", ".join(names.values()),
-        "history": f"{made}: {what} by {by} from {listed}",
+        "history": history,
         "date_created": made,
     }
 
 
-def processing(product: Product, field: EarthField, raw_files: Sequence[str]) -> dict[str, Any]:
+def processing(
+    product: Product, field: EarthField, raw_files: Sequence[str], superseded: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Describe how and when a record was corrected, as attributes of the archive.
 
     Args:
         field: the declination that was used.
         raw_files: what was read, relative to the cruise folder.
+        superseded: the earlier deposit, as for ``origin``.
     """
     suffix = f" with {', '.join(product.effects)}" if product.effects else ""
     suffix += f" fitted jointly with {', '.join(product.accounted)}" if product.accounted else ""
-    made = origin(f"headings corrected, method {product.fit.method}{suffix},", raw_files)
+    made = origin(f"headings corrected, method {product.fit.method}{suffix},", raw_files, superseded=superseded)
     return made | {
         "method": product.fit.method,
         "effects": ", ".join(product.effects),
@@ -218,6 +236,27 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
         raw_files: what was read, relative to the cruise folder.
     """
     return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
+
+
+def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
+    """List the settings of a job, or the keys of a YAML file, that differ, each with its values as they are in JSON."""
+    left, right = (dict(_leaves(json.loads(json.dumps(side, default=str)))) for side in (before, after))
+    keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
+    return [f"{key} was {_short(left.get(key))}, is {_short(right.get(key))}" for key in keys]
+
+
+def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
+    """Give each setting by its keys; the outermost is the parameter of the rule, which no YAML file knows."""
+    if isinstance(value, dict) and value:
+        for name, inner in value.items():
+            yield from _leaves(inner, *keys, name)
+    else:
+        yield ".".join(keys[1:] or keys), value
+
+
+def _short(value: Any, longest: int = 40) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
 @cache

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import provenance, variables
+from compasslib.archive.attributes import SENSOR_KEYS
 from compasslib.archive.deposit import OPTIONAL, deposit
 from compasslib.archive.files import HALF_WRITTEN, atomic_write, open_netcdf, read_attribute, read_series, write_json
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
@@ -81,12 +82,22 @@ def _export_cruise(asked: Namespace) -> int:
         raise InputError("--to rocrate", expected=expected, found=asked.mooring, advice=advice)
     root = Path(asked.cruise).resolve()
     (file,) = _available_files(Path(asked.into or Path(asked.cruise) / "export"), f"{root.name}.crate.zip")
-    attributes = config.load_cruise(root).options.attributes
-    count = deposit(root, file, attributes)
+    loaded = config.load_cruise(root)
+    count, attributes = deposit(loaded, file), loaded.options.attributes
     print(file)
-    absent = [f"{key} ({what})" for key, what in OPTIONAL.items() if key not in attributes]
-    more = f"; not given and optional among the attributes: {', '.join(absent)}" if absent else ""
-    print(f"{count} files{more}", file=sys.stderr)
+    absent = [f"  {key}: {what}" for key, what in OPTIONAL.items() if key not in attributes]
+    products = {name: root / "results" / name / "corrected.nc" for name in loaded.moorings}
+    for name in (name for name, product in products.items() if product.is_file()):
+        with open_netcdf(products[name]) as nc:
+            keys = [key for key in SENSOR_KEYS if f"sensor_{key}" not in nc["HEADING"].ncattrs()]
+        absent += [f"  {', '.join(keys)}: of {name}'s instrument {loaded.moorings[name].compromised}"] if keys else []
+    print(
+        f"{count} files",
+        *(["attributes that only the owner can give, not given:"] if absent else []),
+        *absent,
+        sep="\n",
+        file=sys.stderr,
+    )
     return 0
 
 

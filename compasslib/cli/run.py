@@ -6,11 +6,12 @@ import os
 import re
 import sys
 from argparse import Namespace
+from collections.abc import Iterable, Mapping
 from contextlib import chdir
 from importlib.util import find_spec
 from pathlib import Path
 
-from compasslib.archive.provenance import WORKFLOW
+from compasslib.archive import provenance
 from compasslib.config import cruise
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
@@ -34,7 +35,7 @@ def run(asked: Namespace) -> int:
         advice = "name the folder of a cruise"
         raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
     stale, options = _stale(Path(asked.cruise), asked.options)
-    profile, snakefile = WORKFLOW / "profiles" / asked.profile, WORKFLOW / "Snakefile"
+    profile, snakefile = provenance.WORKFLOW / "profiles" / asked.profile, provenance.WORKFLOW / "Snakefile"
     cores = asked.cores or ("all" if asked.profile == "default" else None)
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile), "--directory", asked.cruise]
     command += ["--workflow-profile", str(profile), *(["--cores", cores] if cores else [])]
@@ -62,7 +63,25 @@ def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
         wanted = () if "verify" in options else (*planned.everything(), *planned.jobs.keys() & {*options})
         stale = records.stale(wanted, known)
         if not (os.path.isdir(METADATA) and any(os.scandir(METADATA))):  # nobody knows by what settings and code
-            stale = [record for record in wanted if os.path.lexists(record)]
+            again = f"no {METADATA}: by what settings it was made is unknown"
+            stale = {record: again for record in wanted if os.path.lexists(record)}
         if not looks_only:
             known.keep()
-        return stale, options
+        _print_reasons(planned, wanted, stale)
+        return list(stale), options
+
+
+def _print_reasons(planned: plan.Plan, wanted: Iterable[str], stale: Mapping[str, str]) -> None:
+    """Print why jobs that have run before run again: a file, a setting or the code; Snakemake gives what follows."""
+    lines = []
+    for record in wanted:
+        if before := records.read_any(Path(record)):
+            rule, wildcards = planned.jobs[record]
+            stage = planned.stages[rule]
+            settings = {name: given(wildcards) for name, given in stage.settings.items()}
+            why = [stale[record]] if record in stale else []
+            why += provenance.changed_settings(before.get("parameters", {}), settings)
+            why += ["its modules changed"] if before.get("code") != stage.code(wildcards) else []
+            lines += [f"  {record}: {'; '.join(why)}"] if why else []
+    if lines:
+        print("Jobs that run again, and those that need their results:", *lines, sep="\n", file=sys.stderr)

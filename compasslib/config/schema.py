@@ -154,6 +154,7 @@ class CruiseOptions(Section):
     demonstration: Switch = key("true or false", "false", False)
     seed: Count = key("a whole number from 0 to 4294967295", "2007", 2007, ge=0, le=2**32 - 1)
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{institution: My Institute}", {})
+    supersedes: Files = key("the ZIP of the earlier deposit, relative to the cruise folder", "deposits/v1.zip", ())
     overlap: Overlap = key("a mapping", "{max_minutes: 20}", Overlap())
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())

@@ -284,7 +284,10 @@ def plan(cruise: Cruise, scripts: Path = SCRIPTS) -> Plan:
         if name not in SIMULATED:
             advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
-    return Plan(cruise, scripts)
+    planned = Plan(cruise, scripts)
+    for name in cruise.moorings if cruise.options.supersedes else ():
+        planned.moorings.superseded(Wildcards(name))  # refuses what is no deposit
+    return planned
 
 
 def only(names: Iterable[str]) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -255,21 +255,27 @@ def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
     return by_kind
 
 
-def stale(paths: Iterable[str], known: KnownHashes) -> list[str]:
-    """List the records of jobs that are to run again, although their times say that nothing changed.
+def stale(paths: Iterable[str], known: KnownHashes) -> dict[str, str]:
+    """Explain for each job that is to run again, although the times of its files say that nothing changed, why.
 
-    Something that they wrote is not as they wrote it, or was made from a file that has since become another.
+    Something that it wrote is not as it wrote it, or was made from a file that has since become another.
 
     Args:
         paths: records of all jobs of the cruise.
     """
-    stale = []
+    reasons = {}
     for path in filter(os.path.lexists, paths):
         record = load(path)
-        files = [*record["read"].items(), *record["wrote"].items()]
-        if not record["rule"] or not all(known.sha256(file) == digest for file, digest in files):
-            stale.append(path)
-    return stale
+        files = record["read"] | record["wrote"]
+        other = [
+            f"{file} {'changed' if known.sha256(file) else 'is missing'}"
+            for file, digest in files.items()
+            if known.sha256(file) != digest
+        ]
+        if other or not record["rule"]:
+            reasons[path] = ", ".join(other[:3]) + f" and {len(other) - 3} more" * (len(other) > 3)
+            reasons[path] = reasons[path] or "its record cannot be read"
+    return reasons
 
 
 def restore_times(paths: Iterable[str], known: KnownHashes, now: float) -> list[str]:
@@ -318,12 +324,10 @@ def compare(old: Path, new: Path) -> list[str]:
     """List the settings and raw files in which two folders of results differ, by the records of their jobs."""
     differ: dict[str, None] = {}
     for path in sorted((new / "logs").glob("*.json")):
-        before, after = _any(old / "logs" / path.name), _any(path)
+        before, after = read_any(old / "logs" / path.name), read_any(path)
         role = f"{after['of']['role']}: " if "role" in after.get("of", {}) else ""
         if before and after:
-            left, right = (dict(_leaves(side.get("parameters", {}))) for side in (before, after))
-            keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
-            texts = [f"{key} was {_short(left.get(key))}, is {_short(right.get(key))}" for key in keys]
+            texts = provenance.changed_settings(before.get("parameters", {}), after.get("parameters", {}))
             differ |= dict.fromkeys(f"{role}{text}" for text in texts)
         was, now = before.get("read", {}), after.get("read", {})
         common = (file for file in sorted(was.keys() & now.keys()) if not file.startswith(f"{RESULTS}/"))
@@ -331,21 +335,8 @@ def compare(old: Path, new: Path) -> list[str]:
     return list(differ)
 
 
-def _any(path: Path) -> dict[str, Any]:
+def read_any(path: Path) -> dict[str, Any]:
+    """Read a record whole, empty where it cannot be read."""
     with suppress(OSError, ValueError, TypeError):
         return dict(json.loads(path.read_bytes()))
     return {}
-
-
-def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
-    """Give each setting by its keys; the outermost is the parameter of the rule, which no YAML file knows."""
-    if isinstance(value, dict) and value:
-        for name, inner in value.items():
-            yield from _leaves(inner, *keys, name)
-    else:
-        yield ".".join(keys[1:] or keys), value
-
-
-def _short(value: Any, longest: int = 40) -> str:
-    text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= longest else f"{text[: longest - 3]}..."

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from compasslib import calibrations, plugins, readers
-from compasslib.archive import provenance
+from compasslib.archive import deposit, provenance
 from compasslib.calibrations import KINDS
 from compasslib.config import calibrations as configured
 from compasslib.config import compasses
@@ -237,6 +237,15 @@ class Moorings:
         """List what stands near the affected compass."""
         mooring = self._mooring(wildcards)
         return list(mooring.instruments[mooring.compromised].parts)
+
+    def superseded(self, wildcards: Any) -> dict[str, Any] | None:
+        """Describe the deposit that the results of one mooring supersede, None where there is none."""
+        if not self.cruise.options.supersedes:
+            return None
+        configuration, files = self.configuration()[f"mooring {wildcards.mooring}"], self.all_raw_files(wildcards)
+        deposited = self.cruise.root / self.cruise.options.supersedes[0]
+        described = deposit.describe_superseded(deposited, configuration, self.cruise.root)
+        return described | {"files": {file: described["files"].get(file) for file in files}}
 
     def site(self, wildcards: Any) -> dict[str, Any]:
         mooring = self._mooring(wildcards)

@@ -62,7 +62,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
     tables = {"table": "table.csv", "histograms": "histograms.csv"}
     options = {"options": of.diagnose, "sphere_distance_m": of.sphere_distance_m}
     checked = provenance.installed("compliance-checker")
-    archived = {"site": of.site, "attributes": of.attributes, "sources": of.all_raw_files}
+    archived = {"site": of.site, "attributes": of.attributes, "sources": of.all_raw_files, "superseded": of.superseded}
 
     def stage(rule: str, function: str, label: str = "", code: Given | None = None, **parts: Any) -> Stage:
         return Stage(function, MOORING, label or rule, code or plan.code(rule), **parts)

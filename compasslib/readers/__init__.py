@@ -106,8 +106,8 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
         return record
     point = plugins.plugin_table(plugins.READERS, FORMATS)[form]
     with plugins.plugin_errors(point, "a Record"):
-        record = plugins.load_plugin(point)(paths, **keys)
-    if not isinstance(record, Record):
-        shown, advice = type(record).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
+        given: Any = plugins.load_plugin(point)(paths, **keys)
+    if not isinstance(given, Record):
+        shown, advice = type(given).__name__, "mend the plug-in; docs/howto/plugins.md shows one"
         raise InputError(f"{known.plugin}: {point.value}", expected="a Record", found=shown, advice=advice)
-    return replace(record, warnings=(f"Read by {known.plugin}.", *record.warnings))
+    return replace(given, warnings=(f"Read by {known.plugin}.", *given.warnings))

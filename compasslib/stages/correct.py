@@ -32,6 +32,7 @@ def correct(
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
     sources: Sequence[str],
+    superseded: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
     """Write the corrected record, the lookup table of its compass and histograms before and after.
@@ -39,6 +40,7 @@ def correct(
     Args:
         attributes: of the archive, by the YAML files.
         sources: raw files, relative to the cruise folder.
+        superseded: the earlier deposit, as ``deposit.describe_superseded`` gives it.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -62,7 +64,7 @@ def correct(
         made,
         site=Site(**site),
         attributes=attributes,
-        processing=provenance.processing(made_by, along, sources),
+        processing=provenance.processing(made_by, along, sources, superseded),
     )
     tables.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
     differences = read_json(assessment)["difference_counts"]

@@ -59,6 +59,7 @@ def grid(
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
     sources: Sequence[str],
+    superseded: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
     """Write velocities on fixed depths and times.
@@ -71,6 +72,7 @@ def grid(
         compasses: ``sigma_deg``, a number or None, and ``magnetic`` of each reference.
         attributes: of the archive, by the YAML files.
         sources: raw files, relative to the cruise folder.
+        superseded: the earlier deposit, as ``deposit.describe_superseded`` gives it.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -102,8 +104,8 @@ def grid(
     )  # fmt: skip
     seams = [compare_at_seam(part.pairs, read_json(file)) for part, file in zip(affected, assessments, strict=True)]
     described = archive.FileDescription(
-        Site(**site), along, attributes, _describe_processing(affected, along, sources), _count_headings(affected),
-        also=_seam_attributes(affected, seams),
+        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded),
+        _count_headings(affected), also=_seam_attributes(affected, seams),
     )  # fmt: skip
     means = DailyMeans(axes, errors) if gridded[1:] else None
     counts = archive.write_gridded(gridded[0], whole, described, means)
@@ -180,9 +182,11 @@ def _reference_compasses(
     return [ReferenceCompass(name, sigma_deg, compass["magnetic"]) for name, sigma_deg, compass in given]
 
 
-def _describe_processing(affected: Sequence[_Affected], along: EarthField, sources: Sequence[str]) -> dict[str, Any]:
+def _describe_processing(
+    affected: Sequence[_Affected], along: EarthField, sources: Sequence[str], superseded: Mapping[str, Any] | None
+) -> dict[str, Any]:
     """Describe how the headings were corrected; of several instruments, each by its name."""
-    each = {part.source.name: provenance.processing(part.made_by, along, sources) for part in affected}
+    each = {part.source.name: provenance.processing(part.made_by, along, sources, superseded) for part in affected}
     first = next(iter(each.values()))
     if len(each) == 1:
         return first

@@ -31,6 +31,8 @@ NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sens
 COMPONENTS = "dir"  # dolfyn's dimension of one variable that holds all components
 ROWS = 0.1  # share of times that repeat at another depth, from which on rows are those of several cells
 SERIAL_NUMBERS = ("serial_number", "serialnum", "instrument_serial_number")
+MANUFACTURERS = ("manufacturer", "instrument_manufacturer", "instrument_make", "inst_make", "sensor_manufacturer")
+MODELS = ("model", "instrument_model", "inst_model", "sensor_model")
 SPLIT_ADVICE = (
     "write the rows of one instrument as a table with time and depth (format: table): rows of one time are its bins"
 )
@@ -166,6 +168,8 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         heading_bias_deg=float(np.median(turn.heading)) if turn.heading is not None else 0.0,
         velocity_bias_deg=float(np.median(turn.velocity)),
         serial_number=str(file.attribute(*SERIAL_NUMBERS, f"SerialNum{file.suffix}") or ""),
+        manufacturer=str(file.attribute(*MANUFACTURERS) or ""),
+        model=str(file.attribute(*MODELS) or ""),
         profiles=_profiles(file, east.shape, order),
         counts={
             "samples": n,

@@ -250,6 +250,8 @@ def read(
         heading_bias_deg=inside.heading,
         velocity_bias_deg=inside.heading if whole.up is None else inside.velocity,
         serial_number=serial,
+        manufacturer="Nortek",
+        model=whole.model,
         profiles={"up": upward.astype(np.float32), **whole.profiles},
         recorded_in={EARTH: "earth", BEAM: "beam"}.get(whole.recorded, "instrument"),
         channels=field,

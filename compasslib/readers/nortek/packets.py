@@ -169,6 +169,7 @@ class Samples:
     recorded: int  # EARTH, INSTRUMENT or BEAM; beams are combined already
     beam_angle_deg: float  # from the vertical; 0 for a point meter
     serial: str
+    model: str = ""  # where the file names it
     declination_deg: float = 0.0  # that the instrument added to its headings
     average_s: float = 0.0  # over which a sample is a mean; its time is the beginning
     magnetometer: Floats | None = None  # (n, 3) counts along x, y, z

@@ -108,6 +108,7 @@ def decode(packets: Packets) -> Samples:
         recorded=layout.coordinates,
         beam_angle_deg=_setting(text, "BEAMCFGLIST", "THETA", USUAL_SLANT_DEG),
         serial=str(head["serial"][0] or ""),
+        model=next(iter(re.findall(r'^ID,.*?\bSTR="([^"]+)"', text, re.MULTILINE)), ""),
         declination_deg=_setting(text, "GETUSER", "DECL", 0.0),
         average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
