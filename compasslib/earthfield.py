@@ -1,7 +1,7 @@
 """The earth's field by IGRF at one place along time, with a guard for dates that the model does not cover.
 
-The coefficients are those of the file in the package ppigrf; its own evaluation needs pandas, whose import costs
-fifty times what a mooring's field does. A test compares the two.
+The coefficients are those of IGRF-14 (IAGA, doi:10.5281/zenodo.14012302), as distributed. The evaluation of ppigrf needs
+pandas, whose import costs fifty times what a mooring's field does; a test compares the two.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -187,9 +186,7 @@ def recognize_mistake(degrees: float, model: float) -> str:
 @cache
 def _coefficients() -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], Floats]:
     """Read days since 1970 of the epochs, degree and order (negative for sines) of each row, and the rows, nT."""
-    spec = find_spec("ppigrf")
-    folder = Path(str(spec.origin)).parent if spec else Path()
-    lines = (folder / "IGRF14.shc").read_text(encoding="ascii").splitlines()
+    lines = Path(__file__).with_name("igrf14.shc").read_text(encoding="ascii").splitlines()
     numbers = [line.split() for line in lines if not line.startswith("#")][1:]
     years = [f"{float(year):.0f}-01-01" for year in numbers[0]]
     nodes = np.array(years, dtype="datetime64[D]").astype(float)
