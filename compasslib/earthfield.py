@@ -1,6 +1,6 @@
 """The earth's field by IGRF at one place along time, with a guard for dates that the model does not cover.
 
-The coefficients are those of IGRF-14 (IAGA, doi:10.5281/zenodo.14012302), as distributed. The evaluation of ppigrf needs
+The coefficients are those of IGRF-14 (IAGA, doi:10.5281/zenodo.14012302). The evaluation of ppigrf needs
 pandas, whose import costs fifty times what a mooring's field does; a test compares the two.
 """
 
