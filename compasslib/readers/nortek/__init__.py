@@ -21,6 +21,7 @@ from compasslib.readers.files import ESCAPES_UNDONE
 from compasslib.readers.nortek import signature
 from compasslib.readers.nortek.packets import BEAM, EARTH, MISSING_COUNT, Bytes, Packets, Samples, by_beam, find_packets
 from compasslib.readers.pd0.checks import ADVICE, FEW_DISAGREE, RANGES_SHOWN, match_serial_number, refuse_rotation
+from compasslib.readers.pd0.currents import map_cells
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
 from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
@@ -73,8 +74,7 @@ def decode(packets: Packets) -> Samples:
     up = velocity[..., 2] if recorded == EARTH else None
     if recorded == EARTH:
         velocity = velocity[..., :2]
-    elif recorded == BEAM:
-        velocity = velocity @ (head[30:48].view("<i2").reshape(3, 3) / 4096.0).T
+    matrix = head[30:48].view("<i2").reshape(3, 3) / 4096.0
     magnetometer = AQUADOPP_MAGNETOMETER.get(kind)
     at = np.flatnonzero(packets.kind == HARDWARE)
     hardware = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
@@ -87,6 +87,7 @@ def decode(packets: Packets) -> Samples:
         recorded=recorded,
         beam_angle_deg=0.0 if kind in POINT else SLANT_DEG,
         serial=serial,
+        beams_to_axes=tuple(map(tuple, matrix.tolist())) if recorded == BEAM else (),
         average_s=float(_number(user, 16)),
         magnetometer=rows[:, magnetometer : magnetometer + 6].copy().view("<i2") * 1.0 if magnetometer else None,
         up=up,
@@ -254,6 +255,7 @@ def read(
         model=whole.model,
         profiles={"up": upward.astype(np.float32), **whole.profiles},
         recorded_in={EARTH: "earth", BEAM: "beam"}.get(whole.recorded, "instrument"),
+        bins_mapped=bool(whole.beams_to_axes),
         channels=field,
         channel_units=dict.fromkeys(field, "count"),
         counts=counts,
@@ -282,7 +284,7 @@ def _read_file(path: Path) -> tuple[Packets, Samples]:
 def _concatenate(where: str, parts: Sequence[Samples]) -> Samples:
     first = parts[0]
     for other in parts[1:]:
-        for name in ("serial", "recorded", "bin_range_m", "beam_angle_deg", "declination_deg"):
+        for name in ("serial", "recorded", "bin_range_m", "beam_angle_deg", "declination_deg", "beams_to_axes"):
             if getattr(other, name) != getattr(first, name):
                 expected, shown = "files of one instrument in one configuration", f"files that differ in {name}"
                 raise InputError(where, expected=expected, found=shown, advice=ADVICE)
@@ -303,10 +305,26 @@ def _turn_to_earth(
         east, north = whole.velocity[..., 0], whole.velocity[..., 1]
         return *(angles.turn(east, north, -applied_deg) if applied_deg else (east, north)), whole.up
     side = np.where(looks_up, -1.0, 1.0)[:, None]
-    x, y, z = np.moveaxis(whole.velocity, -1, 0)
     level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # of forward, starboard and down
+    x, y, z = np.moveaxis(_map_beams(whole, level, side) if whole.beams_to_axes else whole.velocity, -1, 0)
     forward, starboard, down = np.moveaxis(level @ np.stack([x, side * y, side * z], axis=1), 1, 0)
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
+
+
+def _map_beams(whole: Samples, level: Floats, side: Floats) -> Floats:
+    """Combine beams at the depths that cells have where the instrument is level to x, y and z, (n, m, 3) m/s."""
+    matrix, ranges = np.array(whole.beams_to_axes), np.array(whole.bin_range_m)
+    beams = whole.velocity
+    if len(ranges) > 1:
+        directions = np.linalg.pinv(matrix)  # (k, 3) of the beams, in x, y and z
+        down = np.einsum("ni,kni->nk", level[:, 2], directions[:, None] * np.concatenate([side**2, side, side], axis=1))
+        n = len(beams)
+        mapped = map_cells(
+            beams, np.abs(down / directions[:, 2]), np.full(n, ranges[0]), np.full(n, ranges[1] - ranges[0]),
+            np.full(n, len(ranges)),
+        )  # fmt: skip
+        beams = np.where(np.isnan(beams), np.nan, mapped)
+    return beams @ matrix.T
 
 
 def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:

@@ -160,17 +160,18 @@ class Samples:
     pressure_dbar: Floats  # (n,) NaN without a sensor
     temperature_c: Floats  # (n,)
     supply_voltage: Floats  # (n,) volts
-    velocity: Floats  # (n, m, 2 or 3) m/s: east and north (earth), else x, y, z of the head
+    velocity: Floats  # (n, m, k) m/s: east and north (earth); x, y, z of the head; or along its beams
     quality: Flags  # (n, m)
     heading_quality: Flags  # (n,)
     looks_up: Bools  # (n,) as the instrument states
     sideways: Bools  # (n,) it lay on its side, as it states
     bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
-    recorded: int  # EARTH, INSTRUMENT or BEAM; beams are combined already
+    recorded: int  # EARTH, INSTRUMENT or BEAM
     beam_angle_deg: float  # from the vertical; 0 for a point meter
     serial: str
     model: str = ""  # where the file names it
     declination_deg: float = 0.0  # that the instrument added to its headings
+    beams_to_axes: tuple[tuple[float, ...], ...] = ()  # matrix from beams to x, y, z, where velocities are of beams
     average_s: float = 0.0  # over which a sample is a mean; its time is the beginning
     magnetometer: Floats | None = None  # (n, 3) counts along x, y, z
     up: Floats | None = None  # (n, m) m/s, where velocities were recorded as the earth's

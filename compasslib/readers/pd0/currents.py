@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
 from compasslib.earthfield import AppliedDeclination
@@ -138,12 +138,7 @@ def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
 
 
 def _map_bins(ensembles: Ensembles, up: Bools) -> Floats:
-    """Interpolate each beam's velocities to the depths that its cells have where the instrument is level, (n, m, 4).
-
-    A tilt brings the cells of one beam nearer in depth and moves those of the opposite one away, so that the same cell
-    of four beams stands for different water. Cells beyond the first and the last are missing. An instrument that lies
-    on its side, as on deck, has no depths: its cells stay.
-    """
+    """Map the cells of four beams to the depths that they have where the instrument is level, (n, m, 4)."""
     sine, cosine = angles.sin_cos(ensembles.beam_angle_deg)
     across = np.where(ensembles.convex, sine, -sine)
     pitch, roll = true_pitch(ensembles.tilt1_deg, ensembles.tilt2_deg), ensembles.tilt2_deg + np.where(up, 180.0, 0.0)
@@ -151,20 +146,33 @@ def _map_bins(ensembles: Ensembles, up: Bools) -> Floats:
     # Of the way along each beam, over the cosine of its angle: how far it goes up or down.
     along, x, y = cosine * cp * cr, across * cp * sr, across * sp
     reach = np.abs(np.stack([along - x, along + x, along - y, along + y], axis=-1) / cosine[:, None])
-    cells = np.arange(ensembles.velocity.shape[1])
+    return map_cells(ensembles.velocity, reach, ensembles.bin1_m, ensembles.cell_m, ensembles.cells)
+
+
+def map_cells(beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cells: NDArray[np.int_]) -> Floats:
+    """Interpolate each beam's velocities to the depths that its cells have where the instrument is level.
+
+    A tilt brings the cells of one beam nearer in depth and moves those of the opposite one away, so that the same cell
+    of several beams stands for different water. Cells beyond the first and the last are missing. An instrument that
+    lies on its side, as on deck, has no depths: its cells stay.
+
+    Args:
+        beams: (n, m, k) m/s.
+        reach: (n, k) vertical distance along a beam over that of a level instrument.
+        bin1_m: (n,) vertical distance of the first cell, level; ``cell_m`` of one to the next.
+        cells: (n,) how many there are.
+    """
+    index = np.arange(beams.shape[1])
     reach = np.where((np.abs(reach - 1.0) < MOST_TURNED).all(axis=-1, keepdims=True), reach, 1.0)
-    range_m = ensembles.bin1_m[:, None] + ensembles.cell_m[:, None] * cells
-    place = range_m[..., None] / reach[:, None]
-    place = (place - ensembles.bin1_m[:, None, None]) / ensembles.cell_m[:, None, None]
-    place = np.where(np.isfinite(place), place, cells[:, None])
-    last = ensembles.cells[:, None, None] - 1
+    range_m = bin1_m[:, None] + cell_m[:, None] * index
+    place = (range_m[..., None] / reach[:, None] - bin1_m[:, None, None]) / cell_m[:, None, None]
+    place = np.where(np.isfinite(place), place, index[:, None])
+    last = cells[:, None, None] - 1
     outside = (place < -0.5) | (place > last + 0.5)
     place = np.clip(place, 0, last)
     before = np.floor(place).astype(np.intp)
     share = place - before
-    nearer, farther = (
-        np.take_along_axis(ensembles.velocity, np.minimum(index, last), axis=1) for index in (before, before + 1)
-    )
+    nearer, farther = (np.take_along_axis(beams, np.minimum(at, last), axis=1) for at in (before, before + 1))
     mapped = np.where(share > 0.0, (1.0 - share) * nearer + share * farther, nearer)
     mapped = np.where(np.isfinite(mapped), mapped, np.where(share < 0.5, nearer, farther))
     return np.where(outside, np.nan, mapped)
