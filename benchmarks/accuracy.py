@@ -2,7 +2,8 @@
 
     python benchmarks/accuracy.py            the demonstration cruise, after make run
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
-    python benchmarks/accuracy.py --product  what stands in the cruise's results, search included, and nothing else
+    python benchmarks/accuracy.py --product  what stands in the cruise's results, search included, and nothing else:
+                                             headings, and currents at fixed depths beside a mean per bin
 
 The cruise is run with every mooring by ``exact``, by ``exact`` with tilt and by ``von_appen``, beside the original,
 which stays as it is. Where a mooring has no truth its own recorded headings are taken for it (it was right).
@@ -23,7 +24,8 @@ import numpy as np
 import yaml
 from runs import PROJECT, cost, snakemake
 
-from compasslib.angles import difference, rms
+from compasslib.angles import difference, rms, turn
+from compasslib.archive.gridded import open_gridded
 from compasslib.archive.netcdf import read_pairs
 from compasslib.deviation.model import observed_heading
 from compasslib.deviation.series import fit_series_about_mean, invert_series
@@ -35,6 +37,8 @@ HEAD = (
     "| mooring | method | share corrected | rms before | rms after | median after | stated 1σ | within 95 % | "
     "share sure | rms where sure |"
 )
+
+HEAD_OF_CURRENTS = "| mooring | cells | rms of U and V, gridded | a corrected mean per bin | U, V within 95 % |"
 
 
 def run(source: Path, folder: Path, method: str) -> None:
@@ -101,6 +105,42 @@ def product(source: Path) -> None:
     print(HEAD + "\n" + "|---" * HEAD.count(" |") + "|")
     for path in sorted((source / "config/moorings").glob("*.yaml")):
         print(line(source, source, path.stem, "product"))
+    print(f"\n{HEAD_OF_CURRENTS}\n" + "|---" * HEAD_OF_CURRENTS.count(" |") + "|")
+    for path in sorted((source / "config/moorings").glob("*.yaml")):
+        print(currents(source, path.stem))
+
+
+def currents(source: Path, name: str) -> str:
+    """Compare the affected instrument's part of gridded.nc with its own cells turned by the true heading."""
+    folder = source / "results" / name
+    with netCDF4.Dataset(folder / "corrected.nc") as nc:
+        read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731
+        time_s, depth_m, recorded = np.rint((read("TIME") - 7305.0) * 86400.0), read("DEPTH"), read("HEADING")
+        good = read("UCUR_QC") <= 2
+        corrected = np.where(good, read("UCUR") + 1j * read("VCUR"), np.nan)
+        deviation_deg = difference(truth(source, name, time_s, recorded), recorded)
+        east, north = turn(read("UCUR_RECORDED"), read("VCUR_RECORDED"), deviation_deg[:, None])
+    grid = open_gridded(folder)
+    cells = np.where(good, east + 1j * north, np.nan)
+    known, by_bin = np.full((2, len(grid.time_s), len(grid.depth_m)), np.nan + 0j)
+    nearest = np.argmin(np.abs(np.nanmedian(depth_m, axis=0)[:, None] - grid.depth_m), axis=0)
+    at = np.rint((time_s - grid.time_s[0]) / np.median(np.diff(grid.time_s))).astype(int)
+    for row, sample in zip(at, range(len(at)), strict=True):
+        usable = np.flatnonzero(np.isfinite(cells[sample]) & np.isfinite(depth_m[sample]))
+        if 0 <= row < len(known) and len(usable) > 1:
+            usable = usable[np.argsort(depth_m[sample, usable])]
+            apart = {"left": np.nan, "right": np.nan}
+            known[row] = np.interp(grid.depth_m, depth_m[sample, usable], cells[sample, usable], **apart)
+            by_bin[row] = corrected[sample, nearest]
+    own = (grid.source == grid.source[np.isfinite(known)].min(initial=0)) & np.isfinite(known) & (grid.quality <= 2)
+    off = (grid.velocity - known)[own]
+    inside = [np.abs(x) < 1.96 * s[own] for x, s in ((off.real, grid.east_sigma), (off.imag, grid.north_sigma))]
+    both = own & np.isfinite(by_bin)
+    sizes = [100.0 * np.sqrt(np.mean(np.abs(x) ** 2) / 2.0) for x in (off, (by_bin - known)[both])]
+    return (
+        f"| {name} | {own.sum()} | {sizes[0]:.2f} cm/s | {sizes[1]:.2f} cm/s | "
+        f"{100 * np.mean(inside[0]):.0f} %, {100 * np.mean(inside[1]):.0f} % |"
+    )
 
 
 def main(source: Path) -> None:
