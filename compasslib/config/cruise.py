@@ -8,12 +8,15 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
 
 from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
@@ -40,7 +43,7 @@ class Cruise:
     calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
     refused_files: tuple[str, ...] = ()  # of moorings, left out for their mistakes
 
-    @property
+    @cached_property
     def whole(self) -> dict[str, list[str]]:
         """The names in ``moorings`` of each mooring: one, or one an affected instrument."""
         names: dict[str, list[str]] = {}
@@ -357,8 +360,8 @@ class _Refused(Exception):
         self.mark, self.words = mark, {"expected": expected, "found": actual, "advice": advice}
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
+class _Strict(Composer, SafeConstructor):
+    """What is left out of a safe loader: dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
 
     # An own, empty table: only the four kinds below are told from texts.
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012
@@ -366,7 +369,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose one node, after a look at what it would be."""
-        event = self.peek_event()
+        event = self.peek_event()  # type: ignore[attr-defined]
         plain = "write the value out in full"
         if isinstance(event, yaml.AliasEvent):
             raise _Refused(event.start_mark, "plain values without aliases", f"*{event.anchor}", plain)
@@ -400,7 +403,22 @@ class _Loader(yaml.SafeLoader):
         return {key.value: self.construct_object(value, deep=True) for key, value in node.value}
 
 
-def _number(loader: _Loader, node: Any) -> int | float | str:
+class _Loader(_Strict, yaml.SafeLoader):
+    """PyYAML's own parser, whose messages are those that are worded here."""
+
+
+_Libyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # where PyYAML was built with it
+
+
+class _FastLoader(_Strict, _Libyaml):
+    """libyaml's parser, with the same nodes and values."""
+
+    def __init__(self, text: str):
+        _Libyaml.__init__(self, text)
+        Composer.__init__(self)
+
+
+def _number(loader: Any, node: Any) -> int | float | str:
     text = node.value
     if "." not in text:
         return int(text) if len(text) <= 18 else text  # longer ones are serial numbers and fit no number of a file
@@ -409,14 +427,16 @@ def _number(loader: _Loader, node: Any) -> int | float | str:
 
 _DIGITS = list("-+.0123456789")
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""])
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF")
-)
-_Loader.add_implicit_resolver(_INT, re.compile(r"^[-+]?(?:0|[1-9][0-9]*)$"), _DIGITS)
-_Loader.add_implicit_resolver(_FLOAT, re.compile(r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$"), _DIGITS)
-_Loader.add_constructor(_INT, _number)
-_Loader.add_constructor(_FLOAT, _number)
+for _loader in (_Loader, _FastLoader):
+    for _tag, _pattern, _first in (
+        ("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
+        ("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
+        (_INT, r"^[-+]?(?:0|[1-9][0-9]*)$", _DIGITS),
+        (_FLOAT, r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$", _DIGITS),
+    ):
+        _loader.add_implicit_resolver(_tag, re.compile(_pattern), _first)
+    for _tag in (_INT, _FLOAT):
+        _loader.add_constructor(_tag, _number)
 
 
 def read(root: Path, name: str, example: str) -> dict[str, Any]:
@@ -450,6 +470,9 @@ def read(root: Path, name: str, example: str) -> dict[str, Any]:
 
 
 def _parsed(text: str, name: str) -> Any:
+    if text.isascii() and not {*"\t?|>"} & {*text}:  # which the two parsers may take for different things
+        with suppress(_Refused, yaml.YAMLError):
+            return yaml.load(text, Loader=_FastLoader)
     try:
         return yaml.load(text, Loader=_Loader)
     except _Refused as error:

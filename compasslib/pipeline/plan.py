@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cache, cached_property
 from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
@@ -43,6 +43,7 @@ class Plan:
 
     cruise: Cruise
     scripts: Path
+    _files: dict[tuple[str, ...], dict[str, dict[str, Any]]] = field(default_factory=dict, init=False)  # by job
 
     @cached_property
     def moorings(self) -> Moorings:
@@ -133,15 +134,9 @@ class Plan:
 
     def inputs_of(self, records_: list[str]) -> Given:
         """Give the function that lists what jobs wait for that others make."""
-        return lambda wildcards: list(
-            dict.fromkeys(
-                file
-                for record in records_
-                for rule, of in [self.jobs[record]]
-                for file in self.inputs(rule)(of)
-                if file not in records_
-            )
-        )
+        jobs = [self.jobs[record] for record in records_]
+        waited_for = cache(lambda: dict.fromkeys(file for rule, of in jobs for file in self.inputs(rule)(of)))
+        return lambda wildcards: [file for file in waited_for() if file not in records_]
 
     @cached_property
     def writers(self) -> dict[str, str]:
@@ -155,11 +150,13 @@ class Plan:
 
     def files(self, rule: str, wildcards: Any) -> dict[str, dict[str, Any]]:
         """List the files that a job reads and writes, by the names of arguments."""
-        stage = self.stages[rule]
-        return {
-            part: {name: self._paths(stage.folder, given, wildcards) for name, given in files.items()}
-            for part, files in (("reads", stage.reads), ("writes", stage.writes))
-        }
+        stage, job = self.stages[rule], (rule, *_named(wildcards).values())
+        if job not in self._files:
+            self._files[job] = {
+                part: {name: self._paths(stage.folder, given, wildcards) for name, given in files.items()}
+                for part, files in (("reads", stage.reads), ("writes", stage.writes))
+            }
+        return self._files[job]
 
     def _paths(self, folder: str, given: str | tuple[str, ...] | Given, wildcards: Any) -> Any:
         if callable(given):
