@@ -16,6 +16,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.effects.effect import HOUR_S, Effect, Scene, Side, Stage, parameter, place_parameter
+from compasslib.statistics.whitening import autoregress
 from compasslib.types import Floats
 
 COMPOSED = "composed:"
@@ -87,14 +88,12 @@ def _columns(*series: Floats) -> Floats:
 
 def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
     """Follow a driver by a first-order lag, (n,)."""
-    from scipy.signal import lfilter
-
     step = max(float(np.median(np.diff(time_s))), 1.0)
     grid = np.arange(time_s[0], time_s[-1] + step, step)
     share = -np.expm1(-step / max(constant_s, step / 10.0))
     even = np.interp(grid, time_s, x)
-    slow = lfilter([share], [1.0, share - 1.0], even, zi=[(1.0 - share) * even[0]])[0]
-    return np.interp(time_s, grid, slow)
+    driver = np.concatenate([even[:1], share * even[1:]])
+    return np.interp(time_s, grid, autoregress(driver, [1.0, share - 1.0]))
 
 
 def _play(x: Floats, width: float) -> Floats:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
 from compasslib.statistics.least_squares import HUBER_CLIP, SIGMA_PER_MAD, robust_width
@@ -131,11 +131,17 @@ def clip_response(residual_deg: Floats, width_deg: Floats) -> float:
     return float(np.average(falls * (np.abs(clip_standardized(residual_deg, width_deg)) < HUBER_CLIP), weights=weight))
 
 
+def autoregress(driver: Floats, coefficients: ArrayLike) -> Floats:
+    """Run an autoregression over what drives it, (n,): sum of a_k y(t - k) from k = 0 on is x(t), with a_0 = 1."""
+    from scipy.linalg.lapack import dtbtrs  # scipy.signal would take a second to import
+
+    band = np.tile(np.asarray(coefficients, dtype=float)[:, None], len(driver))
+    return np.asarray(dtbtrs(band, driver[:, None], uplo="L", diag="U")[0][:, 0])
+
+
 def correlation_time(fitted: Whitener) -> float:
     """Compute in how many samples the correlation that a filter takes out falls to 1/e."""
-    from scipy.signal import lfilter
-
-    pulse = lfilter([1.0], fitted.filter, np.arange(MAX_MEMORY) == 0)
+    pulse = autoregress(np.eye(1, MAX_MEMORY)[0], fitted.filter)
     lagged = lagged_sums(pulse, MAX_MEMORY // 2)
     known = lagged / lagged[0]
     below = int(np.argmax(known < np.exp(-1.0)))
