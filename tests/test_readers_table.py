@@ -8,7 +8,7 @@ import pytest
 import tables
 
 from compasslib.errors import InputError
-from compasslib.readers import read
+from compasslib.readers import delimited, plain, read
 from compasslib.readers.table import read_series
 
 ROLES = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
@@ -330,3 +330,62 @@ EACH = [("table", name) for name in FORMS] + [(OTHERS[k % len(OTHERS)], name) fo
 def test_a_table_is_read_right_or_refused_by_the_key_that_settles_it(tmp_path, kind, name):
     found, key = tables.outcome(Path(tmp_path, "table.csv"), FORMS[name], kind), tables.settled_by(FORMS[name])
     assert (found.startswith("refused") and key in found) if key else found == "right"
+
+
+ODD = (
+    "",
+    "nan",
+    "-9999",
+    "1e5",
+    "1.2.3",
+    "--1",
+    " 7",
+    "7 ",
+    "1,5",
+    ";",
+    "\n",
+    "\r",
+    '"',
+    "#",
+    "é",
+    "\0",
+    "-0",
+    "T",
+    "/",
+)
+ODD += ("0.12345678901234567", "999999999999999999", "2007-09-31T00:00:00Z", "2007-09-04 00:00", "t;z;u;v\n", ",,,\n")
+
+
+def damaged_table(rng: np.random.Generator) -> bytes:
+    """Draw a table of plain rows in one of some forms, with up to three pieces put in, left out or exchanged."""
+    cell, form = rng.choice([",", ";", "\t"]), rng.choice(["%sT%02d:00:00Z", "%s %02d:00", "%sT%02d:00:00.50"])
+    rows = [[form % ("2007-09-04", k), *(f"{x:.{rng.integers(5)}f}" for x in rng.normal(0, 99, 3))] for k in range(24)]
+    end = rng.choice(["\n", "\r\n"])
+    text = end.join(cell.join(row) for row in (list("tzuv"), *rows)) + end
+    for piece in rng.choice(ODD, rng.integers(4)):
+        at, length = rng.integers(len(text)), rng.integers(4)
+        text = text[:at] + str(piece) + text[at + length :]
+    return text.encode()
+
+
+def test_plain_rows_are_read_as_line_by_line_and_all_others_left_to_that(tmp_path, monkeypatch):
+    monkeypatch.setattr(delimited, "HEAD_LINES", 6)
+    monkeypatch.setattr(plain, "BLOCK", 200)
+    rng, fast, taken = np.random.default_rng(1), delimited._read_plain, []
+    headers = {"time": "t", "depth": "z", "east": "u", "north": "v"}
+
+    def outcome(layout: delimited.Layout) -> object:
+        try:
+            read = delimited.read_table(tmp_path / "t.csv", headers, layout=layout)
+        except InputError as error:
+            return str(error)
+        return {role: column.tobytes() for role, column in read.columns.items()}, read.rows, read.cut, read.notes
+
+    for _ in range(300):
+        (tmp_path / "t.csv").write_bytes(damaged_table(rng))
+        layout = delimited.Layout(missing=("-9999",) * rng.integers(2), skip_rows=rng.choice([None, 0]))
+        monkeypatch.setattr(delimited, "_read_plain", lambda *given: None)
+        slowly = outcome(layout)
+        monkeypatch.setattr(delimited, "_read_plain", lambda *given: taken.append(made := fast(*given)) or made)
+        assert outcome(layout) == slowly
+    assert 40 < sum(made is not None for made in taken) < 260

@@ -10,6 +10,7 @@ cells that have moved are numbers too. Only a last line without its end may be c
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
@@ -24,30 +25,28 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import flags, times
-from compasslib.readers.files import read_text
+from compasslib.readers import flags, plain, times
+from compasslib.readers.files import GZIP_MAGIC, read_text, read_text_bytes
+from compasslib.readers.plain import MISSING_TEXT, NUMBER
 from compasslib.records import NOT_CHECKED, PROBABLY_BAD
 from compasslib.types import Floats
 
-MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 COLUMN_MAP = "correct columns in the mooring file"
 TIMES = ("time", "time_utc")  # roles that hold times
 FLAG = "flag"  # the role of quality flags: words or values
 NO_MEANINGS: Mapping[str, int] = MappingProxyType({})
 DATE_AND_CLOCK = ("date", "clock")  # roles that hold the two parts of one
-LARGEST = 1e30  # no measurement in any unit; its square still is a number
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
 LONGEST_MISSING_WORD = 20
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
 SEARCHED_LINES = 400  # lines among which the header is looked for
+HEAD_LINES = 1000  # which tell how a table is written
 UNIT_LINES = 2  # lines of units or the like below a header
 NUMBER_STARTS = tuple("+-.0123456789")
 COMMENT_MARKS = "#%"
 QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # around a time, where a table was exported twice or for a spreadsheet
 TYPESETTING = {0x2212: "-", 0xA0: " ", 0x202F: " "}  # the minus sign and blanks of typesetters
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-_PLAIN = re.compile(r"[0-9eE+\-.\n]*")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
@@ -85,6 +84,7 @@ class Lines:
     rows: list[list[str]]
     numbers: Sequence[int]  # of each row's line in the file
     cut: int = 0  # last lines that were left out
+    delimiter: str = ""
     notes: tuple[str, ...] = ()  # what was recognised
 
 
@@ -117,7 +117,55 @@ def read_table(
     Raises:
         InputError: the file or a column is absent, or a time or number cannot be read in one way only.
     """
-    return parse_table(path, read_lines(path, headers.values(), layout), headers, advice, layout, meanings)
+    fast = _read_plain(path, headers, layout)
+    return fast or parse_table(path, read_lines(path, headers.values(), layout), headers, advice, layout, meanings)
+
+
+def _read_plain(path: Path, headers: Mapping[str, str], layout: Layout) -> Table | None:
+    """Read a table by its first lines and plain rows below them; None where these are not plain."""
+    timed = [role for role in headers if role in TIMES]
+    if len(timed) != 1 or {FLAG, *DATE_AND_CLOCK} & {*headers} or layout.decimal == "," or layout.time_format:
+        return None
+    data = read_text_bytes(path).removeprefix(codecs.BOM_UTF8)
+    with path.open("rb") as raw:
+        if raw.read(len(GZIP_MAGIC)) == GZIP_MAGIC or (layout.skip_rows or 0) >= HEAD_LINES:
+            return None
+    if b"\r\n" in data:
+        data = data.replace(b"\r\n", b"\n")
+    begin = 0
+    for _ in range(HEAD_LINES):
+        if not 0 < (begin := data.find(b"\n", begin) + 1) < len(data):
+            return None
+    if not (data.isascii() and data.endswith(b"\n")) or any(data.find(mark, begin) >= 0 for mark in b'\0\r"#%'):
+        return None
+    wanted = {*headers.values()}
+    try:
+        lines = find_lines(path, lambda names: wanted <= {*names}, layout, text=data[:begin].decode("ascii"))
+        assert lines is not None
+        head = parse_table(path, lines, headers, "", layout)
+    except InputError:
+        return None
+    places = {role: lines.header.index(header) for role, header in headers.items()}
+    like = lines.rows[-1][places[timed[0]]].strip() if head.rows else ""
+    if lines.delimiter == " " or "decimal commas" in head.notes or not times.is_iso(like, layout.timezone):
+        return None
+
+    def others(cells: list[str]) -> Floats | None:
+        values, row = plain.parse_texts(cells, ".", layout.missing)
+        return values if row is None else None
+
+    parts = {role: [column] for role, column in head.columns.items()}
+    for cells in plain.split_cells(data, begin, lines.delimiter, len(lines.header)):
+        if cells is None:
+            return None
+        for role, place in places.items():
+            is_time = role in TIMES
+            column = plain.parse_iso(cells, place, like) if is_time else plain.parse_numbers(cells, place, others)
+            if column is None:
+                return None
+            parts[role].append(column if is_time else plain.without_missing(column, layout.missing))
+    columns = {role: np.concatenate(listed) for role, listed in parts.items()}
+    return replace(head, columns=columns, rows=len(columns[timed[0]]))
 
 
 def parse_table(
@@ -162,7 +210,7 @@ def parse_table(
         unknown = flags.describe_unknown_flags(where, nameless) if nameless else ""
     decimal, by_comma = _detect_decimal(path, texts, headers, layout)
     for role, cells in texts.items():
-        columns[role], row = _parse_numbers(cells, decimal, layout.missing)
+        columns[role], row = plain.parse_texts(cells, decimal, layout.missing)
         if row is not None:
             to_do = "correct decimal" if layout.decimal else _advise_on_word(cells[row])
             _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]), to_do)
@@ -174,7 +222,7 @@ def _advise_on_word(cell: str) -> str:
     """Say what to do about a cell that is no number: what holds digits may be one, and is not to be left out."""
     if _WITH_THOUSANDS.fullmatch(cell):
         return "export numbers without marks between thousands"
-    word = len(cell) <= LONGEST_MISSING_WORD and (_NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
+    word = len(cell) <= LONGEST_MISSING_WORD and (NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
     return f"{MEND}, or write missing: [{cell!r}]" if word else MEND
 
 
@@ -219,6 +267,7 @@ def find_lines(
     *,
     delimiters: Iterable[str] = DELIMITERS,
     must: bool = False,
+    text: str | None = None,
 ) -> Lines | None:
     """Find the lines of a table whose header fits.
 
@@ -226,11 +275,12 @@ def find_lines(
         fits: whether names may be those of the header.
         delimiters: candidates, in order of preference.
         must: None is returned where no line fits, else the first is the header.
+        text: of the file's begin, where it alone is wanted.
 
     Raises:
         InputError: the file cannot be read.
     """
-    text, text_notes = read_text(path)
+    text, text_notes = read_text(path) if text is None else (text, ())
     raw = list(io.StringIO(text, newline=""))
     skipped = min(layout.skip_rows or 0, len(raw))
     first = next((k for k in range(skipped, len(raw)) if _has_content(raw[k])), skipped)
@@ -251,7 +301,7 @@ def find_lines(
     above = sum(map(_has_content, raw[skipped:begin]))
     notes = [f"cells between {DELIMITERS.get(delimiter)}"] * (delimiter != "," and layout.delimiter is None)
     notes += [f"{above} line{'s' * (above > 1)} above the header"] * (above > 0)
-    return replace(lines, notes=(*text_notes, *notes, *lines.notes))
+    return replace(lines, notes=(*text_notes, *notes, *lines.notes), delimiter=delimiter)
 
 
 def _find_header(
@@ -325,7 +375,7 @@ def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ende
     usual = min((decimals(row) for row in rows[:-1] if row[-1].strip()), default=0)
     cut = bool(rows) and not ended and (len(rows[-1]) < len(header) or decimals(rows[-1]) < usual)
     notes = (f"{len(again)} more header line{'s' * (len(again) > 1)}",) if again else ()
-    return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in places], int(cut), notes)
+    return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in places], int(cut), notes=notes)
 
 
 def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
@@ -393,36 +443,12 @@ def _detect_decimal(
     if not with_comma:
         return ".", False
     expected, advice = "numbers with decimals behind points", "write decimal: comma or decimal: point"
-    point = next((cell for cells in texts.values() for cell in cells if "." in cell and _NUMBER.fullmatch(cell)), None)
+    point = next((cell for cells in texts.values() for cell in cells if "." in cell and NUMBER.fullmatch(cell)), None)
     if point is not None or all(_ONLY_THOUSANDS.fullmatch(cell) for _, cell in with_comma):
         role, cell = with_comma[0]
         shown = repr(cell) + (f" beside {point!r}" if point else ", which may be thousands")
         raise InputError(f"{path}: column {headers[role]!r}", expected=expected, found=shown, advice=advice)
     return ",", True
-
-
-def _parse_numbers(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple[Floats, int | None]:
-    """Parse cells as numbers, (n,), NaN for nothing; and find the first row that holds something else."""
-    points = [cell.replace(",", ".") if "." not in cell else f"{cell}?" for cell in cells] if decimal == "," else cells
-    words = MISSING_TEXT | {text.lower() for text in missing}
-    try:
-        if not _PLAIN.fullmatch("\n".join(points)):
-            raise ValueError
-        values = np.fromiter(map(float, points), dtype=float, count=len(points))
-        valid = bool((np.abs(values) < LARGEST).all())
-    except ValueError:
-        valid = False
-    if not valid:
-        values = np.full(len(cells), np.nan)
-        for row, (cell, text) in enumerate(zip(cells, points, strict=True)):
-            if cell.lower() in words:
-                continue
-            if not (_NUMBER.fullmatch(text) and abs(value := float(text)) < LARGEST):
-                return values, row
-            values[row] = value
-    for text in (text.replace(",", ".") for text in missing):
-        values[values == float(text) if _NUMBER.fullmatch(text) else np.isnan(values)] = np.nan
-    return values, None
 
 
 def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
@@ -453,7 +479,7 @@ def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: La
 def _times_as_numbers(cells: list[str], layout: Layout) -> Floats | None:
     """Parse times as numbers, None where a cell is none; a comma is a decimal one, as thousands part no time."""
     by_comma = layout.decimal is None and any("," in cell for cell in cells)
-    values, row = _parse_numbers(cells, "," if by_comma else layout.decimal or ".", ())
+    values, row = plain.parse_texts(cells, "," if by_comma else layout.decimal or ".", ())
     return values if row is None else None
 
 

@@ -148,9 +148,12 @@ def _fillers(table: Mapping[str, Floats]) -> Bools:
     nines = []
     for column in speeds:
         distinct, where = np.unique(column, return_inverse=True)
-        texts = [f"{abs(x):g}" for x in distinct]
-        of_nines = [set(text.replace(".", "")) == {"9"} and len(text) > 2 for text in texts]
-        nines.append(np.array(of_nines, dtype=bool)[where.ravel()])
+        with np.errstate(divide="ignore"):
+            of_nines = np.abs(distinct) > 9.8 * 10.0 ** np.floor(np.log10(np.abs(distinct)))
+        for k in np.flatnonzero(of_nines):
+            text = f"{abs(distinct[k]):g}"
+            of_nines[k] = {*text.replace(".", "")} == {"9"} and len(text) > 2
+        nines.append(of_nines[where.ravel()])
     alike = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
     filled = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
     for column, nine in zip(speeds, nines, strict=True):
@@ -191,6 +194,8 @@ def _is_too_frequent(column: Floats) -> Bools:
 
 def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
     """Select rows to keep: of rows with one time and depth the first where all are equal, none where they differ."""
+    if (np.diff(table["time"]) > 0.0).all():
+        return np.ones(len(table["time"]), dtype=bool), 0, 0
     key = np.column_stack([table["time"], np.nan_to_num(table.get("depth", table.get("pressure", 0 * table["time"])))])
     _, first, which, size = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
     if (size == 1).all():

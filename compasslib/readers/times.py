@@ -117,6 +117,11 @@ def parse_times(
     return _fields_to_seconds(cells, fields) - _zone_offset_s(cells, fields.zone_s, zone, ahead_s), note
 
 
+def is_iso(cell: str, zone: str | None) -> bool:
+    """Tell whether a time is an ISO time in UTC, for which no form and no note is needed."""
+    return zone in (None, "UTC") and _ISO.fullmatch(cell) is not None
+
+
 def _parse_iso(cells: Sequence[str]) -> Floats:
     try:
         return np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[us]").astype(np.int64) / 1e6

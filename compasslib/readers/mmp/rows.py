@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.readers.plain import parse_figures
 from compasslib.readers.times import FIRST_YEAR, LAST_YEAR, civil_seconds
 from compasslib.types import Bools, Floats
 
@@ -247,12 +248,10 @@ def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_R
     rows = _Rows(octets, np.cumsum(size) - size, form)
     time_s, stamp_good = rows.stamps()
     good = rows.number_good() & stamp_good
-    if form[0]:
-        octets[_marked(len(octets), rows.begin[:, 0], rows.end[:, 1])] = ord(" ")
-    octets[np.repeat(~good, size)] = ord(" ")
-    octets[octets == ord(",")] = ord(" ")
-    # Of nothing but spaces fromstring makes a number.
-    numbers = np.fromstring(octets.tobytes(), sep=" ") if good.any() else np.zeros(0)
+    begin, end = (places[good][rows.numbers].ravel() for places in (rows.begin, rows.end))
+    numbers, plain = parse_figures(octets, begin, end)
+    for k in np.flatnonzero(~plain):  # more figures than are exact at once
+        numbers[k] = float(octets[begin[k] : end[k]].tobytes())
     piece = _RowChunk(begins[good], time_s[good], numbers.reshape(-1, form[1]), rows.texture()[good])
     return piece, begins[~good]
 
