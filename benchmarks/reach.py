@@ -4,12 +4,15 @@
     python benchmarks/reach.py 110 71 --red           the same where the water of the two depths differs for seasons
     python benchmarks/reach.py 110 71 --red --kind single --rows REACH --engine ROWS
                                                       beside what the engine detected, by effect and size of the veer
+    python benchmarks/reach.py 120 71 --heldout ROWS      do left-out days follow what the others predict? 120 effects
+                                                      of 4 to 8 standard errors, 200 without one, 100 days each
 
 Every effect is tested as if all but its size were known: its pattern, the other effect, its date, the water's noise and
 that noise's memory. The five coefficients and the other effect's size are refitted. No search that knows less can do
 better. The moorings are those of benchmarks/discrepancy.py, and nothing of the engine is used; ROWS are the rows of
 such a run by the same seed. REACH gets one line of JSON a mooring, from which a cut run goes on.
-Exits 1 where the interval of the engine's shortfall lies above 5 points.
+Exits 1 where the interval of the engine's shortfall lies above 5 points, or where held-out slopes, their intervals or
+the ranks of records without an effect miss their targets.
 """
 
 from __future__ import annotations
@@ -22,13 +25,18 @@ from pathlib import Path
 import discrepancy as bench
 import numpy as np
 import targets
-from scipy.stats import chi2, ncx2, norm
+from scipy.stats import chi2, kstest, ncx2, norm
 
+from compasslib.inference import design, finding, heldout, inference
+from compasslib.inference.comparison import compare_pairs
+from compasslib.statistics.resampling import blocks_by_count
 from tests.world import pairs as sea
 
 INDEPENDENT = 17  # scores that the highest of a search of the catalogue amounts to, as its draws of the noise tell
 VEERS_DEG = (0.0, 1.0, 2.0, 4.0, 8.1)  # edges of the sizes of slow veer
 MISSED = 0.05  # share of the singles that the engine may miss beyond what any search does
+HELD_OUT_HOURS, SMALLEST_Z, LARGEST_Z = 2400, 4.0, 8.0  # records and effects whose days are left out
+NULLS, SURROGATES = 200, 19  # records without an effect, and surrogates of each
 KNOWN, SEARCHED = norm.isf(0.01), norm.isf(1.0 - 0.99 ** (1.0 / INDEPENDENT))  # for 1 % of false alarms
 
 
@@ -158,6 +166,74 @@ def compared(what: str, joined: list[tuple[dict, dict]]) -> bool:
     return short.held
 
 
+# Days that are left out.
+
+
+def held_out(kind: str, index: int, seed: int) -> dict:
+    """Return what left-out days show of one effect that the search names, or the rank of their gain where none is.
+
+    Half of the records are in slow water. Where there is no effect days are left out though the search names none.
+    """
+    own = 100_000 * seed + 70_000 + 10_000 * (kind == "null") + index
+    rng = np.random.default_rng(own)
+    slow, z = sea.some_slow_water(rng) if index % 2 else None, rng.uniform(SMALLEST_Z, LARGEST_Z)
+    names = [name for name in bench.SINGLES if name != "current_veer"]  # of the current nothing is left out
+    name, size, row = names[index // 2 % len(names)], 2.0, {"kind": kind, "index": index}
+
+    def drawn(wanted: dict[str, float]) -> sea.Drawn:
+        return sea.planted(sea.make(own, wide=index % 3 == 2, n=HELD_OUT_HOURS, slow_water=slow), wanted)
+
+    if kind == "planted":
+        for _ in range(2):
+            size *= z / np.sqrt(noncentrality(drawn({name: size}))[name])
+        made = drawn({name: size})
+        row |= {"effect": name, "z": np.sqrt(noncentrality(made)[name]), "visible_deg": made.visible_deg[name]}
+    else:
+        made = drawn({})
+    case = compare_pairs(made.pairs, made.covariates, bench.fitted(made), bench.field_of(made))
+    empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    found = inference.infer(design.refit(empty, []), odds=1.0)
+    if kind == "null":
+        fold = blocks_by_count(case.time_s, finding.FOLDS)
+        proof = heldout.refit_folds(found, design.refit(found.state, []), fold, SURROGATES)
+        return row | {"rank_p": proof["placebo"].rank_p}
+    terms = found.state.simulation.terms
+    row |= {"named": [term.name for term in terms], "slope": None}
+    if not terms:
+        return row
+    k = next((k for k, term in enumerate(terms) if term.name == name), 0)
+    without = design.refit(found.state, [term for j, term in enumerate(terms) if j != k])
+    proof = heldout.cross_validate(found, k, without, 0)
+    return row | {"amplitude": vars(proof.amplitude), "slope": proof.slope and vars(proof.slope)}
+
+
+def left_out(rows: list[dict]) -> int:
+    """Print how slopes and ranks behave, and return the exit status."""
+    planted, nulls = ([row for row in rows if row["kind"] == kind] for kind in ("planted", "null"))
+    within = [row for row in planted if SMALLEST_Z <= row["z"] <= LARGEST_Z]
+    given = [row for row in within if row["slope"]]
+    value, low, high = (np.array([row["slope"][key] for row in given]) for key in ("value", "low", "high"))
+    sizes = [(row["visible_deg"], row["amplitude"]) for row in given]
+    ranks = np.array([row["rank_p"] for row in nulls])
+    spread = ranks - np.random.default_rng(0).uniform(size=len(ranks)) / (
+        1 + SURROGATES
+    )  # a rank is a step, not a point
+    print(f"\n{len(within)} of {len(planted)} effects are of 4 to 8 standard errors; a slope is given for {len(given)}")
+    tested = kstest(spread, "uniform")
+    print(
+        f"ranks of {len(ranks)} records without an effect: Kolmogorov-Smirnov {tested.statistic:.3f}, "
+        f"p = {tested.pvalue:.2f}"
+    )
+    return targets.report([
+        targets.mean("slope, mean", value, least=0.95, most=1.05),
+        targets.share("interval of the slope covers 1", (low <= 1.0) & (high >= 1.0), least=0.93, most=0.97),
+        targets.share("interval of the size covers the planted", [x["low"] <= true <= x["high"] for true, x in sizes]),
+        targets.share("the planted effect is named", [row["effect"] in row["named"] for row in within]),
+        targets.share("rank of 0.05 or less without an effect", ranks <= 0.05 + 1e-9, most=0.08),
+        targets.limit("ranks are uniform: 1 - p", 1.0 - tested.pvalue, most=0.95),
+    ])  # fmt: skip
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("count", type=int, nargs="?", default=44, help="moorings of each kind (default 44)")
@@ -166,7 +242,13 @@ def main() -> None:
     parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
     parser.add_argument("--rows", type=Path, help="file with a line of JSON a mooring; what is in it is not made again")
     parser.add_argument("--engine", type=Path, help="rows of discrepancy.py, by the same seed")
+    parser.add_argument("--heldout", type=Path, help="file for rows of the trial of left-out days, as of --rows")
     asked = parser.parse_args()
+    if asked.heldout:
+        wanted = [("planted", k) for k in range(asked.count)] + [("null", k) for k in range(NULLS)]
+        trial = {"seed": asked.seed}
+        rows = targets.resumed(asked.heldout, trial, wanted, lambda kind, index: held_out(kind, index, asked.seed))
+        sys.exit(left_out(rows))
     kinds, run = asked.kind or ("single", "two"), {"seed": asked.seed, "red": asked.red}
     wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
     rows = targets.resumed(asked.rows, run, wanted, lambda kind, index: row(kind, index, asked.seed, red=asked.red))

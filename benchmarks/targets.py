@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+sys.path.append(str(Path(__file__).resolve().parent.parent))  # for tests/world
 DRAWS = 4000
 FEWEST = 20  # cases of which resampling tells an interval
 

@@ -116,9 +116,10 @@ the catalogue: {", ".join(map(words.plain, found["alternatives"])) or "none"}. T
 
 ![The diagnosis of C1](../diagnosis.png)
 
-*The diagnosis of C1. (a) Residual against the turn by the step, without it and with it. Without it the residual follows the fitted line;
-days that were left out follow what the other days predict with the slope and rank above the panel. (b), (c) The residual by recorded
-heading and time; grey: 95 % range of noise. (d) The size of the step.*
+*The diagnosis of C1. (a) Left-out days alone, in bins of the turn by the step that a fit to the other days predicts for them: their residual
+without the prediction (orange) and with it (blue). Were prediction and residual equal, the orange points would lie on the black line; the
+blue line is the slope that they have. (b), (c) The residual of all days by recorded heading and time; grey: 95 % range of noise. (d) The
+size of the step.*
 
 ## Modelled
 
@@ -128,14 +129,15 @@ The step enters the equations of the compass as a field in the instrument's fram
 |---|---|
 {values}
 
-Its visible size is {found["rms_effect_deg"]:.1f}° rms. In the bins of panel (a) the largest residual falls from {bins[0]:.1f}° to {bins[1]:.1f}°.
+Its visible size is {found["rms_effect_deg"]:.1f}° rms. On left-out days the largest residual of a point in panel (a) falls from
+{bins[0]:.1f}° to {bins[1]:.1f}° with the prediction of the other days.
 
 ## Shown
 
 * **On days that were left out**, with effect, driver, date and size chosen anew without them, the step is
   {amplitude["held_out"]:.1f}° ({amplitude["low"]:.1f} to {amplitude["high"]:.1f}°) where the other days predict {amplitude["fitted_elsewhere"]:.1f}°. These days gain
   {gain["value"]:.0f} ({gain["low"]:.0f} to {gain["high"]:.0f}) in log score; of {placebo["n"]} surrogate records without the effect
-  {round(placebo["rank_p"] * (placebo["n"] + 1)) - 1} gain as much.
+  {round(placebo["rank_p"] * (placebo["n"] + 1)) - 1} gain as much. {_slope(proof["slope"])}
 * **In degrees of heading**: without the step, the software says, headings would be wrong by {without:.1f}° rms. The truth:
   {off["fit"]:.1f}° by the coefficients alone, {off["corrected"]:.1f}° as corrected, √({off["fit"]:.1f}² − {off["corrected"]:.1f}²) = {removed:.1f}°.
 * **Stated uncertainty**: {mooring["sigma_rms_deg"]:.1f}° (1σ, rms); {100 * mooring["coverage"]:.0f} % of the headings lie within their 95 %.
@@ -162,6 +164,18 @@ Rms heading error, with its 95 % interval.
 no statistic. [The sealed proof](proof.md) has 450, with [what is missed and why](../proof/known-misses.md), and
 says how to repeat it.
 """
+
+
+def _slope(slope: dict[str, float] | None) -> str:
+    """State whether the left-out days agree with the prediction in size and form."""
+    if slope is None:
+        return "The step is too small for a slope."
+    agrees = (
+        "agree with each other to within chance"
+        if slope["low"] <= 1.0 <= slope["high"]
+        else "differ by more than chance does"
+    )
+    return f"The slope in panel (a) is {slope['value']:.2f} ({slope['low']:.2f} to {slope['high']:.2f}): the parts of the record {agrees}."
 
 
 def _minute(utc: str) -> str:

@@ -143,9 +143,21 @@ def test_tides_that_differ_between_the_depths_turn_directions_as_their_waves_do(
     assert sizes[0] == pytest.approx(0.01, rel=0.3) and np.abs(sizes[1:]).max() < 0.003
 
 
-def test_days_that_were_left_out_confirm_what_is_there(lobes):
+def test_days_that_were_left_out_confirm_what_is_there(lobes, monkeypatch):
     _, found = lobes
+    made, predict = [], heldout._PartitionedRecord.predict
+    monkeypatch.setattr(heldout._PartitionedRecord, "predict", lambda *given: made.append(given) or predict(*given))
     proof = heldout.cross_validate(found, 0, design.refit(found.state, []), surrogates=19)
+    # No day enters its own prediction: other residuals in the first fifth change those of the other fifths alone.
+    record, white, targets, choices = made[0]
+    other = np.where(record.folds[0][:, None], -targets, targets)
+    before, after = (predict(record, white, each, choices).values for each in (targets, other))
+    assert np.allclose(before[0], after[0], rtol=1e-6, atol=1e-9) and not np.allclose(before[1:], after[1:], rtol=0.01)
+    points, slope = proof.points, proof.slope.value
+    assert np.allclose(points.after_deg, points.before_deg - points.centre) and len(points.centre) == 8
+    assert np.sum((points.before_deg - slope * points.centre) ** 2 / points.sigma_deg**2) < 20.0  # 8 points, 1 slope
+    assert np.all(slope * points.centre[[0, 1, -2, -1]] / points.sigma_deg[[0, 1, -2, -1]] * [-1, -1, 1, 1] > 2.0)
+    assert abs(slope - 1.0) < 0.1 and proof.slope.high - proof.slope.low < 0.5
     assert proof.method == "fifths" and proof.gain > 10.0 and proof.p_value < 0.01
     assert proof.rms_after_deg < proof.rms_before_deg
     assert proof.placebo.n == 19 and proof.placebo.rank_p == 0.05 and proof.confirmed  # no surrogate gains as much

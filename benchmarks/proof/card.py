@@ -57,7 +57,7 @@ def _tables(made: dict[str, Any]) -> list[Table]:
     of_moorings += ["heading before, after, sampled, oracle", "why not named"]
     named = [[name, ", ".join(f"{x} {n}" for x, n in said.items())] for name, said in made["confusion"].items()]
     scores = ["probability", "n", "share", "Brier score", "of the mere share", "better by", "log score", "of it", "by"]
-    concealed = ["recording", "concealed", "known", "said", "points", "best of those who do not look"]
+    concealed = ["recording", "withheld", "true", "said", "points", "best of those who do not look"]
     return [
         ("Targets", ["measure", "value", "target"], [_goal(one) for one in made["goals"]]),
         ("Points", ["tool", *tally.PLACES, "this pipeline is ahead by"], _points(made["points"])),
@@ -68,7 +68,7 @@ def _tables(made: dict[str, Any]) -> list[Table]:
         ("Single effects by visible size", ["visible", "water", "n", "seen", "named"], list(map(_size, made["power"]))),
         ("What was named first", ["planted", "said"], named),
         ("The case of the paper, fitted by its method", ["measure", "value"], _paper(made["published"])),
-        ("Real recordings with a cause concealed", concealed, _recordings(made["recordings"])),
+        ("Real recordings with a cause withheld", concealed, _recordings(made["recordings"])),
         ("Every mooring", of_moorings, [_mooring(row) for row in made["moorings"]]),
     ]  # fmt: skip
 
@@ -148,11 +148,12 @@ def _recordings(found: Sequence[dict[str, Any]]) -> list[list[str]]:
     for one in found:
         own = _text(one["points"].get("this pipeline"))
         lines.append([one["name"], one["concealed"], one["known"], one["said"], own, *_blind([one])])
-    some = [one for one in found if one["points"]]
-    if some:
-        own = _text(_over(some, "this pipeline"))
-        listed = f"; {_text(_over(some, EVERYTHING))} ({EVERYTHING})"
-        lines.append([f"all {len(some)}", "", "", "", own, _blind(some)[0] + listed])
+    for cause, what in ((True, "with a cause withheld"), (False, "with nothing withheld")):
+        some = [one for one in found if one["points"] and one["cause"] == cause]
+        if some:
+            own = _text(_over(some, "this pipeline"))
+            listed = f"; {_text(_over(some, EVERYTHING))} ({EVERYTHING})"
+            lines.append([f"{len(some)} {what}", "", "", "", own, _blind(some)[0] + listed])
     return lines
 
 

@@ -59,7 +59,7 @@ CALIBRATIONS = (
 )  # fmt: skip
 MOORINGS = (
     Recording("E0", "nothing", "the eh2 record untouched, its own bins two cells down trusted", (), kind="null"),
-    Recording("E1", "the injected iron, 0.12 to 0.3 H", "an exact compass near that iron", (), kind="null"),
+    Recording("E1", "nothing", "iron of 0.12 to 0.3 H, injected; the ordinary fit holds it", (), kind="null"),
 )
 
 
@@ -95,6 +95,7 @@ def scored(work: Path, data: Path) -> list[dict[str, Any]]:
     found, tools = [], score.tools([truth_of(one) for one in (*MOORINGS, *CALIBRATIONS)])
     for one in (*MOORINGS, *CALIBRATIONS):
         line: dict[str, Any] = {"name": one.name, "concealed": one.concealed, "known": one.known, "points": {}}
+        line["cause"] = one.kind != "null"  # else there is nothing beyond the ordinary fit to say
         if missing := _absent(one, data):
             found.append(line | {"said": missing})
             continue

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -32,6 +32,23 @@ TILTS = {"pitch": "tilt", "roll": "tilt"}  # one driver with two axes
 CURVE_BINS = 18  # of a figure's curve
 NO_ROOT_DEG = 90.0  # residual of a heading that a fit cannot give
 RESIDUAL_MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a bin
+
+
+@dataclass(frozen=True)
+class BinnedResidual:
+    """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""
+
+    covariate: str
+    centre: Floats  # (b,) middle of each bin
+    before_deg: Floats  # (b,)
+    after_deg: Floats
+    sigma_deg: Floats
+    compared: str = ""  # what was, where a recording holds more than one comparison
+
+    def times(self, factor: float) -> BinnedResidual:
+        """Multiply the turn along which it is binned, which is also what it is before less what it is after."""
+        centre = self.centre * factor
+        return replace(self, centre=centre, after_deg=self.before_deg - centre)
 
 
 @dataclass(frozen=True)
@@ -84,6 +101,7 @@ class HeldOut:
     anew: Interval | None = None  # gain where effect, driver and date are chosen anew without the days, not sizes only
     amplitude: Amplitude | None = None
     slope: Interval | None = None  # held-out amplitude over the predicted, where that is clear
+    points: BinnedResidual | None = None  # the same in bins of the predicted turn
     placebo: Placebo | None = None  # None: chance is judged otherwise, as of clocks and calibrations
 
     @property
@@ -116,18 +134,6 @@ class HeldOut:
 
 
 UNTESTED = HeldOut(np.nan, np.nan, np.nan, (np.nan, np.nan), np.nan)
-
-
-@dataclass(frozen=True)
-class BinnedResidual:
-    """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""
-
-    covariate: str
-    centre: Floats  # (b,) middle of each bin
-    before_deg: Floats  # (b,)
-    after_deg: Floats
-    sigma_deg: Floats
-    compared: str = ""  # what was, where a recording holds more than one comparison
 
 
 def compare_residuals(

@@ -139,9 +139,9 @@ def _outcome(
 
     def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
         turns = [
-            partial_residual(state, item.effect, design.visible_columns(state, k) @ term.values)
-            for k, (term, item) in enumerate(zip(state.simulation.terms, findings, strict=True))
-            if item in shown
+            replace(item.held_out.points, covariate=f"{TURN_PREFIX}{item.effect}")
+            for item in shown
+            if item.held_out.points is not None
         ]
         names = dict.fromkeys(["heading", "time", *(item.where.covariate for item in shown)])
         return [*turns, *(residual_curve(null_model, state, name) for name in names if name in case.covariates)]
@@ -327,24 +327,6 @@ def residual_curve(before: FittedModel, after: FittedModel, covariate: str) -> B
     return BinnedResidual(
         covariate, (edges[filled] + edges[filled + 1]) / 2.0, first[filled], second[filled], sigma[filled]
     )
-
-
-def partial_residual(state: FittedModel, effect: str, turned_deg: Floats) -> BinnedResidual:
-    """Bin the residual along the turn that a fitted effect predicts, without the effect and with it.
-
-    Where the effect is there, what it leaves out follows the line on which both are equal, however small it is.
-
-    Args:
-        turned_deg: by the effect, as far as the fitted compass cannot take it, (n,).
-    """
-    finite = np.isfinite(state.whitener.width_deg)
-    edges = np.unique(np.quantile(turned_deg[finite], np.linspace(0.0, 1.0, finding.CURVE_BINS // 2 + 1)))
-    bins = np.clip(np.searchsorted(edges, turned_deg, side="right") - 1, 0, len(edges) - 2)
-    count = len(edges) - 1
-    left, sigma = _binned(state, bins, count)
-    weight = np.where(finite, state.whitener.width_deg, np.inf) ** -2.0
-    middle = np.bincount(bins, weight * turned_deg, count) / np.maximum(np.bincount(bins, weight, count), 1e-300)
-    return BinnedResidual(f"{TURN_PREFIX}{effect}", middle, left + middle, left, sigma)
 
 
 def _binned(state: FittedModel, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
