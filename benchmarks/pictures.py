@@ -63,8 +63,8 @@ def report(cruise: Path) -> None:
 
 def tutorial(cruise: Path) -> None:
     """The mooring of the tutorial."""
-    for name in ("sticks", "progressive", "deviation", "scatter"):
-        shutil.copyfile(cruise / f"results/E1/figures/{name}.png", DOCS / f"tutorial/{name}.png")
+    for name in ("sticks", "deviation", "scatter"):
+        shutil.copyfile(cruise / f"results/EG4/figures/{name}.png", DOCS / f"tutorial/{name}.png")
 
 
 def redeployed(cruise: Path) -> None:
@@ -95,6 +95,10 @@ def papers(folder: Path) -> None:
     moorings.draw_synthetic_curves(DOCS / "synthetic.png")
 
 
+COMMAND = ".venv/bin/python benchmarks/pictures.py "
+BY_HAND = {"tutorial": f"{COMMAND}--from CRUISE tutorial    # the cruise of the tutorial"}
+
+
 def plots(*names: str) -> list[str]:
     """Return modules of plots that draw figures of a mooring."""
     return [f"compasslib/plots/{name}.py" for name in (*DRAWN, *names)]
@@ -112,7 +116,7 @@ MAKERS = {
     ),
     "tutorial": Maker(
         tutorial,
-        [f"tutorial/{name}.png" for name in ("sticks", "progressive", "deviation", "scatter")],
+        [f"tutorial/{name}.png" for name in ("sticks", "deviation", "scatter")],
         plots("timeseries", "deviation"),
     ),
     "redeployed": Maker(
@@ -192,6 +196,16 @@ def beside(path: Path, figures: Sequence[Path]) -> None:
     whole.save(path, compress_level=9)
 
 
+def gallery() -> str:
+    """Compose the page of all pictures, each with the command that draws it."""
+    lines = ["# Gallery", "", "The pictures of these pages, each with the command of a checkout that draws it."]
+    for name, maker in MAKERS.items():
+        title, command = str(maker.make.__doc__).split(".")[0], BY_HAND.get(name, COMMAND + name)
+        lines += ["", f"## {title}", "", f"    {command}"]
+        lines += [line for picture in maker.pictures for line in ("", f"![{Path(picture).stem}]({picture})")]
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
     """Make pictures, and record them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -214,6 +228,7 @@ def main() -> None:
             maker.make(ready.get(maker.cruise) or ready.setdefault(maker.cruise, run(maker.cruise, own)))
             known = json.loads(RECORD.read_text()) if RECORD.exists() else {}
             RECORD.write_text(json.dumps(known | record(maker), indent=1, sort_keys=True) + "\n")
+            (DOCS / "gallery.md").write_text(gallery())
             print(f"{name}: {', '.join(maker.pictures)}")
 
 

@@ -35,6 +35,7 @@ NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "paper.md", "config/REA
 SITE = sorted((PROJECT / "docs").rglob("*.md"))
 PAGES = [PROJECT / name for name in NAMES] + [page for page in SITE if page.parent.parent.name != "proof"]
 LIBRARY, PLUGINS = PROJECT / "docs/howto/library.md", PROJECT / "docs/howto/plugins.md"
+TUTORIAL = PROJECT / "docs/tutorial.md"
 WITH_YAML = [PROJECT / "README.md", *sorted((PROJECT / "docs/howto").glob("*.md"))]
 MOST_WORDS = 1200  # of the README: what is longer is read by nobody
 
@@ -129,8 +130,7 @@ def test_conda_installs_within_the_bounds_of_the_project():
 
 
 # An hour of measurements, a browser, and a cruise that the reader of the tutorial drafts step by step.
-TUTORIAL = pictures.MAKERS["tutorial"].pictures
-APART_FROM_THE_RECORD = {"headings.png", "report.png", *TUTORIAL}
+APART_FROM_THE_RECORD = {"headings.png", "report.png", *pictures.MAKERS["tutorial"].pictures}
 
 
 @pytest.mark.parametrize("name", pictures.MAKERS)
@@ -153,6 +153,10 @@ def test_every_picture_has_a_maker_and_is_shown():
     assert made | APART_FROM_THE_RECORD == there
     pages = " ".join(page.read_text() for page in PAGES)
     assert not [picture for picture in there if Path(picture).name not in pages]
+
+
+def test_the_gallery_is_the_page_of_all_pictures():
+    assert (PROJECT / "docs/gallery.md").read_text() == pictures.gallery(), "benchmarks/pictures.py papers writes it"
 
 
 def test_only_what_a_file_does_makes_a_picture_old():
@@ -277,7 +281,7 @@ def test_commands_that_a_page_names_exist(page):
         "diff",
         "verify",
     }
-    for words in re.findall(r"^    (?:\.venv/bin/)?compass ([^\n#]*)", text, re.MULTILINE):
+    for words in re.findall(r"^(?:    (?:\.venv/bin/)?|\$ )compass ([^\n#]*)", text, re.MULTILINE):
         _parser().parse_args(shlex.split(words.partition(" -- ")[0]))  # after it, options of Snakemake
     for script in re.findall(r"\b(?:benchmarks|tests|examples|compasslib|workflow)/[\w/]*\w\.py\b", text):
         assert "NAME" in script or (PROJECT / script).exists(), script
@@ -299,16 +303,27 @@ def installed(tmp_path_factory) -> Path:
     return target
 
 
-def test_the_wheel_runs_the_workflow_on_a_cruise(installed, tmp_path):
-    """Far enough that a job of its own script has run; all other rules are planned."""
-    folder = cruise(tmp_path / "cruise", n=200)
-    start = "import sys; from compasslib.cli import main; sys.exit(main(['run', 'cruise', '--cores', '1', '--', {}]))"
-    ran = run_installed(installed, tmp_path, start.format("'results/M1/work/top.nc'"))
-    assert ran.returncode == 0 and "M1 read top: 200 samples" in ran.stderr, ran.stderr
-    record = json.loads((folder / "results/M1/logs/read_top.json").read_text())
-    assert "modules sha256" in json.dumps(record)
-    planned = run_installed(installed, tmp_path, start.format("'--dry-run'"))
-    assert planned.returncode == 0 and "rule provenance" in planned.stdout, planned.stderr
+def test_the_tutorial_s_commands_print_what_the_page_shows_by_the_wheel_alone(installed, tmp_path):
+    """From folder to archive with a planted mistake; ``...`` stands for anything, as in a doctest."""
+    for name, code in (
+        ("python", ""),
+        ("compass", '-c "import sys; from compasslib.cli import main; sys.exit(main())" '),
+    ):
+        (tmp_path / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -P {code}"$@"\n')
+        (tmp_path / name).chmod(0o755)
+    place = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": f"{installed}", "PYTHONUNBUFFERED": "1"}
+    steps = re.findall(r"^\$ (.*\n(?:> .*\n)*)((?:(?!\$ ).*\n)*)", "".join(blocks(TUTORIAL, "console")), re.MULTILINE)
+    assert len(steps) > 12
+    for command, shown in steps:
+        script = re.sub(r"^> ", "", command, flags=re.MULTILINE)
+        ran = subprocess.run(
+            ["bash", "-c", script], cwd=tmp_path, env=os.environ | place, text=True, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        lines = (re.escape(line).replace(r"\.\.\.", ".*") for line in shown.splitlines())
+        expected = "".join(r"(?:.*\n)*?" if line == ".*" else f"{line}\n" for line in lines)
+        said = re.sub("[\u00a0\u202f]", " ", ran.stdout)  # a page may break a line where a terminal should not
+        assert ran.returncode == 0 and re.fullmatch(expected, said), f"$ {command}{said}"
 
 
 def run_installed(installed: Path, folder: Path, code: str) -> subprocess.CompletedProcess:

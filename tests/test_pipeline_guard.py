@@ -22,7 +22,7 @@ TRUTH = "truth/EG1.csv"
 @pytest.fixture(autouse=True)
 def there(tmp_path, monkeypatch):
     """An empty cruise folder beside another one's."""
-    for folder in ("cruise/.snakemake", "cruise/results/M1/logs", "other"):
+    for folder in ("cruise/.snakemake", "cruise/results/M1/logs", "other/config", "other/results", "scratch"):
         (tmp_path / folder).mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "cruise")
     return tmp_path
@@ -38,7 +38,7 @@ def there(tmp_path, monkeypatch):
 def test_a_link_where_results_are_written_is_refused(there, path):
     place = Path(path)
     place.rename(there / "moved") if place.exists() else place.parent.mkdir(exist_ok=True)
-    place.symlink_to(there / "other")
+    place.symlink_to(there / "other/results")
     with pytest.raises(InputError, match=f"{path}: expected no link where results are written"):
         guard.refuse_links(["results/M1"])
 
@@ -48,6 +48,12 @@ def test_a_cruise_whose_raw_files_and_settings_are_links_is_not_refused(there):
         Path(name).symlink_to(there / "other")
     Path("results/latest").symlink_to("M1")
     guard.refuse_links(["results/M1", "results/M2", "results/calibrations/C1"])
+
+
+def test_results_may_be_a_link_to_a_folder_that_is_no_other_cruise_s(there):
+    Path("results").rename(there / "scratch/results")
+    Path("results").symlink_to(there / "scratch/results")
+    guard.refuse_links(["results/M1"])
 
 
 def test_only_what_was_half_written_here_is_swept(there):

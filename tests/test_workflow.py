@@ -16,6 +16,8 @@ import yaml
 from launch import PROJECT, change, copied_project, hashes, jobs_in, keeps_contract, planned, snakemake
 from sea import cruise, real
 
+from compasslib.archive import verification
+
 
 def two(folder: Path) -> Path:
     """Write a cruise of a mooring and one without a trusted instrument, each with a recording of its own."""
@@ -85,10 +87,15 @@ def test_a_mooring_without_reference_ends_with_flags_not_with_an_error(done):
         assert np.isfinite(nc["UCUR_RECORDED"][:].filled(np.nan)).any()
 
 
-def test_nothing_to_do_the_second_time_though_files_were_touched(done):
+def test_nothing_to_do_the_second_time_though_files_were_touched_and_results_moved_to_another_disk(done, tmp_path):
     for file in (*(done / "raw/M1").iterdir(), *(done / "config").rglob("*.yaml")):
         file.touch()
+    shutil.move(done / "results", tmp_path / "scratch")
+    (done / "results").symlink_to(tmp_path / "scratch")
     assert "Nothing to be done" in snakemake(done).stderr
+    assert not verification.differences(done, None)
+    (done / "results").unlink()
+    shutil.move(tmp_path / "scratch", done / "results")
 
 
 def test_raw_data_are_never_written_to(done):
@@ -115,6 +122,9 @@ def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(done, tmp_path):
 
 
 MODULE = """
+if exists("parent.yaml"):
+    configfile: "parent.yaml"
+
 module compass:
     snakefile: "{project}/Snakefile"
     {keys}
@@ -140,6 +150,7 @@ def test_another_workflow_uses_it_as_a_module(done, tmp_path):
     folder = shutil.copytree(done, tmp_path / "c")
     before = (folder / "results/M1/assessment.json").read_bytes()
     (folder / "results/M1/logs/diagnose.json").unlink()
+    (folder / "parent.yaml").write_text("samples: [a, b]\n")
     ran = as_module(folder)
     assert ran.returncode == 0, ran.stderr
     assert (folder / "rows.txt").read_text().strip() == "3"

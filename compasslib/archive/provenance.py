@@ -247,7 +247,7 @@ def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
 
 def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
     """Give each setting by its keys; the outermost is the parameter of the rule, which no YAML file knows."""
-    if isinstance(value, dict) and value:
+    if isinstance(value, dict):
         for name, inner in value.items():
             yield from _leaves(inner, *keys, name)
     else:

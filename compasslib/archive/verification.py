@@ -193,7 +193,7 @@ def _difference(root: Path, path: str, listed: str) -> str:
     if not place.is_file():
         return f"missing: {path}"
     if path.startswith(f"{crate.FOLDER}/") and any(
-        (root / part).is_symlink() for part in (path, *map(str, PurePosixPath(path).parents[:-1]))
+        (root / part).is_symlink() for part in (path, *map(str, PurePosixPath(path).parents[:-2]))
     ):
         return f"changed: {path} (a link, or in a folder that is one)"
     entries = provenance.sha256(place)

@@ -20,7 +20,8 @@ from compasslib.records import iso_time
 SCHEMA = "# yaml-language-server: $schema={}.json\n"
 CONFIG = f"""{SCHEMA.format("schema/config")}# Drafted by compass init; config/README.md of the pipeline has every key.
 moorings: {{moorings}}
-# attributes: {{{{institution: ..., principal_investigator: ..., project: ...}}}}  # they stand in every product
+# A deposit asks for these four; they stand in every product:
+# attributes: {{{{license: ..., institution: ..., publisher_url: ..., principal_investigator: ...}}}}
 """
 HEAD = f"# Drafted by compass init from the files. Replace every {DECIDE} by a value, then: compass check\n"
 STILL_M = 0.3  # tide and weather move an instrument's depth by more

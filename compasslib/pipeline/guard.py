@@ -143,6 +143,8 @@ def _label(record: Path) -> str:
 def refuse_links(folders: Sequence[str]) -> None:
     """Refuse a link where the run writes: what it leads to is somebody else's.
 
+    ``results`` itself may be a link to a folder, on a scratch disk, that is no other cruise's.
+
     Args:
         folders: of results, of each mooring, calibration and compass.
 
@@ -158,7 +160,8 @@ def refuse_links(folders: Sequence[str]) -> None:
         f"{RESULTS}/compasses",
     ]
     for path in [*ours, *folders, *below]:  # a file in them is replaced, whatever it is a link to
-        if os.path.islink(path):
+        scratch = path == RESULTS and os.path.isdir(path)
+        if os.path.islink(path) and not (scratch and not Path(os.path.realpath(path), "../config").exists()):
             advice = "put the cruise on the other disk and name it by --directory, or mount the disk there"
             raise InputError(path, expected="no link where results are written", found="one", advice=advice)
 
