@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -298,13 +297,3 @@ MOORINGS = (
         top=_top(8107, first_number=60001), deep=Profiler(first_s=660.0, bottom_m=1580.0, binary=False, serial=1407),
     ),
 )  # fmt: skip
-
-
-def main(folder: str, *names: str) -> None:
-    """Write raw files of moorings into a folder, and the truth about their compasses into truth/ beside it."""
-    for name in names:
-        write_mooring(name, folder, Path(folder).absolute().parent / f"truth/{name}.csv")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
