@@ -204,7 +204,8 @@ def test_there_is_one_number_for_after(done, document):
     """The agreement on held-out pairs, said as that; the residual of the fit and of all pairs stand nowhere."""
     assessed, fit = (json.loads((done / f"results/M1/{name}.json").read_text()) for name in ("assessment", "deviation"))
     text = (done / "results/report.html").read_text().split('id="mooring-M1"')[1].split('id="calibrations"')[0]
-    after = words.with_sigma(assessed["after"]["rms_deg"], assessed["after"]["rms_deg_sigma"], "°")
+    low, high = assessed["after"]["interval_95"]["rms_deg"]
+    after = f"{words.degrees(assessed['after']['rms_deg'])} ({words.number(low)} to {words.number(high)})"
     assert f"{after} rms after" in text and text.count(after) == 2  # the sentence and its table
     others = {float(x.replace(words.MINUS, "-")) for x in re.findall(r"([\d.]+)[^\d<]{0,12}°[^<]{0,3} rms", text)}
     assert not {round(fit["residual_rms_deg"], 1)} & (others - {round(assessed["after"]["rms_deg"], 2)})

@@ -204,7 +204,10 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
         as_is: label deviations as they are.
     """
     span = limits[1] - limits[0]
-    step = 90.0 if span > 150.0 else 45.0 if span > 110.0 else 30.0 if span > 75.0 else 15.0
+    if as_is:  # three ticks at least: zero alone is no scale
+        step = next((each for each in (90.0, 45.0, 30.0, 15.0, 10.0, 5.0) if span >= 3.0 * each), 2.0)
+    else:
+        step = 90.0 if span > 150.0 else 45.0 if span > 110.0 else 30.0 if span > 75.0 else 15.0
     if isinstance(axis, XAxis):
         axis.axes.set_xlim(limits)
     else:

@@ -149,7 +149,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
         verdict=results.diagnosis["verdict"],
         summary=summary_sentences(results),
         to_do=words.paragraphs("mooring", "actions", r=results)
-        or ("Use UCUR and VCUR of corrected.nc; effects smaller than the detection limits may be left in them.",),
+        or ("Use UCUR and VCUR of corrected.nc, unless an error as small as the detection limits below matters.",),
         facts=(
             *words.facts("mooring", "place", r=results, site=site),
             *measures(results),
