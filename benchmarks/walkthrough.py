@@ -87,7 +87,7 @@ def page(figures: dict[str, Any]) -> str:
 
 Where a simulation and a recording differ, this software locates the mismatch, names the physics that was left out, models it
 and shows that the fit improves; where it cannot, it says so. Four demonstration moorings test that: `make run` simulates them,
-draws what is wrong with each by a seed, and conceals it from every stage but the page that compares. C1 is followed here from the
+draws the faults of each at random, by a seed, and no stage but the page that compares ever reads them. C1 is followed here from the
 raw file to the truth, and then what was missed.
 
 *Written by `benchmarks/walkthrough.py` from the results of {figures["version"]}, {figures["date"]}, seed {figures["seed"]}.
@@ -104,15 +104,17 @@ coefficients of every compass near iron take up. Two more were planted, sizes be
 ## Located
 
 The pipeline compares the directions of both instruments on {mooring["pairs"]} pairs and fits the five coefficients. In truth the headings are
-still wrong by {mooring["error"]["fit"]}: the fit has averaged two compasses, before and after the change. Each way the record may differ
-from that fit is then tried along time, temperature, tilt, speed and the other covariates. The odds that compass or clock are at
+still wrong by {mooring["error"]["fit"]}: one set of coefficients stands for the compass before and after
+the change, and for its heeling. Each way the record may differ
+from that fit is then tried along time, temperature, tilt, speed and the other covariates. From even odds, those that compass or clock are at
 fault rise by a factor of {_factor(mooring["bayes_factor"])}, and the date that fits best is **{_minute(found["when"]["from"])}**
 (panel c, dotted).
 
 ## Named
 
 **{words.plain(found["effect"]).capitalize()}**, probability {words.chance(found["probability"])}; alternatives in
-the catalogue: {", ".join(map(words.plain, found["alternatives"])) or "none"}. The verdict is `{mooring["verdict"]}`.
+the catalogue: {", ".join(map(words.plain, found["alternatives"])) or "none"}. The verdict is `{mooring["verdict"]}`,
+which does not say that nothing else is wrong.
 
 ![The diagnosis of C1](../diagnosis.png)
 
@@ -147,8 +149,8 @@ Its visible size is {found["rms_effect_deg"]:.1f}° rms. On left-out days the la
 *Daily means of heading minus truth, which the software never saw: by the coefficients alone (grey) and as corrected (blue), with the
 95 % that `corrected.nc` states. Dotted: when the iron changed.*
 
-The raw difference of directions ({mooring["difference_deg"][0]:.1f}° rms before, {mooring["difference_deg"][1]:.1f}° after all corrections) is no
-measure of any of this: most of it is the currents' own difference between the two depths, and noise.
+The raw difference of directions ({mooring["difference_deg"][0]:.1f}° rms before, {mooring["difference_deg"][1]:.1f}° after all corrections) says
+little about the headings: most of it is the currents' own difference between the two depths, and noise.
 
 ## What it missed
 

@@ -143,7 +143,7 @@ def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
             f"a profiler passed on the wire every {every / HOUR_S:.0f} hours", "time", _iron(passing, _direction(rng))
         ),
         Cause("the wire strummed at one speed and shook the compass", "speed", _shift(strummed)),
-        Cause("a board bent while it warmed or cooled", "temperature", _shift(bent)),
+        Cause("a circuit board of the compass bent while it warmed or cooled", "temperature", _shift(bent)),
     ]
     return [causes[int(rng.integers(len(causes)))]]
 
