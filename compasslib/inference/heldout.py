@@ -248,7 +248,7 @@ def refit_folds(inferred: Inference, without: FittedModel, fold: NDArray[np.intp
 
 
 def _describe_gain(result: _Prediction, size_deg: float, expected: Floats, surrogates: int) -> dict[str, Any]:
-    """Describe gain, amplitude, slope and placebo; but for the slope noise is as much wider as evidence is tempered.
+    """Describe gain, amplitude, slope and placebo; the noise is as much wider as evidence is tempered.
 
     Args:
         expected: slope of records that hold the effect, median and 95 % range.
@@ -257,13 +257,13 @@ def _describe_gain(result: _Prediction, size_deg: float, expected: Floats, surro
     slope, spread = float(result.followed[0]) / predicted, NORMAL_95 * float(np.sqrt(predicted / TEMPERATURE))
     low, high = (slope + side * spread / predicted for side in (-1.0, 1.0))
     middle, least, most = expected.tolist()
+    below, above = (abs(edge - middle) / middle / float(np.sqrt(TEMPERATURE)) for edge in (most, least))
+    given = Interval(slope / middle, slope / middle - below, slope / middle + above)
     chance = (1 + int(np.sum(gain[1:] >= gain[0]))) / (1 + surrogates) if surrogates else None
     return {
         "anew": Interval(float(gain[0]), float(gain[0]) - spread, float(gain[0]) + spread),
         "amplitude": Amplitude(size_deg * middle, size_deg * slope, size_deg * low, size_deg * high),
-        "slope": Interval(slope / middle, 1.0 + (slope - most) / middle, 1.0 + (slope - least) / middle)
-        if most > least
-        else None,
+        "slope": given if most > least else None,
         "placebo": Placebo(surrogates, chance),
     }
 
