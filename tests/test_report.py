@@ -534,6 +534,8 @@ def test_the_keyboard_reaches_the_results_and_shows_where_it_is(done, chromium):
     chromium.press("Enter")
     assert chromium.ask("document.activeElement.id") == "main"
     chromium.press("Tab")
+    assert chromium.ask("document.activeElement.className") == "scroll"  # the table of all moorings
+    chromium.press("Tab")
     assert chromium.ask("document.activeElement.innerText") == ALONE
     chromium.press("Enter")
     assert chromium.ask("location.hash") == f"#mooring-{ALONE}"
