@@ -83,9 +83,10 @@ def by_plan(folder: Path) -> None:
     rows = []
     for count in FLEETS:
         fleet(folder / f"fleet{count}", count, 0.02)
-        took = runs.cost(runs.snakemake(folder / f"fleet{count}", "--dry-run", "--quiet", "all"))
-        rows.append((count, took.cpu_s, took.peak_mb, 1000.0 * took.cpu_s / count))
-    table("moorings planned", "CPU s, peak MB, CPU ms a mooring", rows)
+        command = runs.snakemake(folder / f"fleet{count}", "--dry-run", "--quiet", "all")
+        took, whole = runs.cost(command), runs.cost([*command, "--config", "mooring_cores=1"])
+        rows.append((count, took.cpu_s, took.peak_mb, whole.cpu_s, whole.peak_mb, took.cpu_s / whole.cpu_s))
+    table("moorings planned", "CPU s, peak MB, a job a mooring CPU s, peak MB, ratio of CPU", rows)
 
 
 def by_moorings(folder: Path) -> list[Measured]:

@@ -31,7 +31,7 @@ def main(scratch: Path) -> int:
     alone = cost(snakemake(here, cores=os.cpu_count() or 1)).wall_s
     with slurm.cluster(scratch / "slurm"):
         queued = cost(snakemake(there, *slurm.OPTIONS, cores=None)).wall_s
-    first, second = (hashes(folder, "config", ".snakemake", "benchmarks") for folder in (here, there))
+    first, second = (hashes(folder, "config", ".snakemake") for folder in (here, there))
     names = sorted(first.keys() | second.keys())
     differ = [name for name in names if first.get(name) != second.get(name)]
     print(f"on this machine {alone:.0f} s, by Slurm {queued:.0f} s, {os.cpu_count()} cores each")

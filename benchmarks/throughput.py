@@ -29,6 +29,7 @@ sys.path.append(str(PROJECT / "tests"))
 import nortek_encoder as encoder
 
 from compasslib import readers
+from compasslib.readers import delimited
 from compasslib.readers.pd0 import decode
 from compasslib.readers.pd0.frames import iter_chunks
 
@@ -100,6 +101,24 @@ def as_netcdf(path: Path) -> Path:
     return made
 
 
+def of_table(folder: Path) -> None:
+    """Read a plain table of 20 MB, beside pandas."""
+    import pandas as pd
+
+    path, n = folder / "deep.csv", 400_000
+    dates = np.datetime64("2007-09-04T00:00:00") + np.timedelta64(600, "s") * np.arange(n)
+    drawn = np.random.default_rng(1).normal(0.0, 20.0, (n, 4)).round(3)
+    pd.DataFrame(drawn, columns=list("zuvt")).assign(time=dates.astype(str)).to_csv(path, index=False)
+    columns = {"time": "time", "depth": "z", "east": "u", "north": "v", "temperature": "t"}
+    ways = {
+        "cells": lambda one: delimited.read_table(one, columns),
+        "record": lambda one: readers.read("table", [one], {"columns": columns}),
+        "pandas": lambda one: pd.read_csv(one, parse_dates=["time"]),
+    }
+    told = ", ".join(f"{name} {speed(path, way, 2):.1f}" for name, way in ways.items())
+    print(f"\nA table of {path.stat().st_size / 1e6:.0f} MB, MB/s: {told}")
+
+
 def main(raw: Path) -> None:
     """Make the files, time each way of reading them, print the table."""
     logging.disable(logging.CRITICAL)
@@ -120,6 +139,7 @@ def main(raw: Path) -> None:
             theirs, plain = library(other), speed(path, Path.read_bytes)
             told = (f"{theirs:.1f}", f"{ours / theirs:.1f}") if isinstance(theirs, float) else (theirs, "–")
             targets.line(path.name, f"{path.stat().st_size / 1e6:.1f}", f"{ours:.1f}", *told, f"{ours / plain:.3f}")
+        of_table(folder)
         print(f"\nPD0 by decode() alone, currents not turned: {speed(large, decode):.1f} MB/s")
 
 
