@@ -243,7 +243,10 @@ def _form(stamped: Bools, tokens: Ints, wanted: Callable[[Form], bool]) -> Form 
 
 def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_RowChunk, Ints]:
     """Parse the rows among lines of the right count of words; give where the others begin."""
-    octets = octets[_marked(len(octets), begins, ends)]
+    inside = np.zeros(len(octets) + 1, dtype=np.int8)  # the rows do not overlap
+    inside[begins] += 1
+    inside[ends] -= 1
+    octets = octets[np.cumsum(inside[:-1], dtype=np.int8).astype(bool)]
     size = ends - begins
     rows = _Rows(octets, np.cumsum(size) - size, form)
     time_s, stamp_good = rows.stamps()
@@ -254,14 +257,6 @@ def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_R
         numbers[k] = float(octets[begin[k] : end[k]].tobytes())
     piece = _RowChunk(begins[good], time_s[good], numbers.reshape(-1, form[1]), rows.texture()[good])
     return piece, begins[~good]
-
-
-def _marked(length: int, begins: Ints, ends: Ints) -> Bools:
-    """Mask stretches that do not overlap."""
-    step = np.zeros(length + 1, dtype=np.int8)
-    step[begins] += 1
-    step[ends] -= 1
-    return np.cumsum(step[:-1], dtype=np.int8).astype(bool)
 
 
 def _regular(form: Form | None, pieces: list[_RowChunk], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:

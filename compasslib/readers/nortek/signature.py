@@ -89,7 +89,12 @@ def decode(packets: Packets) -> Samples:
     head = np.ascontiguousarray(rows[:, : _HEAD.itemsize]).view(_HEAD)[:, 0]
     layout = _layout(packets, rows, head[0])
     raw = _velocity(rows, layout, head["scale"])
-    beams_to_axes = _beams_to_axes(packets, layout, _matrix(text, SECTIONS[kind])) if layout.coordinates == BEAM else ()
+    matrix = _matrix(text, SECTIONS[kind]) if layout.coordinates == BEAM else None
+    if layout.coordinates == BEAM and (matrix is None or matrix.shape[1] != layout.beams):
+        expected = f"the matrix of its {layout.beams} beams among the text records (GETXFAVG, GETXFBURST)"
+        shown = "none" if matrix is None else f"one of {matrix.shape[1]}"
+        advice = "take the instrument's own file from its first byte on"
+        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
     velocity = raw[..., :2] if layout.coordinates == EARTH else raw
     if layout.coordinates == INSTRUMENT:
         velocity = raw @ axes_of(np.eye(layout.beams)).T
@@ -113,7 +118,7 @@ def decode(packets: Packets) -> Samples:
         serial=str(head["serial"][0] or ""),
         model=next(iter(re.findall(r'^ID,.*?\bSTR="([^"]+)"', text, re.MULTILINE)), ""),
         declination_deg=_setting(text, "GETUSER", "DECL", 0.0),
-        beams_to_axes=beams_to_axes,
+        beams_to_axes=tuple(map(tuple, axes_of(matrix).tolist())) if matrix is not None else (),
         average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
         up=raw[..., 2:].mean(axis=-1) if layout.coordinates == EARTH else None,
@@ -171,16 +176,6 @@ def _velocity(rows: Bytes, layout: _Layout, scale: Any) -> Floats:
     velocity = counts / 10.0 ** -scale.astype(float)[:, None, None]
     velocity[counts == MISSING_COUNT] = np.nan
     return np.moveaxis(velocity, 1, 2)
-
-
-def _beams_to_axes(packets: Packets, layout: _Layout, matrix: Floats | None) -> tuple[tuple[float, ...], ...]:
-    """Take the matrix from beams to x, y and z from that of the file; refuse a file without."""
-    if matrix is None or matrix.shape[1] != layout.beams:
-        expected = f"the matrix of its {layout.beams} beams among the text records (GETXFAVG, GETXFBURST)"
-        shown = "none" if matrix is None else f"one of {matrix.shape[1]}"
-        advice = "take the instrument's own file from its first byte on"
-        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
-    return tuple(map(tuple, axes_of(matrix).tolist()))
 
 
 def _sensors(head: Any) -> dict[str, Any]:
