@@ -201,8 +201,10 @@ def _at_limit(component: Floats) -> Bools:
         values, counts = np.unique(near, return_counts=True)
         order = np.argsort(np.abs(values - limit))
         next_to_it = counts[order[1 : 1 + COMPARED_VALUES]]
-        if len(next_to_it) and counts[order[0]] > max(AT_LIMIT, CROWDED * np.median(next_to_it)):
-            cut |= component == limit
+        at = component == limit
+        times = np.count_nonzero(at[1:] & ~at[:-1])  # that it was reached: a meter that froze there did so once
+        if len(next_to_it) and times > max(AT_LIMIT, CROWDED * np.median(next_to_it)):
+            cut |= at
     return cut
 
 
