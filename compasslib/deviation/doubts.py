@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.deviation.model import DeviationFit, heading_residual, observed_heading, pair_speeds
 from compasslib.records import Pairs, iso_time
+from compasslib.statistics.resampling import adjacent
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
@@ -225,10 +226,9 @@ def _far_windows(windows: Windows) -> Bools:
     far, near = (np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS))
     size = np.hypot(off[:, 0], off[:, 1])
     large = size > max(IN_A_ROW_DEG, IN_A_ROW_TIMES * max(float(np.median(size)), LEAST_USUAL_DEG))
-    beside_large = np.append(large[1:], False) | np.append(False, large[:-1])
-    far = far | (large & beside_large)
+    far = far | (large & adjacent(large))
     for _ in range(len(far)):  # a stretch begins in a window: those beside it that are nearly far off belong to it
-        far = far | (near & (np.append(far[1:], False) | np.append(False, far[:-1])))
+        far = far | (near & adjacent(far))
     return far
 
 

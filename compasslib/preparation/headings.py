@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.records import PROBABLY_BAD, Record, iso_time
+from compasslib.statistics.resampling import adjacent
 from compasslib.types import DAY_S, Bools, Complexes, Floats
 
 WINDOW_S, FEWEST, FEWEST_WINDOWS = 5 * DAY_S, 40, 6
@@ -161,13 +162,11 @@ def _flag_running_means(record: Record, flow: Complexes) -> Record:
     of_flow = np.maximum(_notches(flow[sections]), 0.0)
     of_directions, of_degrees = (_notches(x) - of_flow for x in (angles.phasor(heading), heading))
     found = np.any((of_directions > NOTCH) | (of_degrees > NOTCH_OF_DEGREES), axis=1)
-    averaged = np.zeros(record.heading_deg.shape, dtype=bool)
-    averaged[sections[found].ravel()] = True
     text = (
         "are running means, by their spectrum, where the velocities are not: averaged headings are not those by which "
         "the velocities were turned, and are flagged doubtful"
     )
-    return _flag_some(record, averaged, text)
+    return _flag_some(record, np.isin(np.arange(len(flow)), sections[found]), text)
 
 
 def _sections(known: NDArray[np.intp], size: int) -> NDArray[np.intp]:
@@ -194,16 +193,14 @@ def _flag_unrelated(record: Record, flow: Complexes) -> Record:
         size = np.sqrt(np.prod([np.maximum(1.0 - np.abs(mean) ** 2, 1e-6) for mean in means], axis=0))
         return np.abs(np.mean(weight * a * np.conj(b), axis=1) - means[0] * np.conj(means[1])) / size
 
-    with_the_last = relation(heading[:, 1:], heading[:, :-1])
-    unrelated = np.maximum(with_the_last, relation(heading, towards, weight)) < UNRELATED
+    with_previous = relation(heading[:, 1:], heading[:, :-1])
+    unrelated = np.maximum(with_previous, relation(heading, towards, weight)) < UNRELATED
     unrelated &= np.abs(heading.mean(axis=1)) < STEADY  # a frame on the bottom does not turn
-    altered = np.zeros(record.heading_deg.shape, dtype=bool)
-    altered[sections[unrelated].ravel()] = True
     text = (
         "go neither with the reading before nor with the flow: they are in another order or of another source, and are "
         "flagged doubtful; check the column of headings"
     )
-    return _flag_some(record, altered, text)
+    return _flag_some(record, np.isin(np.arange(len(flow)), sections[unrelated]), text)
 
 
 def _notches(values: Complexes | Floats) -> Floats:
@@ -254,13 +251,8 @@ def _far_windows(number: NDArray[np.intp], direction: Complexes, weight: Floats)
         enough & ((away > times * least) | (firm & (turned > degrees)))
         for times, degrees in ((ALONE, ALONE_DEG), (1.0, TURNED_DEG))
     )
-    far = sure | (far & _adjacent(far))
-    return np.asarray(far | _adjacent(far))
-
-
-def _adjacent(windows: Bools) -> Bools:
-    """Tell which windows have a selected one before or after them, (w,)."""
-    return np.append(windows[1:], False) | np.append(False, windows[:-1])
+    far = sure | (far & adjacent(far))
+    return np.asarray(far | adjacent(far))
 
 
 def _flag_repeated(record: Record) -> Record:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 NORMAL_95 = 1.959964  # quantile of the normal law
 EVEN_BLOCKS = 10.0  # blocks of even noise that a group's own blocks are held against
@@ -101,6 +101,11 @@ def student_factor(freedom: float) -> float:
 
 RESOLUTION_RUN = 500  # samples in which the step is looked for
 MAX_DISTINCT = 0.4  # distinct values among them; of one that steps by 1 degree there are more
+
+
+def adjacent(windows: Bools) -> Bools:
+    """Tell which windows have a selected one before or after them, (w,)."""
+    return np.append(windows[1:], False) | np.append(False, windows[:-1])
 
 
 def angle_resolution(angle_deg: Floats) -> Floats:

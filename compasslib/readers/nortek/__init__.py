@@ -317,7 +317,8 @@ def _map_beams(whole: Samples, level: Floats, side: Floats) -> Floats:
     beams = whole.velocity
     if len(ranges) > 1:
         directions = np.linalg.pinv(matrix)  # (k, 3) of the beams, in x, y and z
-        down = np.einsum("ni,kni->nk", level[:, 2], directions[:, None] * np.concatenate([side**2, side, side], axis=1))
+        turned = directions[:, None] * np.concatenate([np.ones_like(side), side, side], axis=1)
+        down = np.einsum("ni,kni->nk", level[:, 2], turned)
         n = len(beams)
         mapped = map_cells(
             beams, np.abs(down / directions[:, 2]), np.full(n, ranges[0]), np.full(n, ranges[1] - ranges[0]),
