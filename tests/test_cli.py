@@ -484,12 +484,15 @@ def test_diff_names_the_settings_and_raw_files_that_differ(tmp_path):
         "read": {"results/y": "1"},
     }
     for side, depth, digest, more in (("old", 20.0, "a", {}), ("new", 16.2, "b", {"carry": fit})):
-        now = read | {"parameters": {"deployment": {"nominal_depth": depth}}}
+        spans = {"end_s": 1188864000.0 + 10 * depth, "exclude": [[None, 10 * depth]]}
+        now = read | {"parameters": {"deployment": {"nominal_depth": depth} | spans}}
         now |= {"read": read["read"] | {"raw/M1/deep.csv": digest, "results/x": digest}}
         for name, record in ({"read_deep": now, "fit": fit} | more).items():
             write_json(tmp_path / side / f"logs/{name}.json", record)
     assert records.compare(tmp_path / "old", tmp_path / "new") == [
         "deep: nominal_depth was 20.0, is 16.2",
+        'deep: end was "2007-09-04T00:03:20Z", is "2007-09-04T00:02:42Z"',
+        'deep: exclude was [[null, "1970-01-01T00:03:20Z"]], is [[null, "1970-01-01T00:02:42Z"]]',
         "deep: raw/M1/deep.csv changed",
     ]
     assert records.compare(tmp_path / "new", tmp_path / "new") == []

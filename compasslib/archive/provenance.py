@@ -26,6 +26,7 @@ PROJECT: Path = PACKAGE.parent
 CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
 WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel with changelog and lock
 RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
+TIMES = ("start_s", "end_s", "exclude")  # settings of a job in seconds since 1970
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
 _OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
@@ -250,11 +251,20 @@ def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _leaves(inner, *keys, name)
+    elif keys[-1] in TIMES:
+        yield ".".join(keys[1:] or keys).removesuffix("_s"), _dated(value)
     else:
         yield ".".join(keys[1:] or keys), value
 
 
-def _short(value: Any, longest: int = 40) -> str:
+def _dated(seconds: Any) -> Any:
+    """Write seconds since 1970, or lists of them, as dates."""
+    if isinstance(seconds, list):
+        return [_dated(each) for each in seconds]
+    return seconds and datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
+
+
+def _short(value: Any, longest: int = 60) -> str:
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= longest else f"{text[: longest - 3]}..."
 

@@ -55,16 +55,17 @@ def enter(cruise: Path, project: Path) -> None:
                 raise InputError(str(cruise / name), expected=expected, found="one", advice="remove or rename it")
 
 
-def mooring_cores(config: Mapping[str, object]) -> int:
+def mooring_cores(config: Mapping[str, object], *, is_module: bool = False) -> int:
     """Read how many cores the one job of a mooring has; 0 where each stage is a job.
 
     Args:
         config: what ``--config`` and ``--configfile`` gave: nothing else, as it would stand in no archive.
+        is_module: another workflow uses this one, whose settings ``config`` may hold too.
 
     Raises:
         InputError: there is another setting, or no such number.
     """
-    if others := [str(key) for key in config if key != CORES]:
+    if (others := [str(key) for key in config if key != CORES]) and not is_module:
         expected, actual = f"{CORES}, and other settings in the cruise's YAML files alone", ", ".join(others)
         advice = "write it into config/config.yaml, or into the mooring's file, and run again"
         raise InputError("--config", expected=expected, found=actual, advice=advice)
