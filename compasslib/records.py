@@ -123,38 +123,40 @@ class Record(Labelled):
     the velocities are turned by that same heading, or to true north where ``direction_reference`` is ``true``.
     """
 
-    time_s: Floats  # (n,)
-    east: Floats  # (n, m) m/s
-    north: Floats  # (n, m) m/s
-    bin_range_m: Floats  # (n, m) vertical distance from the transducer, positive away from it; 0 for a point meter
-    heading_deg: Floats  # (n,) NaN where the instrument has none
-    pitch_deg: Floats  # (n,) forward up
-    roll_deg: Floats  # (n,) starboard down
-    pressure_dbar: Floats  # (n,) NaN where no sensor is fitted
-    depth_m: Floats  # (n,) the instrument's own depth field or a table's depth; after deployment: its depth
-    temperature_c: Floats  # (n,)
-    supply_voltage: Floats  # (n,) counts or volts, only its changes matter
-    quality: Flags  # (n, m) OceanSITES flag of each velocity
-    heading_quality: Flags  # (n,)
-    looks_up: bool = True
-    beam_angle_deg: float = 0.0  # from the vertical; 0 for a meter without slanted beams
-    direction_reference: str = "magnetic"  # magnetic | true
-    heading_bias_deg: float = 0.0  # that was taken out of the file's headings
-    velocity_bias_deg: float | None = None  # the same of its velocities, None: as of the headings
-    serial_number: str = ""  # the instrument's, where its files tell it, as the next two
-    manufacturer: str = ""
-    model: str = ""
-    channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each: what else was logged, NaN where missing
-    channel_units: Mapping[str, str] = field(default_factory=dict)
-    # What the velocities came with, by the keys of ``PROFILES``: (n, m) m/s, NaN where missing, or (n, m, beams) counts
-    # in the integers of the file, -1 where missing.
+    time_s: Floats  #: (n,) UTC seconds since 1970
+    east: Floats  #: (n, m) m/s, towards
+    north: Floats  #: (n, m) m/s, towards
+    bin_range_m: Floats  #: (n, m) vertical distance from the transducer, positive away from it; 0 for a point meter
+    heading_deg: Floats  #: (n,) recorded, magnetic, clockwise; NaN where the instrument has none
+    pitch_deg: Floats  #: (n,) degrees, forward up positive
+    roll_deg: Floats  #: (n,) degrees, starboard down positive
+    pressure_dbar: Floats  #: (n,) NaN where no sensor is fitted
+    depth_m: Floats  #: (n,) m below the surface, of the instrument or a table; after deployment its depth
+    temperature_c: Floats  #: (n,) degrees Celsius
+    supply_voltage: Floats  #: (n,) counts or volts, only its changes matter
+    quality: Flags  #: (n, m) OceanSITES flag of each velocity
+    heading_quality: Flags  #: (n,) OceanSITES flag of each heading
+    looks_up: bool = True  #: whether the bins lie above the transducer
+    beam_angle_deg: float = 0.0  #: degrees from the vertical; 0 for a meter without slanted beams
+    direction_reference: str = "magnetic"  #: magnetic | true
+    heading_bias_deg: float = 0.0  #: that was taken out of the file's headings, degrees, east positive
+    #: the same of its velocities, degrees, east positive; None where it is that of the headings
+    velocity_bias_deg: float | None = None
+    serial_number: str = ""  #: the instrument's, empty where its files do not state it
+    manufacturer: str = ""  #: as stated by its files
+    model: str = ""  #: as stated by its files
+    #: (n,) each, what else was logged, by name; NaN where missing
+    channels: Mapping[str, Floats] = field(default_factory=dict)
+    channel_units: Mapping[str, str] = field(default_factory=dict)  #: unit of each channel, where it is known
+    #: What the velocities came with, by the keys of ``PROFILES``; (n, m) m/s, NaN where missing, or (n, m, beams)
+    #: counts in the integers of the file, -1 where missing.
     profiles: Mapping[str, Rows] = field(default_factory=dict)
-    recorded_in: str = ""  # beam | instrument | ship | earth, where the files tell it
-    bins_mapped: bool = False  # whether velocities of beams were combined at one depth, however the instrument leans
-    echo_range_m: Floats | None = None  # (n, 2) of a boundary, and of the last water heard; for the deployment alone
-    counts: dict[str, int] = field(default_factory=dict)  # what was read, skipped and flagged, for the report
-    warnings: tuple[str, ...] = ()  # sentences for the report
-    tests: NDArray[np.int16] | None = None  # (n, m) bits of the tests that each velocity failed; None: none was made
+    recorded_in: str = ""  #: beam | instrument | ship | earth, where the files tell it
+    bins_mapped: bool = False  #: whether velocities of beams were combined at one depth, however the instrument leans
+    echo_range_m: Floats | None = None  #: (n, 2) of a boundary, and of the last water heard; for the deployment alone
+    counts: dict[str, int] = field(default_factory=dict)  #: what was read, skipped and flagged, for the report
+    warnings: tuple[str, ...] = ()  #: sentences for the report
+    tests: NDArray[np.int16] | None = None  #: (n, m) bits of the tests that each velocity failed; None without tests
 
     def bin_depth_m(self) -> Floats:
         """Compute the depth of every bin at every sample, (n, m) metres, blow-down followed."""
@@ -176,25 +178,26 @@ class Readings:
 class Pairs(Labelled):
     """Overlapping measurements of the affected (upper) instrument and the reference (lower), true east and north."""
 
-    time_s: Floats  # (n,)
-    heading_deg: Floats  # (n,) recorded by the affected compass, magnetic
-    pitch_deg: Floats  # (n,)
-    roll_deg: Floats  # (n,)
-    upper_east: Floats  # (n,) m/s, by the recorded heading plus declination
-    upper_north: Floats
-    lower_east: Floats  # (n,) m/s
-    lower_north: Floats
-    upper_depth_m: Floats  # (n,)
-    lower_depth_m: Floats  # (n,)
-    separation_minutes: Floats  # (n,) lower minus upper
-    declination_deg: Floats  # (n,)
-    lower_heading_deg: Floats | None = None  # (n,) by the reference's compass, NaN if missing; None if none is logged
-    reference_index: Flags | None = None  # (n,) whose pair it is, where there are several references
-    reference_names: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    # By the profile, rms of one component, m/s: the water's difference of the published mean, and of what is predicted.
+    time_s: Floats  #: (n,) UTC seconds since 1970
+    heading_deg: Floats  #: (n,) recorded by the affected compass, magnetic, clockwise
+    pitch_deg: Floats  #: (n,) of the affected instrument, forward up positive
+    roll_deg: Floats  #: (n,) of the affected instrument, starboard down positive
+    upper_east: Floats  #: (n,) m/s, by the recorded heading plus declination
+    upper_north: Floats  #: (n,) m/s, as ``upper_east``
+    lower_east: Floats  #: (n,) m/s
+    lower_north: Floats  #: (n,) m/s
+    upper_depth_m: Floats  #: (n,) m below the surface, of the bins
+    lower_depth_m: Floats  #: (n,) m below the surface, of the bins
+    separation_minutes: Floats  #: (n,) minutes, lower minus upper
+    declination_deg: Floats  #: (n,) east positive
+    lower_heading_deg: Floats | None = None  #: (n,) by the reference's compass, NaN if missing; None if none is logged
+    reference_index: Flags | None = None  #: (n,) whose pair it is, where there are several references
+    reference_names: tuple[str, ...] = ()  #: of the references that ``reference_index`` counts
+    warnings: tuple[str, ...] = ()  #: sentences for the report
+    #: m/s, rms of one component by the profile, of the mean of the bins and of the prediction minus the water
     expected_m_s: tuple[float, float] | None = None
-    veer_deg: float = 0.0  # by how much the water may be turned from the prediction for the whole record, 1 sigma
+    #: 1 sigma, degrees, by which the water may be turned from the prediction for the whole record
+    veer_deg: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -204,13 +207,13 @@ class Pairs(Labelled):
 class EarthField:
     """The earth's field at one place along time, linear between its nodes."""
 
-    time_s: Floats  # (k,)
-    declination_deg: Floats  # (k,) east positive; the one to be used
-    horizontal_nT: Floats  # (k,)
-    vertical_nT: Floats  # (k,) down positive
-    model_declination_deg: Floats  # (k,) IGRF, also where the metadata give a number
-    source: str = "IGRF"
-    warnings: tuple[str, ...] = ()
+    time_s: Floats  #: (k,) UTC seconds since 1970
+    declination_deg: Floats  #: (k,) east positive; the one to be used
+    horizontal_nT: Floats  #: (k,) nT
+    vertical_nT: Floats  #: (k,) nT, down positive
+    model_declination_deg: Floats  #: (k,) IGRF, east positive, also where the metadata give a number
+    source: str = "IGRF"  #: IGRF, or the metadata's number
+    warnings: tuple[str, ...] = ()  #: sentences for the report
 
 
 @dataclass(frozen=True)
@@ -220,19 +223,19 @@ class CorrectedRecord(Labelled):
     Headings are to magnetic north, velocities to true east and north.
     """
 
-    record: Record
-    heading_corrected_deg: Floats  # (n,) NaN where it cannot be corrected
-    heading_uncertainty_deg: Floats  # (n,) one standard deviation
-    heading_corrected_quality: Flags  # (n,)
-    deviation_deg: Floats  # (n,) corrected minus recorded heading
-    branch_probability: Floats  # (n,) of the corrected heading among those that give the same reading
-    declination_deg: Floats  # (n,) east positive
-    east: Floats  # (n, m) m/s, corrected
-    north: Floats
-    east_recorded: Floats  # (n, m) m/s, by the recorded heading plus declination
-    north_recorded: Floats
-    velocity_uncertainty: Floats  # (n, m) m/s, one standard deviation of either component
-    velocity_quality: Flags  # (n, m) of the corrected velocities
+    record: Record  #: as it was recorded, flags included
+    heading_corrected_deg: Floats  #: (n,) magnetic, clockwise; NaN where it cannot be corrected
+    heading_uncertainty_deg: Floats  #: (n,) degrees, one standard deviation
+    heading_corrected_quality: Flags  #: (n,) OceanSITES flag of each corrected heading
+    deviation_deg: Floats  #: (n,) corrected minus recorded heading, degrees
+    branch_probability: Floats  #: (n,) of the corrected heading among those that give the same reading
+    declination_deg: Floats  #: (n,) east positive
+    east: Floats  #: (n, m) m/s, corrected
+    north: Floats  #: (n, m) m/s, corrected
+    east_recorded: Floats  #: (n, m) m/s, by the recorded heading plus declination
+    north_recorded: Floats  #: (n, m) m/s, as ``east_recorded``
+    velocity_uncertainty: Floats  #: (n, m) m/s, one standard deviation of either component
+    velocity_quality: Flags  #: (n, m) OceanSITES flag of the corrected velocities
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import doctest
 import importlib
 import importlib.util
+import inspect
 import json
 import os
 import re
@@ -13,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+import typing
 import zipfile
 from pathlib import Path
 
@@ -258,6 +261,34 @@ def test_the_site_asks_for_nothing_from_elsewhere(site):
         assert not [one for pair in loaded for one in pair if re.match(r"\w+:|//", one)], page
     for sheet in site.rglob("*.css"):
         assert not re.search(r"@import|url\([\"']?(?:https?:)?//", sheet.read_text()), sheet
+
+
+def types_within(*hints: object) -> set[type]:
+    """The dataclasses of the library among types, and those of their fields."""
+    there: set[type] = set()
+    waiting = list(hints)
+    while waiting:
+        hint = waiting.pop()
+        waiting += typing.get_args(hint)
+        if (
+            isinstance(hint, type)
+            and dataclasses.is_dataclass(hint)
+            and hint.__module__.startswith("compasslib.")
+            and hint not in there
+        ):
+            there.add(hint)
+            waiting += typing.get_type_hints(hint).values()
+    return there
+
+
+def test_every_public_name_and_every_field_of_a_public_type_is_described(site):
+    """Of the types of fields too; Sphinx shows the fields that have a description."""
+    page = (site / "reference/modules.html").read_text()
+    public = [getattr(compasslib, name) for name in compasslib.__all__]
+    names = [f"{each.__module__}.{each.__name__}" for each in public if not inspect.ismodule(each)]
+    for made in types_within(*public):
+        names += [f"{made.__module__}.{made.__name__}.{field.name}" for field in dataclasses.fields(made)]
+    assert len(names) > 250 and not [name for name in names if f'id="{name}"' not in page]
 
 
 def test_the_site_shows_every_link_and_the_docstrings(site):

@@ -146,7 +146,7 @@ def as_module(folder: Path, keys: str = "", *options: str) -> subprocess.Complet
 
 
 def test_another_workflow_uses_it_as_a_module(done, tmp_path):
-    """Its folder is the cruise: what is there stands, what is missing is made; its rule comes after, its config is its."""
+    """Its folder is the cruise: what is there stands, what is missing is made, and its own rule comes after."""
     folder = shutil.copytree(done, tmp_path / "c")
     before = (folder / "results/M1/assessment.json").read_bytes()
     (folder / "results/M1/logs/diagnose.json").unlink()

@@ -70,10 +70,10 @@ CONSTANT: Attributes = {
 class Site:
     """A mooring and where it stood."""
 
-    name: str
-    latitude: float  # degrees north
-    longitude: float  # degrees east
-    water_depth_m: float | None = None
+    name: str  #: of the mooring
+    latitude: float  #: degrees north
+    longitude: float  #: degrees east
+    water_depth_m: float | None = None  #: m; None where it is not known
 
     def signed_longitude(self) -> float:
         """Wrap the longitude to [-180, 180], digits kept where it is there already."""

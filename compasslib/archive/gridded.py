@@ -368,16 +368,16 @@ def _put(
 class GriddedCurrents:
     """Velocities of a mooring on t times and z depths, NaN where there is none."""
 
-    time_s: Floats  # (t,) middle of each interval, UTC seconds since 1970
-    depth_m: Floats  # (z,)
-    velocity: Complexes  # (t, z) true east + i north, m/s
-    east_sigma: Floats  # (t, z) m/s, of single cells
-    north_sigma: Floats  # (t, z)
-    quality: Flags  # (t, z) OceanSITES; 8 interpolated
-    source: NDArray[np.intp]  # (t, z) position in ``instruments``, -1 without any
-    instruments: tuple[str, ...]  # affected ones first
-    errors: HeadingErrors
-    memory_s: float  # of errors that turn with no heading
+    time_s: Floats  #: (t,) middle of each interval, UTC seconds since 1970
+    depth_m: Floats  #: (z,) m below the surface, positive down
+    velocity: Complexes  #: (t, z) true east + i north, m/s
+    east_sigma: Floats  #: (t, z) m/s, of single cells
+    north_sigma: Floats  #: (t, z) m/s, of single cells
+    quality: Flags  #: (t, z) OceanSITES flag, 8 is interpolated
+    source: NDArray[np.intp]  #: (t, z) position in ``instruments``, -1 without any
+    instruments: tuple[str, ...]  #: affected ones first
+    errors: HeadingErrors  #: of headings, common to cells and times
+    memory_s: float  #: s, e-folding time of errors that turn with no heading
 
     def sum_cells(self, east: ArrayLike, north: ArrayLike) -> tuple[float, float]:
         """Sum weighted velocities, as a transport or a mean is one, and return the sum and its standard deviation.

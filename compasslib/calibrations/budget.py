@@ -30,9 +30,9 @@ PLATFORM, TILT = "platform", "tilt"
 class Source:
     """One line of an uncertainty budget."""
 
-    name: str
-    standard_deg: float  # standard uncertainty, degrees
-    how: str  # where it comes from: the distribution assumed or the statistics made
+    name: str  #: key of the row in ``ROWS``
+    standard_deg: float  #: standard uncertainty, degrees
+    how: str  #: where it comes from, the distribution assumed or the statistics made
 
 
 @dataclass(frozen=True)

@@ -35,30 +35,30 @@ def _empty() -> Floats:
 class DeviationTable:
     """Deviation by recorded heading."""
 
-    heading_deg: Floats  # (m,) recorded, magnetic
-    deviation_deg: Floats  # (m,) to be added to the recorded heading
-    sigma_deg: Floats  # (m,) one standard deviation
+    heading_deg: Floats  #: (m,) recorded, magnetic
+    deviation_deg: Floats  #: (m,) to be added to the recorded heading
+    sigma_deg: Floats  #: (m,) one standard deviation
 
 
 @dataclass(frozen=True)
 class Calibration:
     """The result of one calibration; without coefficients where there was too little, and ``why`` then says so."""
 
-    kind: str  # platform | tilt | swing | magnetometer | declination | two_heads
-    model: str  # the curve that was chosen
-    n: int  # observations used
-    coverage: int  # occupied sectors of 10 degrees of the recorded heading, of 36
-    coefficients: Floats = field(default_factory=_empty)  # (5,) A..E, degrees, series in the recorded heading
-    covariance: Floats = field(default_factory=_empty)  # (5, 5)
-    exact: Floats = field(default_factory=_empty)  # (5,) A..E of the exact compass, dimensionless
-    exact_covariance: Floats = field(default_factory=_empty)  # (5, 5)
-    residual_rms_deg: float = float("nan")
-    sources: tuple[Source, ...] = ()
-    table: DeviationTable | None = None
-    points: Mapping[str, Floats] = field(default_factory=dict)  # columns of what was observed, (n,) each
-    details: Mapping[str, Any] = field(default_factory=dict)  # what only this kind has, ready for JSON
-    why: str = ""
-    warnings: tuple[str, ...] = ()
+    kind: str  #: platform | tilt | swing | magnetometer | declination | two_heads
+    model: str  #: the curve that was chosen
+    n: int  #: observations used
+    coverage: int  #: occupied sectors of 10 degrees of the recorded heading, of 36
+    coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees, series in the recorded heading
+    covariance: Floats = field(default_factory=_empty)  #: (5, 5)
+    exact: Floats = field(default_factory=_empty)  #: (5,) A..E of the exact compass, dimensionless
+    exact_covariance: Floats = field(default_factory=_empty)  #: (5, 5)
+    residual_rms_deg: float = float("nan")  #: degrees, of the chosen curve; NaN without one
+    sources: tuple[Source, ...] = ()  #: rows of the uncertainty budget
+    table: DeviationTable | None = None  #: deviation by recorded heading; None where it is not known
+    points: Mapping[str, Floats] = field(default_factory=dict)  #: columns of what was observed, (n,) each
+    details: Mapping[str, Any] = field(default_factory=dict)  #: what only this kind has, ready for JSON
+    why: str = ""  #: the reason, where nothing was fitted
+    warnings: tuple[str, ...] = ()  #: sentences for the report
 
 
 def to_json(

@@ -36,12 +36,12 @@ _QUOTED = re.compile(r"'([^']*)'")  # the choices in pydantic's words
 class Cruise:
     """A cruise folder and what its YAML files say, defaults filled in."""
 
-    root: Path
-    options: CruiseOptions
-    moorings: dict[str, Mooring]  # by name, in the order of the file names; NAME/ROLE where several are affected
-    mooring_files: dict[str, str]  # the YAML file of each, relative to the root
-    calibrations: dict[str, CalibrationFile]  # by name, which is that of the file
-    refused_files: tuple[str, ...] = ()  # of moorings, left out for their mistakes
+    root: Path  #: its folder
+    options: CruiseOptions  #: of config.yaml
+    moorings: dict[str, Mooring]  #: by name, in the order of the file names; NAME/ROLE where several are affected
+    mooring_files: dict[str, str]  #: the YAML file of each, relative to the root
+    calibrations: dict[str, CalibrationFile]  #: by name, which is that of the file
+    refused_files: tuple[str, ...] = ()  #: of moorings, left out for their mistakes
 
     @cached_property
     def whole(self) -> dict[str, list[str]]:

@@ -35,10 +35,10 @@ def _empty() -> Floats:
 class ScatterNoise:
     """Scatter of the observed heading about the compass: a floor, a part that grows as 1/speed, outliers."""
 
-    floor_deg: float = 8.0
-    slow_deg_m_s: float = 2.5  # degrees times m/s
-    outliers: float = 0.02  # share of pairs whose direction says nothing
-    compass_deg: float = 1.5  # noise of the recorded heading itself
+    floor_deg: float = 8.0  #: degrees, one standard deviation in fast water
+    slow_deg_m_s: float = 2.5  #: degrees times m/s
+    outliers: float = 0.02  #: share of pairs whose direction says nothing
+    compass_deg: float = 1.5  #: degrees, noise of the recorded heading itself
 
     def width_deg(self, upper_speed: Floats, lower_speed: Floats) -> Floats:
         """Compute the width for each pair, (n,) degrees: slow water has no direction."""
@@ -50,23 +50,24 @@ class ScatterNoise:
 class DeviationFit:
     """A deviation model fitted to one mooring; without coefficients where there was too little to fit."""
 
-    method: str  # von_appen | exact | calibration, coefficients: the exact compass, known beforehand
-    n_pairs: int
-    coefficients: Floats = field(default_factory=_empty)  # (5,) A..E: degrees for von_appen, dimensionless for exact
-    covariance: Floats = field(default_factory=_empty)  # (5, 5)
-    n_effective: float = 0.0
-    residual_rms_deg: float = float("nan")
+    method: str  #: von_appen | exact; calibration | coefficients, the exact compass known beforehand
+    n_pairs: int  #: pairs that were fitted
+    coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees for von_appen, dimensionless for exact
+    covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E, (6, 6) with ``heeling``
+    n_effective: float = 0.0  #: number of independent pairs; residuals of neighbours are correlated
+    residual_rms_deg: float = float("nan")  #: degrees, of the fitted pairs
+    #: headings that the compass can show, from and to, clockwise, degrees; to may exceed 360; None if unknown
     recorded_range_deg: tuple[float, float] | None = None
-    folded: bool = False
-    noise: ScatterNoise = ScatterNoise()  # only the exact fit estimates it
-    heeling: float = 0.0  # K, vertical hard iron over the horizontal field; its row of the covariance is the sixth
-    dip_ratio: float = 0.0  # Z/H that the tilt was fitted with; 0 for a level model
-    heading_density: Floats = field(default_factory=_empty)  # prior of the correct heading on its cells, sums to 1
-    why: str = ""  # the reason, where nothing was fitted
-    warnings: tuple[str, ...] = ()  # sentences for the report
-    fixed: bool = False  # whether the coefficients were given: no pair changes them
-    covariance_known: bool = True  # else the covariance stands for what no one knows
-    prior: CoefficientPrior | None = None  # what other records of the same compass told beforehand
+    folded: bool = False  #: whether a recorded heading has two correct ones
+    noise: ScatterNoise = ScatterNoise()  #: only the exact fit estimates it
+    heeling: float = 0.0  #: K, vertical hard iron over the horizontal field; its row of the covariance is the sixth
+    dip_ratio: float = 0.0  #: Z/H that the tilt was fitted with; 0 for a level model
+    heading_density: Floats = field(default_factory=_empty)  #: prior of the correct heading on its cells, sums to 1
+    why: str = ""  #: the reason, where nothing was fitted
+    warnings: tuple[str, ...] = ()  #: sentences for the report
+    fixed: bool = False  #: whether the coefficients were given and no pair changes them
+    covariance_known: bool = True  #: else the covariance stands for what no one knows
+    prior: CoefficientPrior | None = None  #: what other records of the same compass told beforehand
 
     def to_json(self) -> dict[str, Any]:
         """Compose it for deviation.json."""
@@ -171,8 +172,8 @@ def pair_speeds(pairs: Pairs) -> tuple[Floats, Floats]:
 class CoefficientPrior:
     """A normal law of A..E; where its precision is 0 it tells nothing."""
 
-    mean: Floats  # (5,)
-    precision: Floats  # (5, 5)
+    mean: Floats  #: (5,) A..E of the exact compass, dimensionless
+    precision: Floats  #: (5, 5) inverse covariance
 
     def to_json(self) -> dict[str, Any]:
         """Compose it for deviation.json."""

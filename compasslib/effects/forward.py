@@ -25,9 +25,9 @@ PROBE_DEG = 0.01  # difference by heading
 class ForwardModel:
     """A fitted compass and the terms beside it."""
 
-    coefficients: Floats  # (5,) A..E of the level exact compass, dimensionless
-    horizontal_nT: float  # earth's field that B and C were scaled with
-    terms: tuple[Effect, ...] = ()
+    coefficients: Floats  #: (5,) A..E of the level exact compass, dimensionless
+    horizontal_nT: float  #: earth's horizontal field that B and C were scaled with, nT
+    terms: tuple[Effect, ...] = ()  #: effects in the order in which they act
 
     @property
     def parameters(self) -> Floats:

@@ -61,12 +61,12 @@ class CurrentBlock:
 class CurrentStatement:
     """What the current, or the velocity measurement, does and the simulation assumed it would not."""
 
-    driver: str | None  # None: the side alone is established
-    probability: float  # that it exceeds the size that matters
-    size_deg: float
-    low_deg: float
-    high_deg: float
-    text: str
+    driver: str | None  #: what it depends on; None where the side alone is established
+    probability: float  #: that it exceeds the size that matters
+    size_deg: float  #: visible size, degrees rms
+    low_deg: float  #: lower end of its 95 % interval
+    high_deg: float  #: upper end of its 95 % interval
+    text: str  #: in sentences
 
     def contested(self, rival: float, followed: str) -> CurrentStatement:
         """Lower the probability by that of a compass whose reading follows the driver, and say so.

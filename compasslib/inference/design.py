@@ -217,9 +217,9 @@ class ColumnGroup:
 class Products:
     """Products of the candidates' columns beside slow water."""
 
-    information: Floats  # (p, p)
-    score: Floats  # (p,) products with the residual
-    log_likelihood: float  # of the water alone, over that of white noise
+    information: Floats  #: (p, p) of the columns with each other
+    score: Floats  #: (p,) products with the residual
+    log_likelihood: float  #: of the water alone, over that of white noise
 
 
 def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:

@@ -70,27 +70,28 @@ RIVALS = {  # what acts as well as the compass along some covariates
 class Diagnosis:
     """The result of holding one recording against its simulation."""
 
-    verdict: str
-    findings: tuple[Finding, ...] = ()
-    unexplained: Unexplained | None = None
-    separated_by: str | None = None
-    not_testable: tuple[tuple[str, str], ...] = ()
-    negligible: tuple[tuple[str, float], ...] = ()  # effect or covariate, visible degrees
-    why: str = ""  # what the verdict rests on, or why there is none
-    curves: tuple[BinnedResidual, ...] = ()  # residual before and after along the covariates of what was found
-    applied: tuple[WeightedCompass, ...] = ()  # compasses whose average corrects the record, the chosen one first
-    fit: DeviationFit | None = None  # the exact compass that the search stood on, where it may correct the record
-    covariance: Floats | None = None  # (5, 5) of A..E without terms, slow water in the noise
-    sides: Mapping[str, float] = field(default_factory=dict)  # probability of each; empty where nothing was judged
-    noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # each with its standard error
-    detectable_deg: Mapping[str, float] = field(default_factory=dict)  # visible size that each effect needs to be named
-    hypotheses: tuple[RankedEffect, ...] = ()  # the best first
-    threshold: Mapping[str, float] = field(default_factory=dict)  # scores that noise alone hardly exceeds
-    warnings: tuple[str, ...] = ()  # sentences for the summary
-    information: RecordInformation | None = None  # for other records of the same compass
-    experiments: tuple[tuple[str, float], ...] = ()  # what to observe, and the chance that one name is left then
-    current: tuple[CurrentStatement, ...] = ()  # what the current does, which the simulation assumed it would not
-    prior_odds: float | None = None  # of a fault of compass or clock, where they were asked for
+    verdict: str  #: consistent | explained | ambiguous | unexplained | insufficient
+    findings: tuple[Finding, ...] = ()  #: effects attributed to compass, clock or reference
+    unexplained: Unexplained | None = None  #: a mismatch that nothing in the catalogue fits; None without one
+    separated_by: str | None = None  #: what would distinguish the alternatives; None without any
+    not_testable: tuple[tuple[str, str], ...] = ()  #: effect, and why this record cannot show it
+    negligible: tuple[tuple[str, float], ...] = ()  #: effect or covariate, and its visible size, degrees rms
+    why: str = ""  #: what the verdict rests on, or why there is none
+    curves: tuple[BinnedResidual, ...] = ()  #: residual before and after along the covariates of what was found
+    applied: tuple[WeightedCompass, ...] = ()  #: compasses whose average corrects the record, the chosen one first
+    fit: DeviationFit | None = None  #: the exact compass that the search stood on, where it may correct the record
+    covariance: Floats | None = None  #: (5, 5) of A..E without terms, slow water in the noise
+    sides: Mapping[str, float] = field(default_factory=dict)  #: probability of each; empty where nothing was judged
+    noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  #: each with its standard error
+    #: visible size that each effect needs to be named
+    detectable_deg: Mapping[str, float] = field(default_factory=dict)
+    hypotheses: tuple[RankedEffect, ...] = ()  #: the best first
+    threshold: Mapping[str, float] = field(default_factory=dict)  #: scores that noise alone hardly exceeds
+    warnings: tuple[str, ...] = ()  #: sentences for the summary
+    information: RecordInformation | None = None  #: for other records of the same compass
+    experiments: tuple[tuple[str, float], ...] = ()  #: what to observe, and the chance that one name is left then
+    current: tuple[CurrentStatement, ...] = ()  #: what the current does, which the simulation assumed it would not
+    prior_odds: float | None = None  #: of a fault of compass or clock, where they were asked for
 
     def __post_init__(self) -> None:
         """Keep an effect that was judged in any of its forms from standing among those that could not be tested."""

@@ -38,12 +38,12 @@ RESIDUAL_MEMORY_S = 2 * 86400.0  # the residual's own memory, for the error of a
 class BinnedResidual:
     """The residual along one covariate, before and after; what the fitted compass can take of it is taken."""
 
-    covariate: str
-    centre: Floats  # (b,) middle of each bin
-    before_deg: Floats  # (b,)
-    after_deg: Floats
-    sigma_deg: Floats
-    compared: str = ""  # what was, where a recording holds more than one comparison
+    covariate: str  #: name of what it is binned by
+    centre: Floats  #: (b,) middle of each bin, in the covariate's unit
+    before_deg: Floats  #: (b,) degrees, by the fit alone
+    after_deg: Floats  #: (b,) degrees, including the effect
+    sigma_deg: Floats  #: (b,) one standard deviation of either
+    compared: str = ""  #: what was, where a recording holds more than one comparison
 
     def times(self, factor: float) -> BinnedResidual:
         """Multiply the turn along which it is binned, which is also what it is before less what it is after."""
@@ -55,27 +55,27 @@ class BinnedResidual:
 class Interval:
     """A number with its 95 % interval."""
 
-    value: float
-    low: float
-    high: float
+    value: float  #: the estimate
+    low: float  #: lower end of 95 %
+    high: float  #: upper end of 95 %
 
 
 @dataclass(frozen=True)
 class Amplitude:
     """The size of an effect, rms degrees, as other days have it and as the left-out days do with its 95 % interval."""
 
-    fitted_elsewhere: float
-    held_out: float
-    low: float
-    high: float
+    fitted_elsewhere: float  #: by the days that were fitted
+    held_out: float  #: by the left-out days
+    low: float  #: lower end of 95 % of ``held_out``
+    high: float  #: upper end of 95 % of ``held_out``
 
 
 @dataclass(frozen=True)
 class Placebo:
     """The rank of the gain among those of surrogates without the effect."""
 
-    n: int
-    rank_p: float | None
+    n: int  #: number of surrogates
+    rank_p: float | None  #: rank as a probability; None without surrogates
 
 
 def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
@@ -92,17 +92,17 @@ def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
 class HeldOut:
     """What terms add on days that were not fitted."""
 
-    rms_before_deg: float
-    rms_after_deg: float
-    gain: float  # log score, all held-out samples together
-    gain_interval: tuple[float, float]  # 95 %, from the blocks
-    p_value: float  # share of drawn blocks whose gain is not positive
-    method: str | None = None  # how days were held out: fifths | within_event
-    anew: Interval | None = None  # gain where effect, driver and date are chosen anew without the days, not sizes only
-    amplitude: Amplitude | None = None
-    slope: Interval | None = None  # held-out amplitude over the predicted, where that is clear
-    points: BinnedResidual | None = None  # the same in bins of the predicted turn
-    placebo: Placebo | None = None  # None: chance is judged otherwise, as of clocks and calibrations
+    rms_before_deg: float  #: degrees, of the residual by the fit alone
+    rms_after_deg: float  #: degrees, including the terms
+    gain: float  #: log score, all held-out samples together
+    gain_interval: tuple[float, float]  #: 95 %, from the blocks
+    p_value: float  #: share of drawn blocks whose gain is not positive
+    method: str | None = None  #: fifths | within_event, how days were held out
+    anew: Interval | None = None  #: gain where effect, driver and date are chosen anew without the days, not sizes only
+    amplitude: Amplitude | None = None  #: size of the effect there; None where it was not measured
+    slope: Interval | None = None  #: held-out amplitude over the predicted, where that is clear
+    points: BinnedResidual | None = None  #: the same in bins of the predicted turn
+    placebo: Placebo | None = None  #: surrogates; None where chance is judged otherwise, as of clocks and calibrations
 
     @property
     def confirmed(self) -> bool:
@@ -164,19 +164,19 @@ def bootstrap_gain(each: Floats, block: NDArray[np.intp], rms_deg: tuple[float, 
 class Parameter:
     """One fitted number of an effect."""
 
-    value: float
-    sigma: float
-    unit: str
+    value: float  #: in ``unit``
+    sigma: float  #: one standard deviation, in ``unit``
+    unit: str  #: as the catalogue writes it
 
 
 @dataclass(frozen=True)
 class CovariateRange:
     """The range of a covariate in which an effect shows."""
 
-    covariate: str
-    low: float
-    high: float
-    text: str
+    covariate: str  #: its name
+    low: float  #: from, in the covariate's unit
+    high: float  #: to, in the covariate's unit
+    text: str  #: the range in words
 
     def to_json(self) -> dict[str, Any]:
         return {"covariate": self.covariate, "from": self.low, "to": self.high, "text": self.text}
@@ -196,21 +196,21 @@ class Statement:
 class Finding:
     """One effect that was found, with what it could also be."""
 
-    effect: str
-    side: str
-    alternatives: tuple[str, ...]
-    where: CovariateRange
-    when_s: tuple[float, float] | None  # None where the recording has no clock
-    parameters: Mapping[str, Parameter]
-    rms_effect_deg: float
-    held_out: HeldOut  # ``finding.UNTESTED`` where the finding rests on the configuration, not on a search
-    text: str
-    applied: bool = False  # whether it enters the corrected headings
-    probability: float = 1.0  # that this effect is what is there
-    alternatives_probability: Mapping[str, float] = field(default_factory=dict)
-    driver: str = ""  # on what its size depends
-    heading_error_deg: float | None = None  # rms error that headings would have were it left out
-    composition: Mapping[str, str] | None = None  # what it acts on, its driver and its form, where it is no listed one
+    effect: str  #: name in the catalogue, or composed
+    side: str  #: compass | clock | reference | water
+    alternatives: tuple[str, ...]  #: names of other effects that fit
+    where: CovariateRange  #: range of the covariate where it shows
+    when_s: tuple[float, float] | None  #: from and to, UTC seconds since 1970; None where the recording has no clock
+    parameters: Mapping[str, Parameter]  #: fitted numbers by name
+    rms_effect_deg: float  #: visible size, degrees rms
+    held_out: HeldOut  #: ``finding.UNTESTED`` where the finding rests on the configuration, not on a search
+    text: str  #: the finding in sentences
+    applied: bool = False  #: whether it enters the corrected headings
+    probability: float = 1.0  #: that this effect is what is there
+    alternatives_probability: Mapping[str, float] = field(default_factory=dict)  #: probability of each alternative
+    driver: str = ""  #: on what its size depends
+    heading_error_deg: float | None = None  #: rms error of corrected headings were it left out, degrees
+    composition: Mapping[str, str] | None = None  #: what it acts on, its driver and its form, where it is no listed one
 
     @property
     def named(self) -> str:
@@ -282,12 +282,12 @@ class Finding:
 class Unexplained:
     """A mismatch that is established and that nothing in the catalogue fits."""
 
-    covariates: tuple[str, ...]
-    where: CovariateRange
-    when_s: tuple[float, float] | None
-    rms_effect_deg: float
-    curves: tuple[BinnedResidual, ...]
-    text: str
+    covariates: tuple[str, ...]  #: names of those along which it shows
+    where: CovariateRange  #: range where it shows
+    when_s: tuple[float, float] | None  #: from and to, UTC seconds since 1970; None without a clock
+    rms_effect_deg: float  #: visible size, degrees rms
+    curves: tuple[BinnedResidual, ...]  #: the residual along each covariate
+    text: str  #: in sentences
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -304,10 +304,10 @@ class Unexplained:
 class RankedEffect:
     """One effect of the catalogue, tried alone: how well it does, whatever was chosen in the end."""
 
-    effect: str
-    score: float  # log of how much likelier it makes the recording, sizes and dates integrated over
-    rms_effect_deg: float
-    probability: float  # that it acts, alone or with others
+    effect: str  #: name in the catalogue
+    score: float  #: log of how much likelier it makes the recording, sizes and dates integrated over
+    rms_effect_deg: float  #: visible size, degrees rms
+    probability: float  #: that it acts, alone or with others
 
 
 def span_json(span_s: tuple[float, float] | None) -> dict[str, str] | None:

@@ -113,14 +113,14 @@ def summarize_record(
 class EffectInformation:
     """The effects of the instrument in one record; p columns in physical units, then those of the season."""
 
-    forms: tuple[str, ...]  # class of each
-    parts: tuple[int, ...]  # columns of each
-    usual: Floats  # (p,) what is expected of each parameter beforehand
-    uneven: Floats  # (p,) by how much the noise of each is uneven, at least 1
-    visible: Floats  # (p, p) mean products of the visible columns, square degrees
-    conditional: tuple[Products, ...]  # (p + s) beside each kind of slow water
-    residual_deg: float
-    n: int
+    forms: tuple[str, ...]  #: class of each
+    parts: tuple[int, ...]  #: columns of each
+    usual: Floats  #: (p,) what is expected of each parameter beforehand
+    uneven: Floats  #: (p,) by how much the noise of each is uneven, at least 1
+    visible: Floats  #: (p, p) mean products of the visible columns, square degrees
+    conditional: tuple[Products, ...]  #: (p + s) beside each kind of slow water
+    residual_deg: float  #: degrees rms
+    n: int  #: number of pairs
 
     def to_json(self) -> dict[str, Any]:
         products = [
@@ -158,9 +158,9 @@ def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
 class RecordInformation:
     """What a record tells of its compass."""
 
-    coefficients: Floats  # (5,) A..E of the exact compass
-    covariance: Floats  # (5, 5)
-    effects: EffectInformation | None  # None where nothing was searched
+    coefficients: Floats  #: (5,) A..E of the exact compass, dimensionless
+    covariance: Floats  #: (5, 5)
+    effects: EffectInformation | None  #: None where nothing was searched
 
     def to_json(self) -> dict[str, Any]:
         return {

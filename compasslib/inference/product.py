@@ -40,10 +40,10 @@ Series = Mapping[str, Floats]
 class AppliedCompass:
     """A compass with terms, fitted to a record."""
 
-    simulation: ForwardModel
-    covariance: Floats  # (p, p) of A..E and the terms' parameters
-    references: Mapping[str, float]  # what the terms' departures count from, by covariate
-    logged: tuple[str, ...]  # series beside heading and tilt without which the terms cannot be applied
+    simulation: ForwardModel  #: compass and terms
+    covariance: Floats  #: (p, p) of A..E and the terms' parameters
+    references: Mapping[str, float]  #: what the terms' departures count from, by covariate
+    logged: tuple[str, ...]  #: series beside heading and tilt without which the terms cannot be applied
 
     def scene(
         self,
@@ -104,9 +104,9 @@ class AppliedCompass:
 class WeightedCompass:
     """One hypothesis of those whose average corrects a record."""
 
-    weight: float  # probability
-    effect: str  # names joined by +, or none
-    compass: AppliedCompass | None  # None where the fit by itself is it
+    weight: float  #: probability
+    effect: str  #: names joined by +, or none
+    compass: AppliedCompass | None  #: None where the fit by itself is it
 
     def to_json(self) -> dict[str, Any]:
         compass = None if self.compass is None else self.compass.to_json()

@@ -54,10 +54,10 @@ class SpeedSeries:
 class ClockOffset:
     """By how much the reference's clock is ahead of the affected one, as far as it is to be corrected."""
 
-    time_s: tuple[float, ...] = (0.0,)  # by the affected clock, linear between
-    ahead_h: tuple[float, ...] = (0.0,)
-    warnings: tuple[str, ...] = ()
-    same_recording: str = ""  # why both records are one, and no pair counts
+    time_s: tuple[float, ...] = (0.0,)  #: UTC seconds since 1970 by the affected clock, linear between
+    ahead_h: tuple[float, ...] = (0.0,)  #: hours by which the reference's clock is ahead at each
+    warnings: tuple[str, ...] = ()  #: sentences for the report
+    same_recording: str = ""  #: why both records are one, and no pair counts
 
     def align(self, record: Record) -> Record:
         """Put the reference's record on the affected clock, without hours that a clock set back counted twice."""

@@ -54,12 +54,12 @@ NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
 class PairRules:
     """What counts as overlapping (config.yaml, ``overlap``)."""
 
-    max_minutes: float = 20.0
-    max_metres: float = 20.0
-    bins: int = 2
-    predict: bool = False  # the water at the reference's depth from the profile, instead of the mean of these bins
-    grid_minutes: float = 60.0
-    grid_tolerance_minutes: float = 30.0
+    max_minutes: float = 20.0  #: largest difference in time, minutes
+    max_metres: float = 20.0  #: largest difference in depth, m
+    bins: int = 2  #: number of nearest bins whose mean is compared
+    predict: bool = False  #: the water at the reference's depth from the profile, instead of the mean of these bins
+    grid_minutes: float = 60.0  #: step of the grid of times, minutes
+    grid_tolerance_minutes: float = 30.0  #: largest distance of a sample from its grid time, minutes
 
 
 @dataclass(frozen=True)

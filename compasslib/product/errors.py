@@ -44,11 +44,11 @@ FALLBACK_M = 150.0  # over which layers decorrelate where no profile tells: as i
 class HeadingErrors:
     """The heading error of the instruments of a mooring along t times."""
 
-    names: tuple[str, ...]  # of the modes
-    modes: Floats  # (k, t) radians per unit normal, NaN where no heading is
-    random: Floats  # (a, t) radians, of each affected instrument
-    memory_s: float  # of the random part: e-folding time
-    shares: Floats  # (s, k) of each mode in the heading error of each instrument, affected ones first
+    names: tuple[str, ...]  #: of the modes
+    modes: Floats  #: (k, t) radians per unit normal, NaN where no heading is
+    random: Floats  #: (a, t) radians, of each affected instrument
+    memory_s: float  #: s, e-folding time of the random part
+    shares: Floats  #: (s, k) of each mode in the heading error of each instrument, affected ones first
 
     def variance(self, source: int) -> Floats:
         """Return the variance of the heading of an instrument, (t,) square radians."""

@@ -55,10 +55,10 @@ UNPACK = "unpack it"
 class Kind:
     """A kind of file."""
 
-    name: str  # with its article, as a message says it
-    form: str | None  # the format that reads it
-    holds: re.Pattern[bytes]  # matched at the file's first byte
-    advice: str = CONVERT  # where no format reads it
+    name: str  #: with its article, as a message says it
+    form: str | None  #: the format that reads it
+    holds: re.Pattern[bytes]  #: matched at the file's first byte
+    advice: str = CONVERT  #: where no format reads it
 
 
 def _kind(name: str, form: str | None, holds: bytes, advice: str = CONVERT) -> Kind:
