@@ -1,11 +1,11 @@
 """Does the diagnosis of recordings name what is there, and nothing where nothing is?
 
-    PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads|swing|real]
+    PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads|swing]
 
 Nulls and recordings with one known effect are drawn anew (tests.world.recordings). A null that gets a name or
 is called unexplained is a false alarm; at most 1 % is the target. A set is right where it holds the truth; parameters
-are right where their errors over their own standard errors have an rms of 0.9 to 1.1. Then the real recordings, each
-with an effect concealed from the simulation or a column withheld. Declinations are drawn in observatory.py.
+are right where their errors over their own standard errors have an rms of 0.9 to 1.1. Declinations are drawn in
+observatory.py; real recordings with a concealed effect are among those of the sealed proof.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 import targets
-from recordings_real import real
 
 from compasslib import angles
 from compasslib.calibrations import two_heads as heads_of
@@ -167,21 +166,17 @@ def row(kind: str, case: str, count: int, first: int) -> list[bool]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recordings", nargs="?", type=int, default=300)
-    parser.add_argument("--kind", choices=(*KINDS, "real"))
+    parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--first", type=int, default=1, help="seed of the first recording")
     asked = parser.parse_args()
     lines: list[targets.Measured] = []
-    kinds = [asked.kind] if asked.kind else [*KINDS, "real"]
-    if kinds != ["real"]:
-        targets.head(*HEAD)
-    for kind in (kind for kind in kinds if kind != "real"):
+    targets.head(*HEAD)
+    for kind in [asked.kind] if asked.kind else KINDS:
         for case in ("", *KINDS[kind][1]):
             few = max(asked.recordings // NULLS_EACH, 1)
             said = row(kind, case, few if case else asked.recordings, asked.first)
             if not case:
                 lines.append(targets.share(f"{kind}, nothing planted: named or unexplained", said, most=0.01))
-    if "real" in kinds:
-        print(real())
     sys.exit(targets.report(lines))
 
 

@@ -17,23 +17,23 @@ os.environ["PYTHONWARNINGS"] = ",".join(filter(None, [os.environ.get("PYTHONWARN
 # What a benchmark imports beside itself; last, as some of them are named like modules of the tests.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
-# Files of few tests that run whole cruises, or minutes of fuzz: begun last, one would hold one core while others idle.
+# Longest first: begun last, one of them would hold one core while others idle.
 LONGEST = (
     *(
-        "cluster",
-        "fuzz",
-        "proof",
+        "inference_mooring",
         "workflow",
         "pipeline_cruise",
-        "report",
+        "archive_provenance",
+        "docs",
         "example",
         "reliability",
-        "archive_provenance",
+        "fuzz",
     ),
-    *("inference_mooring", "inference_recordings", "docs"),
+    *("report", "inference", "stages", "proof", "plugins"),
 )
 
 
 def pytest_collection_modifyitems(items):
     """Begin with the files that take longest; the order within a file stays."""
-    items.sort(key=lambda item: not item.path.stem.removeprefix("test_").startswith(LONGEST))
+    names = {item: item.path.stem.removeprefix("test_") for item in items}
+    items.sort(key=lambda item: next((k for k, name in enumerate(LONGEST) if names[item].startswith(name)), 99))

@@ -15,7 +15,7 @@ import yaml
 from bench import readings, write_table
 from drafts import log, sentences
 from launch import PROJECT
-from sea import cruise
+from sea import cruise, real
 
 from compasslib.cli import main
 from compasslib.readers import detect
@@ -244,23 +244,12 @@ def test_a_name_that_no_yaml_file_can_hold_is_left_out_and_told(tmp_path, capsys
     assert list(draft(new, "M1")["instruments"]) == ["deep"] and not [*new.rglob("*op.000")]
 
 
-@pytest.mark.parametrize("case", drafts.drawn(seed=7, n=12), ids=lambda case: case.name)
-def test_drawn_files_are_drafted_right_or_asked(case):
+@pytest.mark.parametrize("case", [*drafts.drawn(seed=7, n=12), *drafts.genuine()], ids=lambda case: case.name)
+def test_drawn_and_genuine_files_are_drafted_right_or_asked(case):
     found, said = drafts.outcome(case)
     assert found in ("right", "asked"), said
 
 
-WILD = {
-    "pd0_junk_before.000": {"format": "pd0"},
-    "seaguard_tab.txt": {"format": "table", "direction_reference": "magnetic"},
-}
-
-
-@pytest.mark.parametrize("name", WILD)
-def test_wild_files_are_drafted(tmp_path, name):
-    if not (DATA / "wild" / name).is_file():
-        pytest.skip(f"{name} is not in ../shared/data")
-    assert main(["init", str(DATA / "wild" / name), "--into", str(tmp_path / "new"), "--name", "X"]) == 0
-    found = next(iter(draft(tmp_path / "new", "X")["instruments"].values()))
-    assert found | WILD[name] == found
-    assert name != "seaguard_tab.txt" or found["columns"]["time"] == "Record Time"
+def test_directions_of_a_seaguard_are_drafted_as_magnetic(tmp_path):
+    assert main(["init", str(real("wild/seaguard_tab.txt")), "--into", str(tmp_path / "new"), "--name", "X"]) == 0
+    assert next(iter(draft(tmp_path / "new", "X")["instruments"].values()))["direction_reference"] == "magnetic"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import json
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -52,19 +50,6 @@ def truth(cruise, name):
     columns = np.genfromtxt(cruise / "truth" / f"{name}.csv", delimiter=",", names=True, dtype=None, encoding="ascii")
     seconds = np.array([stamp[:-1] for stamp in columns["time_utc"]], dtype="datetime64[s]").astype(float)
     return seconds, columns
-
-
-def test_it_shares_no_code_with_the_analysis():
-    allowed = {*sys.stdlib_module_names, "numpy", "scipy", "ppigrf", "yaml"}
-    for path in sorted((HERE.parent / "compasslib" / "simulation").glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                assert node.level == 0, f"{path.name}: relative import"
-                names = [node.module or ""]
-            for name in names:
-                ours = name == "compasslib.demo" or name.startswith("compasslib.demo.")
-                assert ours or name.split(".")[0] in allowed, f"{path.name} imports {name}"
 
 
 @pytest.mark.parametrize("name", ["EG2", "EG6"])
