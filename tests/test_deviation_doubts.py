@@ -155,6 +155,17 @@ def test_two_windows_in_a_row_that_are_turned_are_doubted_where_one_is_not(angle
     assert inside[1230 : 1170 + 24 * days].mean() > 0.9 if doubted else not inside.any()
 
 
+@pytest.mark.parametrize(("until", "whole"), [(450, False), (1000, True)])
+def test_where_a_large_part_disagrees_with_the_others_the_whole_record_is_doubted(until, whole):
+    """The reference turned by 52° for a third of the record: a fit to either part may be the wrong one."""
+    seen, _ = pairs(MILD, n=3000, seed=21)
+    wrong = turned(seen, "lower", np.where(np.arange(3000) < until, -52.0, 0.0))
+    found = find_doubtful_windows(wrong, fit_exact(wrong))
+    inside, sigma = evaluate_doubts(found, wrong.time_s)
+    assert inside[:until].mean() > 0.9 and inside[until + 130 :].any() == whole
+    assert not whole or sigma[until:].min() > 40.0
+
+
 def test_a_slope_within_a_few_headings_is_no_doubtful_stretch():
     """Water that veers by some degrees with the heading is none of another compass, however steep it is there."""
     seen, heading = pairs(MILD, n=3000, seed=2)

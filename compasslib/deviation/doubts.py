@@ -84,6 +84,8 @@ LEAST_DEPARTURE = np.array([20.0, 20.0, 0.5, 0.25])
 # Turn and heading dependence together in each of two windows in a row, degrees, and over the median window's: sound
 # moorings, real water included, have at most 13 degrees and 3.7 times.
 IN_A_ROW_DEG, IN_A_ROW_TIMES, LEAST_USUAL_DEG = 15.0, 4.5, 2.0
+# Share of the pairs in windows that are far off from which the fit may be theirs as well as that of the others.
+LARGE_SHARE = 0.25
 LEAST_DOUBT_DEG = 10.0  # standard deviation of the error that a doubt suspects
 # Period and remainder of the index of samples that are compared with the others.
 INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
@@ -139,7 +141,17 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     windows = Windows(first, last, features, spread, np.array([residuals.rms_deg(selected) for selected in parts]))
     far = _far_windows(windows)
     usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
-    return (*_by_index(pairs.time_s, residuals), *_doubts(pairs, windows, far, usual))
+    stretches = tuple(_doubts(pairs, windows, far, usual))
+    count = windows.last - windows.first + 1
+    if count[far].sum() > LARGE_SHARE * count.sum():
+        why = (
+            f"{count[far].sum() / count.sum():.0%} of the pairs with the reference disagree with the others: which of "
+            "the two the compass turned rightly, the record cannot tell"
+        )
+        parts = (angles.argument(np.sum(angles.phasor(windows.features[part, 0]))) for part in (far, ~far))
+        apart = abs(float(angles.difference(*parts)))
+        stretches = (*stretches, doubt_whole_record(max(apart, *(doubt.sigma_deg for doubt in stretches)), why))
+    return (*_by_index(pairs.time_s, residuals), *stretches)
 
 
 def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
