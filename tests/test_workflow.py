@@ -149,12 +149,14 @@ def test_another_workflow_uses_it_as_a_module(done, tmp_path):
     """Its folder is the cruise: what is there stands, what is missing is made, and its own rule comes after."""
     folder = shutil.copytree(done, tmp_path / "c")
     before = (folder / "results/M1/assessment.json").read_bytes()
+    corrected = (folder / "results/M1/corrected.nc").stat()
     (folder / "results/M1/logs/diagnose.json").unlink()
     (folder / "parent.yaml").write_text("samples: [a, b]\n")
     ran = as_module(folder, "config: config")
     assert ran.returncode == 0, ran.stderr
     assert (folder / "rows.txt").read_text().strip() == "3"
     assert (folder / "results/M1/assessment.json").read_bytes() == before
+    assert (folder / "results/M1/corrected.nc").stat() == corrected  # what it is made of came out the same
     ends = {f"compass_{rule}" for rule in ("diagnose", "compare", "correct", "grid", "figures", *OF_ALL)}
     assert {*re.findall(r"^rule (\w+):", ran.stderr, re.MULTILINE)} <= {*ends, "rows"} and "rule rows:" in ran.stderr
 

@@ -43,7 +43,8 @@ def job(snakemake: Any, stage: Callable[..., None]) -> None:
 def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
     """Run one stage: wildcards in order, then the files and settings of its rule by the names of its arguments.
 
-    ``say`` writes a line into the job's log. Where the content of a file cannot be used, or the program fails on it,
+    ``say`` writes a line into the job's log. A job whose inputs, settings, code and results are all as its record has
+    them is not made again: the change that started it did not reach it. Where the content of a file cannot be used, or the program fails on it,
     the mooring or calibration is stopped: the job ends well, its record says why, and none of its files is left. A
     full disk, lack of memory or an interruption fail the job, so that it is tried again.
 
@@ -55,17 +56,19 @@ def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
     """
     log = Path(snakemake.log[0])
     begins = "".join(f"{kind} {name}: " for kind, name in snakemake.wildcards.items() if kind in STOPPING)
+    earlier, said = records.read_any(log.with_suffix(".json")), list[str]()
     with _opened(log) as stream, single_threaded():
 
         def say(line: str) -> None:
+            said.append(line)
             try:
                 print(line, file=stream, flush=True)
             except OSError:  # a full disk must not hide what was said
                 _on_screen(line)
 
         try:
-            made = _run(snakemake, stage, log, say)
-            records.write(log.with_suffix(".json"), made)
+            made = _run(snakemake, stage, log, say, earlier)
+            records.write(log.with_suffix(".json"), made | {"said": said})
         except Stopped as error:
             lines = [str(line) for line in error.args]
         except InputError as error:
@@ -83,18 +86,18 @@ def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
         sys.exit(1)
 
 
-def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say) -> Record:
-    """Run the stage unless something before it was stopped, and return the record of the job."""
+def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlier: Record) -> Record:
+    """Run the stage unless something before it was stopped or nothing changed, and return the record of the job."""
     files: Mapping[str, Any] = snakemake.params.get("files", {"reads": {}, "writes": {}})
     kind, name = next(iter(snakemake.wildcards.items()), ("", ""))
     before = [records.load(path) for path in snakemake.input if records.is_record(path)]
-    _clear(files["writes"])
     known = {path: digest for each in before if not each["stopped"] for path, digest in each["wrote"].items()}
     partial = kind not in STOPPING or records.is_of_parts(before, name)
     reads = records.made(files["reads"], known) if partial else files["reads"]
     settings = {name: value for name, value in snakemake.params.items() if name not in ("code", "files")}
     made = records.of_job(snakemake, settings)
     if inherited := records.inherited(before, kind, name):
+        _clear(files["writes"])
         say(f"{name}: stopped in {inherited['stage']}")
         return records.stopped(made, inherited)
     paths = records.flat(reads)
@@ -104,6 +107,11 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say) -> Rec
         looked_at = records.sign(paths)
         made["read"] = {path: digest for path, (_, digest) in looked_at.items()}
         records.check_inputs(made["read"], known)
+        if kind in records.FOLDERS and records.holds(earlier, made, records.flat(files["writes"])):
+            for line in earlier["said"]:
+                say(line)
+            return earlier
+        _clear(files["writes"])
         named = {"say": say, "stopped": records.reasons(before), **reads, **files["writes"], **settings}
         taken = {name: named[name] for name in signature(stage).parameters if name in named}
         stage(*(value for _, value in snakemake.wildcards.items()), **taken)

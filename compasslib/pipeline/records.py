@@ -160,6 +160,24 @@ def write(path: Path, record: Record) -> None:
         temporary.write_text(json.dumps(record, indent=1, default=str) + "\n")
 
 
+def holds(earlier: Record, now: Record, writes: Sequence[str]) -> bool:
+    """Say whether a job would make again what it has made: same settings, code and inputs, and its results are there.
+
+    Args:
+        earlier: the record of the job, empty where there is none.
+        now: the record that the job begins with, its inputs hashed.
+        writes: files of the job.
+    """
+    if earlier.get("stopped", now) is not None or "said" not in earlier:
+        return False
+    as_written = json.loads(json.dumps(now, default=str))
+    if any(earlier[part] != as_written[part] for part in ("rule", "of", "code", "parameters", "read")):
+        return False
+    return earlier["wrote"].keys() == {*writes} and all(
+        os.path.lexists(path) and provenance.sha256(path) == digest for path, digest in earlier["wrote"].items()
+    )
+
+
 def load(path: str | Path) -> Record:
     """Read a record; one that is damaged, or of an earlier version, is empty and its job is to run again."""
     with suppress(OSError, ValueError, TypeError, KeyError):

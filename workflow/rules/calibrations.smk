@@ -6,7 +6,7 @@ rule calibrate:
     input:
         PLAN.inputs("calibrate"),
     output:
-        "results/calibrations/{calibration}/logs/calibrate.json",
+        update("results/calibrations/{calibration}/logs/calibrate.json"),
     log:
         "results/calibrations/{calibration}/logs/calibrate.log",
     params:
@@ -20,7 +20,7 @@ rule diagnose_calibration:
     input:
         PLAN.inputs("diagnose_calibration"),
     output:
-        "results/calibrations/{calibration}/logs/diagnose.json",
+        update("results/calibrations/{calibration}/logs/diagnose.json"),
     log:
         "results/calibrations/{calibration}/logs/diagnose.log",
     params:
@@ -34,7 +34,7 @@ rule diagnosis_figure:
     input:
         PLAN.inputs("diagnosis_figure"),
     output:
-        "results/calibrations/{calibration}/logs/diagnosis_figure.json",
+        update("results/calibrations/{calibration}/logs/diagnosis_figure.json"),
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     params:
@@ -48,7 +48,7 @@ rule calibration_figures:
     input:
         PLAN.inputs("calibration_figures"),
     output:
-        "results/calibrations/{calibration}/logs/figures.json",
+        update("results/calibrations/{calibration}/logs/figures.json"),
     log:
         "results/calibrations/{calibration}/logs/figures.log",
     params:

@@ -6,7 +6,7 @@ rule join:
     input:
         PLAN.inputs("join"),
     output:
-        "results/compasses/{compass}/logs/join.json",
+        update("results/compasses/{compass}/logs/join.json"),
     log:
         "results/compasses/{compass}/logs/join.log",
     params:
@@ -20,7 +20,7 @@ rule joined_figures:
     input:
         PLAN.inputs("joined_figures"),
     output:
-        "results/compasses/{compass}/logs/figures.json",
+        update("results/compasses/{compass}/logs/figures.json"),
     log:
         "results/compasses/{compass}/logs/figures.log",
     params:

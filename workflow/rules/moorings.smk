@@ -6,7 +6,7 @@ rule read:
     input:
         PLAN.inputs("read"),
     output:
-        "results/{mooring}/logs/read_{role}.json",
+        update("results/{mooring}/logs/read_{role}.json"),
     log:
         "results/{mooring}/logs/read_{role}.log",
     params:
@@ -20,7 +20,7 @@ rule overlap:
     input:
         PLAN.inputs("overlap"),
     output:
-        "results/{mooring}/logs/overlap.json",
+        update("results/{mooring}/logs/overlap.json"),
     log:
         "results/{mooring}/logs/overlap.log",
     params:
@@ -34,7 +34,7 @@ rule fit:
     input:
         PLAN.inputs("fit"),
     output:
-        "results/{mooring}/logs/fit.json",
+        update("results/{mooring}/logs/fit.json"),
     log:
         "results/{mooring}/logs/fit.log",
     wildcard_constraints:
@@ -50,7 +50,7 @@ rule carry:
     input:
         PLAN.inputs("carry"),
     output:
-        "results/{mooring}/logs/fit.json",
+        update("results/{mooring}/logs/fit.json"),
     log:
         "results/{mooring}/logs/fit.log",
     wildcard_constraints:
@@ -66,7 +66,7 @@ rule diagnose:
     input:
         PLAN.inputs("diagnose"),
     output:
-        "results/{mooring}/logs/diagnose.json",
+        update("results/{mooring}/logs/diagnose.json"),
     log:
         "results/{mooring}/logs/diagnose.log",
     wildcard_constraints:
@@ -82,7 +82,7 @@ rule diagnose_alone:
     input:
         PLAN.inputs("diagnose_alone"),
     output:
-        "results/{mooring}/logs/diagnose_alone.json",
+        update("results/{mooring}/logs/diagnose_alone.json"),
     log:
         "results/{mooring}/logs/diagnose_alone.log",
     wildcard_constraints:
@@ -98,7 +98,7 @@ rule share:
     input:
         PLAN.inputs("share"),
     output:
-        "results/{mooring}/logs/diagnose.json",
+        update("results/{mooring}/logs/diagnose.json"),
     log:
         "results/{mooring}/logs/diagnose.log",
     wildcard_constraints:
@@ -114,7 +114,7 @@ rule correct:
     input:
         PLAN.inputs("correct"),
     output:
-        "results/{mooring}/logs/correct.json",
+        update("results/{mooring}/logs/correct.json"),
     log:
         "results/{mooring}/logs/correct.log",
     params:
@@ -128,7 +128,7 @@ rule grid:
     input:
         PLAN.inputs("grid"),
     output:
-        "results/{mooring}/logs/grid.json",
+        update("results/{mooring}/logs/grid.json"),
     log:
         "results/{mooring}/logs/grid.log",
     wildcard_constraints:
@@ -144,7 +144,7 @@ rule compare:
     input:
         PLAN.inputs("compare"),
     output:
-        "results/{mooring}/logs/compare.json",
+        update("results/{mooring}/logs/compare.json"),
     log:
         "results/{mooring}/logs/compare.log",
     priority: -1  # it fills the cores that others leave
@@ -159,7 +159,7 @@ rule figures:
     input:
         PLAN.inputs("figures"),
     output:
-        "results/{mooring}/logs/figures.json",
+        update("results/{mooring}/logs/figures.json"),
     log:
         "results/{mooring}/logs/figures.log",
     params:
@@ -173,7 +173,7 @@ rule sections:
     input:
         PLAN.inputs("sections"),
     output:
-        "results/{mooring}/logs/sections.json",
+        update("results/{mooring}/logs/sections.json"),
     log:
         "results/{mooring}/logs/sections.log",
     wildcard_constraints:
