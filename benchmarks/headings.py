@@ -4,7 +4,6 @@
     python benchmarks/headings.py 400 7               400 moorings by seed 7
     python benchmarks/headings.py --heeling           with tilt and vertical iron
     python benchmarks/headings.py --heeling --tilt    the same, tilt in the fit as well
-    python benchmarks/headings.py --figure PATH       also the figure (docs/headings.png)
 
 Currents, shear across the sphere and headings locked to the wake are those of compasslib.demo; iron of random
 direction and up to twice the earth's horizontal field stands beside the compass. The trusted instrument overlaps hourly
@@ -20,7 +19,6 @@ import os
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace as Mooring
 
 import numpy as np
@@ -37,7 +35,6 @@ from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, to_body_frame
 from compasslib.deviation.model import observed_heading
 from compasslib.deviation.series import invert_series, multistart_least_squares, series_design
-from compasslib.plots.page import BLUE, GREY, VERMILION, WIDE_IN, legend, page
 from compasslib.records import Pairs, Readings, take
 
 STRENGTHS = (0.0, 0.1, 0.2, 0.35, 0.6, 0.85, 1.1, 1.3, 1.6, 2.0)  # hard iron over the earth's horizontal field
@@ -289,38 +286,12 @@ def clock(seed: int, heeling: bool) -> Measured:
     return targets.limit("8. seconds a fit, median", median(seconds), most=3.0)
 
 
-def plot(told: list[Mooring], path: Path) -> None:
-    """Draw heading rms by iron strength for both methods: each mooring a point, the medians a line."""
-    place = np.arange(len(STRENGTHS))
-    methods = (
-        ("published_deg", "von Appen (2015), where it corrects", VERMILION, "s", 0.12),
-        ("error_deg", "compasslib exact, every heading", BLUE, "o", -0.12),
-    )
-    with page(path, 5.4, width_in=WIDE_IN) as figure:
-        panels = figure.subplots(2, 2, sharex=True, sharey=True)
-        for (overlap, spread), axes in zip(itertools.product(OVERLAPS, SPREADS), panels.flat, strict=True):
-            for name, label, color, marker, shift in methods:
-                y = [[rms(getattr(one, name)) for one in those(told, s, overlap, spread)] for s in STRENGTHS]
-                x = np.repeat(place, [len(part) for part in y])
-                axes.plot(x + shift, np.concatenate(y), marker, color=color, markersize=3, alpha=0.5, markeredgewidth=0)
-                axes.plot(place + shift, [median(part) for part in y], marker, linestyle="-", color=color, label=label)
-            axes.set(yscale="log", ylim=(0.3, 200.0), title=f"Overlaps {overlap}, {spread} headings")
-            axes.set_xticks(place, [f"{strength:g}" for strength in STRENGTHS])
-            axes.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
-            axes.grid(alpha=0.3)
-            axes.axvspan(5.5, 9.5, color=GREY, alpha=0.15, linewidth=0, label="two-valued compass")
-        legend(figure, panels[0, 0].get_legend_handles_labels()[0], columns=3)
-        figure.supxlabel("Hard iron over the earth's horizontal field", fontsize=8.0)
-        figure.supylabel("Error of the corrected heading, rms (°)", fontsize=8.0)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("count", nargs="?", type=int, default=120, help="moorings (default 120)")
     parser.add_argument("seed", nargs="?", type=int, default=2007)
     parser.add_argument("--heeling", action="store_true", help="tilt and vertical iron")
     parser.add_argument("--tilt", action="store_true", help="tilt in the fit")
-    parser.add_argument("--figure", type=Path, help="PNG to write")
     asked = parser.parse_args()
     told, begin = [], time.perf_counter()
     with multiprocessing.Pool(2) as pool:
@@ -331,8 +302,6 @@ def main() -> None:
     overview(told)
     lines = [line for tell in (weak_iron, strong_iron, honesty, coefficients) for line in tell(told)]
     lines.append(clock(asked.seed, asked.heeling))
-    if asked.figure:
-        plot(told, asked.figure)
     sys.exit(targets.report(lines))
 
 

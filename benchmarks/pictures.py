@@ -5,9 +5,8 @@
     python benchmarks/pictures.py --from CRUISE demonstration    of a cruise that has been run already
 
 docs/pictures.json records of each picture its SHA-256 and that of the code that draws it; tests/test_docs.py compares
-both. Some stand apart: docs/headings.png comes with its tables, within the hour, from benchmarks/headings.py --figure
-docs/headings.png; docs/report.png needs Chromium; the tutorial needs its own cruise, --from CRUISE tutorial. The sea
-needs ../shared/data.
+both. Some stand apart: docs/report.png needs Chromium; the tutorial needs its own cruise, --from CRUISE tutorial. The
+sea needs ../shared/data.
 """
 
 from __future__ import annotations

@@ -77,7 +77,8 @@ def copied_project(into: Path, *parts: str) -> Path:
         if (PROJECT / part).is_dir():
             shutil.copytree(PROJECT / part, into / part, ignore=shutil.ignore_patterns("__pycache__"))
         else:
-            shutil.copy(PROJECT / part, into)
+            (into / part).parent.mkdir(exist_ok=True)
+            shutil.copy(PROJECT / part, into / part)
     return into
 
 

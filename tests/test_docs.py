@@ -132,8 +132,8 @@ def test_conda_installs_within_the_bounds_of_the_project():
     assert entries - {"pip", ".", f"python{project['requires-python']}"} == {line.lower() for line in wanted}
 
 
-# An hour of measurements, a browser, and a cruise that the reader of the tutorial drafts step by step.
-APART_FROM_THE_RECORD = {"headings.png", "report.png", *pictures.MAKERS["tutorial"].pictures}
+# A browser, and a cruise that the reader of the tutorial drafts step by step.
+APART_FROM_THE_RECORD = {"report.png", *pictures.MAKERS["tutorial"].pictures}
 
 
 @pytest.mark.parametrize("name", pictures.MAKERS)
@@ -324,7 +324,7 @@ def installed(tmp_path_factory) -> Path:
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("no setuptools: the wheel cannot be built")
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("installed")
-    files = "pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md"
+    files = "pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md", "docs/glossary.md"
     copied_project(source, "compasslib", "workflow", "requirements", *files)
     build = "from setuptools.build_meta import build_wheel; print(build_wheel('.'))"
     made = subprocess.run([sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=False)
@@ -378,18 +378,18 @@ def test_the_wheel_names_the_command_and_the_licence(installed):
 
 
 def test_the_wheel_works_without_the_checkout(installed, tmp_path):
-    """Report templates and command come from the wheel, not from this folder."""
+    """Report templates, glossary and command come from the wheel, not from this folder."""
     (tmp_path / "config").mkdir()
     (tmp_path / "config/config.yaml").write_text("moorings: []\n")
     code = (
         "import compasslib, sys\n"
-        "from compasslib.report import words\nfrom compasslib.cli import main\n"
-        "print(words.TEMPLATES.is_dir(), compasslib.__file__)\nsys.exit(main(['check']))\n"
+        "from compasslib.report import read_glossary, words\nfrom compasslib.cli import main\n"
+        "print(words.TEMPLATES.is_dir(), len(read_glossary()) > 15, compasslib.__file__)\nsys.exit(main(['check']))\n"
     )
     ran = run_installed(installed, tmp_path, code)
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.splitlines() == [
-        f"True {installed / 'compasslib/__init__.py'}",
+        f"True True {installed / 'compasslib/__init__.py'}",
         "nothing to run: can run, 0 problems",
     ]
 

@@ -150,67 +150,71 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
         root: the cruise folder, whose records of jobs tell when each ended.
     """
     author = str(attributes.get("principal_investigator_orcid", "#principal_investigator"))
-    terms = str(attributes["license"])
-    license_id, publisher = terms if "://" in terms else "#license", str(attributes["publisher_url"])
+    terms, publisher = str(attributes["license"]), str(attributes["publisher_url"])
+    owned: Entity = {"license": {"@id": terms if "://" in terms else "#license"}, "author": {"@id": author}}
+    software = {"url": str(attributes["software_url"])} if "software_url" in attributes else {}
+    entities = _entities_at_root(page, software.get("url"))
+    files = [identifier for identifier, entity in entities.items() if entity["@type"] == "File"]
+    actions = [entity for entity in entities.values() if entity["@type"] == "CreateAction"]
+    run = _describe_run(actions, author, root)
+    whole = next(entity for entity in page["@graph"] if entity["@id"] == "./") | owned | {
+        "conformsTo": _references(PROFILES), "publisher": {"@id": publisher}, "mainEntity": {"@id": WORKFLOW_FILE},
+        "hasPart": _references({*files, *map(quote, rules), README, datacite.FILE}),
+        "mentions": _references([RUN, *(action["@id"] for action in actions)]),
+    }  # fmt: skip
+    about: Entity = {
+        "@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"},
+        "conformsTo": _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]]),
+    }  # fmt: skip
+    added = [about, whole, SNAKEMAKE, run]
+    for name, form in ((README, "text/markdown"), (datacite.FILE, "application/json")):
+        added.append({"@id": name, "@type": "File", "name": name, "encodingFormat": form, "about": {"@id": "./"}})
+    person = {"name": str(attributes["principal_investigator"]), "affiliation": {"@id": publisher}}
+    added += [
+        owned["license"] | {"@type": "CreativeWork", "name": terms},
+        {"@id": publisher, "@type": "Organization", "name": str(attributes["institution"]), "url": publisher},
+        {"@id": author, "@type": "Person", **person},
+        {"@id": BIOSCHEMAS, "@type": "CreativeWork", "name": "Bioschemas ComputationalWorkflow profile"},
+    ]
+    for profile, (name, version) in PROFILES.items():
+        added.append({"@id": profile, "@type": "CreativeWork", "name": name, "version": version})
+    for name, digest in rules.items():
+        form = "application/json" if name.endswith(".json") else "text/plain"
+        file = {"@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form}
+        entities[file["@id"]] = file
+    entities[WORKFLOW_FILE] |= owned | software | {
+        "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
+        "programmingLanguage": {"@id": SNAKEMAKE["@id"]}, "version": provenance.software().split(" ", 1)[1],
+        "conformsTo": {"@id": BIOSCHEMAS},
+    }  # fmt: skip
+    return {"@context": crate.CONTEXT, "@graph": [*added, *entities.values()]}
+
+
+def _entities_at_root(page: Mapping[str, Any], software_url: str | None) -> dict[str, Entity]:
+    """Collect what the manifest describes by identifiers from the cruise folder, without its root and people."""
     moved = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
     moved |= {f"#{crate.LOCK}": quote(crate.LOCK)}
     for entity in page["@graph"]:  # programs get an identifier that leads to them, where an address is known
-        if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or attributes.get("software_url")):
+        if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or software_url):
             moved[entity["@id"]] = f"{url}#{quote(str(entity['softwareVersion']))}"
     apart = {"./", METADATA, crate.PROFILE, *(f"#{key}" for _, (key, _) in crate.PEOPLE.items())}
-    entities = {x["@id"]: x for x in (_moved(x, moved) for x in page["@graph"] if x["@id"] not in apart)}
-    files = [identifier for identifier, entity in entities.items() if entity["@type"] == "File"]
-    for name, digest in rules.items():
-        form = "application/json" if name.endswith(".json") else "text/plain"
-        entities[quote(name)] = {
-            "@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form,
-        }  # fmt: skip
-    actions, ends = [x for x in entities.values() if x["@type"] == "CreateAction"], dict(_ends(root))
+    return {x["@id"]: x for x in (_moved(x, moved) for x in page["@graph"] if x["@id"] not in apart)}
+
+
+def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
+    """Describe the run of the workflow, and complete the actions of its jobs by agent and end."""
+    ends = dict(_ends(root))
     last = max(ends.values(), default=provenance.date_created())
     for action in actions:
         action |= {"agent": {"@id": author}, "endTime": ends.get(action["@id"].removeprefix("#"), last)}
         action.setdefault("description", f"{action['name']}: stopped")
     made = {item["@id"] for action in actions for item in _list(action.get("result"))}
     read = {item["@id"] for action in actions for item in _list(action.get("object"))} - made
-    entities[WORKFLOW_FILE] |= {
-        "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
-        "programmingLanguage": {"@id": SNAKEMAKE["@id"]}, "version": provenance.software().split(" ", 1)[1],
-        "license": {"@id": license_id}, "author": {"@id": author}, "conformsTo": {"@id": BIOSCHEMAS},
-        **({"url": str(attributes["software_url"])} if "software_url" in attributes else {}),
-    }  # fmt: skip
-    run = {
+    return {
         "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": {"@id": WORKFLOW_FILE},
         "description": "All jobs of the workflow; each has an action of its own", "agent": {"@id": author},
         "endTime": last, "object": _references(read), "result": _references(made),
     }  # fmt: skip
-    whole = next(entity for entity in page["@graph"] if entity["@id"] == "./") | {
-        "conformsTo": _references(PROFILES), "license": {"@id": license_id}, "author": {"@id": author},
-        "publisher": {"@id": publisher}, "mainEntity": {"@id": WORKFLOW_FILE},
-        "hasPart": _references({*files, *map(quote, rules), README, datacite.FILE}),
-        "mentions": _references([RUN, *(action["@id"] for action in actions)]),
-    }  # fmt: skip
-    organization = {"@type": "Organization", "name": str(attributes["institution"]), "url": publisher}
-    added: list[Entity] = [
-        {
-            "@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"},
-            "conformsTo": _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]]),
-        },
-        whole, SNAKEMAKE, run,
-        *(
-            {"@id": name, "@type": "File", "name": name, "encodingFormat": form, "about": {"@id": "./"}}
-            for name, form in ((README, "text/markdown"), (datacite.FILE, "application/json"))
-        ),
-        {"@id": license_id, "@type": "CreativeWork", "name": terms},
-        {"@id": publisher, **organization},
-        {
-            "@id": author, "@type": "Person", "name": str(attributes["principal_investigator"]),
-            "affiliation": {"@id": publisher},
-        },
-        {"@id": BIOSCHEMAS, "@type": "CreativeWork", "name": "Bioschemas ComputationalWorkflow profile"},
-    ]  # fmt: skip
-    for profile, (name, version) in PROFILES.items():
-        added.append({"@id": profile, "@type": "CreativeWork", "name": name, "version": version})
-    return {"@context": crate.CONTEXT, "@graph": [*added, *entities.values()]}
 
 
 def _moved(entity: Any, identifiers: Mapping[str, str]) -> Any:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,7 +137,7 @@ def gather(
 
 def write(path: str | Path, report: Report) -> None:
     """Write the page; the same results give the same bytes."""
-    write_page(path, "report.html", report=report)
+    write_page(path, "report.html", report=report, glossary=read_glossary())
 
 
 def write_page(path: str | Path, template: str, **given: Any) -> None:
@@ -152,6 +153,14 @@ def write_page(path: str | Path, template: str, **given: Any) -> None:
     text = made.get_template(template).render(**given, style=style, style_hash=known)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def read_glossary() -> list[tuple[str, str]]:
+    """Read the terms of the documentation's glossary with their explanations; no link leads out of the page."""
+    path = provenance.RELEASE_FILES / "docs/glossary.md"
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    entries = re.sub(r"\[([^]]+)\]\([^)]+\)|`", r"\1", text).split("\n## ")[1:]
+    return [(term, what.strip()) for term, _, what in (entry.partition("\n") for entry in entries)]
 
 
 def log_line(path: str | Path, report: Report) -> str:
