@@ -20,28 +20,21 @@ def describe(cruise: Cruise, *, title: str, published: str) -> dict[str, Any]:
         published: date of the results, ISO 8601.
     """
     given = {key: str(value) for key, value in cruise.options.attributes.items()}
-    creator = {
-        "name": given["principal_investigator"],
-        "nameType": "Personal",
-        "affiliation": [{"name": given["institution"]}],
-    }
+    affiliation = [{"name": given["institution"]}]
+    creator = {"name": given["principal_investigator"], "nameType": "Personal", "affiliation": affiliation}
     if orcid := given.get("principal_investigator_orcid"):
         scheme = {"nameIdentifierScheme": "ORCID", "schemeUri": "https://orcid.org/"}
         creator["nameIdentifiers"] = [{"nameIdentifier": orcid, **scheme}]
     moorings = {name.partition("/")[0]: mooring for name, mooring in cruise.moorings.items()}
-    terms = given["license"]
-    places = [
-        {
-            "geoLocationPlace": name,
-            "geoLocationPoint": {
-                "pointLatitude": mooring.latitude,
-                "pointLongitude": Site(name, mooring.latitude, mooring.longitude).signed_longitude(),
-            },
-        }
-        for name, mooring in moorings.items()
-    ]
+    places = []
+    for name, mooring in moorings.items():
+        longitude = Site(name, mooring.latitude, mooring.longitude).signed_longitude()
+        point = {"pointLatitude": mooring.latitude, "pointLongitude": longitude}
+        places.append({"geoLocationPlace": name, "geoLocationPoint": point})
     spans = dict.fromkeys(f"{mooring.start:%Y-%m-%d}/{mooring.end:%Y-%m-%d}" for mooring in moorings.values())
     dates = [{"date": span, "dateType": "Collected"} for span in spans]
+    terms, abstract = given["license"], given.get("summary", f"{title}. Processed by {software()}.")
+    method = {"relatedIdentifier": METHOD, "relatedIdentifierType": "DOI", "relationType": "References"}
     described = {
         "schemaVersion": "http://datacite.org/schema/kernel-4",
         "types": {"resourceTypeGeneral": "Dataset", "resourceType": "Moored current records with corrected headings"},
@@ -52,15 +45,8 @@ def describe(cruise: Cruise, *, title: str, published: str) -> dict[str, Any]:
         "dates": [*dates, {"date": published, "dateType": "Created"}],
         "rightsList": [{"rights": terms, **({"rightsUri": terms} if "://" in terms else {})}],
         "subjects": [{"subject": "ocean currents"}, {"subject": "compass deviation"}],
-        "descriptions": [
-            {
-                "description": given.get("summary", f"{title}. Processed by {software()}."),
-                "descriptionType": "Abstract",
-            }
-        ],
-        "relatedIdentifiers": [
-            {"relatedIdentifier": METHOD, "relatedIdentifierType": "DOI", "relationType": "References"}
-        ],
+        "descriptions": [{"description": abstract, "descriptionType": "Abstract"}],
+        "relatedIdentifiers": [method],
         "geoLocations": places,
         "formats": ["application/x-netcdf", "application/json", "text/csv"],
         **({"doi": given["doi"]} if "doi" in given else {}),

@@ -153,13 +153,13 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     terms, publisher = str(attributes["license"]), str(attributes["publisher_url"])
     owned: Entity = {"license": {"@id": terms if "://" in terms else "#license"}, "author": {"@id": author}}
     software = {"url": str(attributes["software_url"])} if "software_url" in attributes else {}
-    entities = _entities_at_root(page, software.get("url"))
+    entities = _entities_at_root(page, rules, software.get("url"))
     files = [identifier for identifier, entity in entities.items() if entity["@type"] == "File"]
     actions = [entity for entity in entities.values() if entity["@type"] == "CreateAction"]
     run = _describe_run(actions, author, root)
     whole = next(entity for entity in page["@graph"] if entity["@id"] == "./") | owned | {
         "conformsTo": _references(PROFILES), "publisher": {"@id": publisher}, "mainEntity": {"@id": WORKFLOW_FILE},
-        "hasPart": _references({*files, *map(quote, rules), README, datacite.FILE}),
+        "hasPart": _references([*files, README, datacite.FILE]),
         "mentions": _references([RUN, *(action["@id"] for action in actions)]),
     }  # fmt: skip
     about: Entity = {
@@ -178,10 +178,6 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     ]
     for profile, (name, version) in PROFILES.items():
         added.append({"@id": profile, "@type": "CreativeWork", "name": name, "version": version})
-    for name, digest in rules.items():
-        form = "application/json" if name.endswith(".json") else "text/plain"
-        file = {"@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form}
-        entities[file["@id"]] = file
     entities[WORKFLOW_FILE] |= owned | software | {
         "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
         "programmingLanguage": {"@id": SNAKEMAKE["@id"]}, "version": provenance.software().split(" ", 1)[1],
@@ -190,15 +186,19 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     return {"@context": crate.CONTEXT, "@graph": [*added, *entities.values()]}
 
 
-def _entities_at_root(page: Mapping[str, Any], software_url: str | None) -> dict[str, Entity]:
-    """Collect what the manifest describes by identifiers from the cruise folder, without its root and people."""
+def _entities_at_root(page: Mapping[str, Any], rules: Mapping[str, str], software_url: str | None) -> dict[str, Entity]:
+    """Collect what the manifest describes, without root and people, and the rules, by paths from the cruise folder."""
     moved = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
     moved |= {f"#{crate.LOCK}": quote(crate.LOCK)}
     for entity in page["@graph"]:  # programs get an identifier that leads to them, where an address is known
         if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or software_url):
             moved[entity["@id"]] = f"{url}#{quote(str(entity['softwareVersion']))}"
     apart = {"./", METADATA, crate.PROFILE, *(f"#{key}" for _, (key, _) in crate.PEOPLE.items())}
-    return {x["@id"]: x for x in (_moved(x, moved) for x in page["@graph"] if x["@id"] not in apart)}
+    entities = [_moved(entity, moved) for entity in page["@graph"] if entity["@id"] not in apart]
+    for name, digest in rules.items():
+        form = "application/json" if name.endswith(".json") else "text/plain"
+        entities.append({"@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form})
+    return {entity["@id"]: entity for entity in entities}
 
 
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:

@@ -447,7 +447,6 @@ PROFILES = dict(
     zip(PROFILE_KEYS, ("WCUR", "ERROR_VELOCITY", "ECHO_INTENSITY", "CORRELATION", "PERCENT_GOOD"), strict=True)
 )
 OPTIONAL = tuple(name for name, entry in CORRECTED.items() if entry.optional)
-FLAGGED = tuple(name for name, entry in CORRECTED.items() if entry.flagged)
 BY_DECLINATION = tuple(name for name, entry in CORRECTED.items() if entry.by_declination)
 SENSED = tuple(name for name, entry in CORRECTED.items() if entry.sensed)
 
