@@ -11,15 +11,18 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from contextlib import redirect_stderr, redirect_stdout
 from datetime import UTC, datetime
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import unquote
 
 import netCDF4
 import pytest
+import slurm
 from bench import readings, write_calibration
-from launch import PROJECT, change, copied_project, snakemake
+from launch import PROJECT, change, command, copied_project, environment, hashes, snakemake
 from sea import cruise
 from snakemake.iocontainers import Namedlist
 
@@ -44,7 +47,7 @@ def processed(tmp_path_factory):
         "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram,"
         " license: CC-BY-4.0, publisher_url: https://example.org/}\n"
     )
-    ran = snakemake(folder)
+    ran = snakemake(folder, "--config", "mooring_cores=1")
     assert ran.returncode == 0, ran.stderr
     return folder
 
@@ -308,15 +311,11 @@ def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_pa
 
 
 # ------------------------------------------------------------------------------------------------------------- verify
-COMPASS = "import sys; from compasslib.cli import main; sys.exit(main())"
-
-
 def verify(folder: Path, *options: str) -> tuple[int, list[str]]:
-    command = [sys.executable, "-P", "-c", COMPASS, "verify", str(folder), *options]
-    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    assert "Traceback" not in ran.stderr
-    return ran.returncode, (ran.stdout + ran.stderr).splitlines()
+    said = TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True)  # as strict as a terminal about names
+    with redirect_stdout(said), redirect_stderr(said):
+        code = main(["verify", str(folder), *options])
+    return code, said.buffer.getvalue().decode().splitlines()
 
 
 def test_an_untouched_archive_verifies_and_is_not_written_to(archive):
@@ -360,6 +359,23 @@ def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
     assert not (archive / "results/M1/figures/scatter.png").exists()
     with pytest.raises(InputError, match="found 1 that differ"):
         verification.verify(archive, None, lambda line: None)
+
+
+@pytest.mark.skipif(bool(slurm.missing()), reason=slurm.missing() or "Slurm can be started")
+def test_a_cluster_gives_what_this_machine_gives(processed, tmp_path):
+    """Through Slurm by its profile alone; benchmarks/slurm_cruise.py does the same with the demonstration cruise."""
+    there = tmp_path / "there"
+    for part in ("config", "raw"):
+        shutil.copytree(processed / part, there / part)
+    with slurm.cluster(tmp_path / "slurm"):
+        queued = [*command(there), *slurm.OPTIONS, "--slurm-keep-successful-logs"]
+        ran = subprocess.run(queued, capture_output=True, text=True, check=False, env=environment(), cwd=there)
+        assert ran.returncode == 0, ran.stderr[-4000:]
+        logs = sorted(log.name for log in (there / ".snakemake/slurm_logs").iterdir())
+    assert [name.split("_")[1] for name in logs] == ["mooring"]  # what belongs to the cruise ran here
+    first, second = (hashes(folder / "results", "logs", "benchmarks") for folder in (processed, there))
+    assert {"M1/corrected.nc", "report.html", "ro-crate-metadata.json"} < first.keys()
+    assert first == second
 
 
 PLANTED = {

@@ -13,12 +13,10 @@ from compasslib.demo.sealed import Wish
 from compasslib.pipeline.process import process_mooring
 from tests.world import draw
 
-HOURS = 5000
 
-
-def processed(tmp_path, effect, *, wide, seed=11, size_deg=3.0):
+def processed(tmp_path, effect, *, wide, hours=3000, seed=11, size_deg=3.0):
     """Return diagnosis.json and the corrected headings' errors, in degrees and in their own 95 % intervals."""
-    one = draw.Sealed("R1", {effect: size_deg}, wish=Wish(wide=wide, hours=HOURS), seed=seed)
+    one = draw.Sealed("R1", {effect: size_deg}, wish=Wish(wide=wide, hours=hours), seed=seed)
     cruise, locked = draw.write_alone(one, tmp_path)
     folder = process_mooring(cruise, "R1", tmp_path / "results")
     product = netcdf.read_corrected(folder / "corrected.nc")
@@ -44,7 +42,7 @@ def test_a_fault_of_the_trusted_instrument_is_named_with_its_side(tmp_path, effe
 
 @pytest.mark.parametrize("effect", ["reference_slip", "heading_slip"])
 def test_a_large_step_is_put_where_it_belongs_or_left_open(tmp_path, effect):
-    found, _, share = processed(tmp_path, effect, wide=False, size_deg=12.0)
+    found, _, share = processed(tmp_path, effect, wide=False, hours=5000, size_deg=12.0)
     first = found["findings"][0]
     assert effect in (first["effect"], *first["alternatives"])
     if first["effect"] != effect:
