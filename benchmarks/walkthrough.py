@@ -19,7 +19,7 @@ import numpy as np
 from compasslib import angles
 from compasslib.archive.files import read_attribute, read_json
 from compasslib.effects import CATALOGUE, meanings
-from compasslib.plots.truth import draw_errors
+from compasslib.plots.truth import draw_errors, error_reach
 from compasslib.report import words
 from compasslib.report.concealed import HeadingErrors, heading_errors
 from compasslib.stages.concealed import read_headings
@@ -27,7 +27,6 @@ from compasslib.stages.concealed import read_headings
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, FIGURES = DOCS / "background/concealed.md", DOCS / "background/concealed.json"
 SIDES = ("recorded", "fit", "corrected")
-COVERED = 0.9  # share of headings within their 95 %, from which the uncertainty is said to hold
 
 
 def collect(cruise: Path, picture: Path) -> None:
@@ -37,7 +36,8 @@ def collect(cruise: Path, picture: Path) -> None:
     errors = {truth["mooring"]: heading_errors(truth, read_headings(folders[truth["mooring"]])) for truth in truths}
     shown = errors["C1"]
     dates = [cause["date"] for cause in truths[0]["planted"]]
-    draw_errors(picture, shown.time_s, shown.fit_deg, shown.corrected_deg, shown.sigma_deg, dates)
+    reach = error_reach([error for each in errors.values() for error in (each.fit_deg, each.corrected_deg)])
+    draw_errors(picture, shown.time_s, shown.fit_deg, shown.corrected_deg, shown.sigma_deg, dates, reach)
     history = read_attribute(cruise / "results/C1/corrected.nc", "history")
     figures = {
         "date": history[:10],
@@ -58,10 +58,12 @@ def _mooring(cruise: Path, truth: dict[str, Any], errors: HeadingErrors) -> dict
         "bayes_factor": diagnosis["bayes_factor"],
         "findings": [{k: x for k, x in entry.items() if k != "text"} for entry in diagnosis["findings"]],
         "turn": [curve for curve in diagnosis["curves"] if curve["covariate"].startswith("turn_by_")],
+        "along": [curve["covariate"] for curve in diagnosis["curves"]],
         "detectable_deg": diagnosis["detectable_deg"],
         "error": {name: errors.rms(error) for name, error in each.items()},
         "error_rms_deg": {name: round(angles.rms(error[np.isfinite(error)]), 3) for name, error in each.items()},
-        "sigma_rms_deg": round(angles.rms(errors.sigma_deg[np.isfinite(errors.sigma_deg)]), 3), "coverage": round(errors.coverage, 4),
+        "sigma_rms_deg": round(errors.sigma_rms_deg, 3), "coverage": [round(share, 4) for share in errors.coverage or ()],
+        "understated": errors.understated,
         "pairs": assessment["after"]["n"], "difference_deg": [assessment[key]["rms_deg"] for key in ("before", "after")],
         "files": {path.name: path.stat().st_size for path in sorted((cruise / "raw" / truth["mooring"]).iterdir())},
         "samples": len(errors.time_s),
@@ -79,9 +81,11 @@ def page(figures: dict[str, Any]) -> str:
     bins = max(np.abs(turn["before_deg"])), max(np.abs(turn["after_deg"]))
     off = mooring["error_rms_deg"]
     removed = np.sqrt(off["fit"] ** 2 - off["corrected"] ** 2)
+    (field,) = (cause["field"] for cause in mooring["planted"] if cause["driver"] == found["driver"])
     values = "\n".join(
-        f"| {meanings(found['effect'])[name]} | {words.with_sigma(value['value'], value['sigma'], value['unit'])} |"
+        f"| {meaning} | {words.with_sigma(value['value'], value['sigma'], value['unit'])} | {words.number(field[meaning.split()[-1]], 0)} {field['unit']} |"
         for name, value in found["parameters"].items()
+        if (meaning := meanings(found["effect"])[name])
     )
     return f"""# Concealed, located, named, modelled, shown
 
@@ -120,15 +124,16 @@ which does not say that nothing else is wrong.
 
 *The diagnosis of C1. (a) Left-out days alone, in bins of the turn by the step that a fit to the other days predicts for them: their residual
 without the prediction (orange) and with it (blue). Were prediction and residual equal, the orange points would lie on the black line; the
-blue line is the slope that they have. (b), (c) The residual of all days by recorded heading and time; grey: 95 % range of noise. (d) The
-size of the step.*
+blue line is the slope that they have. (b) The residual of all days by recorded heading. (c) How much of the step the residual of each week
+has: without correction it jumps at the date, with correction it does not. (d) Along {words.plain(mooring["along"][-1])}: of the other
+quantities logged, where most is left. (e) The size of the step. Grey: 95 % range of noise.*
 
 ## Modelled
 
 The step enters the equations of the compass as a field in the instrument's frame, fitted together with the coefficients:
 
-| | value ± 1σ |
-|---|---|
+| | value ± 1σ | truth |
+|---|---|---|
 {values}
 
 Its visible size is {found["rms_effect_deg"]:.1f}° rms. On left-out days the largest residual of a point in panel (a) falls from
@@ -138,16 +143,16 @@ Its visible size is {found["rms_effect_deg"]:.1f}° rms. On left-out days the la
 
 * **On days that were left out**, with effect, driver, date and size chosen anew without them, the step is
   {amplitude["held_out"]:.1f}° ({amplitude["low"]:.1f} to {amplitude["high"]:.1f}°) where the other days predict {amplitude["fitted_elsewhere"]:.1f}°. These days gain
-  {gain["value"]:.0f} ({gain["low"]:.0f} to {gain["high"]:.0f}) in log score; of {placebo["n"]} surrogate records without the effect
+  {gain["value"]:.0f} ({gain["low"]:.0f} to {gain["high"]:.0f}) in log score; of {placebo["n"]} records simulated without the effect
   {round(placebo["rank_p"] * (placebo["n"] + 1)) - 1} gain as much. {_slope(proof["slope"])}
 * **In degrees of heading**: without the step, the software says, headings would be wrong by {without:.1f}° rms. The truth:
   {off["fit"]:.1f}° by the coefficients alone, {off["corrected"]:.1f}° as corrected, √({off["fit"]:.1f}² − {off["corrected"]:.1f}²) = {removed:.1f}°.
-* **Stated uncertainty**: {mooring["sigma_rms_deg"]:.1f}° (1σ, rms); {100 * mooring["coverage"]:.0f} % of the headings lie within their 95 %.
+* **Stated uncertainty**: {mooring["sigma_rms_deg"]:.1f}° (1σ, rms); {_share(mooring)} of the headings lie within their 95 % range.
 
 ![Heading errors of C1](../concealed_errors.png)
 
-*Daily means of heading minus truth, which the software never saw: by the coefficients alone (grey) and as corrected (blue), with the
-95 % that `corrected.nc` states. Dotted: when the iron changed.*
+*The error of each heading, corrected minus true; the software never saw the truth. (a) By the coefficients alone, (b) as corrected, with the
+95 % range that `corrected.nc` states for single headings. Dotted: when the iron changed.*
 
 The raw difference of directions ({mooring["difference_deg"][0]:.1f}° rms before, {mooring["difference_deg"][1]:.1f}° after all corrections) says
 little about the headings: most of it is the currents' own difference between the two depths, and noise.
@@ -180,6 +185,10 @@ def _slope(slope: dict[str, float] | None) -> str:
     return f"The slope in panel (a) is {slope['value']:.2f} ({slope['low']:.2f} to {slope['high']:.2f}): the parts of the record {agrees}."
 
 
+def _share(mooring: dict[str, Any]) -> str:
+    return "{:.0f} % ({:.0f}–{:.0f})".format(*(100.0 * share for share in mooring["coverage"]))
+
+
 def _minute(utc: str) -> str:
     return f"{utc[:10]} {utc[11:16]}"
 
@@ -195,7 +204,7 @@ def _planted(mooring: dict[str, Any]) -> str:
 def _rows(moorings: dict[str, Any]) -> str:
     return "\n".join(
         f"| {name} | {'; '.join(cause['what'] for cause in m['planted']) or 'nothing'} | `{m['verdict']}` | "
-        f"{' | '.join(m['error'][key] for key in SIDES)} | {100 * m['coverage']:.0f} % |"
+        f"{' | '.join(m['error'][key] for key in SIDES)} | {_share(m)} |"
         for name, m in moorings.items()
     )
 
@@ -207,7 +216,7 @@ def _factor(x: float) -> str:
 
 def _judgement(moorings: dict[str, Any]) -> str:
     """State where the uncertainty holds, and how many missed causes are larger than a stated limit."""
-    held = [name for name, m in moorings.items() if m["coverage"] >= COVERED]
+    held = [name for name, m in moorings.items() if not m["understated"]]
     off = [name for name in moorings if name not in held]
     missed = [
         cause["size_deg"] > min(limits.values())
@@ -215,7 +224,7 @@ def _judgement(moorings: dict[str, Any]) -> str:
         for cause in m["planted"]
         if cause["driver"] not in {finding["driver"] for finding in m["findings"]} and (limits := _limits(cause, m))
     ]
-    wrong = f"; in {' and '.join(off)} they do not, and nothing in the results says so" if off else ""
+    wrong = f"; in {' and '.join(off)} they do not, and the diagnosis did not notice" if off else ""
     return f"The stated uncertainties hold in {', '.join(held)}{wrong}. Of the causes not detected, {sum(missed)} of {len(missed)} are larger than the smallest limit stated for their driver: `consistent` is no proof."
 
 
@@ -242,9 +251,9 @@ def _missed(moorings: dict[str, Any]) -> str:
             finding for driver, finding in found.items() if driver not in {cause["driver"] for cause in m["planted"]}
         ]
         lines += [f"* **{name}: not there**, {words.plain(finding['effect'])}." for finding in wrong]
-        if m["coverage"] < COVERED:
+        if m["understated"]:
             lines.append(
-                f"* **{name}: uncertainty too small.** It states {m['sigma_rms_deg']:.1f}° (1σ, rms) where headings are wrong by "
+                f"* **{name}: uncertainty too small.** Of the headings {_share(m)} lie within their 95 % range. It states {m['sigma_rms_deg']:.1f}° (1σ, rms) where headings are wrong by "
                 f"{m['error_rms_deg']['corrected']:.1f}°."
             )
     return "\n".join(lines)
@@ -261,7 +270,7 @@ def _doubt(finding: dict[str, Any]) -> str:
     return (
         f"{words.plain(finding['effect']).capitalize()} has probability {words.chance(finding['probability'])}, but on left-out days its size is "
         f"{size['held_out']:.1f}° ({words.number(size['low'])} to {size['high']:.1f}°) where the others predict {size['fitted_elsewhere']:.1f}°, and "
-        f"{round(placebo['rank_p'] * (placebo['n'] + 1)) - 1} of {placebo['n']} surrogates gain as much."
+        f"{round(placebo['rank_p'] * (placebo['n'] + 1)) - 1} of {placebo['n']} records simulated without it gain as much."
     )
 
 

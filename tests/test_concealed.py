@@ -16,6 +16,7 @@ from compasslib.config.cruise import load_cruise
 from compasslib.demo import concealed
 from compasslib.pipeline import plan, records
 from compasslib.pipeline.process import run_stages
+from compasslib.report.concealed import HeadingErrors
 from compasslib.stages.concealed import concealed as set_beside
 
 
@@ -54,6 +55,14 @@ def test_causes_are_drawn_by_the_seed_and_of_the_size_that_is_told(tmp_path, nam
     assert [len(x["planted"]) for x in (first, second)] == [{"C1": 2, "C4": 0}.get(name, 1)] * 2
     start, end = (np.datetime64(text).astype("datetime64[s]").astype(float) for text in ("2014-08-01", "2014-12-04"))
     assert start <= first["time_s"][0] < first["time_s"][-1] <= end  # as in config/moorings
+
+
+@pytest.mark.parametrize(("scatter", "understated"), [(1.0, False), (2.0, True)])
+def test_an_uncertainty_is_too_small_where_fewer_errors_lie_within_it_than_chance_allows(scatter, understated):
+    error = scatter * np.random.default_rng(3).normal(size=3000)
+    errors = HeadingErrors(3600.0 * np.arange(3000.0), error, error, error, np.ones(3000))
+    share, low, high = errors.coverage
+    assert low < share < high and errors.understated == understated
 
 
 @pytest.fixture(scope="module")

@@ -106,11 +106,11 @@ def test_left_out_days_are_stated_with_their_rank_and_what_they_do_not_confirm()
     shown = finding.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001)
     weak = replace(shown, amplitude=finding.Amplitude(2.3, 0.5, -0.1, 1.1), placebo=finding.Placebo(19, 1.0))
     sure = replace(shown, amplitude=finding.Amplitude(3.7, 2.8, 2.0, 3.6), placebo=finding.Placebo(19, 0.05))
-    assert "0.5° (-0.1 to 1.1°, 95 %), where the other days predict 2.3°, rank 20 of 20" in (
+    assert "0.5° (-0.1 to 1.1°, 95 %), where the other days predict 2.3°, better predicted than 0 of 19" in (
         told := comparison.left_out_text(weak, 3.5)
     )
     assert "do not confirm it. Without it headings would be wrong by 3.5° rms." in told
-    assert "rank 1 of 20" in (told := comparison.left_out_text(sure, None)) and "confirm" not in told
+    assert "than 19 of 19 records" in (told := comparison.left_out_text(sure, None)) and "confirm" not in told
     assert comparison.left_out_text(shown, None) == ""
     assert "by 2°/K" in wording.tilt_zero_text(1815.0, 52000.0)  # 1815 / 52000 rad
 

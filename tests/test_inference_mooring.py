@@ -46,7 +46,9 @@ def test_nothing_is_found_where_nothing_was_left_out():
     assert found.verdict == "consistent" and not found.findings and found.unexplained is None
     assert found.experiments == ()
     assert not any(one.compass for one in found.applied)
-    assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith("Detection limits (90 % power): ")
+    assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith(
+        "Effects are noticed with a probability of 90 % from "
+    )
     told = dict(found.not_testable)
     assert "both compasses alike" in told["field_disturbance"] and "separated from A" in told["declination_error"]
     assert "current_veer" not in found.detectable_deg and not told.keys() & found.detectable_deg.keys()
@@ -213,6 +215,11 @@ def test_a_current_that_turns_directions_hides_no_fault_and_is_stated_beside_it(
     for finding in found.findings:  # what is printed is what the product weighs
         of_name = sum(weight for effect, weight in weights.items() if finding.effect in effect.split("+"))
         assert of_name == pytest.approx(finding.probability, abs=0.03)
+    (size,) = (curve for curve in found.curves if curve.covariate == "size_of_hard_iron_step")
+    since = size.centre > found.findings[0].where.low
+    jump = [size_deg[since].mean() - size_deg[~since].mean() for size_deg in (size.before_deg, size.after_deg)]
+    assert jump[0] > 3.0 and abs(jump[1]) < 0.6 * jump[0]
+    assert found.curves[-1].covariate not in ("heading", "time", size.covariate)  # what else stands out
 
 
 def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():

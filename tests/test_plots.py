@@ -38,6 +38,7 @@ from compasslib.plots.moorings import NAMED, SYNTHETIC_B_DEG, draw_angles, draw_
 from compasslib.plots.page import BACKWARDS, BLACK, DPI, GIVEN_UP, INVERTED, WIDTH_IN
 from compasslib.records import BAD, GOOD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.explanation import diagnosis_caption
+from compasslib.report.words import SPACE
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
@@ -323,13 +324,18 @@ def test_a_diagnosis_sets_the_slope_of_left_out_days_against_the_fitted_line(tmp
     size = {"fitted_elsewhere": 2.0, "held_out": 1.0, "low": -0.5, "high": 2.5}
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "amplitude_deg": size, "slope": slope, "placebo": placebo}
     found = {"effect": "temperature", "alternatives": [], "text": "", "heldout": proof}
-    curves = [residuals("turn_by_temperature", -2.0, 4.0), residuals("heading", 5.0, 355.0)]
+    found["when"] = {"from": "2007-12-04T00:00:00Z", "to": None}
+    dated = residuals("size_of_temperature", START_S, START_S + 3e7)
+    curves = [residuals("turn_by_temperature", -2.0, 4.0), residuals("heading", 5.0, 355.0), dated]
     content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves}
     page = saved(lambda: diagnosis.draw_mooring(tmp_path / "d.png", content))
     check_page(tmp_path / "d.png", page)
-    turn, heading, _ = page.axes
+    turn, heading, sized, _ = page.axes
+    assert sized.get_title("left") == "(c) temperature" and "date of the change" in words(page)
+    assert "outside are 25 of 36 bins without, 0 with correction" in diagnosis_caption(content).replace(SPACE, " ")
     title = turn.get_title("left").replace("\n", " ")
-    assert title == "(a) left-out days: slope 0.50 (−0.25 to 1.25), rank 3 of 20" and heading.get_title("left") == "(b)"
+    slope_title = "(a) left-out days: slope 0.50 (−0.25 to 1.25), better predicted than 17 of 19 simulations without it"
+    assert title == slope_title and heading.get_title("left") == "(b)"
     (wedge,) = turn.collections[0].get_paths()
     assert {(-2.0, 0.5), (-2.0, -2.5), (4.0, -1.0), (4.0, 5.0)} <= {tuple(point) for point in wedge.vertices.round(9)}
     assert "1 where form and size are right" in (said := diagnosis_caption(content)) and "along heading" not in said

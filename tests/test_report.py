@@ -263,10 +263,10 @@ def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
         *("Heeling", "It heels."),
         "the reading is not compensated for tilt (tilt uncompensated)",
     )
-    assert facts["Side"] == "compass" and facts["Size"] == "3.1° rms"
+    assert facts["Acts on"] == "compass" and facts["Size"] == "3.1° rms"
     assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
     assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
-    assert facts["Applied to the product"] == "yes"
+    assert facts["Corrected in the product"] == "yes"
     assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
 
 
@@ -279,10 +279,10 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
     assert explanation.describe_limits(told)[:3] == (
         "Decisive observation: A swing.",
         "Decisive observation: Wider headings.",
-        "Not testable: stuck tilt. No other sensor.",
+        "Not testable in this record: stuck tilt (no other sensor).",
     )
     assert explanation.describe_findings(told).replace(words.SPACE, " ") == (
-        "identified beyond the fitted deviation: the compass tilts over iron along its own vertical (heeling, "
+        "identified beyond the five coefficients: the compass tilts over iron along its own vertical (heeling, "
         "probability >99 %); an unexplained mismatch of 2.0° rms"
     )
 
@@ -304,7 +304,7 @@ def test_every_effect_stands_in_the_answer_as_a_clause_of_physics_and_its_name_i
     ]
 
 
-def test_what_cannot_be_tested_is_one_sentence_a_reason():
+def test_what_cannot_be_tested_stands_in_one_sentence_with_its_reasons():
     """Two effects for the same reason together; an effect of two forms once, and in part where a form was tried."""
     closed = [
         {"effect": "heading_slip", "why": "too short"},
@@ -318,9 +318,9 @@ def test_what_cannot_be_tested_is_one_sentence_a_reason():
         {"verdict": "explained", "separated_by": None, "not_testable": closed, "hypotheses": tried}
     )
     assert told == (
-        "Not testable: heading slip and compass drift. Too short.",
-        "Not testable: current veer. The depth does not vary. The pairs stand too far apart.",
-        "Testable only in part: stuck tilt. Too short.",
+        "Not testable in this record: heading slip and compass drift (too short); current veer (the depth does not "
+        "vary, the pairs stand too far apart).",
+        "Testable only in part: stuck tilt (too short).",
     )
 
 
@@ -346,7 +346,7 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
     assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
     assert section.first[0].title == "Difference of the two compasses"
     assert all("offset is" in figure.caption for figure in section.first[::2])
-    assert section.cells[-2] == "explained" and "Applied to the product" not in dict(section.findings[0].facts)
+    assert section.cells[-2] == "explained" and "Corrected in the product" not in dict(section.findings[0].facts)
 
 
 def test_a_large_fleet_has_small_pictures_of_its_currents(done, tmp_path, monkeypatch):

@@ -199,6 +199,7 @@ class SectionMeans:
     heading_sigma_deg: Floats  # (c,) of the (first) affected instrument, rms
     profiles: tuple[MeanProfile, MeanProfile]  # before and after
     profile_sigma: tuple[Floats, Floats]  # (z,) of the mean eastward and northward velocity after, heading alone
+    reference_share: Floats  # (z,) of the values, from reference instruments; NaN without any
 
 
 def read_section(path: str | Path, columns: int) -> SectionMeans:
@@ -220,12 +221,13 @@ def read_section(path: str | Path, columns: int) -> SectionMeans:
         count, shape = -(-len(time_s) // each), (-(-len(time_s) // each), len(depth_m))
         number, sums = np.zeros(shape), np.zeros((2, *shape), dtype=complex)
         moments = np.zeros((2, 3, len(depth_m)), dtype=complex)
-        by_mode = np.zeros((len(modes), len(depth_m)), dtype=complex)
+        by_mode, trusted = np.zeros((len(modes), len(depth_m)), dtype=complex), np.zeros(len(depth_m))
         for begin in range(0, len(time_s), each * max(CHUNK // each, 1)):
             rows = slice(begin, begin + each * max(CHUNK // each, 1))
             parts = [np.asarray(nc[name][rows]).astype(float) for name in ("UCUR", "VCUR")]
             source = np.asarray(nc["SOURCE"][rows])
             there = source > 0
+            trusted += (source > len(turned)).sum(axis=0)
             flow = np.where(there, parts[0] + 1j * parts[1], 0.0)
             here = np.arange(len(flow))[:, None]
             turns = np.nan_to_num(turned[np.clip(source, 1, len(turned)) - 1, begin + here])
@@ -258,6 +260,7 @@ def read_section(path: str | Path, columns: int) -> SectionMeans:
             np.sqrt(np.sum(by_mode.imag**2, axis=0)) / safe,
             np.sqrt(np.sum(by_mode.real**2, axis=0)) / safe,
         ),
+        reference_share=trusted / np.where(total > 0, total, np.nan),
     )
 
 

@@ -133,7 +133,7 @@ def _rounded(value: float | None, digits: int) -> float | None:
 MIN_SAMPLE_SHARE = 0.9  # of the samples that the fullest bin has: the nearest such bin is shown
 HOUR_S = 3600.0
 AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # over which a mean may go
-MAX_MEANS = 420
+MAX_MEANS, MAX_STICKS = 420, 90
 
 
 @dataclass(frozen=True)
@@ -191,14 +191,15 @@ def reference_current(pairs: Pairs) -> CurrentSeries:
     return CurrentSeries(pairs.time_s, pairs.lower_east + 1j * pairs.lower_north)
 
 
-def averaging_hours(time_s: Floats) -> float:
-    """Choose the hours of a mean, so that a record has a few hundred means.
+def averaging_hours(time_s: Floats, most: int = MAX_MEANS) -> float:
+    """Choose the hours of a mean.
 
     Args:
         time_s: increasing times, perhaps none.
+        most: means of the record.
     """
     hours = (time_s[-1] - time_s[0]) / HOUR_S if len(time_s) else 0.0
-    return float(next((span for span in AVERAGING_HOURS if hours <= MAX_MEANS * span), AVERAGING_HOURS[-1]))
+    return float(next((span for span in AVERAGING_HOURS if hours <= most * span), AVERAGING_HOURS[-1]))
 
 
 def average(flow: CurrentSeries, begin_s: float, hours: float, count: int) -> Complexes:

@@ -20,6 +20,7 @@ from compasslib.demo.water import HOUR_S, Floats, Layers
 
 BEGIN_S, HOURS = 1406851200.0, 3000  # 1 August 2014, four months
 IRON_NT, SMALLEST_DEG, LARGEST_DEG = 250.0, 2.5, 4.0
+AXES = ("forward", "starboard", "down")
 SHEAR = 2.2  # of C4's water, over that of the others
 
 
@@ -31,6 +32,17 @@ class Cause:
     driver: str
     effect: Callable[[float], Effect]  # by its size
     date_s: float | None = None
+    along: Floats | None = None  # (n,) what its iron is proportional to, zero apart
+    unit: str = "nT"  # of the iron's field, for one of that
+
+    def field(self, effect: Effect) -> dict[str, int | str] | None:
+        """Give the field of its iron forward, to starboard and down; nothing where it is no iron."""
+        if self.along is None or effect.body_nt is None:
+            return None
+        first, last = int(np.argmin(self.along)), int(np.argmax(self.along))
+        change = effect.body_nt[last] - effect.body_nt[first]
+        field = change / np.ptp(self.along) if np.ptp(self.along) else effect.body_nt[0]
+        return {name: round(float(x)) for name, x in zip(AXES, field, strict=True)} | {"unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -57,7 +69,10 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
         effect, size_deg = _sized(ground, cause.effect, float(rng.uniform(SMALLEST_DEG, LARGEST_DEG)))
         effects.append(effect)
         date = None if cause.date_s is None else str(np.datetime64(round(cause.date_s), "s"))
-        planted.append({"what": cause.words, "driver": cause.driver, "date": date, "size_deg": round(size_deg, 2)})
+        planted.append(
+            {"what": cause.words, "driver": cause.driver, "date": date, "size_deg": round(size_deg, 2)}
+            | {"field": cause.field(effect)}
+        )
     truth = sealed.write(ground, effects, Path(raw_dir) / name, sealed.Export())
     told = {
         "mooring": name,
@@ -125,8 +140,10 @@ def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     after = (ground.stamp_s > date).astype(float)
     upright = _iron(np.ones(ground.stamp_s.size), np.array([0.0, 0.0, 4.0 * rng.choice([-1.0, 1.0])]))
     return [
-        Cause("the sphere's iron changed at once", "time", _iron(after, _direction(rng)), date),
-        Cause("vertical iron, which reaches the compass as the sphere leans (heeling)", "tilt", upright),
+        Cause("the sphere's iron changed at once", "time", _iron(after, _direction(rng)), date, after),
+        Cause(
+            "vertical iron, which reaches the compass as the sphere leans (heeling)", "tilt", upright, None, 0.0 * after
+        ),
     ]
 
 
@@ -140,7 +157,11 @@ def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     bent = _unit(np.gradient(np.convolve(warm, np.ones(12) / 12.0, "same")))
     causes = [
         Cause(
-            f"a profiler passed on the wire every {every / HOUR_S:.0f} hours", "time", _iron(passing, _direction(rng))
+            f"a profiler passed on the wire every {every / HOUR_S:.0f} hours",
+            "time",
+            _iron(passing, _direction(rng)),
+            None,
+            passing,
         ),
         Cause("the wire strummed at one speed and shook the compass", "speed", _shift(strummed)),
         Cause("a circuit board of the compass bent while it warmed or cooled", "temperature", _shift(bent)),
@@ -149,8 +170,9 @@ def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
 
 
 def _warmed(ground: Ground, rng: np.random.Generator) -> list[Cause]:
-    warm = _unit(_along(ground, ground.temperature_c))
-    return [Cause("the iron's magnetism fell with warmth", "temperature", _iron(warm, _direction(rng)))]
+    warm = _along(ground, ground.temperature_c)
+    effect = _iron(_unit(warm), _direction(rng))
+    return [Cause("the iron's magnetism changed with temperature", "temperature", effect, None, warm, "nT/K")]
 
 
 def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:
@@ -158,9 +180,13 @@ def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, stre
 
 
 CASES = {
-    "C1": Case("iron that changed, and leans", _wish(60.5, -41.2, 420.0, wide=True, strength=0.25), _knocked),
+    "C1": Case("iron that changed, and heeling", _wish(60.5, -41.2, 420.0, wide=True, strength=0.25), _knocked),
     "C2": Case("a cause that nobody listed", _wish(61.0, -40.1, 510.0, wide=True, strength=0.2), _unlisted),
-    "C3": Case("a two-valued compass, and warmth", _wish(62.1, -38.6, 380.0, wide=True, strength=1.3), _warmed),
+    "C3": Case(
+        "a two-valued compass, and iron that depends on temperature",
+        _wish(62.1, -38.6, 380.0, wide=True, strength=1.3),
+        _warmed,
+    ),
     "C4": Case(
         "nothing, though it looks so", _wish(63.4, -36.0, 600.0, wide=False, strength=0.3), lambda *_: [], SHEAR
     ),

@@ -329,7 +329,7 @@ def left_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
             "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
         )
         rank = wording.rank_text(vars(proof.placebo)) if proof.placebo else ""
-        texts.append(size + (f", {rank} among records simulated without it." if rank else "."))
+        texts.append(size + (f", {rank} records simulated without it." if rank else "."))
         texts += [] if proof.confirmed else [" So left-out days do not confirm it."]
     if heading_error_deg is not None:
         texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")

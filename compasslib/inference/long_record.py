@@ -40,12 +40,13 @@ from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Une
 from compasslib.inference.omnibus import HeadingCluster, OmnibusResult
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.weighing import Inference
-from compasslib.inference.wording import TURN_PREFIX, tilt_zero_text
+from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX, tilt_zero_text
 from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
 OMNIBUS_SHARE = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
 FEWEST_IN_BIN = 10  # of a figure's curve
+LIKE_TIME = 0.9  # correlation with time, from which a covariate shows nothing that time does not
 NO_SIGMA = 1e-6  # standard error of a parameter that nothing depends on, in any unit
 
 
@@ -143,8 +144,18 @@ def _outcome(
             for item in shown
             if item.held_out.points is not None
         ]
-        names = dict.fromkeys(["heading", "time", *(item.where.covariate for item in shown)])
-        return [*turns, *(residual_curve(null_model, state, name) for name in names if name in case.covariates)]
+        named = {item.effect for item in shown}
+        steps = [term for term in state.simulation.terms if term.dated() and term.name in named]
+        along = dict.fromkeys(["heading", "time", *(item.where.covariate for item in shown)])
+        names = [name for name in along if name in case.covariates and (name != "time" or not steps)]
+        sizes = [residual_curve(null_model, state, "time", step=term) for term in steps]
+        others = [
+            residual_curve(null_model, state, name)
+            for name, x in case.covariates.items()
+            if name not in along and np.std(x) and abs(np.corrcoef(x, case.scene.time_s)[0, 1]) < LIKE_TIME
+        ]
+        known = [residual_curve(null_model, state, name) for name in names]
+        return [*turns, *known, *sizes, *sorted(others, key=_excess)[-1:]]
 
     return Outcome(
         comparison=case,
@@ -291,8 +302,8 @@ def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) ->
         (f"{size:.1f}° rms", name.replace("_", " ")) for size, name in (sizes[0], sizes[-1])
     )
     if best == worst:
-        return f"Detection limit (90 % power): {best} for every effect that was tried."
-    return f"Detection limits (90 % power): {best} ({first}) to {worst} ({last})."
+        return f"Any effect that was tried is noticed with a probability of 90 % from {best} on."
+    return f"Effects are noticed with a probability of 90 % from {best} ({first}) to {worst} ({last}) on."
 
 
 def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:
@@ -314,33 +325,47 @@ def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass
     )
 
 
-def residual_curve(before: FittedModel, after: FittedModel, covariate: str) -> BinnedResidual:
-    """Bin the residual along a covariate, with and without the terms; samples without a root are in no bin."""
-    x = before.case.covariates[covariate]
+def _excess(curve: BinnedResidual) -> float:
+    """Measure how far a binned residual stands out of its noise: its mean square in standard errors."""
+    return float(np.mean((curve.after_deg / curve.sigma_deg) ** 2)) if len(curve.centre) else 0.0
+
+
+def residual_curve(
+    before: FittedModel, after: FittedModel, covariate: str, *, step: Effect | None = None
+) -> BinnedResidual:
+    """Bin the residual along a covariate, with and without the terms; samples without a root are in no bin.
+
+    Args:
+        step: a term with a date, as whose size the residual of a bin is then given, rms degrees; the mean residual
+            does not show iron that changed, as the sign of what it does depends on the heading.
+    """
+    x, pattern = before.case.covariates[covariate], np.ones(len(before.case))
+    if step is not None:
+        pattern = design.term_columns(before, type(step)()).columns @ step.values
+        pattern = pattern / angles.rms(pattern)
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, finding.CURVE_BINS + 1)))
     if covariate == "heading":
         edges = np.arange(0.0, 361.0, 360.0 / (2 * finding.CURVE_BINS))
     bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     finite = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
     filled = np.flatnonzero(np.bincount(bins[finite], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
-    (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1) for state in (before, after))
-    return BinnedResidual(
-        covariate, (edges[filled] + edges[filled + 1]) / 2.0, first[filled], second[filled], sigma[filled]
-    )
+    (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1, pattern) for state in (before, after))
+    name, centre = f"{SIZE_PREFIX}{step.name}" if step else covariate, (edges[filled] + edges[filled + 1]) / 2.0
+    return BinnedResidual(name, centre, first[filled], second[filled], sigma[filled])
 
 
-def _binned(state: FittedModel, bins: NDArray[np.intp], count: int) -> tuple[Floats, Floats]:
-    """Compute mean residual and its standard error in each bin, by width; blocks of days count as one each.
+def _binned(state: FittedModel, bins: NDArray[np.intp], count: int, pattern: Floats) -> tuple[Floats, Floats]:
+    """Compute the multiple of a pattern in the residual of each bin, and its standard error; blocks of days count once.
 
     The error is never under what the blocks of all bins together make likely: the few of one bin may agree by chance,
     and on nulls some bins then lay seven of their own standard errors off.
     """
     width = state.whitener.width_deg
     weight, left = width**-2.0, state.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight
-    total = np.maximum(np.bincount(bins, weight, count), 1e-12)
-    mean = np.bincount(bins, weight * left, count) / total
+    total = np.maximum(np.bincount(bins, weight * pattern**2, count), 1e-12)
+    mean = np.bincount(bins, weight * pattern * left, count) / total
     time_s = state.case.scene.time_s
     block = np.floor((time_s - time_s[0]) / finding.RESIDUAL_MEMORY_S).astype(int)
-    sums = np.bincount(block * count + bins, weight * (left - mean[bins]), (block[-1] + 1) * count)
+    sums = np.bincount(block * count + bins, weight * pattern * (left - mean[bins] * pattern), (block[-1] + 1) * count)
     squares = np.sum(sums.reshape(-1, count) ** 2, axis=0)
     return mean, np.sqrt(np.maximum(squares, total * squares.sum() / total.sum())) / total

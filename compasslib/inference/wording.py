@@ -24,6 +24,7 @@ UNITS = {
     "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts", "field_strength": "percent",
 }  # fmt: skip
 TURN_PREFIX = "turn_by_"  # what the name of the turn by an effect begins with, degrees
+SIZE_PREFIX = "size_of_"  # of an effect with a date, along time
 UNITS_OF_CALIBRATIONS = UNITS | {
     "turn_rate": "degrees/s",
     "speed": "kn",
@@ -106,9 +107,9 @@ def level_text(level: str | None, probability: float | None, side: str, driver: 
 
 
 def rank_text(placebo: Mapping[str, Any]) -> str:
-    """State the rank of a gain among those of surrogates; nothing where there were none."""
+    """State among how many surrogates a gain is the larger one; nothing where there were none."""
     n, p = placebo["n"], placebo["rank_p"]
-    return "" if p is None else f"rank {round(p * (n + 1))} of {n + 1}"
+    return "" if p is None else f"better predicted than {n + 1 - round(p * (n + 1))} of {n}"
 
 
 def tilt_zero_text(field_nt_k: float, vertical_nt: float) -> str:

@@ -1,4 +1,4 @@
-"""The diagnosis of a mooring or of a calibration: the residual by covariate, before and after the identified effects.
+"""The diagnosis of a mooring or of a calibration: the residual by covariate, without and with the identified effects.
 
 Below it the size of each effect on days that were left out beside what the other days predict, and the heading error
 without it; for a calibration the residual on held-out data and the log evidence of each effect alone.
@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
 from compasslib.inference.wording import (
+    SIZE_PREFIX,
     TURN_PREFIX,
     UNITS,
     UNITS_OF_CALIBRATIONS,
@@ -25,7 +26,20 @@ from compasslib.inference.wording import (
     displayed_residuals,
     rank_text,
 )
-from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, Rows, dates, degrees, empty, legend, page
+from compasslib.plots.page import (
+    BLACK,
+    CORRECTED,
+    DAY_S,
+    GREY,
+    RECORDED,
+    VERMILION,
+    Rows,
+    dates,
+    degrees,
+    empty,
+    legend,
+    page,
+)
 from compasslib.types import Floats
 
 HOUR_S = 3600.0
@@ -37,6 +51,7 @@ LOG_FROM = 10.0  # log evidence above which its axis is logarithmic
 NAMES = {
     "heading": "Recorded heading", "time": "", "separation": "Distance of the two layers",
     "speed": "Speed of the upper current", "hour_of_day": "Hour of the day, UTC",
+    "reference_heading": "Heading of the reference instrument",
 }  # fmt: skip
 NAMES_OF_CALIBRATIONS = {
     "heading": "Heading", "time": "Time since the start (h)", "reading": "Number of the reading",
@@ -45,12 +60,10 @@ NAMES_OF_CALIBRATIONS = {
 BEFORE: dict[str, Any] = {"color": RECORDED, "marker": "o", "markersize": 3.0, "linestyle": ""}
 AFTER: dict[str, Any] = {"color": CORRECTED, "marker": "s", "markersize": 3.0, "linestyle": ""}
 EFFECT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
+DATE: dict[str, Any] = {"color": BLACK, "linestyle": ":", "linewidth": 1.0}
 SIZES: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"color": CORRECTED, "marker": "s", "markersize": 4.0, "linestyle": ""}, "size on left-out data, 95 %"),
-    (
-        {"color": BLACK, "marker": "o", "markersize": 5.0, "markerfacecolor": "none", "linestyle": ""},
-        "as others predict",
-    ),
+    ({"color": BLACK, "marker": "|", "markersize": 7.0, "linestyle": ""}, "size on left-out days, 95 %"),
+    ({"color": BLACK, "marker": "o", "markersize": 5.0, "mfc": "none", "linestyle": ""}, "as other days predict"),
     ({"color": VERMILION, "marker": "D", "markersize": 4.0, "linestyle": ""}, "heading error without it"),
 )
 BAND: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
@@ -59,8 +72,7 @@ LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
 
 def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a mooring's diagnosis from the content of its diagnosis.json."""
-    curves = displayed_residuals(diagnosis)[:MOST_PANELS]
-    _draw(path, diagnosis, curves, (NAMES, UNITS), _simultaneous(sum(len(curve["centre"]) for curve in curves)))
+    _draw(path, diagnosis, displayed_residuals(diagnosis)[:MOST_PANELS], (NAMES, UNITS), dated=True)
 
 
 def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
@@ -70,7 +82,15 @@ def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
         x = curve["centre"]
         timed = curve["covariate"] == "time"
         curves.append({**curve, "centre": [(time - x[0]) / HOUR_S for time in x]} if timed else curve)
-    _draw(path, diagnosis, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), None)
+    _draw(path, diagnosis, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), dated=False)
+
+
+def count_outside(diagnosis: Mapping[str, Any]) -> tuple[int, int, int]:
+    """Count the bins that are drawn, and those outside the range of noise without and with the identified effects."""
+    curves = displayed_residuals(diagnosis)[:MOST_PANELS]
+    bins = np.concatenate([np.stack(_columns(curve)[1:]) for curve in curves], axis=1)
+    outside = np.abs(bins[:2]) > _band_sigmas(curves) * bins[2]
+    return outside.shape[1], int(outside[0].sum()), int(outside[1].sum())
 
 
 def _draw(
@@ -78,32 +98,30 @@ def _draw(
     diagnosis: Mapping[str, Any],
     curves: Sequence[Mapping[str, Any]],
     said: tuple[Mapping[str, str], Mapping[str, str]],
-    reach: float | None,
+    *,
+    dated: bool,
 ) -> None:
     """Draw panel under panel.
 
     Args:
         said: names and units of the covariates.
-        reach: of the band, standard errors; each curve's own where absent.
+        dated: whether time is UTC.
     """
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
-    ranked = (
-        [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:MOST_BARS]
-        if reach is None
-        else []
-    )
+    ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:MOST_BARS]
     short, full = Rows([_short(entry) for entry in proven]), Rows([display_name(entry["effect"]) for entry in ranked])
     heights = [PANEL_IN] * len(curves) + [AXIS_IN + rows.height_in for rows in (short, full) if rows.names]
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
         if not heights:
             empty(panels[0], "no effect identified")
+        marked: list[Line2D] = []
         for curve in curves:
             axes = panels.pop(0)
-            _residual(axes, curve, _label(curve["covariate"], *said), reach)
+            _residual(axes, curve, _label(curve["covariate"], *said), _band_sigmas(curves), dated=dated)
             _follow(axes, curve, proven)
-            if curve["covariate"] == "time" and reach is not None:
-                _mark_dates(axes, diagnosis["findings"])
+            if _along_time(curve) and dated:
+                marked += _mark_dates(axes, diagnosis["findings"])
         sized = [entry for entry in proven if entry["heldout"].get("amplitude_deg")]
         if proven:
             (_sizes if len(sized) == len(proven) else _held_out)(panels.pop(0), proven, short)
@@ -111,9 +129,10 @@ def _draw(
             _ranking(panels.pop(0), ranked, full, [entry["effect"] for entry in diagnosis["findings"]])
         handles = [Line2D([], [], **AFTER, label="residual of the fit")]
         if diagnosis["findings"]:
-            handles = [Line2D([], [], **BEFORE, label="before")]
-            handles.append(Line2D([], [], **AFTER, label="after (effects included)"))
+            handles = [Line2D([], [], **BEFORE, label="without correction")]
+            handles.append(Line2D([], [], **AFTER, label="with correction"))
             handles += [Line2D([], [], **EFFECT, label="identified effect")] if curves else []
+        handles += [Line2D([], [], **DATE, label="date of the change")] if marked else []
         noise = [Patch(**BAND, label="95 % range of noise")] if curves else []
         if any(entry["heldout"].get("slope") for entry in proven):
             noise.append(Patch(**LEFT_OUT, label="slope of left-out days, 95 %"))
@@ -121,17 +140,21 @@ def _draw(
         legend(figure, [*handles, *noise, *of_sizes] if curves or proven else [])
 
 
-def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | None) -> None:
-    """Draw the binned residual before and after, the identified effect between them, and the range of noise.
+def _along_time(curve: Mapping[str, Any]) -> bool:
+    return curve["covariate"] == "time" or curve["covariate"].startswith(SIZE_PREFIX)
+
+
+def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *, dated: bool) -> None:
+    """Draw the binned residual without and with correction, the correction between them, and the range of noise.
 
     Nothing is drawn between neighbouring bins that lie apart: there are no data.
     """
     x, before, after, sigma = _columns(curve)
     covariate = curve["covariate"]
-    if covariate == "time" and reach is not None:
+    if _along_time(curve) and dated:
         dates(axes, (x[0], x[-1]))
-        x = x / 86400.0
-    half, step = (reach or _simultaneous(len(x))) * sigma, np.diff(x)
+        x = x / DAY_S
+    half, step = reach * sigma, np.diff(x)
     # A bin extends half-way to its neighbours, and less far into a gap.
     reached, edge = np.minimum(step, GAP * np.median(step)) / 2.0, np.median(step) / 2.0
     low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
@@ -145,8 +168,9 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float | N
             axes.plot(np.insert(x, apart, np.nan), np.insert(before - after, apart, np.nan), **EFFECT)
         axes.plot(x, before, **BEFORE)
     axes.plot(x, after, **AFTER)
-    axes.set_ylabel("Residual (°)")
-    axes.set_title(curve.get("compared", ""))
+    sized = covariate.startswith(SIZE_PREFIX)
+    axes.set_ylabel("Size (° rms)" if sized else "Residual (°)")
+    axes.set_title(display_name(covariate.removeprefix(SIZE_PREFIX)) if sized else curve.get("compared", ""))
     if label:
         axes.set_xlabel(label)
     if covariate == "heading":
@@ -164,19 +188,19 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
         axes.fill_between(x, slope["low"] * x, slope["high"] * x, **LEFT_OUT)
         axes.plot(x, slope["value"] * x, color=CORRECTED, linewidth=1.0)
         texts.append("slope {value:.2f} ({low:.2f} to {high:.2f})".format(**slope).replace("-", "−"))
-    if proof.get("placebo"):
-        texts.append(rank_text(proof["placebo"]))
+    if (proof.get("placebo") or {}).get("rank_p") is not None:
+        texts.append(f"{rank_text(proof['placebo'])} simulations without it")
     if any(texts):
-        axes.set_title(f"left-out days: {', '.join(filter(None, texts))}")
+        axes.set_title(f"left-out days: {', '.join(texts)}")
 
 
-def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> None:
+def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> list[Line2D]:
     """Mark when effects begin or end within the record."""
     low, high = axes.get_xlim()
-    for text in filter(None, {(entry.get("when") or {}).get(end) for entry in findings for end in ("from", "to")}):
-        day = np.datetime64(text.removesuffix("Z")).astype("datetime64[s]").astype(float) / 86400.0
-        if low + 0.02 * (high - low) < day < high - 0.02 * (high - low):
-            axes.axvline(day, color=BLACK, linestyle=":", linewidth=1.0)
+    texts = filter(None, {(entry.get("when") or {}).get(end) for entry in findings for end in ("from", "to")})
+    days = [np.datetime64(text.removesuffix("Z")).astype("datetime64[s]").astype(float) / DAY_S for text in texts]
+    margin = 0.02 * (high - low)
+    return [axes.axvline(day, **DATE) for day in days if low + margin < day < high - margin]
 
 
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
@@ -188,6 +212,8 @@ def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
 
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
     """Label an axis: the covariate's name, and the unit that the sentences have, abbreviated."""
+    if covariate.startswith(SIZE_PREFIX):
+        return ""  # along time
     if covariate.startswith(TURN_PREFIX):
         return f"Turn by {display_name(covariate.removeprefix(TURN_PREFIX))} (°)"
     name = names.get(covariate, covariate.replace("_", " ").capitalize())
@@ -195,15 +221,16 @@ def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -
     return f"{name} ({unit})" if unit else name
 
 
-def _simultaneous(bins: int) -> float:
+def _band_sigmas(curves: Sequence[Mapping[str, Any]]) -> float:
     """Compute the half-width, in standard errors, of a simultaneous 95 % band over all bins (Šidák)."""
+    bins = sum(len(curve["centre"]) for curve in curves)
     return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / max(bins, 1)))
 
 
 def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
     """Draw what other days predict of each effect, what left-out days show, and the heading error without it."""
     sizes = [entry["heldout"]["amplitude_deg"] for entry in findings]
-    axes.hlines(rows.places, [x["low"] for x in sizes], [x["high"] for x in sizes], color=CORRECTED, linewidth=1.3)
+    axes.hlines(rows.places, [x["low"] for x in sizes], [x["high"] for x in sizes], color=BLACK, linewidth=1.3)
     without = [entry.get("heading_error_without_deg") for entry in findings]
     series = ([x["held_out"] for x in sizes], [x["fitted_elsewhere"] for x in sizes], without)
     for (look, _), values, shift in zip(SIZES, series, (0.0, 0.2, -0.2), strict=True):

@@ -39,12 +39,11 @@ from compasslib.plots.page import (
     empty,
     legend,
     page,
+    round_down,
 )
 from compasslib.types import Complexes, Floats
 
-CYCLE = (GREEN, VERMILION, SKY, PURPLE, BLACK)
-DASHES = ("-", "--", ":", "-.")
-NAMED = len(CYCLE) * len(DASHES)  # moorings; more have no names in a figure
+NAMED = 20  # moorings; more have no names in a figure
 PANEL_IN = 5.0  # height of a panel of more moorings than can be named
 SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 CM = 100.0
@@ -60,29 +59,40 @@ class AssessedMooring:
 
 
 def draw_curves(path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw the deviation of each mooring's compass by the correct heading, where it can be inverted."""
-    fitted = [mooring for mooring in moorings if mooring.fit.fitted]
-    with page(path, 3.4, width_in=WIDE_IN) as figure:
-        axes = figure.subplots()
-        degrees(axes.xaxis, (0.0, 360.0))
-        axes.set(xlabel="Correct heading β (° magnetic)", ylabel="Deviation β − γ (°)")
-        axes.axhline(0.0, color=BLACK, linewidth=0.7)
-        if not fitted:
-            empty(axes)
-            return
-        handles = []
-        for k, mooring in enumerate(fitted):
-            curve = deviation_curve(mooring.fit, 0.0, np.zeros(0))
-            look: dict[str, Any] = {"color": CYCLE[k % len(CYCLE)], "linestyle": DASHES[k // len(CYCLE) % len(DASHES)]}
-            if len(fitted) > NAMED:
-                look = {"color": colormaps["viridis"](k / len(fitted)), "linewidth": 0.6, "alpha": 0.6}
-            deviation = angles.wrap180(curve.deviation_deg)
-            jumps = np.abs(np.diff(deviation, prepend=deviation[0])) > 180.0
-            deviation = np.where((curve.stretch == GIVEN_UP) | jumps, np.nan, deviation)
-            axes.plot(curve.heading_deg, deviation, **look)
-            handles.append(Line2D([], [], **look, label=mooring.name))
-        axes.grid(alpha=0.3, linewidth=0.5)
-        legend(figure, handles if len(fitted) <= NAMED else [], columns=7)
+    """Draw the deviation of each mooring's compass by the correct heading, where it can be inverted.
+
+    Each has a panel of its own, in which the others are grey; more than can be named are one panel.
+    """
+    curves = {}
+    for mooring in (mooring for mooring in moorings if mooring.fit.fitted):
+        fitted = deviation_curve(mooring.fit, 0.0, np.zeros(0))
+        deviation = angles.wrap180(fitted.deviation_deg)
+        jumps = np.abs(np.diff(deviation, prepend=deviation[0])) > 180.0
+        curves[mooring.name] = (fitted.heading_deg, np.where((fitted.stretch == GIVEN_UP) | jumps, np.nan, deviation))
+    names = list(curves) if 0 < len(curves) <= NAMED else [""]
+    columns = min(len(names), 4)
+    rows = -(-len(names) // columns)
+    with page(path, 0.6 + (1.4 * rows if columns > 1 else 2.8), width_in=WIDE_IN) as figure:
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes, name in zip(panels.flat, names, strict=False):
+            degrees(axes.xaxis, (0.0, 360.0))
+            axes.grid(alpha=0.3, linewidth=0.5)
+            axes.axhline(0.0, color=BLACK, linewidth=0.7)
+            for k, (other, curve) in enumerate(curves.items()):
+                colour = GREY if name else colormaps["viridis"](k / len(curves))
+                if other != name:
+                    axes.plot(*curve, color=colour, linewidth=0.6, alpha=0.6)
+            if name:
+                axes.plot(*curves[name], color=BLUE, linewidth=1.5)
+                axes.set_title(name)
+        for axes in panels.flat[max(len(names) - columns, 0) : len(names)]:
+            axes.tick_params(labelbottom=True)  # the lowest of its column
+        for axes in panels.flat[len(names) :]:
+            axes.set_visible(False)
+        if not curves:
+            empty(panels[0, 0])
+        figure.supxlabel("Correct heading β (° magnetic)", fontsize=8.0)
+        figure.supylabel("Deviation β − γ (°)", fontsize=8.0)
 
 
 def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
@@ -159,8 +169,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
                 axes.text(cell.real, cell.imag + 0.45 * high, name, ha="center", va="center")
         axes.set_xlim(wide * (columns - across - 1) / 2.0, wide * (columns + across - 1) / 2.0)
         axes.set_ylim(high * (0.5 - lines) - 0.15 * wide, high * 0.5)
-        steps = np.outer(10.0 ** np.arange(-3, 4), (1.0, 2.0, 5.0)).ravel()
-        scale, left = float(steps[steps <= max(wide / 3.0, steps[0])].max()), axes.get_xlim()[0]
+        scale, left = round_down(wide / 3.0), axes.get_xlim()[0]
         axes.plot([left, left + scale], [high * (0.5 - lines) - 0.1 * wide] * 2, color=BLACK)
         handles = [Line2D([], [], color=colour, label=name) for name, colour in SERIES.items()]
         handles.append(Line2D([], [], color=BLACK, label=f"{scale:g} cm/s; north is up"))

@@ -21,17 +21,19 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive.gridded import MeanProfile, SectionMeans
-from compasslib.archive.summary import HOUR_S, BinCurrents, CurrentSeries, average, averaging_hours
+from compasslib.archive.summary import HOUR_S, MAX_MEANS, BinCurrents, CurrentSeries, average, averaging_hours
 from compasslib.plots.page import (
     BLACK,
     CORRECTED,
     DAY_S,
     GREEN,
+    LETTERS,
     MAGNETIC,
     PURPLE,
     RECORDED,
     REFERENCE,
     SKY,
+    TRUE,
     dates,
     degrees,
     emptiest,
@@ -39,6 +41,7 @@ from compasslib.plots.page import (
     legend,
     page,
     placed,
+    round_down,
     sectors,
 )
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
@@ -52,8 +55,8 @@ GUESS = 0.75  # a branch less probable is drawn as a guess
 SURE, DOUBTFUL, GUESSED, UNCORRECTED = 0, 1, 2, 3
 KINDS = {
     SURE: ("corrected (flags 1, 2)", CORRECTED),
-    DOUBTFUL: (f"doubtful (flag 3), probability ≥ {GUESS:g}", SKY),
-    GUESSED: (f"doubtful (flag 3), probability < {GUESS:g}", PURPLE),
+    DOUBTFUL: ("doubtful (flag 3)", SKY),
+    GUESSED: ("doubtful (flag 3), two headings fit", PURPLE),
     UNCORRECTED: ("not corrected (flag 4)", BLACK),
 }
 
@@ -81,8 +84,10 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
         if (kind >= 0).any() and (kind != UNCORRECTED).any():
             handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
             handles[0].set_label("recorded")
-            handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="one standard deviation"))
-        legend(figure, [*handles, *([Patch(color=GREEN, label="reference overlaps")] if len(pairs) else [])], columns=1)
+            handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated uncertainty, 1σ"))
+        legend(
+            figure, [*handles, *([Patch(color=GREEN, label="days with reference")] if len(pairs) else [])], columns=1
+        )
         figure.align_ylabels(panels)
 
 
@@ -199,10 +204,10 @@ class AveragedCurrents:
         return self.begin_s + self.hours * HOUR_S * (np.arange(count) + 0.5)
 
 
-def average_currents(shown: BinCurrents, reference: CurrentSeries) -> AveragedCurrents:
-    """Average recorded and corrected current, and the reference's where it overlaps, over the same spans."""
+def average_currents(shown: BinCurrents, reference: CurrentSeries, most: int = MAX_MEANS) -> AveragedCurrents:
+    """Average recorded and corrected current, and the reference's where it overlaps, over at most so many spans."""
     time_s = shown.recorded.time_s
-    hours = averaging_hours(time_s)
+    hours = averaging_hours(time_s, most)
     begin_s = float(time_s[0]) if len(time_s) else 0.0
     count = int((time_s[-1] - begin_s) / (hours * HOUR_S)) + 1 if len(time_s) else 0
     flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
@@ -212,7 +217,7 @@ def average_currents(shown: BinCurrents, reference: CurrentSeries) -> AveragedCu
 
 def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
     """Draw each mean current as a stick from its time towards where the water goes, north up."""
-    with page(path, 0.55 + 0.95 * max(len(plotted.means), 1)) as figure:
+    with page(path, 0.75 + 0.95 * max(len(plotted.means), 1)) as figure:
         panels = figure.subplots(max(len(plotted.means), 1), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         if not plotted.means:
             empty(panels[0])
@@ -223,7 +228,10 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
         for axes, (name, mean) in zip(panels, plotted.means.items(), strict=True):
             there = np.isfinite(mean)
             u, v = CM * mean[there].real, CM * mean[there].imag
-            axes.quiver(plotted.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=COLOURS[name], **STICK)
+            sticks = axes.quiver(plotted.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=COLOURS[name], **STICK)
+            if axes is panels[0]:
+                scale = round_down(float(np.percentile(np.hypot(u, v), 90.0)))
+                axes.quiverkey(sticks, 0.8, 1.12, scale, f"{scale:g} cm/s", labelpos="E", fontproperties=LETTERS)
             axes.axhline(0.0, color=COLOURS[name], linewidth=0.5)
             axes.set_ylabel(f"{name.capitalize()}\n(cm/s)")
             axes.set_ylim(low - room, high + room)
@@ -273,9 +281,11 @@ def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, h
     towards = {name: angles.direction(flow.velocity.real, flow.velocity.imag) for name, flow in flows.items()}
     handles: dict[str, Any] = {name: Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()}
     handles["reference"] = Patch(color=REFERENCE, alpha=0.5, linewidth=0, label="reference")
-    with page(path, 2.45) as figure:
+    with page(path, 2.6) as figure:
         visible: set[str] = set()
-        for k, (title, series) in enumerate((("Current towards", towards), ("Heading (magnetic)", headings))):
+        for k, (title, series) in enumerate(
+            ((f"Current towards\n{TRUE}", towards), (f"Heading\n{MAGNETIC}", headings))
+        ):
             known = {name: angle for name, angle in series.items() if np.isfinite(angle).any()}
             _draw_rose(figure, k, title, known)
             visible |= set(known)
@@ -298,12 +308,14 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
         else:
             axes.plot(np.append(around, around[0]), np.append(radius, radius[0]), color=colour, linewidth=1.2)
     axes.set_xticks(np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False), ["N", "E", "S", "W"])
-    axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+    axes.tick_params(axis="x", pad=-1.0)
+    axes.yaxis.set_major_locator(MaxNLocator(2, integer=True))
     axes.yaxis.set_major_formatter("{x:.0f} %")
     axes.grid(linewidth=0.4)
     quarters = np.sum([sectors(x, 0.0) for x in series.values()] or [np.zeros(36)], axis=0).reshape(4, -1)
     axes.set_rlabel_position(45.0 + 90.0 * float(np.argmin(quarters.max(axis=1))))  # where nothing hides its numbers
-    axes.set_xlabel(f"{title}\n(% per 10°)")
+    axes.set_title(title)
+    axes.set_xlabel("% of samples per 10°")
     if not series:
         axes.set_yticks([])
         axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
@@ -311,52 +323,75 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
 
 COLUMNS = 400  # of a section: as many as a column of print has dots
 TO_CM, WIDEST = 100.0, 98.0  # the colours end at this percentile of the speeds of a component
-COLOUR_MAP = "RdBu_r"
+COLOUR_MAP, ADDED = "RdBu_r", "corrected minus recorded"
 MAX_AXES = 8  # principal axes along a profile
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
-    """Draw eastward and northward velocity by time and depth, before and after, and how well directions are known.
+    """Draw the velocity by time and depth before and after, what the correction adds, and the direction's uncertainty.
 
     Args:
         section: perhaps without any velocity.
     """
     fields = {
-        "U, recorded": section.before.real, "U, corrected": section.after.real,
-        "V, recorded": section.before.imag, "V, corrected": section.after.imag,
-    }  # fmt: skip
-    with page(path, 6.6) as figure:
-        panels = figure.subplots(5, 1, sharex=True, height_ratios=(2.0, 2.0, 2.0, 2.0, 1.3))
+        f"{name}, {when}": part(values)
+        for name, part in (("U", np.real), ("V", np.imag))
+        for when, values in (
+            ("recorded", section.before),
+            ("corrected", section.after),
+            (ADDED, section.after - section.before),
+        )
+    }
+    with page(path, 8.4) as figure:
+        panels = figure.subplots(7, 1, sharex=True, height_ratios=[2.0] * 6 + [1.3])
         if not np.isfinite(section.after).any():
             for axes in panels:
                 empty(axes)
             return
-        known = np.abs(np.concatenate([x[np.isfinite(x)] for x in fields.values()]))
-        limit = max(TO_CM * float(np.percentile(known, WIDEST)), 1.0)
         step = float(np.median(np.diff(section.depth_m))) if len(section.depth_m) > 1 else 1.0
         depths = np.append(section.depth_m - step / 2.0, section.depth_m[-1] + step / 2.0)
         there = np.flatnonzero(np.isfinite(section.after).any(axis=0))
-        for axes, (title, values) in zip(panels[:4], fields.items(), strict=True):
-            image = axes.pcolormesh(
-                section.edges_s / DAY_S, depths, TO_CM * values.T, cmap=COLOUR_MAP, norm=Normalize(-limit, limit),
-                rasterized=True,
-            )  # fmt: skip
-            axes.set_title(title)
-            axes.set_facecolor("#DDDDDD")
-            axes.set_ylim(depths[there[-1] + 1], depths[there[0]])
-            axes.set_ylabel("Depth (m)")
-            axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        bar = figure.colorbar(image, ax=list(panels[:4]), aspect=40, pad=0.02, extend="both")
-        bar.set_label("cm/s")
+        drawn = dict(zip(fields, panels, strict=False))
+        for added in (False, True):
+            shown = {title: values for title, values in fields.items() if title.endswith(ADDED) == added}
+            known = np.abs(np.concatenate([x[np.isfinite(x)] for x in shown.values()]))
+            limit = max(TO_CM * float(np.percentile(known, WIDEST)), 1.0)
+            for title, values in shown.items():
+                axes = drawn[title]
+                image = axes.pcolormesh(
+                    section.edges_s / DAY_S, depths, TO_CM * values.T, cmap=COLOUR_MAP, norm=Normalize(-limit, limit),
+                    rasterized=True,
+                )  # fmt: skip
+                axes.set_title(title)
+                axes.set_facecolor("#DDDDDD")
+                axes.set_ylim(depths[there[-1] + 1], depths[there[0]])
+                axes.set_ylabel("Depth (m)")
+                axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+                _mark_instruments(axes, section, step)
+            place: dict[str, Any] = {"ax": list(panels[:6]), "location": "right" if not added else "bottom"}
+            bar = figure.colorbar(image, aspect=40, pad=0.02, extend="both", **place)
+            bar.set_label(f"{ADDED.capitalize()} (cm/s)" if added else "Recorded, corrected (cm/s)")
         # Draw the standard deviation of the affected instrument's directions.
         middle = (section.edges_s[1:] + section.edges_s[:-1]) / 2.0
-        panels[4].plot(middle / DAY_S, section.heading_sigma_deg, color=CORRECTED, linewidth=0.8)
+        panels[6].plot(middle / DAY_S, section.heading_sigma_deg, color=CORRECTED, linewidth=0.8)
         known = section.heading_sigma_deg[np.isfinite(section.heading_sigma_deg)]
-        panels[4].set_ylim(0.0, 1.15 * float(known.max()) if known.size else 1.0)
-        panels[4].set_title("Direction, one standard deviation")
-        panels[4].set_ylabel("σ (°)")
-        dates(panels[4], (float(section.edges_s[0]), float(section.edges_s[-1])))
+        panels[6].set_ylim(0.0, 1.15 * float(known.max()) if known.size else 1.0)
+        panels[6].set_title("Direction, stated uncertainty (1σ)")
+        panels[6].set_ylabel("σ (°)")
+        dates(panels[6], (float(section.edges_s[0]), float(section.edges_s[-1])))
         figure.align_ylabels(panels)
+        sources = {"affected instrument": CORRECTED, "reference": REFERENCE}
+        legend(figure, [Line2D([], [], color=colour, linewidth=4.0, label=name) for name, colour in sources.items()])
+
+
+def _mark_instruments(axes: Axes, section: SectionMeans, step_m: float) -> None:
+    """Mark at the panel's right edge from which instrument most values of a depth are."""
+    for here, colour in ((section.reference_share < 0.5, CORRECTED), (section.reference_share >= 0.5, REFERENCE)):
+        middle = section.depth_m[here]
+        axes.vlines(
+            np.full(len(middle), 1.015), middle - step_m / 2.0, middle + step_m / 2.0, colors=colour, linewidth=4.0,
+            transform=axes.get_yaxis_transform(), clip_on=False,
+        )  # fmt: skip
 
 
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
@@ -373,21 +408,26 @@ def draw_profile(path: str | Path, section: SectionMeans) -> None:
             for axes in panels:
                 empty(axes)
             return
+        reference = section.reference_share >= 0.5
         for axes, part, sigma, name in zip(panels, ("real", "imag"), section.profile_sigma, "UV", strict=False):
             middle, half = TO_CM * getattr(after.mean, part), TO_CM * NORMAL_95 * sigma
             axes.fill_betweenx(section.depth_m, middle - half, middle + half, color=CORRECTED, alpha=0.25, linewidth=0)
-            for profile, colour in ((before, RECORDED), (after, CORRECTED)):
-                axes.plot(TO_CM * getattr(profile.mean, part), section.depth_m, color=colour)
+            for profile, here, colour in (
+                (before, ~reference, RECORDED), (after, ~reference, CORRECTED), (after, reference, REFERENCE),
+            ):  # fmt: skip
+                mean = np.where(here, TO_CM * getattr(profile.mean, part), np.nan)
+                axes.plot(mean, section.depth_m, color=colour, marker="o", markersize=2.5)
             axes.axvline(0.0, color="#444444", linewidth=0.5)
             axes.set_xlabel(f"Mean {name}\n(cm/s)")
             axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         shown = there[:: max(1, -(-len(there) // MAX_AXES))]
-        _draw_axes(panels[2], section.depth_m, (before, after), shown)
+        _draw_axes(panels[2], section.depth_m, (before, after), shown, reference)
         room = 0.12 * float(np.ptp(section.depth_m[there])) + 1.0  # for the axes at the ends
         panels[0].set_ylim(section.depth_m[there[-1]] + room, section.depth_m[there[0]] - room)
         panels[0].set_ylabel("Depth (m)")
-        names = {"recorded": RECORDED, "corrected": CORRECTED}
-        legend(figure, [Line2D([], [], color=colour, label=name) for name, colour in names.items()])
+        names = {name: colour for name, colour in COLOURS.items() if name != "reference" or reference[there].any()}
+        handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names.items()]
+        legend(figure, [*handles, Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="95 %, heading alone")])
 
 
 def principal_axis(profile: MeanProfile) -> tuple[Floats, Floats]:
@@ -397,15 +437,19 @@ def principal_axis(profile: MeanProfile) -> tuple[Floats, Floats]:
     return np.sqrt(np.maximum(size, 0.0)), 0.5 * np.arctan2(profile.covariance, half)
 
 
-def _draw_axes(axes: Axes, depth_m: Floats, profiles: tuple[MeanProfile, MeanProfile], shown: NDArray[np.intp]) -> None:
+def _draw_axes(
+    axes: Axes, depth_m: Floats, profiles: tuple[MeanProfile, MeanProfile], shown: NDArray[np.intp],
+    reference: NDArray[np.bool_],
+) -> None:  # fmt: skip
     """Draw major axes as lines about their depth, north up, all to one scale along the panel's width."""
     sizes = [principal_axis(profile) for profile in profiles]
     longest = TO_CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
     for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):
+        colours = [REFERENCE if trusted else colour for trusted in reference[shown]]
         axes.quiver(
             np.zeros(len(shown)), depth_m[shown],
             TO_CM * (size * np.cos(way))[shown], TO_CM * (size * np.sin(way))[shown],
-            color=colour, angles="uv", scale_units="x", scale=1.0, units="inches", width=0.014, pivot="mid",
+            color=colours, angles="uv", scale_units="x", scale=1.0, units="inches", width=0.014, pivot="mid",
             headwidth=0.0, headlength=0.0, headaxislength=0.0,
         )  # fmt: skip
     axes.set_xlim(-0.6 * longest, 0.6 * longest)

@@ -4,53 +4,65 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from compasslib.plots.page import CORRECTED, DAY_S, dates, legend, page
+from compasslib.plots.page import BLACK, CORRECTED, DAY_S, VERMILION, dates, legend, page
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
-FIT = "#999999"
+FIT = "#555555"
+POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.5, "markeredgewidth": 0}
+REACHED = 0.99  # share of the errors that the vertical axis holds
+
+
+def error_reach(errors_deg: Sequence[Floats]) -> float:
+    """Choose the limit of a vertical axis that figures of several moorings share, degrees.
+
+    Args:
+        errors_deg: of each mooring, NaN left out.
+    """
+    known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors_deg] or [np.zeros(0)])
+    return 5.0 * float(np.ceil(np.quantile(known, REACHED) / 5.0)) if known.size else 5.0
 
 
 def draw_errors(
     path: str | Path, time_s: Floats, fit_deg: Floats, corrected_deg: Floats, sigma_deg: Floats,
-    planted: Sequence[str | None],
+    dates_utc: Sequence[str | None], reach_deg: float,
 ) -> None:  # fmt: skip
-    """Draw daily means of heading errors by the fitted coefficients alone and after correction, with the stated band.
+    """Draw the error of each heading by the fitted coefficients alone and as corrected, with the stated 95 % range.
 
     Args:
         fit_deg: heading by the fitted coefficients minus truth, (n,), NaN where there is none.
         corrected_deg: corrected heading minus truth, (n,).
         sigma_deg: stated standard deviation of the corrected headings, (n,).
-        planted: dates, UTC, at which something changed; None without a date.
+        dates_utc: at which something changed; None without a date.
+        reach_deg: limit of the vertical axis; what is beyond stands at its edge.
     """
-    day = np.floor(time_s / DAY_S).astype(int)
-    begin, middle = day[0], (np.unique(day) + 0.5)
-
-    def daily(values: Floats) -> Floats:
-        known = np.isfinite(values)
-        count = np.bincount(day[known] - begin, minlength=int(day[-1] - begin + 1))
-        total = np.bincount(day[known] - begin, values[known], len(count))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return (total / count)[np.unique(day) - begin]
-
-    half = NORMAL_95 * daily(sigma_deg)
-    with page(path, 2.9) as figure:
-        axes = figure.subplots()
-        axes.fill_between(middle, -half, half, color=CORRECTED, alpha=0.15, linewidth=0)
-        for series, colour in ((fit_deg, FIT), (corrected_deg, CORRECTED)):
-            axes.plot(middle, daily(series), color=colour, linewidth=1.0)
-        axes.axhline(0.0, color="#444444", linewidth=0.5)
-        for date in filter(None, planted):
-            axes.axvline(
-                np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S, color="#222222", linestyle=":"
-            )
-        axes.set_ylabel("Heading error (°)")
-        dates(axes, (float(time_s[0]), float(time_s[-1])))
-        lines = {"fitted coefficients alone": FIT, "corrected": CORRECTED}
-        handles = [Line2D([], [], color=colour, label=name) for name, colour in lines.items()]
-        legend(figure, [*handles, Patch(color=CORRECTED, alpha=0.15, linewidth=0, label="stated 95 %")], columns=3)
+    day, half = time_s / DAY_S, NORMAL_95 * sigma_deg
+    marks = [np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S for date in dates_utc if date]
+    beyond = np.abs(corrected_deg) > half
+    with page(path, 4.2) as figure:
+        panels = figure.subplots(2, 1, sharex=True, sharey=True)
+        panels[0].plot(day, np.clip(fit_deg, -reach_deg, reach_deg), color=FIT, **POINT)
+        panels[0].set_title("coefficients alone")
+        panels[1].fill_between(day, -half, half, color=CORRECTED, alpha=0.25, linewidth=0)
+        for here, colour in ((~beyond, CORRECTED), (beyond, VERMILION)):
+            panels[1].plot(day[here], np.clip(corrected_deg[here], -reach_deg, reach_deg), color=colour, **POINT)
+        panels[1].set_title("as corrected")
+        for axes in panels:
+            axes.axhline(0.0, color="#444444", linewidth=0.5)
+            axes.set_ylabel("Heading error (°)")
+            for mark in marks:
+                axes.axvline(mark, color=BLACK, linestyle=":")
+        panels[1].set_ylim(-1.05 * reach_deg, 1.05 * reach_deg)
+        dates(panels[1], (float(time_s[0]), float(time_s[-1])))
+        handles: list[Artist] = [Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated 95 % range")]
+        handles.append(Line2D([], [], color=VERMILION, **(POINT | {"markersize": 3.0}), label="errors outside it"))
+        legend(
+            figure, [*handles, *[Line2D([], [], color=BLACK, linestyle=":", label="true change") for _ in marks[:1]]]
+        )

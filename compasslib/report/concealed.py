@@ -1,10 +1,10 @@
-"""Moorings with known truth: what was planted beside what was said, as one page."""
+"""Moorings with known truth: what the results conclude beside what is true, as one page."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,27 +34,42 @@ class HeadingErrors:
 
     def rms(self, error_deg: Floats) -> str:
         """Format the rms with its 95 % interval by resampled blocks."""
-        known = np.isfinite(error_deg)
-        if not known.any():
+        if (mean := self._mean(error_deg**2)) is None:
             return "–"
-        squares = np.stack([error_deg[known] ** 2, np.ones(known.sum())], axis=1)
-        sums = block_sums(squares, blocks_by_span(self.time_s[known], BLOCK_S))
-        drawn = np.random.default_rng(0).choice(sums, (DRAWS, len(sums))).sum(axis=1)
-        low, high = np.sqrt(np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975]))
-        middle = np.sqrt(np.mean(squares[:, 0]))
-        return f"{middle:.1f}° ({low:.1f}–{high:.1f})"
+        return "{:.1f}° ({:.1f}–{:.1f})".format(*np.sqrt(mean))
 
     @property
-    def coverage(self) -> float | None:
-        """The share of corrected headings within 1.96 stated standard deviations of the truth."""
-        known = np.isfinite(self.corrected_deg) & np.isfinite(self.sigma_deg)
-        within = np.abs(self.corrected_deg[known]) <= NORMAL_95 * self.sigma_deg[known]
-        return float(within.mean()) if known.any() else None
+    def coverage(self) -> tuple[float, float, float] | None:
+        """The share of corrected headings within their stated 95 % of the truth, and the interval of that share."""
+        within = np.abs(self.corrected_deg) <= NORMAL_95 * self.sigma_deg
+        return self._mean(np.where(np.isfinite(self.corrected_deg + self.sigma_deg), within, np.nan))
+
+    @property
+    def understated(self) -> bool:
+        """Whether the stated uncertainty is too small: less than 95 % of the errors within it, by more than chance."""
+        return self.coverage is not None and self.coverage[2] < 0.95
+
+    @property
+    def sigma_rms_deg(self) -> float:
+        """The stated standard deviation, rms over the corrected headings."""
+        return angles.rms(self.sigma_deg[np.isfinite(self.corrected_deg + self.sigma_deg)])
+
+    def _mean(self, values: Floats) -> tuple[float, float, float] | None:
+        """Average over the samples that have a value, with the 95 % interval by resampled blocks of days."""
+        known = np.isfinite(values)
+        if not known.any():
+            return None
+        sums = block_sums(
+            np.stack([values[known], np.ones(known.sum())], axis=1), blocks_by_span(self.time_s[known], BLOCK_S)
+        )
+        drawn = np.random.default_rng(0).choice(sums, (DRAWS, len(sums))).sum(axis=1)
+        low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+        return float(np.mean(values[known])), float(low), float(high)
 
 
 @dataclass(frozen=True)
 class Revealed:
-    """One mooring: what was planted, what was said, and the headings beside the truth."""
+    """One mooring: the truth, what the results conclude, and the headings beside the truth."""
 
     name: str
     truth: Mapping[str, Any]
@@ -85,25 +100,38 @@ def heading_errors(truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> 
     )  # fmt: skip
 
 
-def reveal(name: str, root: Path, truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> Revealed:
+def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> Revealed:
     """Set the results of a mooring beside the truth.
 
     Args:
         root: folder of the results, in which the page will stand.
+        reach_deg: limit of the errors' axis, the same for all moorings of the page.
     """
     diagnosis = read_json(root / name / "diagnosis.json")
-    errors = heading_errors(truth, headings)
     with tempfile.TemporaryDirectory() as folder:
         series = errors.time_s, errors.fit_deg, errors.corrected_deg, errors.sigma_deg
-        draw_errors(file := Path(folder) / "errors.png", *series, [cause["date"] for cause in truth["planted"]])
+        draw_errors(file := Path(folder) / "errors.png", *series, [x["date"] for x in truth["planted"]], reach_deg)
         drawn = embed_png(file)
-    caption = words.caption("concealed", "errors", planted=truth["planted"])
+    caption = words.caption("concealed", "errors", planted=truth["planted"], reach=reach_deg)
     figures = [Figure("Heading errors along time", caption, "", drawn[0], *drawn[1])]
     picture, size = read_pictures(root / name)["diagnosis"]
     caption = explanation.diagnosis_caption(diagnosis)
     figures.append(Figure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
+    drivers = [entry.get("driver") or "" for entry in diagnosis["findings"]]
+    fields = {cause["driver"]: cause.get("field") or {} for cause in truth["planted"]}
+    findings = explanation.report_findings(diagnosis, product=True)
+    known = [_with_truth(said, fields.get(driver, {})) for said, driver in zip(findings, drivers, strict=False)]
     return Revealed(
-        name, truth, diagnosis["verdict"], explanation.describe_findings(diagnosis),
-        frozenset(entry.get("driver") or "" for entry in diagnosis["findings"]),
-        explanation.report_findings(diagnosis, product=True), errors, figures, f"report.html#mooring-{name}",
+        name, truth, diagnosis["verdict"], explanation.describe_findings(diagnosis), frozenset(drivers),
+        (*known, *findings[len(known):]), errors, figures, f"report.html#mooring-{name}",
     )  # fmt: skip
+
+
+def _with_truth(said: ReportedFinding, field: Mapping[str, Any]) -> ReportedFinding:
+    """Set the true field beside the parameters of a finding, where iron with the same driver is true."""
+    if said.parameters is None or not field:
+        return said
+    known = {row: next((field[way] for way in field if row[0].endswith(way)), None) for row in said.parameters.rows}
+    unit = f"{words.SPACE}{field['unit']}"
+    rows = tuple((*row, words.number(x, 0) + unit * (x is not None)) for row, x in known.items())
+    return replace(said, parameters=replace(said.parameters, header=(*said.parameters.header, "Truth"), rows=rows))

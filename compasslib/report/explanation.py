@@ -11,9 +11,11 @@ from compasslib.archive.files import read_json
 from compasslib.effects import COMPOSED, meanings
 from compasslib.effects.composed import effect_formula
 from compasslib.inference import wording
+from compasslib.plots.diagnosis import count_outside
 from compasslib.report import sections, words
 from compasslib.report.sections import CalibrationResults, MooringResults, ReportedFinding, ReportSection, ReportTable
 
+LARGE = "large_deviation"  # whose reason is that the exact compass was fitted, which has it
 MAX_NAMES = 3  # of one finding in the answer; the finding lists all of them
 CLAUSES = {
     **wording.PHYSICS,
@@ -37,7 +39,8 @@ def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[Rep
         given = {"alternatives": candidate_names(entry)[1:], "formula": effect_formula(**parts) if parts else ""}
         facts = words.facts("diagnosis", "facts", e=entry, product=product, **given)
         fitted = sections.table("diagnosis", "parameters", e=entry, known=meanings(entry["effect"]))
-        findings.append(ReportedFinding(title[0].upper() + title[1:], entry["text"], facts, next(iter(fitted), None)))
+        text = re.sub(r"(?<=[ (])-(?=\d)", words.MINUS, entry["text"])
+        findings.append(ReportedFinding(title[0].upper() + title[1:], text, facts, next(iter(fitted), None)))
     findings += [ReportedFinding("Current", entry["text"], ()) for entry in diagnosis.get("current") or ()]
     if left := diagnosis["unexplained"]:
         facts = words.facts("diagnosis", "facts", e=left, product=product, alternatives=(), formula="")
@@ -76,12 +79,12 @@ def describe_findings(diagnosis: Mapping[str, Any]) -> str:
 def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     """List what the recording cannot show, and what would."""
     reasons: dict[str, dict[str, None]] = {}
-    for entry in diagnosis["not_testable"]:
-        reasons.setdefault(entry["effect"], {})[words.sentence(entry["why"])] = None
+    for entry in (entry for entry in diagnosis["not_testable"] if entry["effect"] != LARGE):
+        reasons.setdefault(entry["effect"], {})[entry["why"].rstrip(".")] = None
     tested = {entry["effect"] for entry in diagnosis.get("hypotheses") or []}  # in another form
     closed: dict[tuple[bool, str], list[str]] = {}
     for effect, whys in reasons.items():
-        closed.setdefault((effect in tested, " ".join(whys)), []).append(words.plain(effect))
+        closed.setdefault((effect in tested, ", ".join(whys)), []).append(words.plain(effect))
     untested = [(partly, effects, why) for (partly, why), effects in closed.items()]
     return words.paragraphs("diagnosis", "limits", d=diagnosis, untested=untested)
 
@@ -98,18 +101,16 @@ def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
 
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     """Caption the figure of a diagnosis."""
-    curves, changed = [], False
-    for shown in wording.displayed_residuals(diagnosis):
-        before, after = (
-            max((abs(x) for x in shown[k] if x is not None), default=None) for k in ("before_deg", "after_deg")
-        )
-        same = shown["before_deg"] == shown["after_deg"]
-        curves.append((shown["covariate"], before, before if same else after))
-        changed |= not same
-    curves = [curve for curve in curves if curve[0].startswith(wording.TURN_PREFIX)] or curves
+    curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
-    composed = [(entry["acts_on"], effect_formula(**entry)) for entry in parts]
-    return words.caption("diagnosis", "diagnosis", d=diagnosis, curves=curves, changed=changed, composed=composed)
+    shown = {"heading", "time", *((entry.get("where") or {}).get("covariate") for entry in diagnosis["findings"])}
+    others = [] if diagnosis["unexplained"] else [name for name in curves[-1:] if name not in shown]
+    return words.caption(
+        "diagnosis", "diagnosis", d=diagnosis, outside=count_outside(diagnosis) if curves else (),
+        turns=[name for name in curves if name.startswith(wording.TURN_PREFIX)],
+        candidate="".join(name for name in others if not name.startswith((wording.TURN_PREFIX, wording.SIZE_PREFIX))),
+        composed=[(entry["acts_on"], effect_formula(**entry)) for entry in parts],
+    )  # fmt: skip
 
 
 CURRENTS = ("sticks", "progressive", "roses")
@@ -148,8 +149,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
         anchor=f"mooring-{results.name}",
         verdict=results.diagnosis["verdict"],
         summary=summary_sentences(results),
-        to_do=words.paragraphs("mooring", "actions", r=results)
-        or ("Use UCUR and VCUR of corrected.nc, unless an error as small as the detection limits below matters.",),
+        to_do=words.paragraphs("mooring", "actions", r=results),
         facts=(
             *words.facts("mooring", "place", r=results, site=site),
             *measures(results),

@@ -128,6 +128,7 @@ class HeadingSummary:
     """The headings of one product in a few numbers."""
 
     n: int  # samples
+    absent: int  # between the first and the last, by the usual interval
     recorded: int
     corrected: int
     doubtful: int  # corrected, flagged 3
@@ -177,10 +178,10 @@ class MooringResults:
         """Depth of the currents that are shown."""
         return f"{words.number(self.currents.depth_m, 0)}{words.SPACE}m"
 
-    @property
-    def averaging(self) -> str:
-        """The time over which these currents are averaged."""
-        hours = summary.averaging_hours(self.currents.recorded.time_s)
+    def averaging(self, *, sticks: bool = False) -> str:
+        """Give the time over which these currents are averaged."""
+        most = summary.MAX_STICKS if sticks else summary.MAX_MEANS
+        hours = summary.averaging_hours(self.currents.recorded.time_s, most)
         return words.plural(int(hours), "hour") if hours <= 24.0 else words.plural(int(hours / 24.0), "day")
 
 
@@ -237,9 +238,12 @@ def _summarize_headings(path: str | Path) -> HeadingSummary:
         flags = read_variable(nc, "HEADING_CORRECTED_QC")
         attributes = {name: nc.getncattr(name) for name in SHOWN_ATTRIBUTES if name in nc.ncattrs()}
         missing = tuple(archive_attributes.missing(nc.ncattrs()))
+        days = read_variable(nc, "TIME")
     there = np.isfinite(corrected)
+    steps = np.diff(days) if len(days) > 1 else np.ones(1)
     return HeadingSummary(
         n=len(recorded),
+        absent=int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1.0, 0.0))),
         recorded=int(np.isfinite(recorded).sum()),
         corrected=int(there.sum()),
         doubtful=int(np.sum(there & (flags == PROBABLY_BAD))),

@@ -1,4 +1,4 @@
-"""Set what was said of the moorings with a concealed cause beside what was planted."""
+"""Set the results of the moorings with a concealed cause beside the truth."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json
 from compasslib.deviation.correction import correct_headings, record_readings
 from compasslib.deviation.model import fit_from_json
+from compasslib.plots.truth import error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.report import concealed as revealing
 from compasslib.report import write_page
@@ -26,11 +27,10 @@ def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say
     """
     there = {Path(path).parent.name for path in corrected}
     root, shown = Path(page).parent, [path for path in truths if Path(path).stem in there]
-    names = [Path(path).stem for path in shown]
-    moorings = [
-        revealing.reveal(name, root, read_json(path), read_headings(root / name))
-        for name, path in zip(names, shown, strict=True)
-    ]
+    told = {Path(path).stem: read_json(path) for path in shown}
+    errors = {name: revealing.heading_errors(truth, read_headings(root / name)) for name, truth in told.items()}
+    reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
+    moorings = [revealing.reveal(name, root, truth, errors[name], reach) for name, truth in told.items()]
     write_page(page, "concealed.html", moorings=moorings, software=provenance.software())
     say(f"{page}: {len(moorings)} moorings beside the truth")
 

@@ -35,13 +35,13 @@ def figures(
     """Draw each figure, by its file's name and in each format, and write small ones for the page."""
     both, corrected = combine_references(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
     shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
-    averaged = water.average_currents(shown, reference)
+    averaged, coarser = (water.average_currents(shown, reference, n) for n in (summary.MAX_MEANS, summary.MAX_STICKS))
     headings = {"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     counts = tables.read_histograms(histograms)
     section = read_section(gridded[0], COLUMNS) if gridded else None
     for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
         to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
-        water.draw_sticks(to["sticks"], averaged)
+        water.draw_sticks(to["sticks"], coarser)
         water.draw_progressive(to["progressive"], averaged)
         water.draw_roses(to["roses"], shown, reference, headings)
         hypotheses.draw_mooring(to["diagnosis"], read_json(diagnosis))
