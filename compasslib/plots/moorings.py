@@ -88,7 +88,7 @@ def draw_curves(path: str | Path, moorings: list[AssessedMooring]) -> None:
         for axes in panels.flat[max(len(names) - columns, 0) : len(names)]:
             axes.tick_params(labelbottom=True)  # the lowest of its column
         for axes in panels.flat[len(names) :]:
-            axes.set_visible(False)
+            axes.remove()
         if not curves:
             empty(panels[0, 0])
         figure.supxlabel("Correct heading β (° magnetic)", fontsize=8.0)
