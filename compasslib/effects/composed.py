@@ -181,12 +181,7 @@ def effect_formula(acts_on: str, driver: str, form: str) -> str:
 
 
 def bump(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
-    """Evaluate a raised-cosine bump around a heading, (n,) 0 to 1.
-
-    Args:
-        heading_deg: (n,).
-        reach_deg: where it has ended, to either side.
-    """
+    """Evaluate a raised-cosine bump around a heading, (n,) 0 to 1, which ends at its reach to either side."""
     away = np.abs(angles.difference(heading_deg, centre_deg)) / max(reach_deg, 1e-9)
     return np.where(away < 1.0, (1.0 + np.cos(np.pi * away)) / 2.0, 0.0)
 
@@ -200,11 +195,7 @@ class ComposedEffect(Effect):
     scale: ClassVar[float]
 
     def series(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
-        """Compute the series of time by which the parameters are multiplied, (n, c).
-
-        Args:
-            reading_deg: readings, (n,), where these drive.
-        """
+        """Compute the series of time by which the parameters are multiplied, (n, c), by readings where these drive."""
         _, driver, form = self.composition
         if driver == "heading":
             return self.made(scene, reading_deg)
@@ -235,12 +226,7 @@ class ComposedEffect(Effect):
         return acted, driver, form
 
     def span(self, first_s: float, last_s: float) -> tuple[float, float]:
-        """Find from when to when it acts.
-
-        Args:
-            first_s: begin of the recording, UTC seconds.
-            last_s: its end.
-        """
+        """Find from when to when it acts in a recording, UTC seconds."""
         begin = float(getattr(self, "begin_s", first_s))
         return begin, float(getattr(self, "end_s", last_s)) if self.composition[2] == "box" else last_s
 
@@ -322,19 +308,11 @@ def driver_needs(driver: str) -> tuple[str, ...]:
 
 @cache
 def compose_effect(
-    acts_on: str,
-    driver: str,
-    form: str,
-    *,
-    name: str = "",
-    words: str = "",
-    usual: float = np.inf,
+    acts_on: str, driver: str, form: str, *, name: str = "", words: str = "", usual: float = np.inf
 ) -> type[ComposedEffect]:
     """Make the class of the terms that are composed of three words.
 
     Args:
-        name: of the effect, where physics has one for it.
-        words: its physics, where it has a name.
         usual: standard deviation that is expected of its parameters beforehand.
     """
     acted, shape = TARGETS[acts_on], FORMS[form]
@@ -398,10 +376,6 @@ def as_current(term: ComposedEffect) -> ComposedEffect:
 
 
 def place_effect(kind: type[ComposedEffect], *at: float) -> ComposedEffect:
-    """Make a term of no size at some places.
-
-    Args:
-        at: in the order of the form's places.
-    """
+    """Make a term of no size at some places, in the order of the form's places."""
     names = [f.name for f in fields(kind) if not f.metadata["step"]]
     return kind(**dict(zip(names, at, strict=True)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from compasslib import angles
 from compasslib.effects.effect import Effect, Proportional, Scene, parameter
@@ -14,11 +13,11 @@ from compasslib.types import Floats
 class SecularVariation(Effect):
     """Magnetic north drifts faster than the declination that was applied says."""
 
-    name: ClassVar[str] = "secular_variation"
-    words: ClassVar[str] = "magnetic north drifts more than the declination that was applied"
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
-    acts_on: ClassVar = "north"
-    literature: ClassVar[str] = "IGRF's rate of change; east positive"
+    name = "secular_variation"
+    words = "magnetic north drifts more than the declination that was applied"
+    recordings = ("mooring", "declination")
+    acts_on = "north"
+    literature = "IGRF's rate of change; east positive"
 
     deg_year: float = parameter("degrees/year", "drift beyond what was applied", 1.0, usual=0.5)
 
@@ -27,19 +26,17 @@ class SecularVariation(Effect):
 
 
 # Storms and daily variation: magnetic north itself moves.
-
-
 @dataclass(frozen=True)
 class FieldDisturbance(Proportional):
     """Magnetic north moves by a share of what an observatory recorded."""
 
-    name: ClassVar[str] = "field_disturbance"
-    driver: ClassVar[str] = "observatory"
-    words: ClassVar[str] = "magnetic north moved as the observatory recorded it, most of all on these dates"
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
-    acts_on: ClassVar = "north"
-    literature: ClassVar[str] = "declination of an observatory minus its quiet value; east positive"
-    needs: ClassVar[tuple[str, ...]] = ("declination_observatory",)
+    name = "field_disturbance"
+    driver = "observatory"
+    words = "magnetic north moved as the observatory recorded it, most of all on these dates"
+    recordings = ("mooring", "declination")
+    acts_on = "north"
+    literature = "declination of an observatory minus its quiet value; east positive"
+    needs = ("declination_observatory",)
 
     share: float = parameter("1", "share of the observatory's variation", 1.0)
 
@@ -48,11 +45,11 @@ class FieldDisturbance(Proportional):
 class VectorDisturbance(Proportional):
     """Magnetic north moves by shares of both horizontal components that an observatory recorded."""
 
-    name: ClassVar[str] = "field_disturbance"
-    driver: ClassVar[str] = "observatory"
-    acts_on: ClassVar = "north"
-    literature: ClassVar[str] = "(dE cos D - dN sin D)/H, a transfer term for either component; east positive"
-    needs: ClassVar[tuple[str, ...]] = ("declination_observatory", "horizontal_observatory")
+    name = "field_disturbance"
+    driver = "observatory"
+    acts_on = "north"
+    literature = "(dE cos D - dN sin D)/H, a transfer term for either component; east positive"
+    needs = ("declination_observatory", "horizontal_observatory")
 
     across: float = parameter("1", "share of the observatory's variation across its magnetic north, over H", 1.0)
     along: float = parameter("1", "share of its variation along magnetic north, over H", 1.0)
@@ -62,12 +59,12 @@ class VectorDisturbance(Proportional):
 class IndexedDisturbance(Effect):
     """Magnetic north is the less sure, the larger a global index of storms: its course is not known."""
 
-    name: ClassVar[str] = "field_disturbance"
-    driver: ClassVar[str] = "index"
-    detector: ClassVar[str] = "directions that scatter more where the index is larger"
-    acts_on: ClassVar = "north"
-    literature: ClassVar[str] = "standard deviation c ap/H (Bartels 1957 for ap); either way"
-    needs: ClassVar[tuple[str, ...]] = ("storm_index",)
+    name = "field_disturbance"
+    driver = "index"
+    detector = "directions that scatter more where the index is larger"
+    acts_on = "north"
+    literature = "standard deviation c ap/H (Bartels 1957 for ap); either way"
+    needs = ("storm_index",)
 
     nT_ap: float = parameter("nT", "across magnetic north, one standard deviation a unit of ap", 5.0)
 
@@ -76,19 +73,17 @@ class IndexedDisturbance(Effect):
 
 
 # Declination error: a wrong number in the metadata.
-
-
 @dataclass(frozen=True)
 class DeclinationError(Effect):
     """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
 
-    name: ClassVar[str] = "declination_error"
-    driver: ClassVar[str] = ""
-    words: ClassVar[str] = "the declination is off by a constant"
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "declination")
-    detector: ClassVar[str] = "an observatory's mean against the model"
-    acts_on: ClassVar = "north"
-    literature: ClassVar[str] = "von Appen 2015, eq. (2): inseparable from A, mean shear and mounting; east positive"
+    name = "declination_error"
+    driver = ""
+    words = "the declination is off by a constant"
+    recordings = ("mooring", "declination")
+    detector = "an observatory's mean against the model"
+    acts_on = "north"
+    literature = "von Appen 2015, eq. (2): inseparable from A, mean shear and mounting; east positive"
 
     error_deg: float = parameter("degrees", "true minus applied declination", 1.0)
 

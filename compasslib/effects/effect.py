@@ -53,11 +53,7 @@ class Scene:
         return (self.time_s - self.begin_s) / YEAR_S
 
     def since(self, date_s: float) -> Floats:
-        """Step from 0 to 1 at a date, (n,).
-
-        Args:
-            date_s: UTC seconds since 1970.
-        """
+        """Step from 0 to 1 at a date, UTC seconds since 1970, (n,)."""
         return np.asarray(self.time_s >= date_s, dtype=float)
 
 
@@ -99,9 +95,8 @@ class Effect(ABC):
     separated_by: ClassVar[Mapping[str, str]] = {}  # by the name of another effect: what observation separates the two
     detector: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
     instrument: ClassVar[bool] = False  # whether it is of the instrument itself, the same in every record of it
-    always_present: ClassVar[bool] = (
-        False  # whether what it needs is there only where it acts: only its size is asked for
-    )
+    # Whether what it needs is there only where it acts: only its size is asked for.
+    always_present: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, x: Floats, scene: Scene) -> Floats:
@@ -113,11 +108,7 @@ class Effect(ABC):
         """
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
-        """Remove the effect from a reading; here for effects that add the same to any reading.
-
-        Args:
-            reading_deg: with the effect, (n,), degrees.
-        """
+        """Remove the effect from a reading, (n,) degrees; here for effects that add the same to any reading."""
         return reading_deg - self.apply(np.zeros_like(reading_deg), scene)
 
     @classmethod
@@ -174,23 +165,22 @@ class Proportional(Effect):
         return x + sum(getattr(self, factor) * scene.departures[name] for factor, name in each)
 
 
-def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:
-    """Locate the fitted parameters of each term among those of all.
+@dataclass(frozen=True)
+class OfReading(Effect):
+    """An effect of the readout, which acts on the reading."""
 
-    Args:
-        first: parameters before them.
-    """
+    stage = "readout"
+    acts_on = "reading"
+
+
+def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:
+    """Locate the fitted parameters of each term among those of all, ``first`` others before them."""
     ends = np.cumsum([first, *(len(term.fitted()) for term in terms)])
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
 def horizontal_field(forward: Floats, starboard: Floats) -> Floats:
-    """Build a field in the body's horizontal plane, (n, 3).
-
-    Args:
-        forward: nT, (n,).
-        starboard: nT, (n,).
-    """
+    """Build a field in the body's horizontal plane, (n, 3), of its parts forward and to starboard, (n,) each."""
     return np.stack([forward, starboard, np.zeros_like(forward)], axis=-1)
 
 
@@ -210,9 +200,5 @@ class TurningScene(Scene):
 
 
 def turning_scene(scene: Scene, turned: Callable[[float], Floats]) -> TurningScene:
-    """Add the turns of its instrument to a scene.
-
-    Args:
-        turned: change of the heading until some seconds ahead, (n,) degrees.
-    """
+    """Add the turns of its instrument to a scene: see ``TurningScene.turned``."""
     return TurningScene(**vars(scene), turned=turned)

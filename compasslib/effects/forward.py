@@ -4,6 +4,9 @@ The field's terms are affine in the field, so that at every sample iron and term
 vector, which the levelling makes five coefficients; the quadratic of compass.py inverts them. Readout terms are undone
 first. A of the fitted compass is carried as a turn of the reading and not as antisymmetric iron: a mean veer of the
 water, which every overlap has, must not tilt with the instrument.
+
+Everywhere ``heading_deg`` are correct magnetic headings, ``recorded_deg`` readings, and ``earth_nT`` is the earth's
+field in the body, (n, 3).
 """
 
 from __future__ import annotations
@@ -40,54 +43,34 @@ class ForwardModel:
         return np.concatenate([COMPASS_STEPS, *(term.steps() for term in self.terms)])
 
     def at(self, parameters: Floats) -> ForwardModel:
-        """Replace the parameters.
-
-        Args:
-            parameters: in the order of ``parameters``, (p,).
-        """
+        """Replace the parameters, (p,) in the order of ``parameters``."""
         each = zip(self.terms, parameter_slices(self.terms, 5), strict=True)
         terms = tuple(term.at(parameters[place]) for term, place in each)
         return replace(self, coefficients=parameters[:5], terms=terms)
 
 
 def recorded_heading(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:
-    """Compute the recorded heading, (n,) degrees.
-
-    Args:
-        heading_deg: correct magnetic headings, (n,), degrees.
-    """
+    """Compute the recorded heading, (n,) degrees."""
     earth = earth_field_in_body(scene, heading_deg - north_shift(simulation, scene))
     return angles.wrap360(apply_readout(simulation, scene, sensed_angle(simulation, scene, earth)))
 
 
 def earth_field_in_body(scene: Scene, heading_deg: Floats) -> Floats:
-    """Compute the earth's field forward, starboard and down in the tilted body, (n, 3) nT.
-
-    Args:
-        heading_deg: headings to where magnetic north is, (n,), degrees.
-    """
+    """Compute the earth's field forward, starboard, down in the tilted body, (n, 3) nT, headings to where north is."""
     sine, cosine = angles.sin_cos(heading_deg)
     level = np.stack([scene.horizontal_nT * cosine, -scene.horizontal_nT * sine, scene.vertical_nT], axis=-1)
     return np.einsum("nji,nj->ni", scene.levelling, level)
 
 
 def sensed_angle(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
-    """Compute the angle of the levelled field before the readout, (n,) degrees.
-
-    Args:
-        earth_nT: earth's field in the body, (n, 3).
-    """
+    """Compute the angle of the levelled field before the readout, (n,) degrees."""
     field = sensed_field(simulation, scene, earth_nT)
     x, y = (np.einsum("nj,nj->n", scene.levelling[:, k], field) for k in (0, 1))
     return angles.argument(x - 1j * y)
 
 
 def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
-    """Compute the field in the body with iron and terms, (n, 3) nT.
-
-    Args:
-        earth_nT: earth's field in the body, (n, 3).
-    """
+    """Compute the field in the body with iron and terms, (n, 3) nT."""
     soft, hard = _iron(simulation)
     field: Floats = earth_nT @ soft.T + hard
     for term in _acting(simulation, "field"):
@@ -96,11 +79,7 @@ def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Fl
 
 
 def invert_heading(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
-    """Find the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none.
-
-    Args:
-        recorded_deg: recorded headings, (n,), degrees.
-    """
+    """Find the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none."""
     sensed = invert_readout(simulation, scene, recorded_deg)
     roots = compass.inverse(coefficients_with_effects(simulation, scene), sensed)
     return angles.wrap360(roots + np.broadcast_to(north_shift(simulation, scene), recorded_deg.shape)[:, None])
@@ -123,11 +102,7 @@ def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
 
 
 def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) -> Floats:
-    """Compute the reading that the readout makes of the sensed field's angle, (n,) degrees, not wrapped.
-
-    Args:
-        sensed_deg: angle of the levelled field, (n,), degrees.
-    """
+    """Compute the reading that the readout makes of the angle of the levelled field, (n,) degrees, not wrapped."""
     reading = sensed_deg - float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
     for term in _acting(simulation, "reading"):
         reading = term.apply(reading, scene)
@@ -135,11 +110,7 @@ def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) ->
 
 
 def invert_readout(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
-    """Compute the angle of the levelled field from a reading, (n,) degrees; NaN where more than one gives it.
-
-    Args:
-        recorded_deg: readings, (n,), degrees.
-    """
+    """Compute the angle of the levelled field from a reading, (n,) degrees; NaN where more than one gives it."""
     reading = recorded_deg
     for term in reversed(_acting(simulation, "reading")):
         reading = term.invert(reading, scene)
@@ -165,7 +136,6 @@ def heading_jacobian(
     water's veer counts as it is, because it moves what the reference shows.
 
     Args:
-        heading_deg: correct magnetic headings, (n,), degrees.
         last: parameter to end before; all where absent.
     """
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
@@ -191,16 +161,12 @@ def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Flo
 
     What stands at the readout would bend the reading on which another one acts after it: beside it both act on the
     same, as either would in the other's place.
-
-    Args:
-        heading_deg: correct magnetic headings, (n,), degrees.
     """
     if term.acts_on != "reading":
         both = replace(simulation, terms=(term, *simulation.terms))
         return heading_jacobian(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))
-    reduced = replace(
-        simulation, terms=tuple(reading_ for reading_ in simulation.terms if reading_.acts_on != "reading")
-    )
+    others = tuple(other for other in simulation.terms if other.acts_on != "reading")
+    reduced = replace(simulation, terms=others)
     earth = earth_field_in_body(scene, heading_deg - north_shift(simulation, scene))
     reading = apply_readout(reduced, scene, sensed_angle(reduced, scene, earth))
     slope, steps = heading_slope(simulation, scene, heading_deg), 0.05 * term.steps()
@@ -213,11 +179,7 @@ def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Flo
 
 
 def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:
-    """Compute d gamma / d beta, (n,).
-
-    Args:
-        heading_deg: correct magnetic headings, (n,), degrees.
-    """
+    """Compute d gamma / d beta, (n,)."""
     ahead, here = (recorded_heading(simulation, scene, heading_deg + s) for s in (PROBE_DEG, 0.0))
     return angles.difference(ahead, here) / PROBE_DEG
 

@@ -12,6 +12,7 @@ from compasslib.effects.effect import (
     READINGS,
     SHORT_RECORDINGS,
     Effect,
+    OfReading,
     Proportional,
     Scene,
     date_parameter,
@@ -26,15 +27,15 @@ from compasslib.types import Floats
 class HardIron(Effect):
     """A constant field in the body frame is added."""
 
-    name: ClassVar[str] = "hard_iron"
-    driver: ClassVar[str] = "heading"
-    words: ClassVar[str] = "a magnetised part that turns with the instrument adds a constant field (hard iron)"
-    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    name = "hard_iron"
+    driver = "heading"
+    words = "a magnetised part that turns with the instrument adds a constant field (hard iron)"
+    shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "logged tilts: a mean tilt in the vertical field looks like hard iron"
     }
-    literature: ClassVar[str] = "Poisson's P, Q, R; Le Menn et al. 2023, eq. (1); forward, starboard, down positive"
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)  # elsewhere B and C of the fitted curve hold it
+    literature = "Poisson's P, Q, R; Le Menn et al. 2023, eq. (1); forward, starboard, down positive"
+    recordings = ("magnetometer",)  # elsewhere B and C of the fitted curve hold it
 
     b_x_nT: float = parameter("nT", "field forward", 200.0)
     b_y_nT: float = parameter("nT", "field to starboard", 200.0)
@@ -53,15 +54,15 @@ USUAL_NT = 2000.0  # of a step, and within a year: some degrees where the earth'
 class HardIronStep(Effect):
     """A horizontal field in the body frame is there from a date on."""
 
-    name: ClassVar[str] = "hard_iron_step"
-    words: ClassVar[str] = "the hard iron near the compass changed in a step"
+    name = "hard_iron_step"
+    words = "the hard iron near the compass changed in a step"
     separated_by: ClassVar[Mapping[str, str]] = {
         "heading_slip": "headings all round on both sides of the date, or the field modulus of the magnetometer",
         "compass_drift": "wider headings, or the field modulus of the magnetometer",
         "hard_iron_drift": "more records around the date",
     }
-    recordings: ClassVar[tuple[str, ...]] = READINGS
-    literature: ClassVar[str] = "Poisson's P and Q, a step in time; forward and starboard positive"
+    recordings = READINGS
+    literature = "Poisson's P and Q, a step in time; forward and starboard positive"
 
     b_x_nT: float = parameter("nT", "step forward", 200.0, usual=USUAL_NT)
     b_y_nT: float = parameter("nT", "step to starboard", 200.0, usual=USUAL_NT)
@@ -72,19 +73,17 @@ class HardIronStep(Effect):
 
 
 # Drift of the hard iron: steel that loses or gains magnetisation over the deployment.
-
-
 @dataclass(frozen=True)
 class HardIronDrift(Effect):
     """A horizontal field in the body frame grows with time."""
 
-    name: ClassVar[str] = "hard_iron_drift"
-    words: ClassVar[str] = "the hard iron near the compass drifts with time"
+    name = "hard_iron_drift"
+    words = "the hard iron near the compass drifts with time"
     separated_by: ClassVar[Mapping[str, str]] = {
         "compass_drift": "wider headings, or the field modulus of the magnetometer",
         "heading_slip": "wider headings, or the field modulus of the magnetometer",
     }
-    literature: ClassVar[str] = "Poisson's P and Q, linear in time; forward and starboard positive"
+    literature = "Poisson's P and Q, linear in time; forward and starboard positive"
 
     b_x_nT_year: float = parameter("nT/year", "rate forward", 200.0, usual=USUAL_NT)
     b_y_nT_year: float = parameter("nT/year", "rate to starboard", 200.0, usual=USUAL_NT)
@@ -94,16 +93,14 @@ class HardIronDrift(Effect):
 
 
 # A battery change: another battery is other iron.
-
-
 @dataclass(frozen=True)
 class BatteryChange(Effect):
     """A horizontal field in the body frame is there from each jump of the supply voltage on; every jump has its own."""
 
-    name: ClassVar[str] = "battery_change"
-    words: ClassVar[str] = "a battery was changed, and with it the iron near the compass"
-    literature: ClassVar[str] = "Poisson's P and Q, a step with each battery; forward and starboard positive"
-    needs: ClassVar[tuple[str, ...]] = ("battery_number",)
+    name = "battery_change"
+    words = "a battery was changed, and with it the iron near the compass"
+    literature = "Poisson's P and Q, a step with each battery; forward and starboard positive"
+    needs = ("battery_number",)
 
     b_x_nT: float = parameter("nT", "step forward", 200.0)
     b_y_nT: float = parameter("nT", "step to starboard", 200.0)
@@ -121,26 +118,24 @@ class BatteryChange(Effect):
 
 
 # Supply voltage: the current that the battery gives, and its stray field, change as it runs down.
-
-
 @dataclass(frozen=True)
 class SupplyVoltageOfField(Effect):
     """A horizontal field in the body frame grows with the supply voltage."""
 
-    name: ClassVar[str] = "supply_voltage"
-    driver: ClassVar[str] = "voltage"
-    words: ClassVar[str] = "the compass depends on its supply voltage"
-    shows_along: ClassVar[tuple[str, ...]] = ("supply_voltage",)
+    name = "supply_voltage"
+    driver = "voltage"
+    words = "the compass depends on its supply voltage"
+    shows_along = ("supply_voltage",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "hard_iron_drift": "a battery change, or the end of its discharge",
         "compass_drift": "a battery change, or the end of its discharge",
         "hard_iron_step": "more records around the date",
         "heading_slip": "more records around the date",
     }
-    stage: ClassVar = "sensor"
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "stray field of the supply current; forward and starboard positive"
-    needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
+    stage = "sensor"
+    instrument = True
+    literature = "stray field of the supply current; forward and starboard positive"
+    needs = ("supply_voltage",)
 
     b_x_nT_V: float = parameter("nT/V", "field forward; V or counts as logged", 100.0)
     b_y_nT_V: float = parameter("nT/V", "field to starboard; V or counts as logged", 100.0)
@@ -151,43 +146,36 @@ class SupplyVoltageOfField(Effect):
 
 
 @dataclass(frozen=True)
-class SupplyVoltageOfReading(Proportional):
+class SupplyVoltageOfReading(OfReading, Proportional):
     """The reading grows with the supply voltage."""
 
-    name: ClassVar[str] = "supply_voltage"
-    driver: ClassVar[str] = "voltage"
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "reference voltage of the readout; clockwise positive"
-    needs: ClassVar[tuple[str, ...]] = ("supply_voltage",)
+    name = "supply_voltage"
+    driver = "voltage"
+    instrument = True
+    literature = "reference voltage of the readout; clockwise positive"
+    needs = ("supply_voltage",)
 
     deg_V: float = parameter("degrees/V", "change of the reading; V or counts as logged", 0.5)
 
 
 # Temperature: the magnetometer's zero or the iron beside it change with it, or the reading does.
-
-
 @dataclass(frozen=True)
 class TemperatureOfField(Effect):
     """A horizontal field in the body frame grows with temperature."""
 
-    name: ClassVar[str] = "temperature"
-    driver: ClassVar[str] = "temperature"
-    words: ClassVar[str] = "the compass, its iron or the zero of its tilts depends on temperature"
-    shows_along: ClassVar[tuple[str, ...]] = ("temperature",)
-    separated_by: ClassVar[Mapping[str, str]] = {
-        "compass_drift": "a year more, with another course of the temperature",
-        "hard_iron_drift": "a year more, with another course of the temperature",
-        "hard_iron_step": "a year more, with another course of the temperature",
-        "heading_slip": "a year more, with another course of the temperature",
-        "supply_voltage": "a year more, with another course of the temperature",
-    }
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
-    stage: ClassVar = "sensor"
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "zero shift of the magnetometer's axes; forward and starboard positive"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    name = "temperature"
+    driver = "temperature"
+    words = "the compass, its iron or the zero of its tilts depends on temperature"
+    shows_along = ("temperature",)
+    separated_by: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("compass_drift", "hard_iron_drift", "hard_iron_step", "heading_slip", "supply_voltage"),
+        "a year more, with another course of the temperature",
+    )
+    recordings = ("mooring", "magnetometer")
+    stage = "sensor"
+    instrument = True
+    literature = "zero shift of the magnetometer's axes; forward and starboard positive"
+    needs = ("temperature",)
 
     b_x_nT_K: float = parameter("nT/K", "field forward", 200.0)
     b_y_nT_K: float = parameter("nT/K", "field to starboard", 200.0)
@@ -198,39 +186,35 @@ class TemperatureOfField(Effect):
 
 
 @dataclass(frozen=True)
-class TemperatureOfReading(Proportional):
+class TemperatureOfReading(OfReading, Proportional):
     """The reading grows with temperature."""
 
-    name: ClassVar[str] = "temperature"
-    driver: ClassVar[str] = "temperature"
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer")
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "thermal drift of the readout; clockwise positive"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    name = "temperature"
+    driver = "temperature"
+    recordings = ("mooring", "magnetometer")
+    instrument = True
+    literature = "thermal drift of the readout; clockwise positive"
+    needs = ("temperature",)
 
     deg_K: float = parameter("degrees/K", "change of the reading", 1.0)
 
 
 # Heeling error: iron along the instrument's own vertical turns into the horizontal when it tilts.
-
-
 @dataclass(frozen=True)
 class Heeling(Effect):
     """A constant field along the body's vertical is added; the levelling brings it into the heading."""
 
-    name: ClassVar[str] = "heeling"
-    driver: ClassVar[str] = "tilt"
-    words: ClassVar[str] = "the compass tilts over iron along its own vertical (heeling error)"
-    shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
+    name = "heeling"
+    driver = "tilt"
+    words = "the compass tilts over iron along its own vertical (heeling error)"
+    shows_along = ("pitch", "roll")
     separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "the magnetometer's three axes with tilt",
         "moving_iron": "the magnetometer's three axes with tilt",
     }
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "magnetometer", "two_heads")
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"
+    recordings = ("mooring", "magnetometer", "two_heads")
+    instrument = True
+    literature = "physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015"
 
     b_z_nT: float = parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0)
 
@@ -242,9 +226,9 @@ class Heeling(Effect):
 class HardIronTrend(Effect):
     """A horizontal field in the body frame grows along the record."""
 
-    name: ClassVar[str] = "hard_iron_drift"
-    recordings: ClassVar[tuple[str, ...]] = SHORT_RECORDINGS
-    literature: ClassVar[str] = "Poisson's P and Q, a trend in time; forward and starboard positive"
+    name = "hard_iron_drift"
+    recordings = SHORT_RECORDINGS
+    literature = "Poisson's P and Q, a trend in time; forward and starboard positive"
 
     b_x_nT: float = parameter("nT over the record", "change forward", 200.0)
     b_y_nT: float = parameter("nT over the record", "change to starboard", 200.0)
@@ -257,10 +241,10 @@ class HardIronTrend(Effect):
 class LevelHardIron(Effect):
     """Hard iron as a level turn shows it: two components."""
 
-    name: ClassVar[str] = "hard_iron"
-    driver: ClassVar[str] = "heading"
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
-    literature: ClassVar[str] = "Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive"
+    name = "hard_iron"
+    driver = "heading"
+    recordings = ("magnetometer",)
+    literature = "Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive"
 
     b_x_nT: float = parameter("nT", "field forward", 200.0)
     b_y_nT: float = parameter("nT", "field to starboard", 200.0)
@@ -276,15 +260,15 @@ USUAL_SHARE = 0.3  # of soft iron: what a magnetometer beside a battery shows
 class LevelSoftIron(Effect):
     """Soft iron as the modulus of a level turn shows it: what stretches the circle to an ellipse."""
 
-    name: ClassVar[str] = "soft_iron"
-    driver: ClassVar[str] = "heading"
-    words: ClassVar[str] = "a part that the earth's field magnetises distorts it (soft iron)"
-    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    name = "soft_iron"
+    driver = "heading"
+    words = "a part that the earth's field magnetises distorts it (soft iron)"
+    shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "logged tilts: a tilt that goes with the heading stretches the circle"
     }
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
-    literature: ClassVar[str] = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
+    recordings = ("magnetometer",)
+    literature = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
 
     stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, usual=USUAL_SHARE)
     shear: float = parameter("1", "shear, (d + b)/2", 0.02, usual=USUAL_SHARE)
@@ -303,10 +287,10 @@ class LevelSoftIron(Effect):
 class SoftIronInSpace(Effect):
     """Soft iron as the modulus over all orientations shows it: a symmetric matrix whose trace is the scale."""
 
-    name: ClassVar[str] = "soft_iron"
-    driver: ClassVar[str] = "heading"
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
-    literature: ClassVar[str] = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
+    name = "soft_iron"
+    driver = "heading"
+    recordings = ("magnetometer",)
+    literature = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
 
     stretch: float = parameter("1", "stretch, (xx - yy)/2, forward against starboard", 0.02, usual=USUAL_SHARE)
     vertical: float = parameter(

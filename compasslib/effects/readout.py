@@ -13,6 +13,7 @@ from compasslib.effects.effect import (
     READINGS,
     SHORT_RECORDINGS,
     Effect,
+    OfReading,
     Proportional,
     Scene,
     TurningScene,
@@ -27,15 +28,15 @@ from compasslib.types import Floats
 class LargeDeviation(Proportional):
     """The reading is that of the exact compass, not that of the series."""
 
-    name: ClassVar[str] = "large_deviation"
-    driver: ClassVar[str] = "heading"
-    words: ClassVar[str] = "the deviation is too large for the small-angle series; the exact compass fits"
-    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "platform", "swing")
-    detector: ClassVar[str] = "exact compass and series, each fitted"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "Le Menn et al. 2023, eq. (4), against von Appen 2015, eq. (1), its first order"
-    needs: ClassVar[tuple[str, ...]] = ("exact_minus_series",)
+    name = "large_deviation"
+    driver = "heading"
+    words = "the deviation is too large for the small-angle series; the exact compass fits"
+    shows_along = ("heading",)
+    recordings = ("mooring", "platform", "swing")
+    detector = "exact compass and series, each fitted"
+    acts_on = "reading"
+    literature = "Le Menn et al. 2023, eq. (4), against von Appen 2015, eq. (1), its first order"
+    needs = ("exact_minus_series",)
 
     share: float = parameter("1", "share of the difference; 1 is the exact compass", 0.2)
 
@@ -46,12 +47,10 @@ NEWTON_STEPS = 4  # Newton's steps from a table of whole degrees: the last digit
 
 
 @dataclass(frozen=True)
-class Harmonic(Effect):
+class Harmonic(OfReading):
     """The reading is shifted by a harmonic of what the compass would have recorded."""
 
     order: ClassVar[float]
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
 
     sine_deg: float = parameter("degrees", "sine part", 1.0)
     cosine_deg: float = parameter("degrees", "cosine part", 1.0)
@@ -82,54 +81,46 @@ class Harmonic(Effect):
 
 
 # The third harmonic of the recorded heading.
-
-
 @dataclass(frozen=True)
 class Sextantal(Harmonic):
     """The reading is shifted by the third harmonic of what the compass would have recorded."""
 
-    name: ClassVar[str] = "sextantal"
-    driver: ClassVar[str] = "heading"
-    words: ClassVar[str] = "the reading has a third harmonic of the recorded heading (sextantal deviation)"
-    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    name = "sextantal"
+    driver = "heading"
+    words = "the reading has a third harmonic of the recorded heading (sextantal deviation)"
+    shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "octantal": "wider headings, or a swing of 16 to 24 headings all round"
     }
-    recordings: ClassVar[tuple[str, ...]] = READINGS
+    recordings = READINGS
     order: ClassVar[float] = 3.0
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (sextantal); clockwise positive"
+    instrument = True
+    literature = "Moncunill et al. 2023, section 5.3 (sextantal); clockwise positive"
 
 
 # The fourth harmonic of the recorded heading.
-
-
 @dataclass(frozen=True)
 class Octantal(Harmonic):
     """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
 
-    name: ClassVar[str] = "octantal"
-    driver: ClassVar[str] = "heading"
-    words: ClassVar[str] = "the reading has a fourth harmonic of the recorded heading (octantal deviation)"
-    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
-    recordings: ClassVar[tuple[str, ...]] = READINGS
+    name = "octantal"
+    driver = "heading"
+    words = "the reading has a fourth harmonic of the recorded heading (octantal deviation)"
+    shows_along = ("heading",)
+    recordings = READINGS
     order: ClassVar[float] = 4.0
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "Moncunill et al. 2023, section 5.3 (octantal); clockwise positive"
+    instrument = True
+    literature = "Moncunill et al. 2023, section 5.3 (octantal); clockwise positive"
 
 
 # Drift of the compass: A changes over the deployment.
-
-
 @dataclass(frozen=True)
-class CompassDrift(Effect):
+class CompassDrift(OfReading):
     """The reading drifts with time."""
 
-    name: ClassVar[str] = "compass_drift"
-    words: ClassVar[str] = "the compass drifts with time"
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "A of von Appen 2015, eq. (1), linear in time; reading clockwise positive"
+    name = "compass_drift"
+    words = "the compass drifts with time"
+    literature = "A of von Appen 2015, eq. (1), linear in time; reading clockwise positive"
 
     deg_year: float = parameter("degrees/year", "drift of the reading", 1.0, usual=10.0)
 
@@ -138,22 +129,18 @@ class CompassDrift(Effect):
 
 
 # A mount that slips: the compass sits at another angle from a date on.
-
-
 @dataclass(frozen=True)
-class HeadingSlip(Effect):
+class HeadingSlip(OfReading):
     """The reading is shifted from a date on: a step in A."""
 
-    name: ClassVar[str] = "heading_slip"
-    words: ClassVar[str] = "the mount turned: all headings are off by a constant from then on"
+    name = "heading_slip"
+    words = "the mount turned: all headings are off by a constant from then on"
     separated_by: ClassVar[Mapping[str, str]] = {
         "compass_drift": "more readings around the date, or the same headings read again in another order",
         "tilt_uncompensated": "logged tilts",
     }
-    recordings: ClassVar[tuple[str, ...]] = (*READINGS, "declination")
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "a step of A in von Appen 2015, eq. (1); reading clockwise positive"
+    recordings = (*READINGS, "declination")
+    literature = "a step of A in von Appen 2015, eq. (1); reading clockwise positive"
 
     offset_deg: float = parameter("degrees", "turn of the reading after the date", 1.0, usual=10.0)
     date_s: float = date_parameter()
@@ -163,24 +150,20 @@ class HeadingSlip(Effect):
 
 
 # Lag of the compass: a damped needle or filter reads an earlier heading.
-
-
 @dataclass(frozen=True)
-class CompassLag(Effect):
+class CompassLag(OfReading):
     """The reading is what the heading was some time before."""
 
-    name: ClassVar[str] = "compass_lag"
-    driver: ClassVar[str] = "turn_rate"
-    words: ClassVar[str] = "the compass lags when the instrument turns"
-    shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
+    name = "compass_lag"
+    driver = "turn_rate"
+    words = "the compass lags when the instrument turns"
+    shows_along = ("turn_rate",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "clock_offset": "tilts of both heads that change with time: they have no compass in them"
     }
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "first order: reading minus lag times its rate of turn, clockwise positive"
-    needs: ClassVar[tuple[str, ...]] = ("turn_rate",)
+    instrument = True
+    literature = "first order: reading minus lag times its rate of turn, clockwise positive"
+    needs = ("turn_rate",)
 
     lag_s: float = parameter("s", "time by which the reading is late", 300.0)
 
@@ -189,20 +172,18 @@ class CompassLag(Effect):
 
 
 # Tilt that is not compensated: the compass takes the angle in its own plane, not in the level one.
-
-
 @dataclass(frozen=True)
 class TiltUncompensated(Effect):
     """A share of the levelling is left out."""
 
-    name: ClassVar[str] = "tilt_uncompensated"
-    driver: ClassVar[str] = "tilt"
-    words: ClassVar[str] = "the reading is not compensated for tilt"
-    shows_along: ClassVar[tuple[str, ...]] = ("pitch", "roll")
+    name = "tilt_uncompensated"
+    driver = "tilt"
+    words = "the reading is not compensated for tilt"
+    shows_along = ("pitch", "roll")
     separated_by: ClassVar[Mapping[str, str]] = {"moving_iron": "the magnetometer's three axes with tilt"}
-    stage: ClassVar = "sensor"
-    instrument: ClassVar[bool] = True
-    literature: ClassVar[str] = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
+    stage = "sensor"
+    instrument = True
+    literature = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
 
     share: float = parameter("1", "share of the levelling that is left out", 0.05, usual=1.0)
 
@@ -227,11 +208,11 @@ def _levelled_off(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: 
 class TemperatureOfTilt(Effect):
     """The zero of the tilt sensor shifts with temperature, and the compass levels by it."""
 
-    name: ClassVar[str] = "temperature"
-    driver: ClassVar[str] = "temperature"
-    stage: ClassVar = "sensor"
-    literature: ClassVar[str] = "Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    name = "temperature"
+    driver = "temperature"
+    stage = "sensor"
+    literature = "Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true"
+    needs = ("temperature",)
 
     pitch_deg_K: float = parameter("degrees/K", "change of the pitch", 0.2, usual=OFF_DEG_K)
     roll_deg_K: float = parameter("degrees/K", "change of the roll", 0.2, usual=OFF_DEG_K)
@@ -245,12 +226,12 @@ class TemperatureOfTilt(Effect):
 class TiltOffset(Effect):
     """The tilts are off by constants, and the compass levels by them."""
 
-    name: ClassVar[str] = "tilt_offset"
-    driver: ClassVar[str] = "tilt"
-    words: ClassVar[str] = "the tilts by which the compass is compensated have constant errors"
-    stage: ClassVar = "sensor"
-    literature: ClassVar[str] = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
-    detector: ClassVar[str] = "vertical velocities that follow the flow in the body, or a level deck"
+    name = "tilt_offset"
+    driver = "tilt"
+    words = "the tilts by which the compass is compensated have constant errors"
+    stage = "sensor"
+    literature = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
+    detector = "vertical velocities that follow the flow in the body, or a level deck"
 
     pitch_deg: float = parameter("degrees", "pitch given minus true", 0.2)
     roll_deg: float = parameter("degrees", "roll given minus true", 0.2)
@@ -260,19 +241,17 @@ class TiltOffset(Effect):
 
 
 # A tilt sensor that sticks: the compass levels with the wrong tilt.
-
-
 @dataclass(frozen=True)
 class StuckTilt(Effect):
     """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
 
-    name: ClassVar[str] = "stuck_tilt"
-    driver: ClassVar[str] = "tilt"
-    words: ClassVar[str] = "the tilt sensors are stuck, and the compass is compensated with their last values"
-    stage: ClassVar = "sensor"
-    literature: ClassVar[str] = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
-    needs: ClassVar[tuple[str, ...]] = ("lean_pitch", "lean_roll")
-    always_present: ClassVar[bool] = True  # a sensor that shows one value for weeks
+    name = "stuck_tilt"
+    driver = "tilt"
+    words = "the tilt sensors are stuck, and the compass is compensated with their last values"
+    stage = "sensor"
+    literature = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
+    needs = ("lean_pitch", "lean_roll")
+    always_present = True  # a sensor that shows one value for weeks
 
     share: float = parameter("1", "share of the predicted lean", 0.05, usual=1.0)
 
@@ -284,15 +263,13 @@ class StuckTilt(Effect):
 
 
 @dataclass(frozen=True)
-class CompassDelay(Effect):
+class CompassDelay(OfReading):
     """The reading is the heading of some time before, exactly: quick swings are no straight lines."""
 
-    name: ClassVar[str] = "compass_lag"
-    driver: ClassVar[str] = "turn_rate"
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer", "two_heads")
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
+    name = "compass_lag"
+    driver = "turn_rate"
+    recordings = ("magnetometer", "two_heads")
+    literature = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
 
     lag_s: float = parameter("s", "time by which the reading is late", 0.1)
 
@@ -302,14 +279,12 @@ class CompassDelay(Effect):
 
 
 @dataclass(frozen=True)
-class CompassTrend(Effect):
+class CompassTrend(OfReading):
     """The reading grows along the record."""
 
-    name: ClassVar[str] = "compass_drift"
-    recordings: ClassVar[tuple[str, ...]] = SHORT_RECORDINGS
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "a trend of A in von Appen 2015, eq. (1); reading clockwise positive"
+    name = "compass_drift"
+    recordings = SHORT_RECORDINGS
+    literature = "a trend of A in von Appen 2015, eq. (1); reading clockwise positive"
 
     deg_record: float = parameter("degrees over the record", "drift of the reading", 1.0)
 
@@ -318,21 +293,19 @@ class CompassTrend(Effect):
 
 
 @dataclass(frozen=True)
-class MountingOffset(Effect):
+class MountingOffset(OfReading):
     """The heading is counted from another direction than the axes."""
 
-    name: ClassVar[str] = "mounting_offset"
-    driver: ClassVar[str] = ""
-    words: ClassVar[str] = "the heading is turned by a constant from the magnetometer's axes"
-    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    name = "mounting_offset"
+    driver = ""
+    words = "the heading is turned by a constant from the magnetometer's axes"
+    shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "logged tilts",
         "declination_error": "the declination that the instrument was set to",
     }
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "A of von Appen 2015, eq. (1); clockwise positive"
+    recordings = ("magnetometer",)
+    literature = "A of von Appen 2015, eq. (1); clockwise positive"
 
     offset_deg: float = parameter("degrees", "recorded heading minus that of the axes", 1.0)
 
@@ -344,12 +317,12 @@ class MountingOffset(Effect):
 class ReadingLevelled(Effect):
     """The recorded heading is levelled by the tilts, the simulated one is not."""
 
-    name: ClassVar[str] = "tilt_uncompensated"
-    driver: ClassVar[str] = "tilt"
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
-    stage: ClassVar = "sensor"
-    words: ClassVar[str] = "the recorded heading is compensated for tilt, the simulated one is not"
-    literature: ClassVar[str] = "physics page, section 4: n = T m instead of m; 1 means that all levelling was left out"
+    name = "tilt_uncompensated"
+    driver = "tilt"
+    recordings = ("magnetometer",)
+    stage = "sensor"
+    words = "the recorded heading is compensated for tilt, the simulated one is not"
+    literature = "physics page, section 4: n = T m instead of m; 1 means that all levelling was left out"
 
     share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, usual=1.0)
 

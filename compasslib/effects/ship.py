@@ -24,12 +24,10 @@ TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over
 class SetAndDrift(Effect):
     """The water carries the ship; it keeps its set and drift."""
 
-    name: ClassVar[str] = "water_drift"
-    driver: ClassVar[str] = "heading"
-    words: ClassVar[str] = (
-        "the current carries the vessel sideways, so that its course over ground differs from its heading"
-    )
-    shows_along: ClassVar[tuple[str, ...]] = ("heading",)
+    name = "water_drift"
+    driver = "heading"
+    words = "the current carries the vessel sideways, so that its course over ground differs from its heading"
+    shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
         "sextantal": "each heading at two speeds, or a log of the speed through the water",
         "octantal": "each heading at two speeds, or a log of the speed through the water",
@@ -38,10 +36,10 @@ class SetAndDrift(Effect):
         "hard_iron_step": "the first headings swung again, each at two speeds",
         "hard_iron_drift": "the first headings swung again, each at two speeds",
     }
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-    side: ClassVar = "water"
-    acts_on: ClassVar = "velocity"
-    literature: ClassVar[str] = TRIANGLE
+    recordings = ("swing",)
+    side = "water"
+    acts_on = "velocity"
+    literature = TRIANGLE
 
     east_m_s: float = parameter("m/s", "current towards east", 0.05)
     north_m_s: float = parameter("m/s", "current towards north", 0.05)
@@ -54,11 +52,11 @@ class SetAndDrift(Effect):
 class TidalSetAndDrift(Effect):
     """The water carries the ship; its set and drift change evenly along the log."""
 
-    name: ClassVar[str] = "water_drift"
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-    side: ClassVar = "water"
-    acts_on: ClassVar = "velocity"
-    literature: ClassVar[str] = TRIANGLE
+    name = "water_drift"
+    recordings = ("swing",)
+    side = "water"
+    acts_on = "velocity"
+    literature = TRIANGLE
 
     east_m_s: float = parameter("m/s", "current towards east in the middle of the log", 0.05)
     north_m_s: float = parameter("m/s", "current towards north in the middle of the log", 0.05)
@@ -71,22 +69,30 @@ class TidalSetAndDrift(Effect):
 
 
 @dataclass(frozen=True)
-class LateReading(Effect):
-    """The compass shows the heading of some time before."""
+class Late(Effect):
+    """What comes some time later than it should; never earlier, as then another side is late."""
 
-    name: ClassVar[str] = "compass_lag"
-    driver: ClassVar[str] = "turn_rate"
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "time"
-    literature: ClassVar[str] = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
+    driver = "turn_rate"
+    recordings = ("swing",)
+    stage = "readout"
 
-    lag_s: float = parameter("s", "time by which the reading is late", 1.0)
+    lag_s: float = parameter("s", "time by which it is late", 1.0)
 
     @property
     def possible(self) -> bool:
         """Whether it is late: else another side is."""
         return self.lag_s >= 0.0
+
+
+@dataclass(frozen=True)
+class LateReading(Late):
+    """The compass shows the heading of some time before."""
+
+    name = "compass_lag"
+    acts_on = "time"
+    literature = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
+
+    lag_s: float = parameter("s", "time by which the reading is late", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Add to the delay of the reading, seconds."""
@@ -94,26 +100,18 @@ class LateReading(Effect):
 
 
 @dataclass(frozen=True)
-class LateCourse(Effect):
+class LateCourse(Late):
     """The course over ground is that of some time before: a receiver's filter, a hull that slides on in a turn."""
 
-    name: ClassVar[str] = "course_lag"
-    driver: ClassVar[str] = "turn_rate"
-    words: ClassVar[str] = "the course over ground lags: the receiver filters it, and a hull slides on in a turn"
-    shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
+    name = "course_lag"
+    words = "the course over ground lags: the receiver filters it, and a hull slides on in a turn"
+    shows_along = ("turn_rate",)
     separated_by: ClassVar[Mapping[str, str]] = {"clock_offset": "headings and courses logged by one clock"}
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-    side: ClassVar = "reference"
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "time"
-    literature: ClassVar[str] = "a delay; for slow turns its first order, course minus lag times the rate of turn"
+    side = "reference"
+    acts_on = "time"
+    literature = "a delay; for slow turns its first order, course minus lag times the rate of turn"
 
     lag_s: float = parameter("s", "time by which the course is late", 1.0)
-
-    @property
-    def possible(self) -> bool:
-        """Whether it is late: else another side is."""
-        return self.lag_s >= 0.0
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Add to the delay of the reading, seconds."""
@@ -121,23 +119,15 @@ class LateCourse(Effect):
 
 
 @dataclass(frozen=True)
-class FilteredCourse(Effect):
+class FilteredCourse(Late):
     """The course over ground follows the heading as a filter of first order does."""
 
-    name: ClassVar[str] = "course_lag"
-    driver: ClassVar[str] = "turn_rate"
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-    side: ClassVar = "reference"
-    stage: ClassVar = "readout"
-    acts_on: ClassVar = "reading"
-    literature: ClassVar[str] = "a filter of first order of the velocity: a receiver's, or the inertia of a hull"
+    name = "course_lag"
+    side = "reference"
+    acts_on = "reading"
+    literature = "a filter of first order of the velocity: a receiver's, or the inertia of a hull"
 
     lag_s: float = parameter("s", "mean delay of the filter", 1.0)
-
-    @property
-    def possible(self) -> bool:
-        """Whether it is late: else another side is."""
-        return self.lag_s >= 0.0
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Filter headings of a sample a second, not wrapped."""
@@ -156,12 +146,12 @@ class FilteredCourse(Effect):
 class ClocksApart(Effect):
     """Headings and courses were logged by two clocks."""
 
-    name: ClassVar[str] = "clock_offset"
-    recordings: ClassVar[tuple[str, ...]] = ("swing",)
-    side: ClassVar = "clock"
-    stage: ClassVar = "clock"
-    acts_on: ClassVar = "time"
-    literature: ClassVar[str] = "time of the compass minus that of the receiver"
+    name = "clock_offset"
+    recordings = ("swing",)
+    side = "clock"
+    stage = "clock"
+    acts_on = "time"
+    literature = "time of the compass minus that of the receiver"
 
     offset_s: float = parameter("s", "the compass's clock minus the receiver's", 1.0)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from compasslib import angles
 from compasslib.effects.effect import Effect, Proportional, Scene, date_parameter, parameter
@@ -16,14 +15,14 @@ USUAL_DEG = 6.0  # of each harmonic: real directional shear ran from +22 to -7 d
 class VeerWithSpeed(Proportional):
     """The directional shear between the two depths grows with the speed of the flow."""
 
-    name: ClassVar[str] = "current_veer"
-    driver: ClassVar[str] = "speed"
-    words: ClassVar[str] = "directional shear of the current between the two depths"
-    shows_along: ClassVar[tuple[str, ...]] = ("speed", "separation", "depth")
-    side: ClassVar = "water"
-    acts_on: ClassVar = "water"
-    literature: ClassVar[str] = "von Appen 2015, appendix, assumes none; lower minus upper direction, clockwise"
-    needs: ClassVar[tuple[str, ...]] = ("speed",)
+    name = "current_veer"
+    driver = "speed"
+    words = "directional shear of the current between the two depths"
+    shows_along = ("speed", "separation", "depth")
+    side = "water"
+    acts_on = "water"
+    literature = "von Appen 2015, appendix, assumes none; lower minus upper direction, clockwise"
+    needs = ("speed",)
 
     deg_s_m: float = parameter("degrees/(m/s)", "directional shear by speed", 5.0)
 
@@ -32,12 +31,12 @@ class VeerWithSpeed(Proportional):
 class VeerWithSeparation(Proportional):
     """The directional shear is in proportion to the metres between the two depths."""
 
-    name: ClassVar[str] = "current_veer"
-    driver: ClassVar[str] = "separation"
-    side: ClassVar = "water"
-    acts_on: ClassVar = "water"
-    literature: ClassVar[str] = "Ekman's spiral, linear over few metres; lower minus upper direction, clockwise"
-    needs: ClassVar[tuple[str, ...]] = ("separation",)
+    name = "current_veer"
+    driver = "separation"
+    side = "water"
+    acts_on = "water"
+    literature = "Ekman's spiral, linear over few metres; lower minus upper direction, clockwise"
+    needs = ("separation",)
 
     deg_m: float = parameter("degrees/m", "directional shear by metres of separation", 1.0)
 
@@ -46,12 +45,12 @@ class VeerWithSeparation(Proportional):
 class VeerWithDepth(Effect):
     """The directional shear changes as the pair is blown down to other water."""
 
-    name: ClassVar[str] = "current_veer"
-    driver: ClassVar[str] = "depth"
-    side: ClassVar = "water"
-    acts_on: ClassVar = "water"
-    literature: ClassVar[str] = "directional shear of the water column, linear in depth; lower minus upper, clockwise"
-    needs: ClassVar[tuple[str, ...]] = ("depth",)
+    name = "current_veer"
+    driver = "depth"
+    side = "water"
+    acts_on = "water"
+    literature = "directional shear of the water column, linear in depth; lower minus upper, clockwise"
+    needs = ("depth",)
 
     deg_100m: float = parameter("degrees/100 m", "directional shear by depth", 1.0)
 
@@ -63,12 +62,12 @@ class VeerWithDepth(Effect):
 class VeerWithDirection(Proportional):
     """The directional shear differs by direction of the flow."""
 
-    name: ClassVar[str] = "current_veer"
-    driver: ClassVar[str] = "flow_direction"
-    side: ClassVar = "water"
-    acts_on: ClassVar = "water"
-    literature: ClassVar[str] = "steering by topography, two harmonics; lower minus upper direction, clockwise"
-    needs: ClassVar[tuple[str, ...]] = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
+    name = "current_veer"
+    driver = "flow_direction"
+    side = "water"
+    acts_on = "water"
+    literature = "steering by topography, two harmonics; lower minus upper direction, clockwise"
+    needs = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
 
     sine_deg: float = parameter("degrees", "part with the sine of the flow's direction", 1.0, usual=USUAL_DEG)
     cosine_deg: float = parameter("degrees", "part with its cosine", 1.0, usual=USUAL_DEG)
@@ -77,45 +76,41 @@ class VeerWithDirection(Proportional):
 
 
 # Motion of the mooring: the sphere is carried to and fro as the flow changes.
-
-
 @dataclass(frozen=True)
 class MooringMotion(Proportional):
     """The instrument's own velocity is missing from what it measures, across the flow while the lean turns."""
 
-    name: ClassVar[str] = "mooring_motion"
-    driver: ClassVar[str] = "motion"
-    words: ClassVar[str] = "the mooring's own motion is in the measured current"
-    shows_along: ClassVar[tuple[str, ...]] = ("speed",)
-    side: ClassVar = "water"
-    acts_on: ClassVar = "water"
-    literature: ClassVar[str] = "excursion proportional to speed squared; true minus measured direction, clockwise"
-    needs: ClassVar[tuple[str, ...]] = ("excursion_turn",)
+    name = "mooring_motion"
+    driver = "motion"
+    words = "the mooring's own motion is in the measured current"
+    shows_along = ("speed",)
+    side = "water"
+    acts_on = "water"
+    literature = "excursion proportional to speed squared; true minus measured direction, clockwise"
+    needs = ("excursion_turn",)
 
     m_s2_m2: float = parameter("m/(m/s)^2", "excursion by speed squared", 200.0)
 
 
 # Faults of the reference: its own compass, and what its beams make of the water.
-
-
 @dataclass(frozen=True)
 class OfReference(Effect):
     """The reference's directions are turned: what it does stands where a veer of the water would."""
 
-    side: ClassVar = "reference"
-    acts_on: ClassVar = "water"
+    side = "reference"
+    acts_on = "water"
 
 
 @dataclass(frozen=True)
 class ReferenceDeviation(OfReference, Proportional):
     """The reference's compass has a deviation of its own."""
 
-    name: ClassVar[str] = "reference_deviation"
-    driver: ClassVar[str] = "reference_heading"
-    words: ClassVar[str] = "the compass of the reference has a deviation of its own"
-    shows_along: ClassVar[tuple[str, ...]] = ("reference_heading",)
-    literature: ClassVar[str] = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
-    needs: ClassVar[tuple[str, ...]] = ("reference_sine", "reference_cosine")
+    name = "reference_deviation"
+    driver = "reference_heading"
+    words = "the compass of the reference has a deviation of its own"
+    shows_along = ("reference_heading",)
+    literature = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
+    needs = ("reference_sine", "reference_cosine")
 
     sine_deg: float = parameter("degrees", "part with the sine of the reference's heading", 1.0)
     cosine_deg: float = parameter("degrees", "part with its cosine", 1.0)
@@ -125,11 +120,9 @@ class ReferenceDeviation(OfReference, Proportional):
 class ReferenceSlip(OfReference):
     """The reference's directions are shifted from a date on: its mount slipped, or its iron changed."""
 
-    name: ClassVar[str] = "reference_slip"
-    words: ClassVar[str] = (
-        "the directions of the reference have a step: its mount slipped, or iron came or went beside it"
-    )
-    literature: ClassVar[str] = "a step of the reference's directions; clockwise positive"
+    name = "reference_slip"
+    words = "the directions of the reference have a step: its mount slipped, or iron came or went beside it"
+    literature = "a step of the reference's directions; clockwise positive"
 
     offset_deg: float = parameter("degrees", "turn of the reference's directions after the date", 1.0, usual=10.0)
     date_s: float = date_parameter()
@@ -142,12 +135,12 @@ class ReferenceSlip(OfReference):
 class ReferenceBeams(OfReference):
     """One beam pair of the reference gives larger velocities than the other."""
 
-    name: ClassVar[str] = "reference_beams"
-    driver: ClassVar[str] = "reference_heading"
-    words: ClassVar[str] = "the beams of the reference are of unequal gain"
-    shows_along: ClassVar[tuple[str, ...]] = ("reference_heading",)
-    literature: ClassVar[str] = "-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one"
-    needs: ClassVar[tuple[str, ...]] = ("reference_flow_sine2",)
+    name = "reference_beams"
+    driver = "reference_heading"
+    words = "the beams of the reference are of unequal gain"
+    shows_along = ("reference_heading",)
+    literature = "-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one"
+    needs = ("reference_flow_sine2",)
 
     gain: float = parameter("1", "forward over starboard gain of the reference's beams, less one", 0.035)
 
@@ -159,12 +152,12 @@ class ReferenceBeams(OfReference):
 class ReferenceBias(OfReference):
     """A constant velocity in its own frame is added to what the reference measures, as by ringing."""
 
-    name: ClassVar[str] = "reference_bias"
-    driver: ClassVar[str] = "reference_heading"
-    words: ClassVar[str] = "the velocities of the reference have a constant offset in its own frame"
-    shows_along: ClassVar[tuple[str, ...]] = ("speed",)
-    literature: ClassVar[str] = "(bias/speed) sin(angle of the bias - angle of the flow), first order"
-    needs: ClassVar[tuple[str, ...]] = ("reference_flow_sine", "reference_flow_cosine")
+    name = "reference_bias"
+    driver = "reference_heading"
+    words = "the velocities of the reference have a constant offset in its own frame"
+    shows_along = ("speed",)
+    literature = "(bias/speed) sin(angle of the bias - angle of the flow), first order"
+    needs = ("reference_flow_sine", "reference_flow_cosine")
 
     forward_m_s: float = parameter("m/s", "velocity added forward", 0.003)
     starboard_m_s: float = parameter("m/s", "velocity added to starboard", 0.003)
@@ -176,21 +169,19 @@ class ReferenceBias(OfReference):
 
 
 # Clock offset: the instrument's clock is ahead or behind.
-
-
 @dataclass(frozen=True)
 class ClockOffset(Effect):
     """The affected instrument's clock is ahead of the reference's by a constant."""
 
-    name: ClassVar[str] = "clock_offset"
-    words: ClassVar[str] = "the two clocks differ"
-    shows_along: ClassVar[tuple[str, ...]] = ("turn_rate",)
-    side: ClassVar = "clock"
-    stage: ClassVar = "clock"
-    acts_on: ClassVar = "time"
-    literature: ClassVar[str] = "instrument clock minus UTC, positive ahead"
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
-    detector: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
+    name = "clock_offset"
+    words = "the two clocks differ"
+    shows_along = ("turn_rate",)
+    side = "clock"
+    stage = "clock"
+    acts_on = "time"
+    literature = "instrument clock minus UTC, positive ahead"
+    recordings = ("mooring", "two_heads")
+    detector = "speeds or tilts of both, which have no compass in them"
 
     hours: float = parameter("h", "affected minus reference clock", 0.3)
 
@@ -199,20 +190,18 @@ class ClockOffset(Effect):
 
 
 # Clock drift: the instrument's clock runs fast or slow.
-
-
 @dataclass(frozen=True)
 class ClockDrift(Effect):
     """The affected instrument's clock gains on the reference's."""
 
-    name: ClassVar[str] = "clock_drift"
-    words: ClassVar[str] = "the two clocks drift apart"
-    side: ClassVar = "clock"
-    stage: ClassVar = "clock"
-    acts_on: ClassVar = "time"
-    literature: ClassVar[str] = "instrument clock minus UTC, growing from the beginning, positive ahead"
-    recordings: ClassVar[tuple[str, ...]] = ("mooring", "two_heads")
-    detector: ClassVar[str] = "speeds or tilts of both, which have no compass in them"
+    name = "clock_drift"
+    words = "the two clocks drift apart"
+    side = "clock"
+    stage = "clock"
+    acts_on = "time"
+    literature = "instrument clock minus UTC, growing from the beginning, positive ahead"
+    recordings = ("mooring", "two_heads")
+    detector = "speeds or tilts of both, which have no compass in them"
 
     hours_year: float = parameter("h/year", "gain of the affected clock", 0.3)
 
