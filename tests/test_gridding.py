@@ -13,11 +13,18 @@ from compasslib.archive import conventions, gridded
 from compasslib.archive.attributes import Site
 from compasslib.plots import timeseries
 from compasslib.plots.page import DPI, WIDTH_IN
-from compasslib.product.cells import Differences, Velocities
-from compasslib.product.daily import DailyMeans
-from compasslib.product.errors import HeadingErrors, compress, learn_bin_noise, marginals, sum_sigma
-from compasslib.product.grid import GridRules, Source, average_slots, grid, make_axes, survey
-from compasslib.product.headings import AffectedHeadings, ReferenceCompass, heading_errors
+from compasslib.product.cells import Differences, Velocities, average_slots
+from compasslib.product.errors import (
+    AffectedHeadings,
+    HeadingErrors,
+    ReferenceCompass,
+    compress,
+    heading_errors,
+    learn_bin_noise,
+    marginals,
+    sum_sigma,
+)
+from compasslib.product.grid import DailyMeans, GridRules, Source, grid, make_axes, survey
 from compasslib.records import BAD, GOOD, EarthField
 
 HOUR_S, N, AUTO = 3600.0, 24 * 12, GridRules()

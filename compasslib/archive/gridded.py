@@ -19,9 +19,8 @@ from compasslib.archive.grid_variables import COORDINATES, DEPTH, GRIDDED, MODE,
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
 from compasslib.archive.variables import Variable, quality_variable
 from compasslib.product.cells import Velocities, empty_cells
-from compasslib.product.daily import DailyMeans
 from compasslib.product.errors import HeadingErrors, sum_sigma
-from compasslib.product.grid import GriddedProduct, Piece, Source
+from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source
 from compasslib.records import GOOD, CorrectedRecord, EarthField, Flags, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 

@@ -43,8 +43,7 @@ class ExplainedShare:
 def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, ExplainedShare] | None:
     """Compute how much of the difference of directions each of two headings explains, None where too few pairs exist.
 
-    Args:
-        record: inside the deployment, depth known; as ``other``.
+    Both records are those inside the deployment, their depths known.
     """
     empty = np.zeros(2)
     field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination changes nothing
@@ -63,15 +62,8 @@ def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> b
 
 
 def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
-    """Compute the share of the misfit that harmonics of a heading explain.
-
-    Args:
-        heading_deg: recorded, (n,), NaN where missing.
-    """
-    upper, lower = (
-        side[0] + 1j * side[1]
-        for side in ((pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north))
-    )
+    """Compute the share of the misfit that harmonics of a recorded heading, (n,), explain."""
+    upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     turned = angles.argument(upper * np.conj(lower))
     turned = angles.difference(turned, angles.mean(turned))
     slower = np.minimum(np.abs(upper), np.abs(lower))

@@ -101,11 +101,7 @@ class LagWindows:
 
 
 def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
-    """Estimate the clock offset of two instruments from their current speeds.
-
-    Args:
-        upper: of the affected instrument.
-    """
+    """Estimate the clock offset of the affected instrument (upper) and a reference from their current speeds."""
     if not (len(upper.time_s) and len(lower.time_s)) or (windows := _windows(upper, lower)) is None:
         return ClockOffset()
     stated = best = windows.best(np.abs(windows.lags) <= AS_STATED_H)
@@ -119,7 +115,10 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     if dense and not best.set_at and np.abs(best.hours).max() <= SEARCHED_H:
         return _unrelated(windows, best)
     if best is stated:
-        possible = _possible(windows, unsure, stated)
+        # Another path may do better than the clocks as stated, near them or by far, though not surely.
+        near = unsure.set_at or abs(unsure.hours[0]) <= 2 * NEAR_H
+        far = float(windows.along(stated).sum()) < 0.5 * float(windows.along(unsure).sum())
+        possible = (near or far) and _score(windows, unsure, stated) > SIGMAS_WARNED
         return _with_warning(windows, unsure, stated) if possible else _unrelated(windows, stated)
     inside = np.abs(best.hours).max() < windows.lags[-1]
     if not (inside and _score(windows, best, stated) > SIGMAS and _unambiguous(windows, best)):
@@ -234,13 +233,6 @@ def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
         if _score(windows, path, rival, part) <= SIGMAS:
             return False
     return True
-
-
-def _possible(windows: LagWindows, path: LagPath, stated: LagPath) -> bool:
-    """Tell whether another path does better than the clocks as stated, near them or by far, though not surely."""
-    near = path.set_at or abs(path.hours[0]) <= 2 * NEAR_H
-    far = float(windows.along(stated).sum()) < 0.5 * float(windows.along(path).sum())
-    return (near or far) and _score(windows, path, stated) > SIGMAS_WARNED
 
 
 def _unrelated(windows: LagWindows, stated: LagPath) -> ClockOffset:
@@ -365,17 +357,16 @@ def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record
     filled = (at >= taken[left]) & (at <= taken[right]) & (taken[right] - taken[left] <= _slack(taken))
     if filled.sum() <= max(CLASH_SHARE * len(run), min(MIN_RUN, len(run)) - 1):
         return False
-    same = _equal(record, run[filled], before[left[filled]])
-    return float(same.mean()) < SAME_SHARE
+    return float(same_samples(record, run[filled], before[left[filled]]).mean()) < SAME_SHARE
 
 
-def _equal(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) -> Bools:
-    columns = [
-        np.column_stack([x[:, None] if x.ndim == 1 else x]) for x in (record.heading_deg, record.east, record.north)
-    ]
-    values = np.hstack(columns)
-    a, b = values[first], values[second]
-    return np.asarray(((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1))
+def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) -> Bools:
+    """Tell whether heading and velocities of some samples are those of others, (k,)."""
+    same = np.ones(len(first), dtype=bool)
+    for values in (record.heading_deg, record.east, record.north):
+        a, b = values[first], values[second]
+        same &= ((a == b) | (np.isnan(a) & np.isnan(b))).reshape(len(first), -1).all(axis=1)
+    return same
 
 
 def _span(time_s: Floats) -> str:

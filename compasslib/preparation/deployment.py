@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.preparation.clocks import check_coverage, find_valid_times
+from compasslib.preparation.clocks import check_coverage, find_valid_times, same_samples
 from compasslib.preparation.quality import Thresholds, flag_quality, flag_velocities
 from compasslib.readers import table
 from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
@@ -51,7 +51,6 @@ def apply_deployment(
     """Cut the record to the deployment, put it on UTC, find its depth, flag its unusable values.
 
     Args:
-        record: what a reader gave, by the instrument's clock.
         latitude: degrees north, for the depth of a pressure.
         nominal_depth: depth of the transducer by the metadata, metres.
         direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
@@ -98,8 +97,7 @@ def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift
 
     Args:
         deployed: start and end, UTC.
-        offset_s: instrument clock minus UTC at start.
-        drift_s: the same at end, minus the offset.
+        offset_s: instrument clock minus UTC at start; the drift is the same at end, minus the offset.
     """
     start_s, end_s = deployed
     return time_s - offset_s - drift_s * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
@@ -112,21 +110,11 @@ def describe_record(name: str, role: str, record: Record) -> str:
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
 
 
-def cell_length(record: Record) -> float:
-    """Compute the distance between neighbouring bins, metres; 0 for a point meter."""
-    shared_ranges = not record.bin_range_m.strides[0]  # one row that all samples share
-    steps = np.diff(record.bin_range_m[:1] if shared_ranges else record.bin_range_m, axis=1)
-    return float(np.nanmedian(np.abs(steps))) if steps.size and np.isfinite(steps).any() else 0.0
-
-
 def check_orientation(record: Record, water_depth: float) -> Record:
     """Count the samples whose echo shows surface or bottom, and warn of a wrong orientation.
 
     There is none where no echo was recorded, where neither boundary is near enough to be heard, or where both stand at
     one distance.
-
-    Args:
-        record: n samples of a profiler inside the deployment, depth known.
     """
     if record.echo_range_m is None or not len(record.time_s):
         return replace(record, echo_range_m=None)
@@ -175,11 +163,7 @@ def _deduplicated(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
     if not again.any():
         return place
     later, before = later[again], before[again]
-    same = np.ones(len(later), dtype=bool)
-    for values in (record.heading_deg, record.east, record.north):
-        alike = (values[later] == values[before]) | (np.isnan(values[later]) & np.isnan(values[before]))
-        same &= alike.reshape(len(later), -1).all(axis=1)
-    return place[~np.isin(place, later[same])]
+    return place[~np.isin(place, later[same_samples(record, later, before)])]
 
 
 def _noted(record: Record, notes: Sequence[str]) -> Record:
@@ -243,7 +227,10 @@ def _flag_boundaries(record: Record, water_depth: float, *, side_lobe: bool) -> 
     if not record.east.size or record.east.shape[1] == 1:
         return record
     room = record.depth_m if record.looks_up else water_depth - record.depth_m
-    reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_length(record) / 2.0
+    shared_ranges = not record.bin_range_m.strides[0]  # one row that all samples share
+    steps = np.abs(np.diff(record.bin_range_m[:1] if shared_ranges else record.bin_range_m, axis=1))
+    cell_m = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
+    reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_m / 2.0
     beyond = record.bin_range_m > room[:, None]
     record = flag_velocities(record, beyond, BAD, "beyond_boundary", None)
     if not side_lobe:
@@ -283,9 +270,6 @@ LONGEST_GAP = 3.0  # usual steps of the series over which it is read between two
 
 def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
     """Interpolate other series to the record's times, missing where they do not reach.
-
-    Args:
-        series: the part of the mooring file of each, by name.
 
     Raises:
         InputError: a table cannot be read, or holds nothing at the record's times.

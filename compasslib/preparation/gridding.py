@@ -1,4 +1,4 @@
-"""The regular grid in time, and how a series is taken to given instants."""
+"""The regular grid in time, and how a series, (n,) at increasing times, is taken to given instants, (k,)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ Indices = NDArray[np.intp]
 
 
 def nearest_index(series_s: Floats, at_s: Floats) -> Indices:
-    """Find the position of the sample nearest to each instant.
-
-    Args:
-        series_s: increasing times, shape (n,), n > 0.
-        at_s: instants, shape (k,).
-    """
+    """Find the position of the sample nearest to each instant; there is at least one."""
     right = np.clip(np.searchsorted(series_s, at_s), 1, max(len(series_s) - 1, 1))
     left = right - 1
     right = np.minimum(right, len(series_s) - 1)
@@ -28,11 +23,6 @@ def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indice
 
     The grid takes the sampling phase of the series itself, so that an hourly record is its own grid and no heading is
     ever interpolated: a compass near iron has no meaningful value between two recorded ones.
-
-    Args:
-        time_s: increasing times, shape (n,).
-        step_s: distance of the nodes, seconds.
-        tolerance_s: farthest sample that still counts, seconds.
     """
     if not len(time_s):
         return np.zeros(0, dtype=np.intp)
@@ -44,13 +34,9 @@ def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indice
 
 
 def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, tolerance_s: float) -> NDArray:
-    """Interpolate to given instants: linear inside gaps up to twice the tolerance, else the nearest, else NaN.
+    """Interpolate real or complex values: linear inside gaps up to twice the tolerance, else the nearest.
 
-    Args:
-        series_s: increasing times, shape (n,).
-        values: real or complex values, shape (n,).
-        at_s: instants, shape (k,).
-        tolerance_s: farthest sample that still counts, seconds.
+    NaN stands where even that is farther than the tolerance.
     """
     if not len(series_s):
         return np.full(len(at_s), np.nan, dtype=values.dtype)

@@ -76,7 +76,7 @@ def flag_altered(record: Record) -> Record:
             "the recorded headings turn with the flow where they are mirrored (counted anticlockwise), and not as they "
             "are: all are flagged doubtful; check the column of headings"
         )
-        return _flag(record, np.ones(weight.shape, dtype=bool), note)
+        return flag_headings(record, np.ones(weight.shape, dtype=bool), note)
     number = np.floor((record.time_s - record.time_s[0]) / WINDOW_S).astype(int)
     altered = _far_windows(number, direction, weight)[number]
     text = (
@@ -311,7 +311,7 @@ def _flag_across_north(record: Record) -> Record:
         f"{count[0]} of {of[0]} headings recorded between two that lie either side of north point elsewhere, as where "
         "degrees were averaged as numbers: all headings are flagged doubtful; average them as directions"
     )
-    return _flag(record, np.ones(record.heading_deg.shape, dtype=bool), note)
+    return flag_headings(record, np.ones(record.heading_deg.shape, dtype=bool), note)
 
 
 def _flag_stuck_bits(record: Record) -> Record:
@@ -350,14 +350,14 @@ def _flag_limits(record: Record) -> Record:
             "all recorded headings lie between 0 and 180 degrees, up to both limits: half of the circle was folded on "
             "the other (modulo 180, halved, or without a sign), all are doubtful; check the column of headings"
         )
-        return _flag(record, known, note)
+        return flag_headings(record, known, note)
     for limit in (heading[known].min(), heading[known].max()):
         at = known & (heading == limit)
         values, counts = np.unique(heading[known & ~at], return_counts=True)
         others = np.median(counts[np.argsort(np.abs(values - limit))[:COMPARED_VALUES]]) if len(values) else np.inf
         if at.sum() >= AT_LIMIT and at.sum() > CROWDED * others:
             note = f"{int(at.sum())} recorded headings are exactly {limit:g} degrees, the limit of all others"
-            record = _flag(record, at, f"{note}: they were cut there, and are flagged doubtful")
+            record = flag_headings(record, at, f"{note}: they were cut there, and are flagged doubtful")
     return record
 
 
@@ -366,9 +366,10 @@ def _flag_some(record: Record, which: Bools, text: str) -> Record:
     if not which.any():
         return record
     first, last = (iso_time(when) for when in record.time_s[which][[0, -1]])
-    return _flag(record, which, f"{int(which.sum())} recorded headings between {first} and {last} {text}")
+    return flag_headings(record, which, f"{int(which.sum())} recorded headings between {first} and {last} {text}")
 
 
-def _flag(record: Record, which: Bools, note: str) -> Record:
+def flag_headings(record: Record, which: Bools, *notes: str) -> Record:
+    """Flag headings doubtful that were better so far, and add notes to the warnings."""
     flags = np.where(which & (record.heading_quality < PROBABLY_BAD), PROBABLY_BAD, record.heading_quality)
-    return replace(record, heading_quality=flags.astype(np.int8), warnings=(*record.warnings, note))
+    return replace(record, heading_quality=flags.astype(np.int8), warnings=record.warnings + notes)

@@ -82,18 +82,15 @@ def widen_rules(rules: PairRules) -> PairRules:
 def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairRules) -> ClockOffset:
     """Estimate the clock offset from current speeds, and check whether both records are the same recording.
 
-    Args:
-        upper: the affected instrument inside the deployment.
-        trusted: the reference inside the deployment, or nothing.
+    Both are those inside the deployment; there may be no reference.
     """
     if not (trusted and len(upper.time_s) and len(trusted[0].time_s)):
         return ClockOffset()
     upper = _gridded(upper, rules)
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
-    offset = compare_speeds(
-        SpeedSeries(upper.time_s, np.abs(velocity)), SpeedSeries(cell.time_s, np.abs(cell.velocity))
-    )
+    trusted_speeds = SpeedSeries(cell.time_s, np.abs(cell.velocity))
+    offset = compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), trusted_speeds)
     return replace(offset, same_recording=find_same_recording(upper, offset.align(trusted[0]), rules.bins))
 
 
@@ -154,12 +151,7 @@ def describe_pairs(name: str, pairs: Pairs) -> str:
 
 
 def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complexes, Floats]:
-    """Average the good bins nearest to a range from the transducer: velocity, depth, (n,), NaN without any.
-
-    Args:
-        record: of a profiler, or of one cell.
-        distance_from: range, (n,), m.
-    """
+    """Average the good bins nearest to a range from the transducer, (n,) m: velocity, depth, (n,), NaN without any."""
     away = record.bin_range_m - distance_from[:, None]
     np.abs(away, out=away)
     away[~usable_velocities(record)] = np.inf

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.preparation.headings import AT_LIMIT, COMPARED_VALUES, CROWDED, flag_altered
+from compasslib.preparation.headings import AT_LIMIT, COMPARED_VALUES, CROWDED, flag_altered, flag_headings
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record, iso_time
 from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Bools, Floats
@@ -81,13 +81,16 @@ def flag_quality(
     """Flag and count impossible values, and warn of sensors that are of no use.
 
     Args:
-        record: n samples in order of time, depth known.
-        water_depth: metres.
         affected: whether its compass is to be corrected. Near strong iron a small turn changes the recorded heading by
             much: its outliers are counted here, and judged by their corrected headings (``heading_outliers``).
     """
     record = _flag_profiles(_flag_read(record, thresholds), thresholds)
-    record = _without_length(_impossible(record, water_depth, thresholds))
+    record = _impossible(record, water_depth, thresholds)
+    if record.bin_range_m.shape[1] > 1:
+        with np.errstate(invalid="ignore"):  # bins that all lie at one range, as where the cells' length was lost
+            flat = (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)[:, None]
+        sentence = "bins of no length, whose depths nothing tells"
+        record = flag_velocities(record, flat, BAD, "bins_without_length", sentence)
     record = _outlying_headings(record, affected)
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
@@ -98,12 +101,10 @@ def flag_quality(
 
 
 def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
-    """Flag velocities that were good so far, and count them; a sentence becomes a warning.
+    """Flag velocities that were good so far, and count them; a sentence on what they are becomes a warning.
 
     Args:
-        record: n samples of m bins.
         where: (n, m), or what can be broadcast to it.
-        sentence: what they are, or None.
     """
     failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
     tests = np.where(failed, _tests(record) | MASKS[count], _tests(record)).astype(np.int16)
@@ -184,8 +185,7 @@ def _impossible(record: Record, water_depth: float, thresholds: Thresholds) -> R
         sentence = f"a component is exactly its limit, at which values were cut ({int(cut.sum())}), or {sentence}"
     record = flag_velocities(record, too_fast | cut, BAD, "impossible_speed", sentence)
     record = flag_velocities(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
-    heading = np.where(fallen & (record.heading_quality < BAD), PROBABLY_BAD, record.heading_quality)
-    record = replace(record, heading_quality=heading.astype(np.int8))
+    record = flag_headings(record, fallen)
     sentence = "the instrument's depth lies above the surface or below the bottom"
     return _out_of_water(flag_velocities(record, outside[:, None], BAD, "impossible_depth", sentence))
 
@@ -220,32 +220,21 @@ def _out_of_water(record: Record) -> Record:
     if deepest < LEAST_DEPTH_M or between.mean() > RARELY or not on_deck.any():
         return record
     record = flag_velocities(record, on_deck[:, None], BAD, "out_of_water", None)
-    heading = np.where(on_deck & (record.heading_quality < PROBABLY_BAD), PROBABLY_BAD, record.heading_quality)
     when = record.time_s[on_deck][[0, -1]]
     note = (
         f"{int(on_deck.sum())} samples between {iso_time(when[0])} and {iso_time(when[1])} lie out of the water by the "
         "instrument's own depth: velocities are flagged bad and headings doubtful there; correct start and end of the "
         "deployment"
     )
-    return replace(record, heading_quality=heading.astype(np.int8), warnings=(*record.warnings, note))
-
-
-def _without_length(record: Record) -> Record:
-    """Flag bins that all lie at one range, as where the cells' length was lost: their depths are unknown."""
-    if record.bin_range_m.shape[1] < 2:
-        return record
-    with np.errstate(invalid="ignore"):
-        flat = (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)
-    return flag_velocities(
-        record, flat[:, None], BAD, "bins_without_length", "bins of no length, whose depths nothing tells"
-    )
+    return flag_headings(record, on_deck, note)
 
 
 def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
     """Flag headings to which no instrument turned between those before and after, (n,): good, probably bad or bad.
 
+    Those that the record flags doubtful or bad are not judged.
+
     Args:
-        record: n samples; headings that it flags doubtful or bad are not judged.
         heading_deg: to be judged, (n,), recorded or corrected, NaN where there is none.
     """
     known = np.isfinite(heading_deg) & (record.heading_quality < PROBABLY_BAD)
@@ -255,11 +244,7 @@ def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
 
 
 def apply_heading_flags(record: Record, flags: Flags) -> Record:
-    """Flag headings, and as doubtful the velocities that were turned by a bad one.
-
-    Args:
-        flags: of each heading, (n,); a worse one that it has already stays.
-    """
+    """Apply the flags of headings, (n,), where they are worse, and flag velocities turned by a bad one doubtful."""
     turned = (flags >= BAD)[:, None] & (record.quality <= GOOD)
     quality = np.where(turned, PROBABLY_BAD, record.quality).astype(np.int8)
     return replace(record, heading_quality=np.maximum(record.heading_quality, flags), quality=quality)
@@ -402,12 +387,7 @@ def _repeats(velocity: Floats) -> tuple[Bools, Bools]:
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:
-    """Tell samples that repeat the one before so often and so long that the others of the series make it no chance.
-
-    Args:
-        same: whether each sample repeats the one before, (n - 1,).
-        time_s: (n,).
-    """
+    """Tell samples that repeat the one before, (n - 1,), so often and long that the others make it no chance."""
     edge = np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))
     runs = np.column_stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)])  # first and last sample of each
     lasts = time_s[runs[:, 1]] - time_s[runs[:, 0]] >= FROZEN_S
@@ -427,14 +407,9 @@ def _stuck_heading(record: Record) -> Record:
         same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
     frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
     number = int(frozen.sum())
-    notes = (
-        (f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours",)
-        if number
-        else ()
-    )
-    quality = np.where(frozen, PROBABLY_BAD, record.heading_quality).astype(np.int8)
-    counts = {**record.counts, "heading_stuck": number}
-    return replace(record, heading_quality=quality, counts=counts, warnings=record.warnings + notes)
+    note = f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours"
+    record = replace(record, counts={**record.counts, "heading_stuck": number})
+    return flag_headings(record, frozen, *[note] * (number > 0))
 
 
 def _constant_sensors(record: Record) -> Record:
@@ -446,7 +421,9 @@ def _constant_sensors(record: Record) -> Record:
         counts["tilt_frozen"] = int(np.isfinite(tilts[0]).sum())
         notes.append("pitch and roll never change: the tilt sensor is stuck or was not fitted, its tilts tell nothing")
     heading = record.heading_deg[np.isfinite(record.heading_deg)]
-    arc = _arc(heading) if heading.size >= ENOUGH else 360.0
+    arc = 360.0  # the width of the smallest arc that holds all but the outermost percent
+    if heading.size >= ENOUGH:
+        arc = float(np.ptp(np.percentile(angles.difference(heading, angles.mean(heading)), [0.5, 99.5])))
     if arc == 0.0:
         counts["heading_frozen"] = heading.size
         notes.append(f"the compass shows {heading[0]:.2f} degrees all the time: it is stuck, and no heading is used")
@@ -459,14 +436,5 @@ def _constant_sensors(record: Record) -> Record:
         notes.append(
             f"headings step by {np.median(steps[coarse]):g} degrees{share}: the step is included in their uncertainty"
         )
-    stuck = (arc == 0.0) & (record.heading_quality < PROBABLY_BAD)
-    quality = np.where(stuck, PROBABLY_BAD, record.heading_quality).astype(np.int8)
-    warnings = record.warnings + tuple(notes)
-    return replace(record, heading_quality=quality, counts=record.counts | counts, warnings=warnings)
-
-
-def _arc(heading_deg: Floats) -> float:
-    """Compute the width of the smallest arc that holds all headings but the outermost percent, degrees."""
-    off = angles.difference(heading_deg, angles.mean(heading_deg))
-    low, high = np.percentile(off, [0.5, 99.5])
-    return float(high - low)
+    record = replace(record, counts=record.counts | counts)
+    return flag_headings(record, np.full(record.time_s.shape, arc == 0.0), *notes)

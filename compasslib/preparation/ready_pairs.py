@@ -27,7 +27,6 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
 
     Args:
         columns: time (UTC seconds), heading, velocities of both instruments by their role, (n,) each.
-        scale: turns the velocities into m/s.
         record: the affected instrument inside the deployment.
     """
     order = np.argsort(columns["time"], kind="stable")
@@ -84,9 +83,6 @@ def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats
     """Read time (UTC seconds since 1970), heading (degrees) and velocities (in the file's unit), (n,) each.
 
     Times of a MATLAB file are datenum or seconds since 1970.
-
-    Args:
-        columns: header or variable of each of ``ROLES``.
 
     Raises:
         InputError: the file or a column is absent, or cannot be read.

@@ -46,16 +46,15 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
     Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
     nobody can tell whose fault it is, and the first, which the mooring's file names first, stands alone.
-
-    Args:
-        each: by reference, perhaps none of some.
     """
     if len(each) == 1:
         return each[0]
     used, said = _agreeing(each, names)
     there = [k for k in used if len(each[k])] or used[:1]
     notes = [f"{names[k]}: {warning}" for k, pairs in enumerate(each) for warning in pairs.warnings]
-    rows = {name: np.concatenate([getattr(each[k], name) for k in there]) for name in _columns(each[0])}
+    arrays = [name for name, column in vars(each[0]).items() if isinstance(column, np.ndarray)]
+    columns = [name for name in arrays if name != REFERENCE_HEADING]
+    rows = {name: np.concatenate([getattr(each[k], name) for k in there]) for name in columns}
     index = np.concatenate([np.full(len(each[k]), k, dtype=np.int8) for k in there])
     order = np.lexsort((index, rows["time_s"]))
     return Pairs(
@@ -96,12 +95,6 @@ def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
     counts, errors = zip(*known, strict=True)
     mean, predicted = np.sqrt(np.average(np.square(errors), weights=counts, axis=0)).tolist()
     return mean, predicted
-
-
-def _columns(pairs: Pairs) -> list[str]:
-    return [
-        name for name, column in vars(pairs).items() if isinstance(column, np.ndarray) and name != REFERENCE_HEADING
-    ]
 
 
 def _weights(missed: Floats) -> Floats:
@@ -222,12 +215,7 @@ class MatchedVelocities:
 
 
 def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
-    """Say why the reference's record is the affected one's own, nothing where it is not.
-
-    Args:
-        upper: the affected instrument on the grid of the pairs.
-        bins: how many of the nearest bins are averaged for a pair.
-    """
+    """Say why the reference's record is the affected one's own, gridded as pairs are; nothing where it is not."""
     if len(upper.time_s) < MIN_COMPARED or len(lower.time_s) < MIN_COMPARED:
         return ""
     for trusted in _near(upper, lower, bins):

@@ -53,11 +53,7 @@ class StructureFunction:
         return np.sum([size * _shape(cells, length, power) for size, length, power in self.parts], axis=0)
 
     def weights(self, away_m: Floats) -> Floats:
-        """Compute the weights by which bins predict the water at a depth, (k,), which add up to 1.
-
-        Args:
-            away_m: of each bin from that depth, signed, (k,).
-        """
+        """Compute the weights, (k,), by which bins off a depth, signed, predict the water there; they add up to 1."""
         known = np.block([[self._between(away_m), np.ones((len(away_m), 1))], [np.ones(len(away_m)), np.zeros(1)]])
         solved: Floats = np.linalg.solve(known, np.append(self.layers(away_m) + self.noise, 1.0))
         return solved[:-1]
@@ -103,13 +99,9 @@ def _sound_bins(share: Floats, range_m: Floats) -> NDArray[np.intp]:
 
 
 def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFunction | None:
-    """Fit the structure function to velocities, None where there are too few.
-
-    Args:
-        velocity: (n, m), m/s, NaN where it may not be used.
-        range_m: of each bin, (m,).
-    """
-    near = _sound_bins(np.isfinite(velocity.real).mean(axis=0) if len(velocity) else np.zeros(len(range_m)), range_m)
+    """Fit the structure function to velocities, (n, m) m/s, and ranges, (m,); None where they are too few."""
+    share = np.isfinite(velocity.real).mean(axis=0) if len(velocity) else np.zeros(len(range_m))
+    near = _sound_bins(share, range_m)
     if len(near) < FEWEST_BINS:
         return None
     cell_m = float(np.median(np.diff(np.sort(np.abs(range_m[near])))))
@@ -144,7 +136,6 @@ def predict_water(
     Args:
         depth_m: of the reference's cell at each sample, (n,).
         bins: how many the published mean takes, for comparison.
-        learnt: the record's structure, where it is known already.
     """
     learnt = learnt or fit_structure(record)
     if learnt is None:
@@ -197,10 +188,6 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
     """Tell whether the reference's speeds agree clearly less with the prediction than with the published mean.
 
     Speeds do not turn: where a depth is wrong or the layers are not alike, they show it without any heading.
-
-    Args:
-        mean: (n,) m/s, as recorded; so the prediction.
-        trusted: (n,) m/s.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
     block = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1]
@@ -209,12 +196,9 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
 
 
 def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
-    """Estimate the mean directional shear between the nearest bins and the reference, 1 sigma, degrees.
+    """Estimate the mean directional shear between the nearest bins and the reference's cell, (n,), 1 sigma, degrees.
 
-    As ``Prediction.veer_deg`` says it of a prediction.
-
-    Args:
-        depth_m: of the reference's cell at each sample, (n,).
+    As ``WaterPrediction.veer_deg`` says it of a prediction.
     """
     away_m = np.median(record.bin_depth_m() - depth_m[:, None], axis=0)
     cells_m = np.diff(np.sort(away_m[np.isfinite(away_m)]))

@@ -67,11 +67,10 @@ class Differences:
         return self.values[index]
 
     def of_interpolation(self, share: Floats, gap: Floats) -> Floats:
-        """Return the mean squared error of a linear interpolation, noise apart.
+        """Compute the mean squared error of a linear interpolation, noise apart.
 
         Args:
-            share: of the gap that lies before the place.
-            gap: distance of the two measurements.
+            share: of the gap, the distance of the two measurements, that lies before the place.
         """
         toward, back = self.at(share * gap), self.at((1.0 - share) * gap)
         return 2.0 * ((1.0 - share) * toward + share * back) - 2.0 * share * (1.0 - share) * self.at(gap)
@@ -112,7 +111,6 @@ def place_profiles(
     """Put profiles of several bins on the depths and their times' intervals.
 
     Args:
-        time_s: (k,) increasing.
         slots: intervals of the piece; other samples are left out.
         bin_noise: (m,) (m/s)^2 of both components.
         cell_m: length of a bin; a depth beyond the last bin is filled only inside of it.
@@ -171,11 +169,7 @@ def place_points(
     points: Velocities, time_s: Floats, axes: Axes, slots: range, *,
     by_depth: Differences, by_time: Differences, depth_sigma_m: float,
 ) -> Cells:  # fmt: skip
-    """Put single velocities, of a point meter or of a profiler's scans, into the cells where they were measured.
-
-    Args:
-        time_s: (k,) increasing; each sample keeps its own.
-    """
+    """Put single velocities, of a point meter or of a profiler's scans, into the cells where they were measured."""
     velocity, depth = points.velocity[:, 0], points.depth_m[:, 0]
     shape = len(slots), len(axes.depth_m)
     slot = axes.slot_of(time_s) - slots.start
@@ -365,3 +359,31 @@ def describe_seam(seam: Mapping[str, Any]) -> str:
         )
         parts.append(words + ("" if abs(scale * value) <= half else ", more than chance"))
     return f"affected minus reference: {'; '.join(parts)}" if parts else ""
+
+
+def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
+    """Average columns, (n, ...), over the intervals of the axes, gaps up to a limit interpolated, (t, ...); NaN beyond."""
+    slot = axes.slot_of(time_s)
+    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(axes.time_s))
+    result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)
+    if not known.any():
+        return result
+    begin = np.flatnonzero(np.diff(slot[known], prepend=-1))
+    rows = slot[known][begin]
+    size = np.diff(np.append(begin, known.sum())).reshape(-1, *(1,) * (values.ndim - 1))
+    means = np.add.reduceat(values[known], begin, axis=0) / size
+    at = np.searchsorted(rows, np.arange(len(result)))
+    before, after = np.maximum(at - 1, 0), np.minimum(at, len(rows) - 1)
+    before = np.where(rows[after] == np.arange(len(result)), after, before)
+    inside: Bools = (rows[before] <= np.arange(len(result))) & (rows[after] >= np.arange(len(result)))
+    gap = rows[after] - rows[before]
+    inside &= gap * axes.step_s <= max_gap_s * 1.001
+    share = ((np.arange(len(result)) - rows[before]) / np.maximum(gap, 1)).reshape(-1, *(1,) * (values.ndim - 1))
+    result[inside] = ((1.0 - share) * means[before] + share * means[after])[inside]
+    return result
+
+
+def average_angle(angle_deg: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
+    """Average an angle over the intervals of the axes, (t,) in [-180, 180)."""
+    sine, cosine = (average_slots(part, time_s, axes, max_gap_s) for part in angles.sin_cos(angle_deg))
+    return angles.wrap180(angles.direction(sine, cosine))

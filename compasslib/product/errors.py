@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.deviation.correction import MIN_PROBABILITY
 from compasslib.deviation.model import DeviationFit, nearest_root
 from compasslib.deviation.series import series_design, series_slope
 from compasslib.deviation.tilt import MIN_SLOPE, CompassSeries, compass_series
 from compasslib.preparation.water import fit_structure_function
-from compasslib.product.cells import Differences
+from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import EarthField, Readings
-from compasslib.types import Complexes, Floats
+from compasslib.types import Bools, Complexes, Floats
 
 MAX_MODES = 8
 MAX_REFERENCES = 3  # with a mode of their own
@@ -68,7 +69,6 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
 
     Args:
         at: the compass along the samples, where more than the fit acted on it.
-        heading_deg: corrected headings, (n,), NaN where there is none.
     """
     if not fit.fitted:
         return np.zeros((len(heading_deg), 0))
@@ -123,12 +123,7 @@ def memory_of(heading_deg: Floats, step_s: float) -> float:
 
 
 def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Differences:
-    """Learn how velocities differ by depth from a profile; where it has too few bins, an assumption by its variance.
-
-    Args:
-        velocity: (n, m) m/s, NaN where it is not used.
-        range_m: of each bin, (m,).
-    """
+    """Learn how velocities, (n, m), differ by depth from a profile; of too few bins, an assumption by their variance."""
     learnt = fit_structure_function(velocity, range_m)
     step = RESOLUTION * (cell_m or 1.0)
     distance = np.arange(0.0, REACH_M + step, step)
@@ -146,7 +141,6 @@ def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
     """Learn the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours.
 
     Args:
-        velocity: (n, m) m/s, neighbouring bins side by side, NaN where it is not used.
         by_depth: whose noise the quieter half of the bins has.
     """
     steps = np.abs(np.diff(velocity, axis=1)) ** 2
@@ -192,8 +186,7 @@ def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, no
 def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> float:
     """Estimate for how long differences of neighbouring bins last, seconds: so long do errors of interpolation.
 
-    Args:
-        noise: (m/s)^2 of one measurement, forgotten at once.
+    The noise of one measurement, (m/s)^2, is forgotten at once.
     """
     shears = [np.diff(block, axis=1) for block in blocks if block.shape[1] > 1]
     if not shears:
@@ -213,11 +206,6 @@ def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_
     """Estimate the horizontal velocity of a sphere that dives, one standard deviation of a component, (n,) m/s.
 
     A line of length l that leans evenly takes its top down by d and away by sqrt(2 l d), with the current.
-
-    Args:
-        depth_m: of the instrument, (n,).
-        flow: mean current of its bins, (n,) m/s, NaN where unknown.
-        water_depth_m: None where unknown.
     """
     known = np.isfinite(depth_m)
     if len(time_s) < 3 or known.sum() < 3 or water_depth_m is None or np.ptp(depth_m[known]) < STILL_M:
@@ -235,13 +223,9 @@ def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_
 
 
 def marginals(velocity: Complexes, heading_variance: Floats, other: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the variances of u and of v, and their covariance, (t, z) each, (m/s)^2.
+    """Compute the variances of u and of v, and their covariance, (t, z) each, (m/s)^2, by those of heading and others.
 
     Of a normal error delta of the heading, sin and 1 - cos of which stand across and along the velocity.
-
-    Args:
-        heading_variance: (t, z) square radians.
-        other: variance of a component that turns with no heading, (t, z).
     """
     once, twice = np.exp(-0.5 * heading_variance), np.exp(-2.0 * heading_variance)
     across, along = 0.5 * (1.0 - twice), 1.5 + 0.5 * twice - 2.0 * once
@@ -260,11 +244,8 @@ def sum_sigma(
 
     Args:
         weight_east: of each cell, (t, z), zero where a cell does not count.
-        weight_north: the same.
-        velocity: (t, z) m/s.
         other: variance of a component that turns with no heading, (t, z).
         source: instrument of each cell, as rows of ``errors.shares``; below 0 without any.
-        step_s: distance of the times.
         memory_s: e-folding time of what turns with no heading.
         depths_apart: independent cells among all of one time, as a share.
     """
@@ -301,3 +282,126 @@ def mean_factor(count: NDArray[Any], memory: float) -> Floats:
 def _square_root(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+# The heading error of a mooring's instruments along the times of the grid.
+
+HOPELESS = 1e8  # variance in square degrees, marks a heading whose error has none
+
+
+@dataclass(frozen=True)
+class ReferenceCompass:
+    """What a reference's directions rest on."""
+
+    name: str
+    sigma_deg: float  # of a constant error
+    magnetic: bool  # whether its directions were turned by the declination of the mooring
+
+
+@dataclass(frozen=True)
+class AffectedHeadings:
+    """Corrected headings of an affected instrument at n samples, and the parts of their error."""
+
+    name: str
+    time_s: Floats
+    used: Bools  # (n,) whether velocities of the sample go into the grid
+    heading_deg: Floats
+    sigma_deg: Floats  # all but declination and the reference's compass
+    probability: Floats  # of the branch
+    columns_deg: Floats  # (n, p) by the coefficients of the compass, per unit normal
+    doubted_deg: Floats  # (n,) standard deviation of what is suspected, within sigma_deg
+    unexplained_deg: float  # standard deviation of what was seen and not corrected, within sigma_deg
+    veer_deg: float  # of the mean current between the depths, where the coefficients' covariance does not hold it
+    weights: Floats  # (r,) share of each reference in the pairs behind the coefficients; zero where these are of none
+
+
+@dataclass(frozen=True)
+class _Decomposition:
+    """The heading error of one affected instrument along t times."""
+
+    names: tuple[str, ...]
+    modes: Floats  # (k, t) radians per unit normal
+    random: Floats  # (t,) radians
+    memory_s: float
+
+
+def heading_errors(
+    affected: Sequence[AffectedHeadings],
+    references: Sequence[ReferenceCompass],
+    axes: Axes,
+    max_gap_s: float,
+    declination_deg: float,
+) -> HeadingErrors:
+    """Decompose the heading errors of a mooring into modes along time and a random part.
+
+    The covariance of a fit holds the mean veer between the depths and the water's scatter. It does not hold a constant
+    error of the reference's compass, which passes into the coefficient A, nor that of the declination, by which
+    affected and reference velocities are turned alike.
+    """
+    constants = {"declination": declination_deg}
+    constants |= {f"compass of {r.name}": r.sigma_deg for r in references[: MAX_REFERENCES - 1]}
+    if others := references[MAX_REFERENCES - 1 :]:
+        name = "compass of " + " and ".join(r.name for r in others)
+        constants[name] = max(r.sigma_deg for r in others)
+    count = (MAX_MODES - len(constants)) // len(affected)
+    parts = [_decompose(each, axes, max_gap_s, count) for each in affected]
+    constant = np.repeat(np.array(list(constants.values()))[:, None] * angles.DEGREE, len(axes.time_s), axis=1)
+    named = [(part.names, f" of {each.name}" * (len(parts) > 1)) for part, each in zip(parts, affected, strict=True)]
+    shares = _shares(affected, references, len(constants), [len(part.modes) for part in parts])
+    return HeadingErrors(
+        (*constants, *(f"{name}{suffix}" for names, suffix in named for name in names)),
+        np.concatenate([constant, *(part.modes for part in parts)]),
+        np.array([part.random for part in parts]),
+        max(part.memory_s for part in parts),
+        shares,
+    )
+
+
+def _decompose(affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int) -> _Decomposition:
+    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part."""
+    samples = len(affected.time_s)
+    by_time = {"veer": np.full(samples, affected.veer_deg), "unexplained": np.full(samples, affected.unexplained_deg)}
+    by_time |= {"doubts": affected.doubted_deg}
+    by_time = {name: series for name, series in by_time.items() if np.any(series > 0.0)}
+    columns, name = affected.columns_deg, "coefficients"
+    within = np.sum(columns**2, axis=1)
+    within += sum((series**2 for key, series in by_time.items() if key != "veer"), np.zeros(samples))
+    if len(by_time) + 2 > count:  # several instruments share the modes
+        columns, name, by_time = np.column_stack([columns, *by_time.values()]), "errors", {}
+    leading, left = compress(columns, count - len(by_time))
+    random = np.maximum(affected.sigma_deg**2 - within, 0.0) + left
+    undecided = (affected.probability > 0.0) & (affected.probability < MIN_PROBABILITY)
+    random = np.where(undecided, np.inf, random)  # either of two headings: no normal error
+    columns = np.column_stack([*by_time.values(), leading, random]) if samples else np.zeros((0, len(by_time) + 1))
+    columns = np.where((affected.used & np.isfinite(affected.heading_deg))[:, None], columns, np.nan)
+    finite = np.where(np.isinf(columns), HOPELESS, columns)
+    along = average_slots(finite, affected.time_s, axes, max_gap_s).T * angles.DEGREE
+    variance = along[-1] * angles.DEGREE
+    step_s = float(np.median(np.diff(affected.time_s))) if samples > 1 else axes.step_s
+    return _Decomposition(
+        (*by_time, *(f"{name} {k + 1}" for k in range(leading.shape[1]))),
+        along[:-1],
+        np.where(np.isfinite(variance), np.sqrt(np.where(variance > 100.0, np.nan, variance)), np.nan),
+        memory_of(affected.heading_deg, step_s),
+    )
+
+
+def _shares(
+    affected: Sequence[AffectedHeadings], references: Sequence[ReferenceCompass], constants: int, modes: Sequence[int]
+) -> Floats:
+    """Compute the share of each mode in the heading error of each instrument, affected ones first.
+
+    The first modes are the declination's and the references' compasses, those of each affected instrument follow.
+    """
+    shares = np.zeros((len(affected) + len(references), constants + sum(modes)))
+    of_reference = [1 + min(k, MAX_REFERENCES - 1) for k in range(len(references))]
+    magnetic = np.array([r.magnetic for r in references], dtype=float)
+    ends = constants + np.cumsum([0, *modes])
+    for k, each in enumerate(affected):
+        shares[k, ends[k] : ends[k + 1]] = 1.0
+        shares[k, 0] = each.weights @ magnetic if np.any(each.weights) else 1.0
+        np.add.at(shares[k], of_reference, each.weights)
+    for k, mode in enumerate(of_reference):
+        shares[len(affected) + k, mode] = 1.0
+        shares[len(affected) + k, 0] = magnetic[k]
+    return shares

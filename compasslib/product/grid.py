@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,14 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.preparation.gridding import common_phase
 from compasslib.product.cells import (
+    NONE,
     Axes,
     Cells,
     Differences,
     Stance,
     Velocities,
     bridge_gaps,
+    empty_cells,
     merge,
     place_points,
     place_profiles,
@@ -33,10 +36,11 @@ from compasslib.product.errors import (
     learn_by_depth,
     learn_by_time,
     marginals,
+    mean_factor,
     sphere_motion,
 )
-from compasslib.records import PROBABLY_BAD, Flags
-from compasslib.types import HOUR_S, Bools, Complexes, Floats
+from compasslib.records import MISSING, PROBABLY_BAD, Flags
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 PIECE = 4096  # times that are gridded at once
 INTERPOLATED = 8  # OceanSITES reference table 2
@@ -230,11 +234,7 @@ def survey(source: Source) -> Survey:
 
 
 def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
-    """Return the axes: those of the affected instrument, as far as any of them measured, or as they are asked for.
-
-    Args:
-        sources: affected instruments first; the first gives the steps.
-    """
+    """Make the axes: those of the first, affected instrument as far as any of them measured, or as they are asked for."""
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
     step_m = rules.step_m or cell_m or (cells[0] if cells else POINT_STEP_M)
@@ -311,41 +311,8 @@ def grid(
     )  # fmt: skip
 
 
-def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
-    """Average columns over the intervals of the axes and interpolate gaps up to a limit, (t, ...); NaN beyond.
-
-    Args:
-        values: (n, ...), NaN where missing.
-        time_s: (n,) increasing.
-    """
-    slot = axes.slot_of(time_s)
-    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(axes.time_s))
-    result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)
-    if not known.any():
-        return result
-    begin = np.flatnonzero(np.diff(slot[known], prepend=-1))
-    rows = slot[known][begin]
-    size = np.diff(np.append(begin, known.sum())).reshape(-1, *(1,) * (values.ndim - 1))
-    means = np.add.reduceat(values[known], begin, axis=0) / size
-    at = np.searchsorted(rows, np.arange(len(result)))
-    before, after = np.maximum(at - 1, 0), np.minimum(at, len(rows) - 1)
-    before = np.where(rows[after] == np.arange(len(result)), after, before)
-    inside: Bools = (rows[before] <= np.arange(len(result))) & (rows[after] >= np.arange(len(result)))
-    gap = rows[after] - rows[before]
-    inside &= gap * axes.step_s <= max_gap_s * 1.001
-    share = ((np.arange(len(result)) - rows[before]) / np.maximum(gap, 1)).reshape(-1, *(1,) * (values.ndim - 1))
-    result[inside] = ((1.0 - share) * means[before] + share * means[after])[inside]
-    return result
-
-
-def average_angle(angle_deg: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
-    """Average an angle over the intervals of the axes, (t,) in [-180, 180)."""
-    sine, cosine = (average_slots(part, time_s, axes, max_gap_s) for part in angles.sin_cos(angle_deg))
-    return angles.wrap180(angles.direction(sine, cosine))
-
-
 def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
-    """Return a depth that a level is to have: of a bin where the instrument stays at its depth, else 0."""
+    """Find a depth that a level is to have: of a bin where the instrument stays at its depth, else 0."""
     known = source.depth_m[np.isfinite(source.depth_m)]
     if survey.empty or not known.size or np.std(known) > DIVES * step_m or not len(survey.range_m):
         return 0.0
@@ -361,3 +328,133 @@ def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
     number = np.bincount(level - level[0], survey.count[metre])
     often = np.flatnonzero(number >= RARE * number.max()) + level[0]
     return phase_m + step_m * float(often[0]), phase_m + step_m * float(often[-1])
+
+
+# Daily means of the gridded product.
+
+TIDE_S = 6 * 3600.0  # hours of a day that are missing differ from the others as these do
+LEAST_SHARE = 0.5  # of a day's times that a mean needs, but for a profiler's few
+
+
+@dataclass(frozen=True)
+class Daily:
+    """Means of d days."""
+
+    time_s: Floats  # (d,) noon
+    piece: Piece
+    errors: HeadingErrors
+    deviation_deg: Floats  # (a, d)
+    count: NDArray[np.int_]  # (d, z) times that went in
+    shrinkage: Floats  # (d,)
+
+
+@dataclass
+class DailyMeans:
+    """Sums over the days of a product, piece by piece."""
+
+    axes: Axes
+    errors: HeadingErrors
+    sums: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+    @property
+    def days(self) -> NDArray[np.intp]:
+        """The day of each time, counted from the first, (t,)."""
+        day = np.floor(self.axes.time_s / DAY_S).astype(np.intp)
+        return day - day[0] if len(day) else day
+
+    def add(self, piece: Piece) -> None:
+        """Add some of the times."""
+        there, flow, sources = piece.source >= 0, piece.cells.velocity, np.maximum(piece.source, 0)
+        flow = np.where(there, flow, 0.0)
+        modes, random = self.errors.modes[:, piece.slots], self.errors.random[:, piece.slots]
+        of_affected = there & (sources < len(random))
+        here = np.arange(random.shape[1])[:, None]
+        random2 = np.where(of_affected, random[np.minimum(sources, len(random) - 1), here] ** 2, 0.0)
+        quality = piece.quality
+        columns = {
+            "count": there.astype(float), "flow": flow,
+            "noise": np.where(there, piece.noise, 0.0), "spread": np.where(there, piece.spread, 0.0),
+            "cells": np.where(there, piece.cells.count, 0), "interpolated": (quality == INTERPOLATED).astype(float),
+            "east2": np.where(of_affected, random2 * flow.imag**2, 0.0),
+            "north2": np.where(of_affected, random2 * flow.real**2, 0.0),
+            "cross": np.where(of_affected, -random2 * flow.real * flow.imag, 0.0),
+        }  # fmt: skip
+        for k, mode in enumerate(modes):
+            columns[f"mode{k}"] = flow * np.nan_to_num(mode)[:, None] * self.errors.shares[sources, k]
+        for s in range(len(self.errors.shares)):
+            columns[f"source{s}"] = (there & (piece.source == s)).astype(float)
+        worst = np.where(there & (quality != INTERPOLATED), quality, 0)
+        day = self.days[piece.slots]
+        begin = np.flatnonzero(np.diff(day, prepend=-1))
+        for name, values in columns.items():
+            self._total(name, values.dtype, there.shape[1])[day[begin]] += np.add.reduceat(values, begin, axis=0)
+        total = self._total("worst", np.dtype(np.int8), there.shape[1])
+        total[day[begin]] = np.maximum(total[day[begin]], np.maximum.reduceat(worst, begin, axis=0))
+
+    def _total(self, name: str, dtype: np.dtype[Any], depths: int) -> NDArray[Any]:
+        if name not in self.sums:
+            self.sums[name] = np.zeros((int(self.days[-1]) + 1, depths), dtype=dtype)
+        return self.sums[name]
+
+    def means(self, product: GriddedProduct) -> Daily:
+        """Return the means; what is common to a day's velocities is not divided by the root of their number."""
+        axes, sums, depths = self.axes, self.sums, len(self.axes.depth_m)
+        if not sums:
+            none, nothing = np.zeros((0, depths)), np.zeros(0)
+            piece = Piece(
+                slice(0, 0), empty_cells(0, depths, False), none.astype(np.intp), none.astype(np.int8), *[none] * 5
+            )
+            return Daily(nothing, piece, self.errors, product.deviation_deg, none.astype(int), nothing)
+        count = sums["count"]
+        per_source = np.array([sums[f"source{s}"] for s in range(len(self.errors.shares))])
+        source = np.argmax(per_source, axis=0)
+        moving = np.array([s.profiles for s in product.sources])[source]
+        expected = DAY_S / axes.step_s
+        there = (count > 0) & (moving | (count >= LEAST_SHARE * expected))
+        number = np.maximum(count, 1.0)
+        flow = np.where(there, sums["flow"] / number, NONE)
+        remembered = mean_factor(number, self.errors.memory_s / axes.step_s) / number
+        variances = [sums[name] * remembered for name in ("east2", "north2", "cross")]
+        for k in range(len(self.errors.modes)):
+            turned = sums[f"mode{k}"] / number
+            squares = turned.imag**2, turned.real**2, -turned.real * turned.imag
+            for variance, square in zip(variances, squares, strict=True):
+                variance += square
+        # The times that are missing follow each other, and a sphere is at a depth when the current lets it be there.
+        apart = float(product.learnt[0].by_time.at(np.array([TIDE_S]))[0])
+        missing = 0.5 * np.maximum(1.0 - count / expected, 0.0) ** 2 * apart  # means differ less than moments
+        spread = sums["spread"] / number * mean_factor(number, product.memory_s / axes.step_s) + missing
+        noise = sums["noise"] / number**2
+        quality = np.where(sums["interpolated"] > 0.5 * count, INTERPOLATED, np.maximum(sums["worst"], 1))
+        quality = np.where(there, quality, MISSING).astype(np.int8)
+        cells = replace(
+            empty_cells(len(count), depths, False),
+            velocity=flow, quality=quality, count=sums["cells"].astype(np.int32),
+        )  # fmt: skip
+        east, north, cross = (np.where(there, v, np.nan) for v in variances)
+        piece = Piece(
+            slice(0, len(count)), cells, np.where(there, source, -1), quality, east + noise + spread,
+            north + noise + spread, cross, noise, spread,
+        )  # fmt: skip
+        days = self.days
+        first = np.floor(axes.time_s[0] / DAY_S) * DAY_S
+        size = len(count)
+
+        def mean(series: Floats) -> Floats:
+            known = np.isfinite(series)
+            n = np.bincount(days[known], minlength=size)
+            return np.where(n > 0, np.bincount(days[known], series[known], size) / np.maximum(n, 1), np.nan)
+
+        random2 = np.array([mean(series) for series in self.errors.random**2])
+        per_day = np.bincount(days, minlength=size)
+        errors = replace(
+            self.errors,
+            modes=np.array([mean(mode) for mode in self.errors.modes]).reshape(len(self.errors.modes), size),
+            random=np.sqrt(random2 * mean_factor(per_day, self.errors.memory_s / axes.step_s)),
+        )
+        sine, cosine = (np.array([mean(series) for series in part]) for part in angles.sin_cos(product.deviation_deg))
+        return Daily(
+            first + DAY_S * (np.arange(size) + 0.5), piece, errors,
+            np.asarray(angles.wrap180(angles.direction(sine, cosine))), np.where(there, count, 0).astype(int),
+            np.exp(-0.5 * mean(self.errors.variance(0))),
+        )  # fmt: skip

@@ -19,12 +19,17 @@ from compasslib.deviation.doubts import evaluate_doubts
 from compasslib.inference import covariates
 from compasslib.inference import product as products
 from compasslib.inference.product import Product
-from compasslib.product.cells import compare_at_seam, describe_seam
-from compasslib.product.daily import DailyMeans
-from compasslib.product.errors import REFERENCE_SIGMA_DEG, compass_modes, declination_sigma
-from compasslib.product.grid import GridRules, Source, Survey, average_angle, make_axes, survey
+from compasslib.product.cells import average_angle, compare_at_seam, describe_seam
+from compasslib.product.errors import (
+    REFERENCE_SIGMA_DEG,
+    AffectedHeadings,
+    ReferenceCompass,
+    compass_modes,
+    declination_sigma,
+    heading_errors,
+)
+from compasslib.product.grid import DailyMeans, GridRules, Source, Survey, make_axes, survey
 from compasslib.product.grid import grid as make_grid
-from compasslib.product.headings import AffectedHeadings, ReferenceCompass, heading_errors
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs, Record
 from compasslib.types import Bools
 
