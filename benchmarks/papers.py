@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compasslib import angles
-from compasslib.calibrations import budget, objects
+from compasslib.calibrations import bench, budget
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.model import MIN_HORIZONTAL_NT
 from compasslib.deviation.series import series_deviation, series_folds
@@ -106,11 +106,11 @@ LE_MENN = [
     Row("Table 6", "magnetic induction of battery packs", why="readings of another instrument"),
     Row("sections 3 to 5, 7", "what stood in place: battery, cage, frame", "calibrations.at_mooring:other_parts",
         "test_calibrations_platform.py::test_a_mooring_with_other_parts_than_its_calibration_is_told"),
-    Row("section 4", "an object at several distances", "calibrations.objects",
+    Row("section 4", "an object at several distances", "calibrations.bench",
         "test_calibrations_platform.py::test_an_object_is_held_against_the_bench_without_it"),
-    Row("section 7", "power by which an object's influence falls with distance", "calibrations.objects:DIPOLE",
+    Row("section 7", "power by which an object's influence falls with distance", "calibrations.bench:DIPOLE",
         "test_calibrations_platform.py::test_intervals_of_exponent_and_safe_distance_of_an_object_hold_the_truth",
-        "2", f"{objects.DIPOLE:.0f}", "a dipole's field falls as the cube of the distance"),
+        "2", f"{bench.DIPOLE:.0f}", "a dipole's field falls as the cube of the distance"),
     Row("section 5", "a lowered profiler and its rosette", "calibrations.two_heads",
         "test_calibrations_two_heads.py::test_a_turning_cast_gives_offset_coefficients_and_clock"),
     Row("Fig. 17", "expanded uncertainty by Smith's terms, with the residual that it implies (0.35°), degrees",
@@ -131,7 +131,7 @@ MONCUNILL = [
     Row("(1) to (5)", "series in the compass course", "deviation.series:series_design",
         "test_calibrations_swing_cardinal.py::test_coefficients_from_deviations"),
     Row("(6) to (9), (16), (17)", "adjustment: nullify on two cardinal courses, halve on their opposites",
-        "calibrations.swing.correctors:adjust",
+        "calibrations.swing.adjustment:adjust",
         "test_calibrations_swing_cardinal.py::test_the_adjustment_leaves_the_drift_of_the_water_alone"),
     Row("(10) to (15)", "A, B, C and E from four deviations", "calibrations.swing.adjustment:principal_coefficients",
         "test_calibrations_swing_cardinal.py::test_coefficients_from_deviations"),
@@ -140,7 +140,7 @@ MONCUNILL = [
         "test_calibrations_swing_cardinal.py::test_coefficients_from_deviations"),
     Row("(22)", "pseudo-deviation with the water", "calibrations.swing.adjustment:set_and_drift_terms",
         "test_calibrations_swing_cardinal.py::test_set_and_drift_by_the_triangle_of_speeds"),
-    Row("(23) to (34)", "adjustment by courses over ground", "calibrations.swing.correctors:adjust",
+    Row("(23) to (34)", "adjustment by courses over ground", "calibrations.swing.adjustment:adjust",
         "test_calibrations_swing_cardinal.py::test_the_adjustment_leaves_the_drift_of_the_water_alone"),
     Row("(35), (36), (38) to (45)", "A, D and E from pseudo-deviations", "calibrations.swing.adjustment:principal_coefficients",
         "test_calibrations_swing_cardinal.py::test_coefficients_from_pseudo_deviations"),
@@ -187,7 +187,7 @@ MONCUNILL = [
         "test_calibrations_swing_cardinal.py::test_nullifying"),
     Row("section 7.3", "least speed, knots", "calibrations.swing.adjustment:verdict",
         "test_calibrations_swing_cardinal.py::test_verdict", "7", f"{adjustment.MIN_SPEED_KN:g}"),
-    Row("section 2.2", "soft-iron correctors of D and E (the paper leaves them out)", "calibrations.swing.correctors:spheres",
+    Row("section 2.2", "soft-iron correctors of D and E (the paper leaves them out)", "calibrations.swing.adjustment:spheres",
         "test_calibrations_swing_cardinal.py::test_spheres_and_magnets_nullify_their_terms"),
     Row("(handbook)", "Flinders bar: induced and hard iron by two dips", "deviation.model:separate_iron",
         "test_deviation_transfer.py::test_two_places_separate_hard_and_induced_iron"),

@@ -18,8 +18,7 @@ from compasslib import angles, calibrations, compass
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import MODELS, at_mooring, budget, platform, result
-from compasslib.calibrations.bench import measure_homogeneity
-from compasslib.calibrations.objects import ObjectChange, describe_object
+from compasslib.calibrations.bench import ObjectChange, describe_object, measure_homogeneity
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.deviation import describe_fit, fit_deviation
 from compasslib.deviation.model import FieldAtPlace, fit_from_json, transfer_coefficients

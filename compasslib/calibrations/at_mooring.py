@@ -47,11 +47,11 @@ def carry_to_mooring(
 ) -> DeviationFit:
     """Carry the exact compass of calibrations into a mooring's field; no coefficients where that is unknown.
 
-    Of two, before and after the deployment, the mean is taken, and their difference is a uniform uncertainty.
+    Of two, before and after the deployment, the mean is taken, and their difference is a uniform uncertainty. Pairs are
+    counted and held against it; nothing is fitted to them.
 
     Args:
         contents: calibration.json of one or two.
-        pairs: where a reference overlaps; they are counted and held against it, nothing is fitted to them.
         parts: what stands near the mooring's compass, as its file states it.
     """
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
@@ -107,7 +107,6 @@ def compass_from_coefficients(
     Args:
         model: ``exact`` (dimensionless) or ``von_appen`` (degrees).
         covariance: (5, 5), None where it is unknown.
-        pairs: where a reference overlaps; they are counted and compared with it, nothing is fitted to them.
     """
     values, unit = np.array([coefficients[k] for k in LETTERS]), 1.0 if model == "exact" else 1.0 / angles.DEGREE
     known, spread = covariance is not None, np.array(covariance or np.diag(np.full(5, unit**2)), dtype=float)

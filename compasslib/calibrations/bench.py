@@ -1,14 +1,19 @@
-"""The field on a bench: its changes by an observatory, its homogeneity by an instrument spun in place.
+"""The field on a bench: its changes by an observatory, its homogeneity by an instrument spun, objects near a compass.
 
-Le Menn et al. 2023, section 2: a record of the field during the calibration, and Table 3.
+Le Menn et al. 2023, section 2: a record of the field during the calibration, and Table 3. Their section 4 states that
+the influence of an object falls as the square of the distance; that of a dipole falls as the cube, and near an object
+of its own size nothing is a dipole. The change is a vector, (B, C): peak-to-peak errors add up or cancel with what the
+bench has without the object.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.calibrations import curves
@@ -26,7 +31,6 @@ def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -
     Args:
         reference_deg: by the mean declination of the readings, (n,).
         time_s: of the readings, (n,), NaN where unknown; those far from any sample stay as they are.
-        files: IAGA-2002 files of one observatory.
 
     Raises:
         InputError: a file cannot be read.
@@ -54,14 +58,7 @@ def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -
 def measure_homogeneity(
     reference_deg: Floats, recorded_deg: Floats, spun_reference_deg: Floats, spun_recorded_deg: Floats
 ) -> dict[str, Any]:
-    """Compare an instrument spun in one place with the curve by which the platform was rotated, degrees.
-
-    Args:
-        reference_deg: of the platform's readings, (n,).
-        recorded_deg: of the platform's readings, (n,).
-        spun_reference_deg: of those of the instrument spun in place, (m,).
-        spun_recorded_deg: of those of the instrument spun in place, (m,).
-    """
+    """Compare an instrument spun in place, (m,), with the curve by which the platform was rotated, (n,), degrees."""
     points = curves.deviation_points(recorded_deg, reference_deg)
     fits = [curves.fit_curve(form, points) for form in (curves.SMITH, curves.EXACT)]
     fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
@@ -77,3 +74,118 @@ def measure_homogeneity(
         f"degrees, by {mean:+.2f} on average: the largest is the homogeneity's row of the budget"
     )
     return {"max_deg": largest, "mean_deg": mean, "text": text}
+
+
+# An object near a compass at several distances: what it changes, how that falls, from where it is harmless.
+
+DIPOLE = 3.0  # exponent of its fall
+FAR_SIZES = 2.0  # sizes of the object from which it may be a dipole
+MIN_DISTANCES = 4  # for an exponent
+EXPONENTS = np.arange(0.5, 8.001, 0.01)
+TWO_SIGMA_CHI2 = 4.0  # growth of chi-squared at the ends of an interval of 95 %, one parameter
+MIN_P_VALUE = 0.01  # under it changes are not those of a dipole
+SAFE_DEG = 0.5  # change of the deviation that is harmless
+
+
+@dataclass(frozen=True)
+class ObjectChange:
+    """What an object changed at one distance."""
+
+    name: str  # of the calibration
+    distance_m: float  # compass to the object's centre
+    change_deg: Floats  # (2,) of B and C against the bench without it
+    covariance: Floats  # (2, 2)
+
+    @property
+    def size_deg(self) -> float:
+        """Length of the vector."""
+        return float(np.hypot(*self.change_deg))
+
+    @property
+    def sigma_deg(self) -> float:
+        """Standard uncertainty along it."""
+        along = self.change_deg / max(self.size_deg, 1e-12)
+        return float(np.sqrt(along @ self.covariance @ along))
+
+
+def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str, Any]:
+    """Describe the changes by an object of some extent, nearest first, their fall with distance and a safe distance."""
+    near = [each for each in changes if each.distance_m <= FAR_SIZES * size_m]
+    far = changes[len(near) :]
+    rows = [
+        {"name": each.name, "distance_m": each.distance_m, "size_deg": each.size_deg, "sigma_deg": each.sigma_deg}
+        | dict(zip("BC", each.change_deg.tolist(), strict=True))
+        for each in changes
+    ]
+    listed = [f"{each.size_deg:.2f} ± {2.0 * each.sigma_deg:.2f}° at {each.distance_m:g} m" for each in changes]
+    texts = [f"The object changes (B, C) by {', '.join(listed)} (k = 2)."]
+    if near:
+        where = ", ".join(f"{each.distance_m:g} m" for each in near)
+        texts.append(f"At {where} it is nearer than twice its size and no dipole: nothing follows for other distances.")
+    content: dict[str, Any] = {"changes": rows, "p_value": None, "exponent": None, "safe_distance_m": None}
+    if far:
+        fall, sentences = _describe_fall(far, size_m, exponent=len(changes) >= MIN_DISTANCES and not near)
+        content, texts = content | fall, texts + sentences
+    return content | {"text": " ".join(texts)}
+
+
+def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool) -> tuple[dict[str, Any], list[str]]:
+    """Describe how changes beyond twice an object's size fall, with sentences."""
+    from scipy.special import chdtrc  # only where objects are measured
+
+    strength, covariance, misfit = fit_fall(far, DIPOLE)
+    p_value = float(chdtrc(2 * len(far) - 2, float(misfit))) if len(far) > 1 else None
+    content, texts = dict[str, Any](p_value=p_value), list[str]()
+    if exponent:
+        misfits = fit_fall(far, EXPONENTS)[2]
+        within = EXPONENTS[misfits <= misfits.min() + TWO_SIGMA_CHI2]
+        best = float(EXPONENTS[np.argmin(misfits)])
+        content["exponent"] = n = {"value": best, "low": float(within[0]), "high": float(within[-1])}
+        texts.append(f"They fall with the power {n['value']:.1f} of the distance ({n['low']:.1f} to {n['high']:.1f}).")
+    if p_value is not None and p_value < MIN_P_VALUE:
+        return content, [*texts, "No dipole falls so: no safe distance follows."]
+    content["safe_distance_m"] = safe = safe_distance(strength, covariance, FAR_SIZES * size_m)
+    law = "By a dipole's fall, which " + ("one distance cannot test" if p_value is None else "they fit")
+    ends = f"{safe['value']:.2f} m on ({safe['low']:.2f} to {safe['high']:.2f} m)"
+    return content, [*texts, f"{law}, no deviation changes by {SAFE_DEG:g}° from {ends}."]
+
+
+def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Fit the vector M of changes M / r^n by weighted least squares: M, its covariance, chi-squared.
+
+    The exponent n is one or several; the results have its shape in front.
+    """
+    weights = np.linalg.inv([each.covariance for each in changes])
+    observed = np.array([each.change_deg for each in changes])
+    shares = np.array([each.distance_m for each in changes]) ** -np.asarray(exponent, dtype=float)[..., None]
+    covariance = np.linalg.inv(np.einsum("...k,kij->...ij", shares**2, weights))
+    pull = np.einsum("...k,kij,kj->...i", shares, weights, observed)
+    strength = np.einsum("...ij,...j->...i", covariance, pull)
+    square = np.einsum("ki,kij,kj", observed, weights, observed) - np.einsum("...i,...i", pull, strength)
+    return strength, covariance, np.maximum(square, 0.0)
+
+
+def safe_distance(strength: Floats, covariance: Floats, least_m: float) -> dict[str, float]:
+    """Compute from where a dipole changes a deviation by less than the harmless size, with its interval of 95 %.
+
+    Args:
+        strength: change times distance cubed, (2,) degrees m3.
+        least_m: nearer nothing is a dipole.
+    """
+    size = float(np.hypot(*strength))
+    sigma = float(np.sqrt(strength @ covariance @ strength)) / max(size, 1e-12)
+    ends = {"value": size, "low": max(size - 2.0 * sigma, 0.0), "high": size + 2.0 * sigma}
+    return {name: max((each / SAFE_DEG) ** (1.0 / DIPOLE), least_m) for name, each in ends.items()}
+
+
+def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[ObjectChange]:
+    """Collect the changes of (B, C) by an object from calibrations that state its distance, nearest first."""
+    found = []
+    for content in others:
+        given = content.get("object")
+        if not given or not content["coefficients"] or not without["coefficients"]:
+            continue
+        change = np.array([content["coefficients"][k] - without["coefficients"][k] for k in "BC"])
+        both = [np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without)]
+        found.append(ObjectChange(content["name"], given["distance_m"], change, both[0] + both[1]))
+    return sorted(found, key=lambda each: each.distance_m)

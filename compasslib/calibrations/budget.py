@@ -21,8 +21,6 @@ LE_MENN = "le_menn"
 TOO_EXACT_DEG = 1e-4  # rms that no reading of an instrument leaves
 PAPER_NT, PAPER_FIELD_NT = (60.0, 75.0), 22000.0  # the field's changes without and with its noise, and its level part
 COVERAGE_FACTOR = 2.0  # k of an expanded uncertainty (Le Menn et al. 2023, section 2)
-
-
 PLATFORM, TILT = "platform", "tilt"
 
 
@@ -69,7 +67,6 @@ def sources(given: Mapping[str, float | None], budget: str | None = None, kind: 
     Args:
         given: row -> degrees, as ``ROWS`` describes them; None where absent.
         budget: ``le_menn`` fills the rows that are not given with the numbers of that paper, where it has one.
-        kind: of calibration; rows of others are left out.
     """
     made = []
     for name, row in _rows_of(kind).items():
@@ -100,11 +97,7 @@ def _rows_of(kind: str) -> dict[str, Row]:
 
 
 def physical_field(rows: tuple[Source, ...], horizontal_nT: float = PAPER_FIELD_NT) -> dict[str, Any]:
-    """Restate a budget with the angles by which the paper's changes of the field turn a compass.
-
-    Args:
-        rows: of the budget, the field's among them.
-    """
+    """Restate a budget with the angles by which the paper's changes of the field turn a compass."""
     sizes = [float(angles.direction(change, horizontal_nT)) for change in PAPER_NT]
     others = combined(tuple(row for row in rows if row.name != "field_deg"))
     totals = [COVERAGE_FACTOR * float(np.hypot(others, size / AT_MOST[0])) for size in sizes]

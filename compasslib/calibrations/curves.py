@@ -99,11 +99,7 @@ class FittedCurve:
 
 
 def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: ArrayLike | None = None) -> Points:
-    """Compute observed deviations, continuous about their mean: none jumps by 360 degrees.
-
-    Args:
-        weight: inverse variances, (n,); equal where absent.
-    """
+    """Compute observed deviations, continuous about their mean, with inverse variances, (n,), equal where absent."""
     recorded, off = angles.wrap360(recorded_deg), angles.difference(reference_deg, recorded_deg)
     middle = angles.wrap180(angles.mean(off)) if off.size else 0.0
     equal = np.ones(recorded.shape) if weight is None else np.asarray(weight, dtype=float)
@@ -142,9 +138,8 @@ def student_widening(dof: int) -> float:
 
 def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
     """Fit a form to points, each at a heading of its own; the reason where it cannot be fitted."""
-    needed = len(form.letters)
-    if len(points) <= needed:
-        return f"{len(form.letters)} coefficients need at least {needed + 1} headings, there are {len(points)}"
+    if len(points) <= (needed := len(form.letters)):
+        return f"{needed} coefficients need at least {needed + 1} headings, there are {len(points)}"
     solution = form.solve(points)
     if solution is None:
         return "no curve of this form passes near the points"
@@ -163,9 +158,6 @@ def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
     better. One with fewer is not taken: it is contained in the first, and its uncertainty would forget what it leaves
     out. Where hardly a degree of freedom is left nothing is selected.
-
-    Args:
-        curves: fitted to the same points, the preferred one first.
     """
     best = curves[0]
     for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= MIN_DOF_TO_SELECT):
@@ -194,7 +186,10 @@ def _evaluate_fit(form: CurveForm, points: Points, solution: LeastSquares) -> Fi
     )
 
 
-def _series(name: str, letters: str, source: str, design: Callable[[Floats], Floats]) -> CurveForm:
+def series_form(
+    name: str, letters: str, source: str, design: Callable[[Floats], Floats], around: Floats = CIRCLE_DEG
+) -> CurveForm:
+    """Make a form that is linear in its coefficients, judged at headings (or other readings) all round its range."""
     return CurveForm(
         name=name,
         letters=letters,
@@ -202,7 +197,7 @@ def _series(name: str, letters: str, source: str, design: Callable[[Floats], Flo
         solve=lambda points: least_squares(design(points.recorded_deg), points.deviation_deg, points.weight),
         deviation=lambda coefficients, recorded: design(recorded) @ coefficients,
         gradient=lambda coefficients, recorded: design(recorded),
-        around=lambda coefficients: design(CIRCLE_DEG),
+        around=lambda coefficients: design(around),
     )
 
 
@@ -212,10 +207,10 @@ def published_polynomial(curve: FittedCurve) -> list[float]:
     return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops the last ones that are 0
 
 
-ONE_CYCLE = _series("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: series_design(x)[:, :3])
-SMITH = _series("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", series_design)
+ONE_CYCLE = series_form("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: series_design(x)[:, :3])
+SMITH = series_form("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", series_design)
 # Powers of the recorded heading over 180 degrees, about south: eq. (7) itself is ill-conditioned.
-POLYNOMIAL = _series(
+POLYNOMIAL = series_form(
     "polynomial",
     "ABCDEFG",
     "Le Menn et al. 2023, eq. (7)",
@@ -230,7 +225,7 @@ def harmonic_design(recorded_deg: Floats) -> Floats:
 
 
 # What no iron makes, such as a wrong table in the firmware: of the heading alone, and the same in any field.
-EMPIRICAL = _series(
+EMPIRICAL = series_form(
     "empirical", "ABCDEFGHIJKLM", "von Appen 2015, footnote 1: any curve of the heading", harmonic_design
 )
 

@@ -176,10 +176,7 @@ class FieldMedian:
 
 
 def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    """Warn where an observatory's field is not the model's at its place.
-
-    Args:
-        place: latitude and longitude, degrees; there is no warning where they are not known.
+    """Warn where an observatory's field is not the model's at its place, (latitude, longitude), if that is known.
 
     Raises:
         InputError: a mistake that turns the declination is recognised, or the field is none of that place.
@@ -195,10 +192,6 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
 def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
     """Add warnings about the observatory of a mooring to the mooring's field.
 
-    Args:
-        files: IAGA-2002 files of the observatory, perhaps none.
-        place: of the mooring: ``latitude``, ``longitude``, degrees.
-
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.
     """
@@ -206,15 +199,8 @@ def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], pl
         return field
     series = iaga2002.read(files)
     warnings = check_field(series, (series.latitude, series.longitude))
-    return replace(
-        field,
-        warnings=(
-            *field.warnings,
-            *warnings,
-            *_distance_warning(series, (place["latitude"], place["longitude"])),
-            *_coverage_warning(series, field),
-        ),
-    )
+    warnings += _distance_warning(series, (place["latitude"], place["longitude"])) + _coverage_warning(series, field)
+    return replace(field, warnings=(*field.warnings, *warnings))
 
 
 def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldMedian]:
@@ -317,6 +303,7 @@ def _corrections(median: FieldMedian) -> dict[str, FieldMedian]:
         "latitude and longitude look exchanged": (longitude, latitude),
         "the latitude looks like a colatitude": (90.0 - latitude, longitude),
     }
+    exchanged = replace(median, horizontal_nT=abs(median.vertical_nT), vertical_nT=median.horizontal_nT)
     looks_like_degrees = f"D looks like degrees, {60.0 * degrees:+.2f}, where IAGA-2002 has minutes of arc"
     corrections = {
         f"{looks_like_degrees}: multiply it by 60": with_declination(60.0 * degrees),
@@ -326,9 +313,7 @@ def _corrections(median: FieldMedian) -> dict[str, FieldMedian]:
         "the sign of D (or of Y) looks exchanged, IAGA-2002 counts east positive": with_declination(-degrees),
         "the signs of X and Y look exchanged, or D counts from south": with_declination(degrees + 180.0),
         "the sign of X looks exchanged": with_declination(180.0 - degrees),
-        "the columns H and Z look exchanged": replace(
-            median, horizontal_nT=abs(median.vertical_nT), vertical_nT=median.horizontal_nT
-        ),
+        "the columns H and Z look exchanged": exchanged,
         "the sign of Z looks exchanged, it counts downward": scaled(2, -1.0),
     }
     for names, order in EXCHANGES.items():
@@ -378,9 +363,8 @@ def _distance_warning(series: FieldSeries, place: tuple[float, float]) -> list[s
         return []
     (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, place]))
     station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
-    apart = DEGREE_KM * float(
-        angles.argument(complex(station @ other, float(np.linalg.norm(np.cross(station, other)))))
-    )
+    across = float(np.linalg.norm(np.cross(station, other)))
+    apart = DEGREE_KM * float(angles.argument(complex(station @ other, across)))
     if apart <= FARTHEST_KM:
         return []
     return [

@@ -30,9 +30,8 @@ from compasslib import angles, earthfield
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries
-from compasslib.types import Bools, Floats
+from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
-DAY_S, HOUR_S = 86400.0, 3600.0
 MIN_SHARE = 0.5  # share of the samples that a mean needs
 MONTH_DAYS = 27  # a rotation of the sun
 Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
@@ -90,15 +89,6 @@ def declination_departure(series: FieldSeries, time_s: Floats) -> Floats:
     return _departure(series.time_s, angles.difference(series.declination_deg, first), time_s)
 
 
-def horizontal_departure(series: FieldSeries, time_s: Floats) -> Floats:
-    """Compute the departure of the horizontal field along magnetic north over its strength, (n,) degrees.
-
-    Elsewhere, where magnetic north points otherwise, it is across the needle.
-    """
-    off = _departure(series.time_s, series.horizontal_nT, time_s)
-    return np.asarray(off / (np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0) / angles.DEGREE)
-
-
 def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
     """Compute hourly means of a series minus the median of the 27 days around, (n,), NaN where unknown."""
     known = np.isfinite(values)
@@ -125,15 +115,14 @@ def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Flo
         InputError: a file cannot be read.
     """
     series = iaga2002.read(files)
-    return declination_departure(series, time_s), horizontal_departure(series, time_s)
+    # Along magnetic north over the field's strength: elsewhere, where north is another way, it is across the needle.
+    off = _departure(series.time_s, series.horizontal_nT, time_s)
+    strength = np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0
+    return declination_departure(series, time_s), np.asarray(off / strength / angles.DEGREE)
 
 
 def interpolate_daily_curve(curve_deg: Floats, time_s: Floats) -> Floats:
-    """Interpolate a daily curve at given instants, (n,) degrees, 0 where it is not known.
-
-    Args:
-        curve_deg: (24,) at the half hours of UTC.
-    """
+    """Interpolate a curve at the half hours of UTC, (24,), at instants, (n,) degrees, 0 where it is not known."""
     if not np.isfinite(curve_deg).all():
         return np.zeros(len(time_s))
     hour = (time_s / HOUR_S) % 24.0
@@ -183,13 +172,10 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     )
 
 
-def storms(
-    time_s: Floats, off: Floats, limit_deg: float
-) -> tuple[Bools, list[tuple[float, float, float, float]], float, int]:
+def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[Measures], float, int]:
     """Find the disturbed means, each storm's measures, the ordinary disturbance, and the number of spikes.
 
-    Args:
-        off: what level and quiet day leave, (n,), degrees.
+    They are found in what level and quiet day leave, (n,) degrees.
     """
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
@@ -204,15 +190,10 @@ def storms(
     at = np.flatnonzero(stormy & (np.abs(off) >= MIN_WITHOUT_LARGEST * limit))
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []
     half = float(np.median(np.diff(time_s))) / 2.0
-    measures = [
-        (
-            time_s[g[0]] - half,
-            time_s[g[-1]] + half,
-            angles.rms(off[g[0] : g[-1] + 1][stormy[g[0] : g[-1] + 1]]),
-            float(size[g].max()),
-        )
-        for g in groups
-    ]
+    spans = [slice(g[0], g[-1] + 1) for g in groups]
+    ends = [(time_s[g[0]] - half, time_s[g[-1]] + half) for g in groups]
+    rms = [angles.rms(off[span][stormy[span]]) for span in spans]
+    measures = [(*end, x, float(size[g].max())) for end, x, g in zip(ends, rms, groups, strict=True)]
     return stormy, measures, ordinary, spikes
 
 
@@ -270,17 +251,13 @@ def model_field(series: FieldSeries, settings: Mapping[str, Any], where: str) ->
     """
     latitude, longitude = station_place(series, settings)
     if not np.isfinite(latitude + longitude):
-        raise InputError(
-            where,
-            expected="geodetic latitude and longitude in the header",
-            found="none",
-            advice="add latitude and longitude to the calibration's YAML file",
-        )
+        expected = "geodetic latitude and longitude in the header"
+        advice = "add latitude and longitude to the calibration's YAML file"
+        raise InputError(where, expected=expected, found="none", advice=advice)
     given = settings.get("declination")
     number = None if given in (None, "auto") else float(given)
-    return earthfield.field_along(
-        latitude, float(angles.wrap180(longitude)), float(series.time_s[0]), float(series.time_s[-1]), number
-    )
+    first_s, last_s = (float(series.time_s[k]) for k in (0, -1))
+    return earthfield.field_along(latitude, float(angles.wrap180(longitude)), first_s, last_s, number)
 
 
 def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
@@ -298,11 +275,7 @@ def too_short_reason(series: FieldSeries) -> str:
 
 
 def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> FieldComparison:
-    """Separate a series minus the field's model into level, quiet day and storms.
-
-    Args:
-        limit_deg: rms over three hours from which a disturbance is a storm.
-    """
+    """Separate a series minus the field's model into level, quiet day and storms, from a three-hourly rms on."""
     time_s, observed = average(series, BIN_S)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)

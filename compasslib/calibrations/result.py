@@ -11,8 +11,8 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.calibrations import budget
+from compasslib.calibrations.bench import changes_by_object, describe_object
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
-from compasslib.calibrations.objects import changes_by_object, describe_object
 from compasslib.calibrations.settings import resolve_settings
 from compasslib.deviation.model import FieldAtPlace, separate_iron, weak_field_warnings
 from compasslib.types import Floats
@@ -25,10 +25,6 @@ SIGNIFICANCE = 0.05  # of a comparison: a difference as large as this would come
 MIN_P_VALUE = 0.001  # smaller ones are not printed
 NO_BENCH = "compare_with names no bench without the object, so that its influence is not known"
 MIN_AMPLITUDE_SIGMAS = 3.0  # standard deviations of an amplitude under which it has no phase
-
-
-def _empty() -> Floats:
-    return np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -48,10 +44,10 @@ class Calibration:
     model: str  #: the curve that was chosen
     n: int  #: observations used
     coverage: int  #: occupied sectors of 10 degrees of the recorded heading, of 36
-    coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees, series in the recorded heading
-    covariance: Floats = field(default_factory=_empty)  #: (5, 5)
-    exact: Floats = field(default_factory=_empty)  #: (5,) A..E of the exact compass, dimensionless
-    exact_covariance: Floats = field(default_factory=_empty)  #: (5, 5)
+    coefficients: Floats = field(default_factory=lambda: np.zeros(0))  #: (5,) A..E, degrees, series by reading
+    covariance: Floats = field(default_factory=lambda: np.zeros(0))  #: (5, 5)
+    exact: Floats = field(default_factory=lambda: np.zeros(0))  #: (5,) A..E of the exact compass, dimensionless
+    exact_covariance: Floats = field(default_factory=lambda: np.zeros(0))  #: (5, 5)
     residual_rms_deg: float = float("nan")  #: degrees, of the chosen curve; NaN without one
     sources: tuple[Source, ...] = ()  #: rows of the uncertainty budget
     table: DeviationTable | None = None  #: deviation by recorded heading; None where it is not known
@@ -67,7 +63,6 @@ def to_json(
     """Describe a calibration for calibration.json: the keys of every kind, then those of this one.
 
     Args:
-        settings: as ``resolve_settings`` returns them.
         earlier: calibration.json of those that it is to be compared with, by name.
     """
     place = _place(settings, made.details)
@@ -197,7 +192,6 @@ def compare(
     what the vertical field induces.
 
     Args:
-        before: calibration.json of the earlier one, of this name.
         field: the earth's at the later one, None where it is unknown.
     """
     if not after.coefficients.size or before["coefficients"] is None:
@@ -270,12 +264,7 @@ def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, floa
 
 
 def check_date(time_s: Floats | None, date_s: float | None) -> list[str]:
-    """Warn where the date of a calibration is not that of its file.
-
-    Args:
-        time_s: of the file, None where it has no clock.
-        date_s: of the YAML file, None where it has none.
-    """
+    """Warn where the date of a calibration, UTC seconds, is not that of its file; None where one has none."""
     if date_s is None or time_s is None or not np.isfinite(time_s).any():
         return []
     first, last = float(np.nanmin(time_s)), float(np.nanmax(time_s))

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.calibrations import budget, curves
 from compasslib.calibrations.budget import Source
-from compasslib.calibrations.curves import CurveForm, FittedCurve, Points
+from compasslib.calibrations.curves import FittedCurve, Points
 from compasslib.calibrations.platform import read_columns
 from compasslib.calibrations.result import Calibration
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 KIND = "tilt"
 ROLES = ("reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg")
@@ -70,13 +69,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 def calibrate_axes(
     readings: Mapping[str, AxisReadings], sources: Sequence[Source], field: Mapping[str, float] | None = None
 ) -> Calibration:
-    """Fit a polynomial to each axis, the axis with the larger scatter in the budget.
-
-    Args:
-        readings: by axis.
-        sources: rows of the uncertainty budget.
-        field: the earth's field at the place, nT, None where it is unknown.
-    """
+    """Fit a polynomial to each axis, the axis with the larger scatter in the budget."""
     fits = {axis: _fit(read) for axis, read in readings.items()}
     fitted = {axis: fit for axis, fit in fits.items() if isinstance(fit, FittedCurve)}
     reasons = "; ".join(f"{axis}: {fit}" for axis, fit in fits.items() if isinstance(fit, str))
@@ -132,13 +125,7 @@ def split_axes(reference_deg: Floats, recorded_deg: Floats) -> tuple[dict[str, A
 
 
 def _axis_readings(
-    name: str,
-    reference_deg: Floats,
-    lean_deg: Floats,
-    recorded_deg: Floats,
-    chosen: NDArray[np.bool_],
-    level: NDArray[np.bool_],
-    k: int,
+    name: str, reference_deg: Floats, lean_deg: Floats, recorded_deg: Floats, chosen: Bools, level: Bools, k: int
 ) -> AxisReadings:
     """Give one axis's readings the instrument's sign, repeats of a setting averaged."""
     if not (chosen & ~level).any():
@@ -172,20 +159,9 @@ def _fit(read: AxisReadings) -> FittedCurve | str:
     # Not the form that fits best: a bend that is too small to be seen would be missing from the uncertainty.
     carried = [name for name, letters in FORMS.items() if len(points) - len(letters) >= MIN_DOF]
     name = carried[-1] if carried else next(iter(FORMS))
-    return curves.fit_curve(_form(name, FORMS[name], span), points)
-
-
-def _form(name: str, letters: str, span_deg: Floats) -> CurveForm:
-    design = partial(np.vander, N=len(letters), increasing=True)
-    return CurveForm(
-        name=name,
-        letters=letters,
-        source="Le Menn et al. 2023, section 2",
-        solve=lambda points: curves.least_squares(design(points.recorded_deg), points.deviation_deg, points.weight),
-        deviation=lambda coefficients, recorded: design(recorded) @ coefficients,
-        gradient=lambda coefficients, recorded: design(recorded),
-        around=lambda coefficients: design(span_deg),
-    )
+    design = partial(np.vander, N=len(FORMS[name]), increasing=True)
+    form = curves.series_form(name, FORMS[name], "Le Menn et al. 2023, section 2", design, around=span)
+    return curves.fit_curve(form, points)
 
 
 def _describe(axis: str, read: AxisReadings, curve: FittedCurve, rows: tuple[Source, ...]) -> dict[str, Any]:
@@ -193,20 +169,21 @@ def _describe(axis: str, read: AxisReadings, curve: FittedCurve, rows: tuple[Sou
     steps = np.arange(np.ceil(low / TABLE_STEP_DEG), np.floor(high / TABLE_STEP_DEG) + 1) * TABLE_STEP_DEG
     sigma = np.hypot(curve.sigma(steps), budget.common(rows))
     error = -curve.deviation(np.linspace(low, high, 101))
+    largest = float(error[np.argmax(np.abs(error))])
     return {
         **curves.curve_to_json(curve),
         "covariance": curve.covariance,
         "form": curve.form.name,
         "n": len(read.recorded_deg),
         "recorded_range_deg": [low, high],
-        "max_error_deg": float(error[np.argmax(np.abs(error))]),
+        "max_error_deg": largest,
         "turned_deg": read.turned_deg,
         "expanded_deg": budget.expanded(rows),
         "common_deg": budget.common(rows),
         "table": {"recorded_deg": steps, "correction_deg": curve.deviation(steps), "sigma_deg": sigma},
         "text": f"{axis.capitalize()}: a {curve.form.name} through {len(read.recorded_deg)} tilts from {low:.1f} to "
         f"{high:.1f} degrees leaves {angles.rms(curve.residual_deg):.2f} degrees rms; the largest error is "
-        f"{float(error[np.argmax(np.abs(error))]):+.2f} degrees, the expanded uncertainty of a corrected tilt "
+        f"{largest:+.2f} degrees, the expanded uncertainty of a corrected tilt "
         f"{budget.expanded(rows):.2f} degrees (k = 2).",
     }
 

@@ -362,7 +362,7 @@ def describe_seam(seam: Mapping[str, Any]) -> str:
 
 
 def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
-    """Average columns, (n, ...), over the intervals of the axes, gaps up to a limit interpolated, (t, ...); NaN beyond."""
+    """Average columns, (n, ...), over intervals of the axes, gaps up to a limit interpolated, (t, ...); NaN beyond."""
     slot = axes.slot_of(time_s)
     known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(axes.time_s))
     result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)

@@ -123,7 +123,7 @@ def memory_of(heading_deg: Floats, step_s: float) -> float:
 
 
 def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Differences:
-    """Learn how velocities, (n, m), differ by depth from a profile; of too few bins, an assumption by their variance."""
+    """Learn how velocities, (n, m), differ by depth in a profile; of too few bins, assume it by their variance."""
     learnt = fit_structure_function(velocity, range_m)
     step = RESOLUTION * (cell_m or 1.0)
     distance = np.arange(0.0, REACH_M + step, step)

@@ -234,7 +234,7 @@ def survey(source: Source) -> Survey:
 
 
 def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
-    """Make the axes: those of the first, affected instrument as far as any of them measured, or as they are asked for."""
+    """Make the axes: those of the first, affected instrument as far as any of them measured, or as asked for."""
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
     step_m = rules.step_m or cell_m or (cells[0] if cells else POINT_STEP_M)

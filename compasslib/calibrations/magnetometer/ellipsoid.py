@@ -119,11 +119,7 @@ def unpack(model: Model, parameters: Floats) -> tuple[Floats, Floats]:
 
 
 def corrected(iron: Floats, readings: ScaledReadings) -> Floats:
-    """Take the iron off readings: h = G (m - b), the field over its modulus, (n, 3).
-
-    Args:
-        iron: centre b and G, (12,).
-    """
+    """Take the iron, centre b and G, (12,), off readings: h = G (m - b), the field over its modulus, (n, 3)."""
     return (readings.field - iron[:3]) @ iron[3:].reshape(3, 3).T
 
 
@@ -172,23 +168,13 @@ def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipso
         np.linalg.LinAlgError: the readings do not determine the parameters.
     """
     parameters, variance = solve(model, readings, centre)
-    replicates = _without_each_block(model, parameters, readings, variance)
-    return FittedEllipsoid(model, parameters, float(np.sqrt(max(variance, 0.0))), replicates)
-
-
-def _without_each_block(model: Model, parameters: Floats, readings: ScaledReadings, variance: float) -> Floats:
-    """Take one step of the fit without each contiguous block, (blocks, p)."""
     score, columns = _scores(model, parameters, readings, variance)
-    information = columns.T @ columns
-    parts = [blocks(len(readings)) == k for k in range(BLOCKS)]
-    return np.array(
-        [
-            parameters + np.linalg.solve(information - columns[i].T @ columns[i], score[i].sum(axis=0))
-            if i.any()
-            else parameters
-            for i in parts
-        ]
-    )
+    information, replicates = columns.T @ columns, np.tile(parameters, (BLOCKS, 1))
+    for k in range(BLOCKS):  # one step of the fit without each contiguous block
+        i = blocks(len(readings)) == k
+        if i.any():
+            replicates[k] += np.linalg.solve(information - columns[i].T @ columns[i], score[i].sum(axis=0))
+    return FittedEllipsoid(model, parameters, float(np.sqrt(max(variance, 0.0))), replicates)
 
 
 def blocks(n: int) -> NDArray[np.signedinteger]:
@@ -199,10 +185,8 @@ def blocks(n: int) -> NDArray[np.signedinteger]:
 def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     """Compute the jackknife covariance of a quantity of each replicate, (q, q).
 
-    It is widened so that 1.96 standard deviations hold what Student's distribution of the few blocks asks for.
-
-    Args:
-        shift: what one standard deviation of something that no reading shows does to it, (q,).
+    It is widened so that 1.96 standard deviations hold what Student's distribution of the few blocks asks for. The
+    shift is what one standard deviation of something that no reading shows does to it, (q,).
     """
     k = len(replicates)
     off = replicates - replicates.mean(axis=0)
@@ -223,9 +207,6 @@ def dilution(model: Model, iron: Floats, readings: ScaledReadings) -> dict[str, 
 
     It is the root of the diagonal of the inverse information of one average reading, all other parameters free,
     by the eigenvalues of the information; one that is nothing beside the largest counts as such.
-
-    Args:
-        iron: centre and G at which the readings are linearised, (12,).
     """
     centre, matrix = iron[:3], iron[3:].reshape(3, 3)
     across, weight = _across(centre, matrix, readings)

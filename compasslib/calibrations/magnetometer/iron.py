@@ -26,7 +26,6 @@ def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
     """Compute A..E of the exact compass of an instrument that stands level, (5,).
 
     Args:
-        iron: centre and G, (12,), with the field's modulus 1.
         dip_ratio: downward over horizontal field; 0 where the modulus is that of the horizontal field alone.
     """
     horizontal = 1.0 / np.hypot(1.0, dip_ratio)
@@ -47,9 +46,8 @@ def series_coefficients(coefficients: Floats) -> Floats:
 def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> DeviationTable:
     """Tabulate the exact deviation every 10 degrees of the recorded heading.
 
-    Args:
-        replicates: the same without each block, (blocks, 5).
-        moved: the same with one standard deviation of what no reading shows, (5,).
+    Its uncertainty follows from the coefficients without each block, (blocks, 5), and from those moved by one standard
+    deviation of what no reading shows, (5,).
     """
     value = exact_deviation(coefficients, TABLE_DEG)
     off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
@@ -73,9 +71,6 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
 
     With the downward direction t the vertical field t . (h + e x h) is one number c wherever the instrument points, so
     t . h = c - e . (h x t) is linear in the turn e about forward, starboard and down.
-
-    Args:
-        down: t of the tilt sensor, (n, 3).
 
     Returns:
         The turn (3,) in degrees, NaN about an axis that the tilts do not determine; c, the sine of the dip; and the

@@ -97,7 +97,6 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     """Read the log from one or several files.
 
     Args:
-        files: in the order of time.
         settings: ``format`` (csv, mmp_acm), ``columns`` (role -> header) and ``withhold`` (roles or headers that must
             not be seen).
 
@@ -156,12 +155,14 @@ def _select_columns(
         header = usual if named is None else named
         if {role, usual, header} & withhold:
             if role in ("x", "y"):
-                raise InputError(
-                    "withhold", expected="columns other than x and y", found=header, advice="take it off the list"
-                )
+                raise _needed(header)
         elif named not in (None, usual) or header in there or role in ("x", "y"):
             wanted[role] = header
     return wanted
+
+
+def _needed(column: str) -> InputError:
+    return InputError("withhold", expected="columns other than x and y", found=column, advice="take it off the list")
 
 
 def are_direction_cosines(log: Log) -> bool:
@@ -207,11 +208,7 @@ def _gravity_reason(log: Log) -> str:
 
 
 def level_heading(field: Floats, levelling: Floats) -> Floats:
-    """Compute the heading of a tilt-compensated compass, (n,) degrees.
-
-    Args:
-        field: body frame (forward, starboard, down), (n, 3), any unit.
-    """
+    """Compute the heading of a tilt-compensated compass from the field in the body frame, (n, 3), (n,) degrees."""
     north = np.einsum("nij,nj->ni", levelling[:, :2, :], field)
     return angles.argument(north[:, 0] - 1j * north[:, 1])
 
@@ -283,9 +280,6 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
 
     The axes are forward, port, up; TX lifts the first and TY the second, each axis by itself in the logger's own rule.
 
-    Args:
-        paths: A files, unpacked ASCII or binary.
-
     Raises:
         InputError: a file cannot be read, or something unknown or needed is withheld.
     """
@@ -307,30 +301,19 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(keep.sum()) if z is None else z])
     nominal = np.array([block.rate_hz for block in scans.blocks])
     time_s = mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
-    return Log(
-        raw,
-        z is not None,
-        tilts[0] if z is not None else None,
-        tilts[1] if z is not None else None,
-        heading,
-        time_s[keep] if TIME in allowed else None,
-        int((~keep).sum()),
-        tuple(warnings),
-        axis_by_axis=True,
-    )
+    pitch, roll = tilts if z is not None else (None, None)
+    clock, left_out = time_s[keep] if TIME in allowed else None, int((~keep).sum())
+    return Log(raw, z is not None, pitch, roll, heading, clock, left_out, tuple(warnings), axis_by_axis=True)
 
 
 def _allowed_roles(withhold: Collection[str]) -> set[str]:
     known = {*HEADERS, *HEADERS.values(), TIME}
     if unknown := sorted(set(withhold) - known):
-        raise InputError(
-            "withhold", expected=f"columns of it ({', '.join(sorted(known))})", found=unknown[0], advice="correct it"
-        )
+        expected = f"columns of it ({', '.join(sorted(known))})"
+        raise InputError("withhold", expected=expected, found=unknown[0], advice="correct it")
     for role in ("x", "y"):
         if {role, HEADERS[role]} & set(withhold):
-            raise InputError(
-                "withhold", expected="columns other than x and y", found=role, advice="take it off the list"
-            )
+            raise _needed(role)
     return {role for role, header in HEADERS.items() if not {role, header} & set(withhold)} | ({TIME} - set(withhold))
 
 
@@ -338,9 +321,6 @@ def repair_counts(log: Log) -> Log:
     """Put counts that went over the end of the scale back; leave saturated and stuck ones out.
 
     What went over the end of a scale that is not one of whole counts is left out: how far it is off is a guess.
-
-    Args:
-        log: as read, in the order of the file; one that is refused comes back as it is.
     """
     if unusable_reason(log):
         return log
@@ -356,10 +336,7 @@ def repair_counts(log: Log) -> Log:
             out |= turns != 0.0
     log = replace(log, raw=raw).take(~out, *warnings)
     gone, why = np.zeros(len(log.raw), dtype=bool), []
-    for text, flags in (
-        ("saturated", _find_saturated),
-        ("stuck", _find_stuck),
-    ):
+    for text, flags in (("saturated", _find_saturated), ("stuck", _find_stuck)):
         for k, name in enumerate("xyz"):
             flagged = flags(log.raw, k)
             gone |= flagged

@@ -19,7 +19,7 @@ from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import SECTOR_DEG, count_sectors
 from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG
 from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.swing import adjustment, correctors, model, observations
+from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
 from compasslib.deviation.series import series_design, series_deviation
@@ -36,11 +36,9 @@ BLOCKS = {
     model.VISUAL: ("visual references", "as given, and the scatter about the curve"),
     model.WATER: ("speed through the water", "scatter of the ship's log about the triangle of speeds"),
 }
-WATER = ("set and drift of the water", "anything up to the largest allowed, reduced by the information of the swing")
-DELAY = (
-    "delay of the course behind the compass",
-    "anything up to the longest allowed, reduced by the information of the swing",
-)
+ALLOWED = "anything up to the {} allowed, reduced by the information of the swing"
+WATER = ("set and drift of the water", ALLOWED.format("largest"))
+DELAY = ("delay of the course behind the compass", ALLOWED.format("longest"))
 PRIORS = {
     model.DECLINATION: ("declination", "as given, or error of the world model at this field strength"),
     **dict.fromkeys((model.EAST, model.NORTH, model.EAST_CHANGE, model.NORTH_CHANGE), WATER),
@@ -87,12 +85,9 @@ def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
     horizontal = None if field is None else float(field["horizontal_nT"])
     if declination is None:
         if place is None or date_s is None:
-            raise InputError(
-                "declination",
-                expected="a number, or position and date for the model of the earth's field",
-                found="neither",
-                advice="write declination, or latitude, longitude and date",
-            )
+            expected = "a number, or position and date for the model of the earth's field"
+            advice = "write declination, or latitude, longitude and date"
+            raise InputError("declination", expected=expected, found="neither", advice=advice)
         east, level, _ = earthfield.igrf(*place, date_s)
         declination, horizontal = float(east[0]), float(level[0])
     sigma = options.declination_sigma_deg
@@ -127,9 +122,8 @@ def _date(observed: Observations, settings: Mapping[str, Any]) -> float | None:
 def _marks(options: SwingOptions, place: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
     marks = [(float(mark["compass_deg"]), float(mark["true_deg"])) for mark in options.visual]
     if options.sun and place is None:
-        raise InputError(
-            "sun", expected="latitude and longitude", found="neither", advice="write the position of the swing"
-        )
+        advice = "write the position of the swing"
+        raise InputError("sun", expected="latitude and longitude", found="neither", advice=advice)
     latitude, longitude = place or (0.0, 0.0)
     for sight in options.sun:
         time = sight["time_utc"]
@@ -222,7 +216,7 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         "delay": _describe_delay(swing.observed, *lag_s) if swing.observed.delay_s else None,
         "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, shell.details["speed_kn"]),
         "nullify": planned,
-        "correctors": correctors.plan(coefficients, planned["largest_deg"]["none"], swing.horizontal_nT),
+        "correctors": adjustment.plan(coefficients, planned["largest_deg"]["none"], swing.horizontal_nT),
         "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
         "n_effective": series.noises[COURSE].n_effective,
         "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
@@ -260,12 +254,8 @@ def _without_water(
     if not drift or not drift["separable"] or None in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
         return None
     water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
-    return {
-        "B": principal["B_bar"] + water["x"],
-        "C": principal["C_bar"] - water["y"],
-        "D": principal["D"] - water["D"],
-        "E": principal["E"] + water["E"],
-    }
+    semicircular = {"B": principal["B_bar"] + water["x"], "C": principal["C_bar"] - water["y"]}
+    return semicircular | {"D": principal["D"] - water["D"], "E": principal["E"] + water["E"]}
 
 
 def _sources(series: SwingFit, heading_deg: Floats) -> tuple[Source, ...]:
@@ -284,10 +274,9 @@ def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
     columns |= {"time_s": observed.time_s, "turn_deg_s": observed.turn_deg_s}
     columns["pseudo_deviation_deg"] = angles.difference(observed.course_deg, observed.recorded_deg)
     if series is not None:
-        columns["deviation_deg"] = (
-            series_deviation(series.parameters[SERIES], observed.settled_deg) + series.residuals[COURSE]
-        )
-        columns["residual_deg"] = series.residuals[COURSE]
+        residual = series.residuals[COURSE]
+        columns["deviation_deg"] = series_deviation(series.parameters[SERIES], observed.settled_deg) + residual
+        columns["residual_deg"] = residual
         columns["sigma_deg"] = series.noises[COURSE].sigma
     return columns
 
@@ -301,11 +290,7 @@ def _to_json(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def azimuth(latitude: float, longitude: float, time_s: float) -> float:
-    """Compute the sun's azimuth from true north, degrees, by VSOP87 (PyEphem).
-
-    Args:
-        time_s: UTC seconds since 1970.
-    """
+    """Compute the sun's azimuth from true north at an instant, UTC seconds since 1970, degrees, by VSOP87 (PyEphem)."""
     import ephem  # only swings by the sun need it
 
     here = ephem.Observer()

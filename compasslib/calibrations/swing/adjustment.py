@@ -9,7 +9,6 @@ opposite courses, take it out.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ NAN = float("nan")
 LIMIT_DEG, SHORT_M, MIN_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
 TWO_SIGMA = 1.959964
 SPEED_SCATTER = 0.02  # of the speed through the water at one setting of the engine, assumed
+LIE = {"B": "longitudinal", "C": "transversal"}  # of magnets
 NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
 
 
@@ -56,20 +56,14 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
 def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, float | dict[str, float]]:
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
-    D is the mean over the quadrants that were steered; over all four it is (47).
-
-    Args:
-        psi: degrees by point; deviations where the declination is 0.
+    D is the mean over the quadrants that were steered; over all four it is (47). Where the declination is 0 the
+    pseudo-deviations, degrees by point, are deviations.
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
     along, across = SIN_45 * (b_bar + c_bar), SIN_45 * (b_bar - c_bar)
-    quadrants = {
-        "NE": ne - a_bar - along,
-        "SE": a_bar + across - se,
-        "SW": sw - a_bar + along,
-        "NW": a_bar - across - nw,
-    }
+    quadrants = {"NE": ne - a_bar - along, "SE": a_bar + across - se}
+    quadrants |= {"SW": sw - a_bar + along, "NW": a_bar - across - nw}
     steered = [d for d in quadrants.values() if np.isfinite(d)]
     return {
         "A_bar": a_bar,
@@ -83,22 +77,15 @@ def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> 
 
 
 def error_bound_deg(ratio: ArrayLike) -> Floats:
-    """Bound the error of D and of E by set and drift, MM (37), (43) and Table 1, degrees.
-
-    Args:
-        ratio: drift over the ship's speed, d/S.
-    """
+    """Bound the error of D and of E by the ratio of drift to ship's speed, MM (37), (43) and Table 1, degrees."""
     return 0.5 / angles.DEGREE * np.asarray(ratio, dtype=float) ** 2
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
     """Compute the part of set and drift in the deviations' coefficients, MM (22), (37) and (43), degrees.
 
-    B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2.
-
-    Args:
-        ratio: drift over the ship's speed, d/S.
-        set_deg: towards which the water flows, magnetic, degrees.
+    B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2. The ratio is that of
+    drift to the ship's speed, d/S; the set is magnetic, towards which the water flows.
     """
     sine, cosine = angles.sin_cos(set_deg)
     sine2, cosine2 = angles.sin_cos(2.0 * set_deg)
@@ -114,23 +101,15 @@ def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
 def residual_from_two_headings(
     known: Mapping[str, float], first: tuple[float, float], second: tuple[float, float]
 ) -> tuple[float, float]:
-    """Solve for residual B and C from the deviations on two headings (MM section 6), degrees.
-
-    Args:
-        known: A, D and E, degrees.
-        first: compass course and deviation on it, degrees.
+    """Solve for residual B and C from known A, D, E and (course, deviation) on two headings (MM section 6), degrees.
 
     Raises:
         InputError: the headings are not 60 to 120 degrees apart.
     """
     apart = abs(float(angles.difference(first[0], second[0])))
     if not NARROWEST_DEG <= apart <= WIDEST_DEG:
-        raise InputError(
-            "visual",
-            expected="two headings 60 to 120 degrees apart",
-            found=f"{apart:.0f} degrees",
-            advice="steer for another mark",
-        )
+        expected, advice = "two headings 60 to 120 degrees apart", "steer for another mark"
+        raise InputError("visual", expected=expected, found=f"{apart:.0f} degrees", advice=advice)
     (eta1, eta2), (sine1, sine2), (cosine1, cosine2) = (
         [_semicircular_part(known, *each) for each in (first, second)],
         *np.transpose([angles.sin_cos(each[0]) for each in (first, second)]),
@@ -142,21 +121,12 @@ def residual_from_two_headings(
 def residual_by_lushnikov(
     known: Mapping[str, float], bars: tuple[float, float], compass_deg: float, deviation_deg: float
 ) -> dict[str, float]:
-    """Compute residual B and C from one visual reference by Lushnikov's method, MM (54) to (60), degrees.
-
-    Args:
-        known: A, D and E, degrees.
-        bars: B bar and C bar, degrees.
-    """
+    """Compute residual B and C from A, D, E, (B bar, C bar) and one visual reference, MM (54) to (60), degrees."""
     sine, cosine = (float(x) for x in angles.sin_cos(compass_deg + deviation_deg))
     across = _semicircular_part(known, compass_deg + deviation_deg, deviation_deg)
     along = bars[0] * cosine - bars[1] * sine
-    return {
-        "B": across * sine + along * cosine,
-        "C": across * cosine - along * sine,
-        "theta_1": across,
-        "theta_2": along,
-    }
+    residual = {"B": across * sine + along * cosine, "C": across * cosine - along * sine}
+    return residual | {"theta_1": across, "theta_2": along}
 
 
 def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
@@ -167,7 +137,6 @@ def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
 
     Args:
         ratio: largest drift over the ship's speed, d/S; any smaller drift, in any direction, is as likely.
-        heading_deg: for the mark, magnetic.
     """
     sine, cosine = (float(x) for x in angles.sin_cos(heading_deg))
     largest = ratio / angles.DEGREE
@@ -192,9 +161,6 @@ def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float]
 
     The ship's speed through the water must be the same on opposite courses: where it scatters by a share s, x and y
     have a standard uncertainty of 57.3 s / sqrt 2.
-
-    Args:
-        speed_kn: over ground, by point.
     """
     n, e, s, w = (speed_kn[point] for point in "NESW")
     if not np.isfinite([n, e, s, w]).all():
@@ -207,12 +173,7 @@ def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float]
 
 
 def directive_force(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
-    """Compute H' cos(deviation) over lambda H by magnetic heading, MM (53): how strongly the needle is directed.
-
-    Args:
-        coefficients: A to E, degrees, (5,).
-        heading_deg: magnetic, (n,).
-    """
+    """Compute H' cos(deviation) over lambda H by magnetic heading, MM (53): how strongly the needle is directed."""
     (sine, cosine), (sine2, cosine2) = angles.sin_cos(heading_deg), angles.sin_cos(2.0 * heading_deg)
     _, b, c, d, e = coefficients * angles.DEGREE
     relative = 1.0 + b * cosine - c * sine + d * cosine2 - e * sine2
@@ -225,18 +186,6 @@ def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_
     return deviation_deg - known["A"] - known["D"] * float(sine2) - known["E"] * float(cosine2)
 
 
-@dataclass(frozen=True)
-class Magnets:
-    """What nullifies one coefficient."""
-
-    letter: str
-    lie: str  # longitudinal | transversal
-    courses_deg: tuple[float, float]  # compass courses, either of which does
-    settle_deg: tuple[float, float]  # what the compass must show then
-    red_towards: str  # where the red (north-seeking) ends of magnets below or beside the compass point
-    text: str
-
-
 def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -> DeviationTable:
     """Tabulate the deviation of A..E (5,) and its sigma by recorded heading, north first, degrees."""
     heading = np.arange(0.0, 360.0 - 1e-9, step_deg)
@@ -245,7 +194,7 @@ def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -
     return DeviationTable(heading, columns @ coefficients, sigma)
 
 
-def magnets_for(letter: str, value_deg: float) -> Magnets:
+def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
     """Describe how to nullify B or C (MM section 7.2, point 7).
 
     A positive B is a field towards the bow. Above or beside its middle a magnet's field runs against its red end, so
@@ -255,14 +204,14 @@ def magnets_for(letter: str, value_deg: float) -> Magnets:
     courses = (90.0 - value_deg, 270.0 + value_deg) if b else (-value_deg, 180.0 + value_deg)
     first, second = (float(x) for x in angles.wrap360(courses))
     settle = (90.0, 270.0) if b else (0.0, 180.0)
-    lie = "longitudinal" if b else "transversal"
     red = ("forward" if value_deg > 0 else "aft") if b else ("to starboard" if value_deg > 0 else "to port")
     text = (
         f"To nullify {letter} ({value_deg:+.1f}°): steer {first:05.1f}° (or {second:05.1f}°) by compass, read the "
-        f"course over ground, keep it by the receiver, and turn the {lie} magnets, red ends {red}, until the compass "
-        f"shows {settle[0]:03.0f}° (or {settle[1]:03.0f}°)."
+        f"course over ground, keep it by the receiver, and turn the {LIE[letter]} magnets, red ends {red}, until the "
+        f"compass shows {settle[0]:03.0f}° (or {settle[1]:03.0f}°)."
     )
-    return Magnets(letter, lie, (first, second), settle, red, text)
+    courses_deg = {"letter": letter, "lie": LIE[letter], "courses_deg": (first, second), "settle_deg": settle}
+    return courses_deg | {"red_towards": red, "text": text}
 
 
 def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
@@ -272,22 +221,13 @@ def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
         remaining = coefficients * [letter not in letters for letter in LETTERS]
         remains[choice] = deviation_table(remaining, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
         largest[choice] = float(np.max(np.abs(remains[choice])))
-    magnets = {letter: vars(magnets_for(letter, float(coefficients[LETTERS.index(letter)]))) for letter in "BC"}
-    return {
-        "magnets": magnets,
-        "residual_table_deg": remains,
-        "largest_deg": largest,
-        "text": _advice(coefficients, largest),
-    }
+    magnets = {letter: magnets_for(letter, float(coefficients[LETTERS.index(letter)])) for letter in "BC"}
+    text = _advice(coefficients, largest)
+    return {"magnets": magnets, "residual_table_deg": remains, "largest_deg": largest, "text": text}
 
 
 def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
-    """Judge whether the deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), with the conditions said.
-
-    Args:
-        length_m: of the vessel, where known.
-        speed_kn: the median speed of the swing, where known.
-    """
+    """Judge whether the deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), with the conditions said."""
     size = np.abs(table.deviation_deg)
     surely, perhaps = size - TWO_SIGMA * table.sigma_deg > LIMIT_DEG, size + TWO_SIGMA * table.sigma_deg > LIMIT_DEG
     word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
@@ -329,3 +269,95 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
         f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron near the compass; "
         "only another place for the compass, or soft-iron correctors, take it away."
     )
+
+
+# What to turn and how far: magnets by the courses of a swing, and spheres for D and E. The field of a sphere of soft
+# iron of high permeability in a field F is (a/r)^3 (3 (F n) n - F), a its radius, at the distance r along n.
+
+# Of each cardinal course the letter that magnets change, its sign in the deviation, and that of E; MM (2) to (5).
+CARDINAL = {"N": ("C", 1.0, 1.0), "E": ("B", 1.0, -1.0), "S": ("C", -1.0, 1.0), "W": ("B", -1.0, -1.0)}
+COURSE_DEG = {"N": 0.0, "E": 90.0, "S": 180.0, "W": 270.0}
+OPPOSITE = {"N": "S", "S": "N", "E": "W", "W": "E"}
+MIN_QUADRANTAL_DEG = 0.5  # D and E that spheres are worth placing for
+SPHERE_MM = 180.0  # diameter of the spheres of an ordinary binnacle
+
+
+def adjust(
+    coefficients: Floats, first: tuple[str, str] = ("E", "N"), water_deg: tuple[float, float] = (0.0, 0.0)
+) -> list[dict[str, Any]]:
+    """Simulate the adjustment on four cardinal courses: nullify on the first two, halve on their opposites.
+
+    What is left of B and C is the drift of the water, x and -y: A, D and E do not change.
+
+    Args:
+        water_deg: x and y of MM (22).
+
+    Returns:
+        A step each: course, magnets, pseudo-deviation less declination before and after, B and C after, text.
+    """
+    letters = dict(zip(LETTERS, (float(k) for k in coefficients), strict=True))
+    drift = {"B": -water_deg[0], "C": water_deg[1]}  # in the pseudo-deviation, MM (23) to (26), first order
+    steps = []
+    for course, share in [(c, 1.0) for c in first] + [(OPPOSITE[c], 0.5) for c in first]:
+        letter, sign, of_e = CARDINAL[course]
+        before = letters["A"] + sign * (letters[letter] + drift[letter]) + of_e * letters["E"]
+        letters[letter] -= sign * share * before
+        shown = angles.wrap360(COURSE_DEG[course] - before + share * before)
+        what = "nullify it" if share == 1.0 else "take half of it away"
+        text = (
+            f"On {course} the compass is off by {before:+.1f}°; {what}: turn the {LIE[letter]} magnets until it "
+            f"shows {shown:05.1f}°."
+        )
+        step = {"course": course, "magnets": LIE[letter], "before_deg": before, "after_deg": (1.0 - share) * before}
+        steps.append(step | {"B": letters["B"], "C": letters["C"], "shows_deg": float(shown), "text": text})
+    return steps
+
+
+def magnet_field(value_deg: float, horizontal_nT: float) -> float:
+    """Compute the field towards the bow that nullifies B, or towards starboard that nullifies C, nT over lambda."""
+    return -float(angles.sin_cos(value_deg)[0]) * horizontal_nT
+
+
+def spheres(d_deg: float, e_deg: float, diameter_mm: float = SPHERE_MM) -> dict[str, float] | None:
+    """Place two spheres of soft iron that nullify D and E; None where both are small.
+
+    3 (a/r)^3 = lambda sqrt(D^2 + E^2), with lambda, 0.8 to 1 aboard, taken as 1: its tenth is 3.5 % of the distance.
+    The line of their centres stands athwartships for positive D, slewed clockwise by half of the angle of (D, E).
+    """
+    d, e = (float(sine) for sine in angles.sin_cos([d_deg, e_deg])[0])
+    size = float(np.hypot(d, e))
+    if size < MIN_QUADRANTAL_DEG * angles.DEGREE:
+        return None
+    slew = float(angles.wrap180(angles.direction(e, d))) / 2.0
+    distance = diameter_mm / 2.0 * (3.0 / size) ** (1.0 / 3.0)
+    return {"slew_deg": slew, "distance_mm": distance, "diameter_mm": diameter_mm}
+
+
+def plan(coefficients: Floats, largest_deg: float, horizontal_nT: float | None) -> dict[str, Any]:
+    """Plan the adjustment of a compass: magnets course by course, their fields, spheres.
+
+    Args:
+        largest_deg: deviation; up to 4 degrees nothing need be adjusted, and no text advises it.
+        horizontal_nT: the earth's, None where it is unknown.
+    """
+    letters, steps = dict(zip(LETTERS, coefficients.tolist(), strict=True)), adjust(coefficients)
+    placed = spheres(letters["D"], letters["E"])
+    fields = {k: magnet_field(letters[k], horizontal_nT) for k in "BC"} if horizontal_nT is not None else None
+    content = {"steps": steps, "field_nT": fields, "spheres": placed}
+    if largest_deg <= LIMIT_DEG:
+        return content
+    sentences = [step["text"] for step in steps]
+    if fields:
+        forward, starboard = fields["B"], fields["C"]
+        sentences.append(
+            f"The magnets make {abs(forward):.0f} nT towards the {'bow' if forward > 0 else 'stern'} and "
+            f"{abs(starboard):.0f} nT towards {'starboard' if starboard > 0 else 'port'}, times lambda."
+        )
+    if placed:
+        sense = "clockwise" if placed["slew_deg"] >= 0 else "anticlockwise"
+        sentences.append(
+            f"D {letters['D']:+.1f}° and E {letters['E']:+.1f}° are nullified by two soft-iron spheres of "
+            f"{placed['diameter_mm']:.0f} mm, centres {placed['distance_mm']:.0f} mm from the compass, their line "
+            f"{abs(placed['slew_deg']):.0f}° {sense} of athwartships."
+        )
+    return content | {"text": " ".join(sentences)}

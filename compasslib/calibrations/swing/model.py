@@ -115,20 +115,13 @@ def _noises(
                 between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / max(dof, 1))
                 scatter = np.maximum(noise.sigma, between)
                 noise = SwingNoise(scatter, n_effective=float(occupied.sum()), dof=float(max(dof, 0)))
-        noise = _with_prior(noise, block)
+        if block.prior_sigma is not None and noise.dof < 1.0:  # no degree of freedom shows the scatter: as stated
+            repeats = 1.0 if block.groups is None else len(block.groups) / len(np.unique(block.groups))
+            stated = block.prior_sigma * np.sqrt(repeats)  # a reading that repeats a heading has its error again
+            noise = replace(noise, sigma=np.maximum(noise.sigma, stated), dof=np.inf)
         # So few residuals that their scatter may be small by chance must not overrule the priors.
         noises[block.name] = replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
     return noises
-
-
-def _with_prior(noise: SwingNoise, block: Block) -> SwingNoise:
-    """Take the stated scatter, as known, where no degree of freedom shows it."""
-    if block.prior_sigma is None or noise.dof >= 1.0:
-        return noise
-    repeats = 1.0  # a reading that repeats a heading has its error again
-    if block.groups is not None:
-        repeats = len(block.groups) / len(np.unique(block.groups))
-    return replace(noise, sigma=np.maximum(noise.sigma, block.prior_sigma * np.sqrt(repeats)), dof=np.inf)
 
 
 def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
@@ -148,12 +141,10 @@ def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises
     priors = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
     information = np.sum([*(each.T @ each for each in rows.values()), *priors.values()], axis=0)
     inverse = np.linalg.inv(information)
-    spreads = {
-        name: noises[name].weight
-        * student_factor(noises[name].dof) ** 2
-        * score_covariance(each, noises[name], in_time[name])
-        for name, each in rows.items()
-    }
+    spreads = {}
+    for name, each in rows.items():
+        widened = noises[name].weight * student_factor(noises[name].dof) ** 2
+        spreads[name] = widened * score_covariance(each, noises[name], in_time[name])
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | priors).items()}
     residuals = {block.name: block.observe(parameters)[0] for block in blocks}
     return SwingFit(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)
@@ -200,20 +191,18 @@ class Swing:
 
 
 def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> SwingFit:
-    """Fit the compass, the water's drift and the course's delay to a swing.
-
-    Args:
-        exact: the exact compass (coefficients dimensionless) instead of the series in the recorded heading (degrees).
-    """
+    """Fit the water's drift, the course's delay and the compass: exact (dimensionless), or a series (degrees)."""
     mean = np.zeros(SIZE)
     mean[LOG] = 1.0
     begin = mean.copy() if start is None else start.copy()
     if start is None:  # a compass mounted askew is no outlier
-        begin[0] = angles.wrap180(
-            angles.mean(swing.observed.course_deg - swing.observed.recorded_deg) - swing.declination_deg
-        )
-    if exact:
-        begin[SERIES] = exact_start(swing.observed.recorded_deg, corrected_course(begin, swing))
+        off = angles.mean(swing.observed.course_deg - swing.observed.recorded_deg)
+        begin[0] = angles.wrap180(off - swing.declination_deg)
+    if exact:  # by courses without water and delay: magnetic headings
+        ground = swing.observed.over_ground
+        through = angles.direction(*_through_water(begin, swing)) if ground else swing.observed.course_deg
+        heading_deg = angles.wrap360(through - _offset(begin, swing))
+        begin[SERIES] = exact_start(swing.observed.recorded_deg, heading_deg)
     return solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
 
 
@@ -245,23 +234,11 @@ def exact_start(recorded_deg: Floats, heading_deg: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(columns, -np.imag(g * w))[0])
 
 
-def corrected_course(parameters: Floats, swing: Swing) -> Floats:
-    """Take water and delay off the courses: magnetic headings, (n,) degrees."""
-    through = (
-        angles.direction(*_through_water(parameters, swing))
-        if swing.observed.over_ground
-        else swing.observed.course_deg
-    )
-    return angles.wrap360(through - _offset(parameters, swing))
-
-
 def _drift(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Compute the water's velocity at each observation, true east and north, knots."""
     since = observations.since_middle(swing.observed.time_s)
-    return (
-        parameters[EAST] + parameters[EAST_CHANGE] * since,
-        parameters[NORTH] + parameters[NORTH_CHANGE] * since,
-    )
+    east = parameters[EAST] + parameters[EAST_CHANGE] * since
+    return east, parameters[NORTH] + parameters[NORTH_CHANGE] * since
 
 
 def _through_water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
@@ -314,7 +291,10 @@ def _through_speed(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floa
 
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
     observed = swing.observed
-    in_time = observations.number_blocks(observed.time_s) if observed.timed else None
+    in_time = None
+    if observed.timed:  # blocks of 20 s, empty ones not counted
+        block = np.floor((observed.time_s - observed.time_s[0]) / observations.BLOCK_S)
+        in_time = np.unique(block, return_inverse=True)[1]
     slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
     groups = None if observed.timed else observations.group_headings(observed.recorded_deg)
     course = partial(_course, swing=swing, curve=curve)

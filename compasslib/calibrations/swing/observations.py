@@ -326,12 +326,6 @@ def since_middle(time_s: Floats) -> Floats:
     return (time_s - (first + last) / 2.0) / max(last - first, 1.0)
 
 
-def number_blocks(time_s: Floats) -> NDArray[np.int_]:
-    """Number each sample's block of 20 s, (n,), empty blocks not counted."""
-    block = np.floor((time_s - time_s[0]) / BLOCK_S)
-    return np.unique(block, return_inverse=True)[1]
-
-
 def group_headings(recorded_deg: Floats) -> NDArray[np.int_]:
     """Number the heading of each observation, (n,): repeated ones share a number."""
     order = np.argsort(recorded_deg, kind="stable")

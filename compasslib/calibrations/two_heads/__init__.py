@@ -18,19 +18,9 @@ from compasslib import angles
 from compasslib.calibrations.budget import Source
 from compasslib.calibrations.result import Calibration, check_date
 from compasslib.calibrations.two_heads import frame as frames
+from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.frame import Frame, HeadingDifference
-from compasslib.calibrations.two_heads.motion import (
-    MIN_STRETCHES,
-    RESOLUTION_S,
-    ClockDifference,
-    Motion,
-    PairedHeads,
-    estimate_clock_offset,
-    extract_motion,
-    heading_error_deg,
-    step,
-    tilt_angles,
-)
+from compasslib.calibrations.two_heads.motion import RESOLUTION_S, ClockDifference, Motion, PairedHeads
 from compasslib.errors import InputError
 from compasslib.readers import pd0
 from compasslib.records import Record
@@ -46,6 +36,11 @@ PAIR = 2
 SIGMAS, MIN_CONSTANT_DEG = 2.0, 1.0
 MAX_INTERVAL_S = 600.0
 SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
+CLOCK = {  # of the page, by the fields of a clock difference
+    **{name: name for name in ("offset_s", "sigma_s", "drift_s_per_day", "drift_sigma_s_per_day", "drift_applied")},
+    **{"found": "determined", "correlation_of_tilt_rates": "tilt_correlation"},
+    "correlation_of_heading_rates": "heading_correlation",
+}
 AMBIGUITY = (
     "The difference of two compasses does not show which of them is wrong: the coefficients are those of b relative to "
     "a, and of b alone only as far as a's compass is correct.",
@@ -76,8 +71,8 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     """Estimate the difference of the compasses of two heads from their records."""
     max_offset_s = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
     start, end = settings.get("start_s"), settings.get("end_s")
-    first = extract_motion(a, start, end)
-    second = extract_motion(
+    first = motion.extract_motion(a, start, end)
+    second = motion.extract_motion(
         b, None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
     )
     warnings = (*a.warnings, *b.warnings, *check_date(first.time_s, settings.get("date_s")))
@@ -87,7 +82,7 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
         return _no_calibration(0, why, warnings)
     fixed = settings.get("clock_offset_seconds")
     if fixed is None:
-        clock = estimate_clock_offset(first, second, max_offset_s)
+        clock = motion.estimate_clock_offset(first, second, max_offset_s)
     else:
         clock = known_clock_offset(second, float(fixed))
     compared = pair_samples(first, second, clock)
@@ -98,11 +93,7 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
 
 
 def read_head(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
-    """Read the record of one head.
-
-    Args:
-        which: 0 for a, 1 for b.
-    """
+    """Read the record of one head, 0 for a and 1 for b."""
 
     def option(key: str) -> Any:
         value = settings.get(key)
@@ -164,7 +155,7 @@ def _fit_heads(pairs: PairedHeads, clock: ClockDifference) -> _FittedHeads:
     """Fit the turn as the series' constant, iterated because the turn enters the effect of tilt too."""
     frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
-    sigma = heading_error_deg(clock, pairs.rate_deg_s)
+    sigma = motion.heading_error_deg(clock, pairs.rate_deg_s)
     for _ in range(3):
         difference = angles.difference(simulated_heading(pairs, offset, frame), pairs.recorded_b)
         series = frames.fit_difference(pairs.time_s, pairs.recorded_b, difference, sigma)
@@ -208,11 +199,7 @@ def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibr
 
 
 def simulated_heading(pairs: PairedHeads, offset_deg: float, frame: Frame) -> Floats:
-    """Simulate b's heading from a's, rigidly turned, (n,) degrees.
-
-    Args:
-        offset_deg: of b's forward axis clockwise from a's.
-    """
+    """Simulate b's heading from a's, rigidly turned, its forward axis clockwise from a's by an offset, (n,) degrees."""
     if frame.verdict in ("mirrored", "not rigid"):
         return angles.wrap360(pairs.recorded_a + offset_deg)
     rotation = frames.upright(offset_deg, pairs.lean_a, pairs.lean_b)
@@ -234,18 +221,8 @@ def _details(fitted: _FittedHeads) -> dict[str, Any]:
         "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if known else None,
         "constant_difference_deg": constant if known else None,
         "constant_difference_sigma_deg": sigma if known else None,
-        "clock": {
-            "offset_s": clock.offset_s,
-            "sigma_s": clock.sigma_s,
-            "drift_s_per_day": clock.drift_s_per_day,
-            "drift_sigma_s_per_day": clock.drift_sigma_s_per_day,
-            "drift_applied": clock.drift_applied,
-            "found": clock.determined,
-            "from_tilts_s": list(clock.from_tilts_s),
-            "from_headings_s": list(clock.from_headings_s),
-            "correlation_of_tilt_rates": clock.tilt_correlation,
-            "correlation_of_heading_rates": clock.heading_correlation,
-        },
+        "clock": {name: getattr(clock, field) for name, field in CLOCK.items()}
+        | {f"from_{by}_s": list(getattr(clock, f"from_{by}_s")) for by in ("tilts", "headings")},
         "frame": {
             "verdict": frame.verdict,
             "text": frame.text,
@@ -267,8 +244,8 @@ def _details(fitted: _FittedHeads) -> dict[str, Any]:
 
 def _points(fitted: _FittedHeads) -> dict[str, Floats]:
     pairs, difference = fitted.pairs, fitted.difference_deg
-    pitch_a, roll_a = tilt_angles(pairs.lean_a)
-    pitch_b, roll_b = tilt_angles(pairs.lean_b)
+    pitch_a, roll_a = motion.tilt_angles(pairs.lean_a)
+    pitch_b, roll_b = motion.tilt_angles(pairs.lean_b)
     return {
         "time_s": pairs.time_s,
         "recorded_a_deg": pairs.recorded_a,
@@ -291,7 +268,7 @@ def _sources(fitted: _FittedHeads) -> tuple[Source, ...]:
     pairs, series = fitted.pairs, fitted.series
     table_sigma = frames.difference_curve(series, pairs.recorded_b).sigma_deg
     sampling = float(np.sqrt(max(float(np.nanmean(table_sigma**2)) - series.structure_deg**2, 0.0)))
-    by_clock = float(abs(np.mean(heading_error_deg(fitted.clock, pairs.rate_deg_s))))
+    by_clock = float(abs(np.mean(motion.heading_error_deg(fitted.clock, pairs.rate_deg_s))))
     lever = float(np.sqrt(np.mean(np.abs(np.tan(np.abs(pairs.lean_a))) ** 2)))
     scatter = angles.rms(series.residual_deg[series.used])
     how = f"jackknife over {series.stretches} stretches, the clocks' part below included"
@@ -328,21 +305,17 @@ def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
             f"{fitted.offset_deg:.1f}°: the constants of the compasses differ by {apart:+.1f}° ± {sigma:.1f}°, or the "
             "tilt sensors are turned in their housings"
         )
-    warnings += _sampling_warnings(fitted.pairs, fitted.clock, series)
-    return (*warnings, *_slip_warnings(fitted.pairs.time_s, series))
-
-
-def _sampling_warnings(pairs: PairedHeads, clock: ClockDifference, series: HeadingDifference) -> list[str]:
+    pairs, clock, spikes = fitted.pairs, fitted.clock, int(np.sum(~series.used))
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
-    spikes = int(np.sum(~series.used))
     sentences = {
         f"b's clock gains {gain} on a's; this is corrected": clock.drift_applied,
         f"the differences are autocorrelated: effective sample size {series.n_effective:.0f} of {len(pairs)}; the "
-        f"uncertainty rests on {series.stretches} blocks": series.stretches == MIN_STRETCHES,
+        f"uncertainty rests on {series.stretches} blocks": series.stretches == motion.MIN_STRETCHES,
         f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
-        "the heads sample too rarely to resolve a clock error of seconds": step(pairs.time_s) > MAX_INTERVAL_S,
+        "the heads sample too rarely to resolve a clock error of seconds": motion.step(pairs.time_s) > MAX_INTERVAL_S,
     }
-    return [sentence for sentence, holds in sentences.items() if holds]
+    warnings += [sentence for sentence, holds in sentences.items() if holds]
+    return (*warnings, *_slip_warnings(fitted.pairs.time_s, series))
 
 
 def _slip_warnings(time_s: Floats, series: HeadingDifference) -> list[str]:

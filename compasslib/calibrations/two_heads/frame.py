@@ -25,7 +25,7 @@ from compasslib.deviation.series import series_design
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, blocks_by_count
-from compasslib.types import Complexes, Floats
+from compasslib.types import Bools, Complexes, Floats
 
 STRETCHES = 30  # in which the residual is looked at
 RIGID_DEG = 0.5  # rms of the difference of two inclinometers by their makers' word
@@ -92,11 +92,7 @@ def twist(rotation: Floats) -> float:
 
 
 def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
-    """Build the rotation from a's body to b's with a given turn about the vertical, the least lean added, (3, 3).
-
-    Args:
-        offset_deg: of b's forward axis clockwise from a's.
-    """
+    """Build the rotation from a's body to b's with a given turn about the vertical, the least lean added, (3, 3)."""
     turn, down_a, down_b = offset_deg, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0)
     for _ in range(ITERATIONS):
         sine, cosine = (float(x) for x in angles.sin_cos(turn))
@@ -115,9 +111,6 @@ def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -
 
     The forward axis of b, seen in a's body, is turned level by a's tilts and north by a's heading. Under tilt this
     differs from a constant offset in the second order: up to half a degree at ten.
-
-    Args:
-        rotation: from a's body to b's, (3, 3).
     """
     level = compass.levelling(*tilt_angles(lean_a)) @ rotation[0]
     return angles.wrap360(heading_a_deg + angles.direction(level[:, 1], level[:, 0]))
@@ -154,10 +147,8 @@ def _verdict(
     rms: float, variation: float, proper: float, mirrored: float, residual: Floats, stretch: NDArray[np.intp]
 ) -> tuple[str, str]:
     if variation < MIN_VARIATION_DEG:
-        return (
-            "not testable",
-            f"The tilts vary by {variation:.2f}° rms only, too little to test whether the frame is rigid.",
-        )
+        shown = f"The tilts vary by {variation:.2f}° rms only"
+        return "not testable", f"{shown}, too little to test whether the frame is rigid."
     if mirrored >= MIN_CORRELATION and mirrored > proper + 0.2:
         return "mirrored", (
             "The tilts of b are those of a mirrored: one head counts its roll the other way, or its orientation (up or "
@@ -187,11 +178,11 @@ class HeadingDifference:
     sampling: Floats  # (terms, terms), without that
     leak: Floats  # (terms, 5 - terms) of each refused term into the fitted ones
     residual_deg: Floats  # (n,) of all differences
-    used: NDArray[np.bool_]  # (n,) not spikes
+    used: Bools  # (n,) not spikes
     structure_deg: float  # rms by sector of what the series leaves, beyond noise
     n_effective: float
     stretches: int
-    covered: NDArray[np.bool_]  # (36,) sectors of b's recorded heading
+    covered: Bools  # (36,) sectors of b's recorded heading
     inflation: dict[int, Floats]  # terms -> variance of each over what the full circle would give
     refused: str  # which terms were refused and why; empty where none
 
@@ -241,13 +232,13 @@ def fit_difference(
     )
 
 
-def covered_sectors(recorded_deg: Floats) -> NDArray[np.bool_]:
+def covered_sectors(recorded_deg: Floats) -> Bools:
     """Flag the sectors of 10 degrees that hold enough samples, (36,)."""
     count = np.bincount((angles.wrap360(recorded_deg) / SECTOR_DEG).astype(int), minlength=SECTORS)[:SECTORS]
     return np.asarray(count >= max(MIN_IN_SECTOR, 0.001 * len(recorded_deg)))
 
 
-def variance_inflation(covered: NDArray[np.bool_], terms: int) -> Floats:
+def variance_inflation(covered: Bools, terms: int) -> Floats:
     """Compute the variance of each coefficient over what it would have alone, from the information matrix.
 
     Each covered sector counts alike: that a frame lingered at one heading does not help.
@@ -273,20 +264,15 @@ def difference_curve(series: HeadingDifference, heading_deg: Floats) -> Deviatio
     left = np.maximum(np.sum(unseen**2, axis=1), series.structure_deg**2)
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + left)
     deviation = columns[:, 1:] @ series.coefficients[1:]
-    known = near_covered(series, heading_deg)
+    known: Bools = np.full(heading_deg.shape, True)  # if it has all terms, else near sectors that were covered
+    if series.terms != max(TERM_NAMES):
+        centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
+        away = np.abs(angles.difference(heading_deg[:, None], centres))
+        known = np.asarray((away <= SECTOR_DEG / 2.0 + REACH_DEG).any(axis=1))
     return DeviationTable(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
 
 
-def near_covered(series: HeadingDifference, heading_deg: Floats) -> NDArray[np.bool_]:
-    """Flag headings (m,) at which the series may be used: all if it has all terms, else those near covered sectors."""
-    if series.terms == max(TERM_NAMES):
-        return np.full(heading_deg.shape, True)
-    centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
-    away = np.abs(angles.difference(heading_deg[:, None], centres))
-    return np.asarray((away <= SECTOR_DEG / 2.0 + REACH_DEG).any(axis=1))
-
-
-def stretches_deg(covered: NDArray[np.bool_]) -> str:
+def stretches_deg(covered: Bools) -> str:
     """Describe the covered headings in words, such as ``270° to 360°``."""
     if covered.all():
         return "the full circle"
@@ -295,7 +281,7 @@ def stretches_deg(covered: NDArray[np.bool_]) -> str:
     return ", ".join(f"{10 * b}° to {10 * (e - SECTORS * (e > SECTORS))}°" for b, e in zip(begins, ends, strict=True))
 
 
-def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, Bools]:
     """Fit least squares without spikes; return the coefficients and which are no spikes."""
     used = np.ones(len(difference), dtype=bool)
     for _ in range(5):
@@ -308,7 +294,7 @@ def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, ND
     return coefficients, used
 
 
-def _describe_refusal(terms: int, covered: NDArray[np.bool_], inflation: dict[int, Floats]) -> str:
+def _describe_refusal(terms: int, covered: Bools, inflation: dict[int, Floats]) -> str:
     if terms == max(TERM_NAMES):
         return ""
     worst = {k: float(inflation[k].max()) for k in TERM_NAMES}

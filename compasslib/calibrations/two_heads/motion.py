@@ -104,9 +104,8 @@ def extract_motion(record: Record, start_s: float | None = None, end_s: float | 
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & (tilts < STEEPEST_TILT)
-    usable &= (record.time_s >= (-np.inf if start_s is None else start_s)) & (
-        record.time_s <= (np.inf if end_s is None else end_s)
-    )
+    usable &= record.time_s >= (-np.inf if start_s is None else start_s)
+    usable &= record.time_s <= (np.inf if end_s is None else end_s)
     time_s, first = np.unique(record.time_s[usable], return_index=True)
     index = np.flatnonzero(usable)[first]
     heading = record.heading_deg[index]
@@ -117,9 +116,7 @@ def extract_motion(record: Record, start_s: float | None = None, end_s: float | 
 def lean(pitch_deg: Floats, roll_deg: Floats) -> Complexes:
     """Compute what points down, seen in the body: forward + i starboard, the third row of Ry(pitch) Rx(roll).
 
-    Args:
-        pitch_deg: forward up, (n,).
-        roll_deg: starboard down, (n,).
+    Pitch counts forward up, roll starboard down.
     """
     (sp, cp), (sr, _) = angles.sin_cos(pitch_deg), angles.sin_cos(roll_deg)
     return -sp + 1j * cp * sr
@@ -208,11 +205,7 @@ class _Signal:
 
 
 def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` where nothing moves together.
-
-    Args:
-        max_offset_s: greatest offset that is sought.
-    """
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` where nothing moves together."""
     min_correlation = max(MIN_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, correlation = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
