@@ -228,7 +228,7 @@ VON_APPEN = [
         "test_preparation_overlap.py::test_pairs_are_less_than_20_minutes_and_20_metres_apart"),
     Row("appendix", "one hourly grid, ±30 min", "preparation.gridding",
         "test_preparation_overlap.py::test_interpolation_is_linear_in_short_gaps_nearest_in_long_ones_else_nan"),
-    Row("appendix", "`compass_correction.m` on ready-made pairs (`example_vels.mat`)", "preparation.ready_pairs",
+    Row("appendix", "`compass_correction.m` on ready-made pairs (`example_vels.mat`)", "preparation.pairs",
         "test_deviation_given.py::test_ready_made_pairs_of_tables_and_matlab_files_are_the_same"),
     Row("Figs 6, 7", "deviation with scatter, β → γ, γ → β", "plots.deviation", "test_plots.py::test_figure_is_whole_and_legible"),
     Row("Figs 8, 9", "histograms of headings and directions, scatter of directions", "plots.deviation",

@@ -21,7 +21,7 @@ from compasslib.deviation.doubts import UNIFORM_SIGMA_DEG
 from compasslib.deviation.model import fit_from_json
 from compasslib.deviation.series import fit_series
 from compasslib.errors import InputError
-from compasslib.preparation.ready_pairs import ROLES, match_ready_pairs, read_ready_pairs
+from compasslib.preparation.pairs import ROLES, match_ready_pairs, read_ready_pairs
 from compasslib.records import GOOD, PROBABLY_BAD
 from tests.test_deviation_correction import field_of, record_of
 

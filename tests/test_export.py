@@ -27,7 +27,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
-from compasslib.readers.pd0 import rewrite
+from compasslib.readers.pd0.fields import rewrite
 from compasslib.readers.pd0.frames import iter_chunks
 from compasslib.records import MISSING, CorrectedRecord, Record
 
@@ -214,7 +214,7 @@ def test_only_heading_checksum_and_earth_velocities_change(tmp_path, ex, turned)
         for k, heading in enumerate((0, 8999, 35999, 36001))
     )
     (tmp_path / "raw.000").write_bytes(raw)
-    said = rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
+    said = rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
     old, new = (
         np.concatenate([run.rows for chunk in iter_chunks(file) for run in chunk.runs])
         for file in (tmp_path / "raw.000", tmp_path / "new.000")
@@ -243,7 +243,7 @@ def test_the_bottom_track_turns_as_the_water_does(tmp_path):
         track[at : at + 2 * len(counts)] = np.array(counts).astype("<u2" if at == 0 else "<i2").tobytes()
     raw = b"".join(ensemble([[300, -40, 5, 1]], number=k, heading=k * 4000, extra=[bytes(track)]) for k in (1, 8))
     (tmp_path / "raw.000").write_bytes(raw)
-    rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
+    rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
     (run,) = (run for chunk in iter_chunks(tmp_path / "new.000") for run in chunk.runs)
     at, water = run.layout.blocks[0x0600][0], run.layout.blocks[0x0100][0] + 2
     moved, layer, seen = (run.rows[:, a : a + 8].copy().view("<i2").tolist() for a in (at + 24, at + 50, water))
@@ -253,7 +253,7 @@ def test_the_bottom_track_turns_as_the_water_does(tmp_path):
 
 def test_speeds_that_the_format_cannot_hold_become_bad(tmp_path):
     (tmp_path / "raw.000").write_bytes(ensemble([[32000, 32000, 0, 0]], heading=4000))
-    rewrite.rewrite(tmp_path / "raw.000", tmp_path / "new.000", lambda leaders: np.full(1, 45.0))
+    rewrite(tmp_path / "raw.000", tmp_path / "new.000", lambda leaders: np.full(1, 45.0))
     assert np.isnan(pd0.decode(tmp_path / "new.000").velocity).all()
 
 
@@ -267,7 +267,7 @@ def by_mhkit(path: Path):
 @pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
 def test_a_genuine_file_with_other_headings_reads_by_mhkit_and_by_us(tmp_path):
     new = tmp_path / "eh2.000"
-    said = rewrite.rewrite(EH2, new, turn)
+    said = rewrite(EH2, new, turn)
     old, back = (pd0.read([file], orientation="down", **READ) for file in (EH2, new))
     assert said.corrected + said.flagged == len(old.time_s) == len(back.time_s) and len(said.skipped) > 0
     by = turn(old)

@@ -30,8 +30,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline import plan
 from compasslib.pipeline.settings import Moorings, Wildcards
 from compasslib.preparation.deployment import to_utc
-from compasslib.readers.pd0 import rewrite
-from compasslib.readers.pd0.fields import Leaders
+from compasslib.readers.pd0.fields import Leaders, Rewritten, rewrite
 from compasslib.records import PROBABLY_BAD
 from compasslib.types import Floats
 
@@ -139,7 +138,7 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     with ExitStack() as whole:
         halves = [whole.enter_context(atomic_write(file)) for file in targets]
         for file, half, note_file in zip(product.files, halves, halves[len(files) :], strict=False):
-            became = rewrite.rewrite(loaded.root / file, half, product.turn)
+            became = rewrite(loaded.root / file, half, product.turn)
             write_json(note_file, product.note(file, became, half))
             if became.flagged:
                 flagged.append(f"{file}: {became.flagged} ensembles have no corrected heading and were flagged")
@@ -206,7 +205,7 @@ class _Product:
             actual, advice = f"none for {lost}", "clock or reader settings have changed since: run the cruise again"
             raise InputError(", ".join(self.files), expected=expected, found=actual, advice=advice)
 
-    def note(self, file: str, became: rewrite.Rewritten, written: Path) -> dict[str, Any]:
+    def note(self, file: str, became: Rewritten, written: Path) -> dict[str, Any]:
         """Describe a file that was made of a raw one."""
         left_out = [{"from": s.offset, "to": s.offset + s.length - 1, "why": s.reason} for s in became.skipped]
         doubtful = int(np.sum(np.isfinite(self._corrected) & (self._flag == PROBABLY_BAD)))

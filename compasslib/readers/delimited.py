@@ -17,7 +17,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -169,13 +168,9 @@ def _read_plain(path: Path, headers: Mapping[str, str], layout: Layout) -> Table
 
 
 def parse_table(
-    path: Path,
-    lines: Lines,
-    headers: Mapping[str, str],
-    advice: str,
-    layout: Layout,
+    path: Path, lines: Lines, headers: Mapping[str, str], advice: str, layout: Layout,
     meanings: Mapping[str, int] = NO_MEANINGS,
-) -> Table:
+) -> Table:  # fmt: skip
     """Parse columns of the lines of one table; arguments and errors as for ``read_table``."""
     for role, header in headers.items():
         if (count := lines.header.count(header)) != 1:
@@ -194,7 +189,13 @@ def parse_table(
     places = {role: lines.header.index(header) for role, header in headers.items()}
     lines, has_units = _drop_units(lines, list(places.values()))
     lines = _join_decimals(path, lines) if (layout.delimiter, layout.decimal) == (",", ",") else lines
-    _refuse_long_rows(path, lines)
+    n = len(lines.header)
+    if long := [k for k, row in enumerate(lines.rows) if len(row) > n and any(cell.strip() for cell in row[n:])]:
+        advice = MEND
+        if len(long) == len(lines.rows) > 1:
+            advice = "if commas are decimals too, write delimiter: comma and decimal: comma, else correct delimiter"
+        shown = f"a line of {len(lines.rows[long[0]])} cells"
+        _refuse_line(path, lines.numbers[long[0]], f"{n} cells as in the header", shown, advice)
     timed = [role for role in places if role in (*TIMES, *DATE_AND_CLOCK)]
     columns, time_note = _parse_times(path, lines, {role: places[role] for role in timed}, layout)
     texts = {role: _column(path, lines, place, role) for role, place in places.items() if role not in timed}
@@ -406,19 +407,6 @@ def _join_decimals(path: Path, lines: Lines) -> Lines:
     return replace(lines, rows=rows)
 
 
-def _refuse_long_rows(path: Path, lines: Lines) -> None:
-    n = len(lines.header)
-    if max(map(len, lines.rows), default=0) <= n:
-        return
-    long = [k for k, row in enumerate(lines.rows) if any(cell.strip() for cell in row[n:])]
-    if long:
-        advice = MEND
-        if len(long) == len(lines.rows) > 1:
-            advice = "if commas are decimals too, write delimiter: comma and decimal: comma, else correct delimiter"
-        shown = f"a line of {len(lines.rows[long[0]])} cells"
-        _refuse_line(path, lines.numbers[long[0]], f"{n} cells as in the header", shown, advice)
-
-
 def _column(path: Path, lines: Lines, place: int, role: str) -> list[str]:
     if min(map(len, lines.rows), default=place + 1) <= place:
         row = next(k for k, row in enumerate(lines.rows) if len(row) <= place)
@@ -463,7 +451,13 @@ def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: La
         texts = {"time": ([f"{day} {time}" for day, time in zip(dates, clocks, strict=True)], f"{date} and {clock}")}
     columns, note = {}, ""
     for role, (cells, header) in texts.items():
-        numbers = partial(_times_as_numbers, cells, layout)
+
+        def numbers(cells: list[str] = cells) -> Floats | None:
+            """Parse times as numbers, None where a cell is none; a comma is a decimal one: thousands part no time."""
+            by_comma = layout.decimal is None and any("," in cell for cell in cells)
+            values, row = plain.parse_texts(cells, "," if by_comma else layout.decimal or ".", ())
+            return values if row is None else None
+
         try:
             columns[role], note = times.parse_times(cells, numbers, form=layout.time_format, zone=layout.timezone)
         except times.Unreadable as error:
@@ -474,13 +468,6 @@ def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: La
             where = f"{path}: {line}{header}"
             raise InputError(where, expected=error.expected, found=error.shown, advice=advice) from None
     return columns, note
-
-
-def _times_as_numbers(cells: list[str], layout: Layout) -> Floats | None:
-    """Parse times as numbers, None where a cell is none; a comma is a decimal one, as thousands part no time."""
-    by_comma = layout.decimal is None and any("," in cell for cell in cells)
-    values, row = plain.parse_texts(cells, "," if by_comma else layout.decimal or ".", ())
-    return values if row is None else None
 
 
 def _refuse_line(path: Path, line: int | str, expected: str, shown: str, advice: str = MEND) -> None:

@@ -148,7 +148,6 @@ def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole
     """Raise InputError for a file with more damaged than whole records: what is left is no recording.
 
     Args:
-        records: their name, in the plural.
         damaged: records that are recognised and fail; bytes of another kind between records are none.
     """
     if damaged > whole > 0:

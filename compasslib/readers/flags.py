@@ -79,11 +79,7 @@ def normalize(word: object) -> str:
 
 
 def flag_of(value: str, word: str, stated: Mapping[str, int]) -> int | None:
-    """Look up the OceanSITES flag of a value and its meaning, if stated; None where nobody knows it.
-
-    Args:
-        stated: see ``parse_flag_settings``; it counts before the vocabularies.
-    """
+    """Look up the OceanSITES flag of a value and its meaning, by what is stated first; None where nobody knows it."""
     word, value = normalize(word), normalize(value)
     return stated.get(word, stated.get(value, MEANINGS.get(word)))
 

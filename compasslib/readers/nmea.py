@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from itertools import count, product
 from pathlib import Path
@@ -74,7 +74,6 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
     """Read the headings of NMEA 0183 logs, each course with the heading nearest in the stream.
 
     Args:
-        paths: logs in order; anything between sentences is passed over.
         heading: sentence of the magnetic heading, ``HDG`` or ``HDM``.
         course: sentence of the course over ground, ``RMC`` or ``VTG`` (which takes the time of RMC).
 
@@ -157,13 +156,8 @@ def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:
         counts["damaged"] += 1  # a right checksum over a field that is no time or place
         return None
     sign = -1.0 if sentence.mag_var_dir == "W" else 1.0
-    numbers = (
-        _number(sentence.true_course),
-        _number(sentence.spd_over_grnd),
-        *place,
-        sign * _number(sentence.mag_variation),
-    )
-    return _Fix(line, time_s, *numbers)
+    course, speed = _number(sentence.true_course), _number(sentence.spd_over_grnd)
+    return _Fix(line, time_s, course, speed, *place, sign * _number(sentence.mag_variation))
 
 
 def _number(text: object) -> float:
@@ -225,9 +219,7 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
     counts["repeated"], counts["unpaired"] = int(repeated.sum()), int((~near).sum())
     near &= ~repeated
     counts["pairs"] = int(near.sum())
-    series = dict(
-        zip(("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg"), table.T[1:], strict=True)
-    )
+    series = {field.name: column for field, column in zip(fields(_Fix)[1:], table.T[1:], strict=True)}
     for name, most in (("latitude", 90.0), ("longitude", 180.0)):
         known = near & np.isfinite(series[name])
         if known.any():

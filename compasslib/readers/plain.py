@@ -76,8 +76,6 @@ def split_cells(data: bytes, begin: int, delimiter: str, count: int) -> Iterator
 
     Args:
         data: ends with a line's end, and holds no quotation marks.
-        begin: where the first line begins.
-        count: of the cells of each line.
     """
     while begin < len(data):
         end = data.rfind(b"\n", begin, begin + BLOCK) + 1 or data.find(b"\n", begin) + 1
@@ -95,11 +93,7 @@ def split_cells(data: bytes, begin: int, delimiter: str, count: int) -> Iterator
 
 
 def parse_numbers(cells: Cells, column: int, other: Callable[[list[str]], Floats | None]) -> Floats | None:
-    """Parse a column of numbers, the nearest floats; None where a cell is none.
-
-    Args:
-        other: parses cells that are not written in figures, a point and a sign alone.
-    """
+    """Parse a column of numbers, the nearest floats, by another parser what is not plain; None where a cell is none."""
     first, behind = cells.first[:, column], cells.behind[:, column]
     while (blank := (cells.data[first] == BLANK) & (first < behind)).any():
         first = first + blank
@@ -115,9 +109,7 @@ def parse_numbers(cells: Cells, column: int, other: Callable[[list[str]], Floats
 def parse_figures(data: Bytes, first: Places, behind: Places) -> tuple[Floats, Bools]:
     """Parse numbers of at most 15 figures, a point and a sign, (n,), the nearest floats; and flag those that are such.
 
-    Args:
-        first: where each begins.
-        behind: the byte behind each, which is there.
+    The byte behind each is there.
     """
     sign = data[first]
     negative = sign == MINUS

@@ -184,9 +184,8 @@ def _is_too_frequent(column: Floats) -> Bools:
     steps = [*range(-NEIGHBOURS, 0), *range(1, NEIGHBOURS + 1)]
     padded = np.pad(np.where(np.isfinite(distinct), count, 0), NEIGHBOURS)
     usual = np.median([padded[NEIGHBOURS + k : NEIGHBOURS + k + len(distinct)] for k in steps], axis=0)
-    often = (count >= max(FEWEST_FILLS, FILL_SHARE * len(column))) & (
-        count > FILL_TIMES * usual + FILL_SIGMAS * np.sqrt(usual)
-    )
+    often = count >= max(FEWEST_FILLS, FILL_SHARE * len(column))
+    often &= count > FILL_TIMES * usual + FILL_SIGMAS * np.sqrt(usual)
     frequent = (often & np.isfinite(distinct))[where.ravel()]
     begins = int(np.sum(frequent[1:] & ~frequent[:-1])) + int(frequent[:1].sum())
     return np.asarray(frequent & (frequent.sum() <= FROZEN_ROWS * begins))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,15 +72,8 @@ class Unreadable(Exception):
         self.row, self.shown, self.expected, self.advice = row, shown, expected, advice
 
 
-@dataclass(frozen=True)
-class _Fields:
-    year: Floats
-    month: Floats
-    day: Floats
-    hour: Floats
-    minute: Floats
-    second: Floats
-    zone_s: Floats  # NaN where the cell names none
+def _refused(cells: Sequence[str], row: int, expected: str = TIME_FORM, advice: str = "") -> Unreadable:
+    return Unreadable(row, repr(cells[row]), expected, advice)
 
 
 def parse_times(
@@ -102,19 +94,17 @@ def parse_times(
         time_s = _parse_iso(cells)
         row = next((k for k, cell in enumerate(cells) if cell.endswith("Z")), None)
         if row is not None and ahead_s:
-            raise Unreadable(
-                row, repr(cells[row]), "times without a zone beside timezone", "correct or delete timezone"
-            )
+            raise _refused(cells, row, "times without a zone beside timezone", "correct or delete timezone")
         return time_s - ahead_s, ""
     if form in SCALES:
         return _from_scale(str(form), cells, numbers()) - ahead_s, ""
     if form is not None:
         return _parse_format(cells, form, ahead_s), ""
-    fields, note = _parse_fields(cells)
-    if fields is None:
+    if (parsed := _parse_fields(cells)) is None:
         scale = _detect_scale(cells, numbers())
         return _from_scale(scale, cells, numbers()) - ahead_s, f"times as {SCALES[scale][1]}"
-    return _fields_to_seconds(cells, fields) - _zone_offset_s(cells, fields.zone_s, zone, ahead_s), note
+    clock_s, zone_s, note = parsed
+    return clock_s - _zone_offset_s(cells, zone_s, zone, ahead_s), note
 
 
 def is_iso(cell: str, zone: str | None) -> bool:
@@ -173,6 +163,12 @@ def parse_origin(text: str, calendar: str) -> float:
     return (day - JULIAN_DAY_1970) * DAY_S + HOUR_S * clock[0] + 60.0 * clock[1] + clock[2] - ahead_s
 
 
+def _decimal_years(years: Floats) -> Floats:
+    whole = np.floor(years)
+    begin, end = ((whole + k - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float) for k in (0, 1))
+    return np.round(begin + (years - whole) * (end - begin), 3)
+
+
 # Numbers that are times.
 
 SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
@@ -180,22 +176,14 @@ SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "epoch_ms": (lambda x: x / 1e3, "milliseconds since 1970"),
     "datenum": (lambda x: np.round((x - DATENUM_1970) * DAY_S, 3), "MATLAB's datenum"),
     "excel": (lambda x: np.round((x - EXCEL_1970) * DAY_S, 3), "Excel's days"),
-    "decimal_year": (lambda x: _decimal_years(x), "years with a fraction of their own length"),
+    "decimal_year": (_decimal_years, "years with a fraction of their own length"),
 }
-
-
-def _decimal_years(years: Floats) -> Floats:
-    whole = np.floor(years)
-    begin, end = ((whole + k - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float) for k in (0, 1))
-    return np.round(begin + (years - whole) * (end - begin), 3)
 
 
 def _from_scale(scale: str, cells: Sequence[str], values: Floats | None) -> Floats:
     if values is None or not np.isfinite(values).all():
         row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
-        raise Unreadable(
-            row, repr(cells[row]), f"a number ({SCALES[scale][1]})", "mend the line or correct time_format"
-        )
+        raise _refused(cells, row, f"a number ({SCALES[scale][1]})", "mend the line or correct time_format")
     with np.errstate(invalid="ignore", over="ignore"):
         low, high = (np.datetime64(f"{year}-01-01", "s").astype(float) for year in (YEARS[0], YEARS[1] + 1))
         possible = values if scale != "decimal_year" else np.clip(values, 1.0, 9999.0)
@@ -203,7 +191,7 @@ def _from_scale(scale: str, cells: Sequence[str], values: Floats | None) -> Floa
     beyond = np.flatnonzero(~((time_s >= low) & (time_s < high)))
     if len(beyond):
         row, expected = int(beyond[0]), f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1]}"
-        raise Unreadable(row, repr(cells[row]), expected, "mend the line or correct time_format")
+        raise _refused(cells, row, expected, "mend the line or correct time_format")
     return time_s
 
 
@@ -213,13 +201,11 @@ def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
         row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
         row = next((k for k, cell in enumerate(cells) if not _NUMBERLIKE.fullmatch(cell)), row)
         if _SHORT_YEAR.fullmatch(cells[row]):
-            raise Unreadable(
-                row, repr(cells[row]), "years of four figures", "write time_format, for example '%d/%m/%y'"
-            )
+            raise _refused(cells, row, "years of four figures", "write time_format, for example '%d/%m/%y'")
         if named := _ZONE_NAME.fullmatch(cells[row]):
             advice = "take the name out, and write timezone where it is not UTC"
-            raise Unreadable(row, repr(cells[row]), f"UTC or an offset instead of {named[1]}", advice)
-        raise Unreadable(row, repr(cells[row]))
+            raise _refused(cells, row, f"UTC or an offset instead of {named[1]}", advice)
+        raise _refused(cells, row)
     fraction = bool(np.any(values != np.floor(values)))
     for scale in ("epoch", "epoch_ms", "datenum", "decimal_year"):
         if not fraction and scale in ("datenum", "decimal_year"):
@@ -249,21 +235,24 @@ def _parse_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
     lost = np.flatnonzero(parsed.isna())
     if len(lost):
         row = int(lost[0])
-        raise Unreadable(row, repr(cells[row]), f"a time like {form}", "mend the line or correct time_format")
+        raise _refused(cells, row, f"a time like {form}", "mend the line or correct time_format")
     time_s = parsed.to_numpy(dtype="datetime64[us]").astype(np.int64) / 1e6
     return time_s - (0.0 if "%z" in form else ahead_s)
 
 
-def _parse_fields(cells: Sequence[str]) -> tuple[_Fields | None, str]:
-    """Parse the fields of the form that the first cell has, None where it has none, and describe that form."""
+def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
+    """Parse the form that the first cell has, None where it has none: by its own clock, its zone, what form it is.
+
+    Clock and zone are seconds since 1970 and seconds ahead of UTC, (n,), the zone NaN where a cell names none.
+    """
     form = next((form for form, pattern in _PATTERNS.items() if cells and pattern.fullmatch(cells[0])), None)
     if form is None:
-        return None, ""
+        return None
     matches = list(map(_PATTERNS[form].fullmatch, cells))
     if None in matches:
         row = matches.index(None)
         expected = TIME_FORM if form == "iso" else f"a time like {cells[0]!r}, as in the first row"
-        raise Unreadable(row, repr(cells[row]), expected, "" if form == "iso" else f"mend the line, or {SETTLE}")
+        raise _refused(cells, row, expected, "" if form == "iso" else f"mend the line, or {SETTLE}")
     names = list(_PATTERNS[form].groupindex)
     groups = dict(zip(names, zip(*(match.groups() for match in matches if match), strict=True), strict=True))
     n = len(cells)
@@ -280,22 +269,19 @@ def _parse_fields(cells: Sequence[str]) -> tuple[_Fields | None, str]:
         for row, name in enumerate(groups["name"]):
             if name.lower() not in number:
                 advice = "write the months in figures or in English"
-                raise Unreadable(row, repr(cells[row]), "an English name of a month", advice)
+                raise _refused(cells, row, "an English name of a month", advice)
         column["m"], note = np.array([float(number[name.lower()]) for name in groups["name"]]), "months by their names"
     hour, half = column.get("H", np.zeros(n)), groups.get("half", (None,) * n)
     if any(half):  # of 12 with AM or PM
         wrong = next((k for k, letter in enumerate(half) if not letter or not 1 <= hour[k] <= 12), None)
         if wrong is not None:
-            raise Unreadable(wrong, repr(cells[wrong]), "an hour from 1 to 12 with AM or PM, as in other rows")
+            raise _refused(cells, wrong, "an hour from 1 to 12 with AM or PM, as in other rows")
         hour = hour % 12.0 + 12.0 * np.array([letter in "pP" for letter in half if letter])
     zones = [np.nan if zone is None else _offset_s(zone) for zone in groups["zone"]] if any(groups["zone"]) else []
     zone_s = np.array(zones) if zones else np.full(n, np.nan)
     zone_s[np.isnan(zone_s) & np.array([cell[-1] in "ZCT" for cell in cells])] = 0.0  # Z, UTC, GMT
-    zero = np.zeros(n)
-    return (
-        _Fields(column["y"], column["m"], column["d"], hour, column.get("M", zero), column.get("S", zero), zone_s),
-        note,
-    )
+    clock = hour, column.get("M", np.zeros(n)), column.get("S", np.zeros(n))
+    return _fields_to_seconds(cells, column["y"], column["m"], column["d"], *clock), zone_s, note
 
 
 def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
@@ -318,16 +304,18 @@ def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> 
     return day, month, f"dates {which}" + (f" ({cells[settles[0]]} settles it)" if len(settles) else "")
 
 
-def _fields_to_seconds(cells: Sequence[str], at: _Fields) -> Floats:
+def _fields_to_seconds(
+    cells: Sequence[str], year: Floats, month: Floats, day: Floats, hour: Floats, minute: Floats, second: Floats
+) -> Floats:
     """Convert fields to seconds since 1970; dates and hours that do not exist are refused."""
-    months = ((at.year - 1970.0) * 12.0 + np.clip(at.month, 1.0, 12.0) - 1.0).astype(np.int64).astype("datetime64[M]")
-    days = months.astype("datetime64[D]") + (at.day - 1.0).astype("timedelta64[D]")
-    wrong: Bools = (days.astype("datetime64[M]") != months) | (at.month < 1.0) | (at.month > 12.0)
-    wrong |= (at.hour > 23.0) | (at.minute > 59.0) | (at.second >= 60.0)
+    months = ((year - 1970.0) * 12.0 + np.clip(month, 1.0, 12.0) - 1.0).astype(np.int64).astype("datetime64[M]")
+    days = months.astype("datetime64[D]") + (day - 1.0).astype("timedelta64[D]")
+    wrong: Bools = (days.astype("datetime64[M]") != months) | (month < 1.0) | (month > 12.0)
+    wrong |= (hour > 23.0) | (minute > 59.0) | (second >= 60.0)
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        raise Unreadable(row, repr(cells[row]))
-    clock_us = np.round((at.hour * HOUR_S + at.minute * 60.0 + at.second) * 1e6)
+        raise _refused(cells, row)
+    clock_us = np.round((hour * HOUR_S + minute * 60.0 + second) * 1e6)
     return (days.astype("datetime64[us]").astype(np.int64) + clock_us) / 1e6
 
 
@@ -336,12 +324,10 @@ def _zone_offset_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead
     stated = np.isfinite(zone_s)
     unstated = np.flatnonzero(~stated)
     if len(unstated) and np.any(zone_s[stated] != 0.0) and zone is None:
-        raise Unreadable(
-            int(unstated[0]), repr(cells[unstated[0]]), "an offset from UTC as in other rows", "write timezone"
-        )
+        raise _refused(cells, int(unstated[0]), "an offset from UTC as in other rows", "write timezone")
     if zone is not None and np.any(zone_s[stated] != ahead_s):
         row = int(np.flatnonzero(stated & (zone_s != ahead_s))[0])
-        raise Unreadable(row, repr(cells[row]), f"times at {zone}, as timezone says", "correct or delete timezone")
+        raise _refused(cells, row, f"times at {zone}, as timezone says", "correct or delete timezone")
     return np.where(stated, zone_s, ahead_s)
 
 
@@ -349,9 +335,6 @@ def describe_averages(average_s: float, time_s: Floats) -> tuple[str, ...]:
     """Describe where the middle of averaged samples lies, if it is far from their times.
 
     Samples that follow each other faster than an average takes are no averages, whatever was set: single pings.
-
-    Args:
-        average_s: over which a sample is said to be a mean, beginning at its time; 0 or NaN where unknown.
     """
     steps = np.diff(time_s)
     steps = steps[steps > 0.0]
@@ -366,16 +349,9 @@ def describe_averages(average_s: float, time_s: Floats) -> tuple[str, ...]:
 
 
 def civil_seconds(
-    year: Ints,
-    month: Ints,
-    day: Ints,
-    hour: Ints,
-    minute: Ints,
-    second: Ints,
-    hundredths: Ints | int = 0,
-    *,
+    year: Ints, month: Ints, day: Ints, hour: Ints, minute: Ints, second: Ints, hundredths: Ints | int = 0, *,
     last_year: int = LAST_YEAR,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """Convert dates and times of day, (n,) each, to UTC seconds since 1970; NaN where there is no such date or time."""
     real = (year >= FIRST_YEAR) & (year <= last_year) & (month >= 1) & (month <= 12)
     months = np.where(real, 12 * (year - 1970) + month - 1, 0)

@@ -10,8 +10,16 @@ from compasslib import earthfield
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination
-from compasslib.preparation.pairs import PairRules, describe_pairs, estimate_clock_offset, find_pairs, widen_rules
-from compasslib.preparation.ready_pairs import ROLES, match_ready_pairs, read_ready_pairs
+from compasslib.preparation.pairs import (
+    ROLES,
+    PairRules,
+    describe_pairs,
+    estimate_clock_offset,
+    find_pairs,
+    match_ready_pairs,
+    read_ready_pairs,
+    widen_rules,
+)
 from compasslib.preparation.references import join_references
 
 

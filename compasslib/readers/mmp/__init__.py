@@ -71,16 +71,13 @@ class HeadingComparison:
     def warnings(self) -> list[str]:
         """Word the report of logged headings that are not the magnetometer's."""
         number = int(self.off.sum())
-        apart = (
-            f"{number} of {self.known} logged headings stand more than {OFF_DEG:g} degrees off those of HX HY HZ TX TY"
-        )
+        off = "off those of HX HY HZ TX TY"
+        apart = f"{number} of {self.known} logged headings stand more than {OFF_DEG:g} degrees {off}"
         if not self.agrees:
             return [f"{apart}: one of the two is wrong, which is unknown"]
         notes = [f"{apart} and were flagged"] if number else []
         if abs(self.constant_deg) > OFF_DEG:
-            constant = (
-                f"the logged headings stand {self.constant_deg:+.1f} degrees off those of HX HY HZ TX TY throughout"
-            )
+            constant = f"the logged headings stand {self.constant_deg:+.1f} degrees {off} throughout"
             notes.append(f"{constant}: give it as declination_applied if the logger added it")
         return notes
 
@@ -114,9 +111,6 @@ def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) 
 
     x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = arg(x + iy): TX lifts the x axis (forward), TY the
     y axis (port), z is upward.
-
-    Args:
-        field: HX, HY, HZ along the last axis, (n, 3), any unit.
     """
     (sin_x, cos_x), (sin_y, cos_y) = angles.sin_cos(tilt_x_deg), angles.sin_cos(tilt_y_deg)
     level = field[..., 0] * cos_x - field[..., 2] * sin_x + 1j * (field[..., 1] * cos_y - field[..., 2] * sin_y)
@@ -169,12 +163,7 @@ def is_aliased(scans: Scans) -> Bools:
 
 
 def compare_headings(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> HeadingComparison:
-    """Compare logged headings with those of the magnetometer, levelled or not.
-
-    Args:
-        field: HX, HY, HZ, (n, 3), any unit.
-        tilts_deg: TX, TY, (n, 2).
-    """
+    """Compare logged headings with those of the magnetometer (HX, HY, HZ) by the tilts (TX, TY), levelled or not."""
     rules = [logged_heading(field, *(share * tilts_deg.T)) for share in (1.0, 0.0)]
     apart = np.array([angles.difference(heading_deg, rule) for rule in rules])
     known = np.isfinite(apart).all(axis=0)
@@ -205,11 +194,8 @@ def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) 
     elif start_offset_seconds:
         notes.append("start_offset_seconds has no effect: the scans carry a clock")
     recorded = scans.values[:, 0]
-    heading = np.where(
-        np.isnan(recorded),
-        logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2]),
-        angles.wrap360(recorded),
-    )
+    by_rule = logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
+    heading = np.where(np.isnan(recorded), by_rule, angles.wrap360(recorded))
     dbar = companion.at(time_s)
     # Up and down by the pressure, else by the number: odd profiles climb, number 0 is the set-up dive.
     numbers = np.array([block.number for block in scans.blocks])
@@ -290,11 +276,7 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
         heading_quality=np.where(np.isnan(heading), MISSING, np.where(doubtful, PROBABLY_BAD, GOOD)).astype(np.int8),
         looks_up=False,
         counts=counts,
-        warnings=(
-            *series.warnings,
-            *_losses(scans, counts, known_depth, int(remote.sum())),
-            *compared.warnings(),
-        ),
+        warnings=(*series.warnings, *_losses(scans, counts, known_depth, int(remote.sum())), *compared.warnings()),
     )
 
 

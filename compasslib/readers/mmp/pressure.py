@@ -47,13 +47,14 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """Pressure along time, and when profiles started."""
+    """Pressure along time, of one file or of all together, and when profiles started."""
 
-    time_s: Floats  # (c,) increasing
+    time_s: Floats  # (c,) of all files increasing
     pressure_dbar: Floats  # (c,)
-    starts: tuple[Start, ...]  # in order of time
+    starts: tuple[Start, ...]  # of all files in order of time
     damaged: int = 0  # rows left out
     notes: tuple[str, ...] = ()  # how tables were read
+    clocked: bool = True  # whether the samples of a file carry their time
 
     def at(self, time_s: Floats) -> Floats:
         """Interpolate the pressure to other times, (r,); NaN where no two near samples enclose one."""
@@ -76,16 +77,6 @@ class Companion:
         return np.minimum(np.abs(self.time_s[after] - time_s), np.abs(time_s - self.time_s[before]))
 
 
-@dataclass(frozen=True, eq=False)
-class _PressureSeries:
-    time_s: Floats
-    pressure_dbar: Floats
-    starts: tuple[Start, ...]
-    damaged: int = 0
-    clocked: bool = True
-    notes: tuple[str, ...] = ()
-
-
 def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> Companion:
     """Read the pressure of all files together.
 
@@ -103,7 +94,7 @@ def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> C
     return _merge(series)
 
 
-def _merge(series: Sequence[_PressureSeries]) -> Companion:
+def _merge(series: Sequence[Companion]) -> Companion:
     nothing = np.zeros(0)
     time = np.concatenate([nothing, *(each.time_s for each in series)])
     pressure = np.concatenate([nothing, *(each.pressure_dbar for each in series)])
@@ -114,7 +105,7 @@ def _merge(series: Sequence[_PressureSeries]) -> Companion:
     return Companion(time, pressure[known][first], tuple(starts), sum(each.damaged for each in series), notes)
 
 
-def _read_file(path: Path, layout: Layout) -> _PressureSeries:
+def _read_file(path: Path, layout: Layout) -> Companion:
     data = read_bytes(path)
     try:
         lines = find_lines(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
@@ -131,7 +122,7 @@ def _read_file(path: Path, layout: Layout) -> _PressureSeries:
             new = np.append(True, np.diff(number) != 0)[: len(number)]
         begins = np.flatnonzero(new & np.isfinite(number))
         starts = tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins)
-        return _PressureSeries(time_s, pressure, starts, damaged=table.cut, notes=table_notes([table]))
+        return Companion(time_s, pressure, starts, damaged=table.cut, notes=table_notes([table]))
     if not is_text(data):
         advice, known = "unpack the profiler's binary files with the maker's unpacker", detect_kind(path)
         raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
@@ -155,7 +146,7 @@ def _parse_old_stamp(text: Text) -> Text:
     return Text(form, text.offset, time_s, text.values[:, OLD_STAMP:], text.damaged, text.lines)
 
 
-def _parse_rows(path: Path, text: Text) -> _PressureSeries:
+def _parse_rows(path: Path, text: Text) -> Companion:
     profiles, _, damaged = parse_profiles(text, path)
     refuse_mostly_damaged(path, "rows of pressure", damaged=damaged - text.foreign, whole=len(text.offset))
     stamped = text.form is not None and text.form[0]
@@ -172,7 +163,7 @@ def _parse_rows(path: Path, text: Text) -> _PressureSeries:
     begins = [b.on_s if np.isfinite(b.on_s) else float(time_s[b.begin]) for b in profiles]
     starts = tuple(Start(b.number, on_s, b.off_s) for b, on_s in zip(profiles, begins, strict=True))
     # Before its first reading the profiler writes zeros.
-    return _PressureSeries(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
+    return Companion(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
 
 
 def _columns(names: Sequence[str]) -> dict[str, str]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.readers.plain import parse_figures
-from compasslib.readers.times import FIRST_YEAR, LAST_YEAR, civil_seconds
+from compasslib.readers.times import civil_seconds
 from compasslib.types import Bools, Floats
 
 Ints = NDArray[np.int64]
@@ -315,12 +314,8 @@ def _stamp(words: bytes) -> float:
     match = re.match(rb"\s*(\d\d?)/(\d\d?)/(\d{4})\s+(\d\d?):(\d\d):(\d\d)", words)
     if not match:
         return float("nan")
-    month, day, year, hour, minute, second = (int(part) for part in match.groups())
-    try:
-        known = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
-    except ValueError:
-        return float("nan")
-    return known.timestamp() if FIRST_YEAR <= year <= LAST_YEAR else float("nan")
+    month, day, year, *clock = (np.array([int(part)]) for part in match.groups())
+    return float(civil_seconds(year, month, day, *clock)[0])
 
 
 def _pieces(block: ProfileBlock, time_s: Floats) -> list[ProfileBlock]:

@@ -154,10 +154,8 @@ def _read_file(path: Path) -> Scans:
         binary = _parse_binary(data)
         number = rows.number_in_name(path) if len(binary.blocks) == 1 else UNKNOWN
         blocks = [ProfileBlock(**(vars(block) | {"number": number})) for block in binary.blocks]
-        scans = _select_possible(
-            path, blocks, binary.place, binary.time_s, binary.values, binary.damaged, binary.failed
-        )
-        return replace(scans, notes=notes)
+        columns = binary.place, binary.time_s, binary.values
+        return replace(_select_possible(path, blocks, *columns, binary.damaged, binary.failed), notes=notes)
     text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, UNSTAMPED))
     if data.strip() and text.form is None and not rows.has_statements(text):
         shown = f"a file that begins with {data[:24]!r}"
@@ -196,9 +194,8 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * undone
     if len(last) > 1:
         names = " and ".join(last)
-        notes.append(
-            f"{path.name} holds frames of {len(last)} instruments, {names}: give those of each as its own file"
-        )
+        held = f"{path.name} holds frames of {len(last)} instruments, {names}"
+        notes.append(f"{held}: give those of each as its own file")
     return sent, tuple(notes)
 
 
@@ -291,9 +288,7 @@ def _find_marks(data: bytes) -> list[int]:
 
 
 def _like_header(data: bytes, first: int, other: int) -> bool:
-    a, b = (
-        np.frombuffer(data, dtype=np.uint8, count=HEADER_BYTES, offset=end - HEADER_BYTES) for end in (first, other)
-    )
+    a, b = (np.frombuffer(data, np.uint8, HEADER_BYTES, end - HEADER_BYTES) for end in (first, other))
     return bool(np.mean(a == b) >= LIKENESS)
 
 
@@ -362,8 +357,6 @@ def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats
     """Choose each profile's sample rate: the nominal one, unless the clock shows another.
 
     Args:
-        clock_s: (r,) whole seconds, NaN where there is no clock.
-        profile: (r,) of each scan, non-decreasing.
         place: (r,) in the profile, damaged scans counted.
         nominal_hz: (p,) NaN where the file names none.
     """

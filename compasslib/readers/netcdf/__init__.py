@@ -125,9 +125,8 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     file = _with_bins(file, water.variable)
     heading_variable = find(file, "heading", (file.time,))
     n = len(time_s)
-    turn = reference.resolve_north(
-        file, reference.stated_north(file, water.variable, heading_variable), settings.reference, settings.declination
-    )
+    stated = reference.stated_north(file, water.variable, heading_variable)
+    turn = reference.resolve_north(file, stated, settings.reference, settings.declination)
     east, northward = water.east, water.north
     if np.any(turn.velocity):
         by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
@@ -390,9 +389,7 @@ def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDA
     No heading depends on them, so that what is not clear is left out, and never refused.
     """
     flows = {key: _velocity(file, key) for key in VELOCITIES}
-    profiles: dict[str, NDArray[Any]] = {
-        key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None
-    }
+    profiles: dict[str, Any] = {key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None}
     for key, names in COUNTS.items():
         counts = _beam_counts(file, names)
         if counts is not None:  # the bytes that they were; -1 where missing

@@ -132,9 +132,8 @@ def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
     """Tell a value that nobody wrote: a blank, NaN, or a fill value to which no meaning is given."""
     if value == "" or value != value:
         return True
-    is_byte = (
-        not isinstance(quality.dtype, np.dtype) or quality.dtype.itemsize == 1
-    )  # of which every value may be meant
+    # Of a byte every value may be meant.
+    is_byte = not isinstance(quality.dtype, np.dtype) or quality.dtype.itemsize == 1
     default = None if is_byte else netCDF4.default_fillvals.get(quality.dtype.str[1:])
     fills = [getattr(quality, "_FillValue", default), getattr(quality, "missing_value", None)]
     is_fill = any(np.asarray(fill).size == 1 and np.asarray(fill).item() == value for fill in fills if fill is not None)

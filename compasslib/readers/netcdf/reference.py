@@ -61,10 +61,6 @@ def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable |
 def resolve_north(file: File, north: North, reference: str, applied: AppliedDeclination | None) -> Turn:
     """Decide what is to be taken out, by the file's words and the mooring file's; note the decision.
 
-    Args:
-        reference: ``direction_reference`` of the mooring file.
-        applied: its ``declination_applied``, None where it has none.
-
     Raises:
         InputError: the two contradict each other, or neither tells.
     """

@@ -111,7 +111,15 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
         words = data[parity : parity + (data.size - parity) // 2 * 2].view("<u2")
         np.cumsum(words, dtype=np.uint16, out=sums[parity + 2 :: 2])
     records = _find_signature(data, marks, sums)
-    return (marks, records, True) if len(records[0]) else (marks, _find_older(data, marks, sums), False)
+    if len(records[0]):
+        return marks, records, True
+    start = marks[marks + SHORTEST <= data.size]
+    end = start + 2 * word(data, start + 2).astype(np.int64)
+    whole = (end >= start + SHORTEST) & (end <= data.size)
+    start, end = start[whole], end[whole]
+    holds = sums[end - 2] - sums[start] + np.uint16(START) == word(data, end - 2)
+    start, end = start[holds], end[holds]
+    return marks, (data[start + 1].astype(np.int64), start, start, end), False
 
 
 def word(data: Bytes, at: Places) -> NDArray[np.uint16]:
@@ -136,16 +144,6 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
     both = np.concatenate(records, axis=1)
     kind, start, begin, end = both[:, np.argsort(both[1], kind="stable")]
     return kind, start, begin, end
-
-
-def _find_older(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Columns:
-    start = marks[marks + SHORTEST <= data.size]
-    end = start + 2 * word(data, start + 2).astype(np.int64)
-    whole = (end >= start + SHORTEST) & (end <= data.size)
-    start, end = start[whole], end[whole]
-    holds = sums[end - 2] - sums[start] + np.uint16(START) == word(data, end - 2)
-    start, end = start[holds], end[holds]
-    return data[start + 1].astype(np.int64), start, start, end
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,18 +15,8 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers.nortek.packets import (
-    BEAM,
-    EARTH,
-    INSTRUMENT,
-    MISSING_COUNT,
-    Bytes,
-    Packets,
-    Places,
-    Samples,
-    axes_of,
-    by_beam,
-)
+from compasslib.readers.nortek import packets as records
+from compasslib.readers.nortek.packets import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Bytes, Packets, Places, Samples
 from compasslib.readers.times import civil_seconds
 from compasslib.records import BAD, GOOD, MISSING
 from compasslib.types import Floats
@@ -97,7 +87,7 @@ def decode(packets: Packets) -> Samples:
         raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
     velocity = raw[..., :2] if layout.coordinates == EARTH else raw
     if layout.coordinates == INSTRUMENT:
-        velocity = raw @ axes_of(np.eye(layout.beams)).T
+        velocity = raw @ records.axes_of(np.eye(layout.beams)).T
     others = int(np.sum((packets.kind != kind) & (packets.kind != TEXT)))
     profiles = _profiles(rows, layout)
     bad = np.zeros(velocity.shape[:2], dtype=bool)
@@ -118,7 +108,7 @@ def decode(packets: Packets) -> Samples:
         serial=str(head["serial"][0] or ""),
         model=next(iter(re.findall(r'^ID,.*?\bSTR="([^"]+)"', text, re.MULTILINE)), ""),
         declination_deg=_setting(text, "GETUSER", "DECL", 0.0),
-        beams_to_axes=tuple(map(tuple, axes_of(matrix).tolist())) if matrix is not None else (),
+        beams_to_axes=tuple(map(tuple, records.axes_of(matrix).tolist())) if matrix is not None else (),
         average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
         up=raw[..., 2:].mean(axis=-1) if layout.coordinates == EARTH else None,
@@ -214,7 +204,7 @@ def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
     amplitude = layout.offset + 2 * layout.beams * layout.cells if layout.configuration & AMPLITUDE else None
     blocks = {"echo": amplitude, "correlation": correlation}
     shape = layout.beams, layout.cells
-    profiles = {name: by_beam(rows, at, *shape) for name, at in blocks.items() if at is not None}
+    profiles = {name: records.by_beam(rows, at, *shape) for name, at in blocks.items() if at is not None}
     if percent is not None and percent + layout.cells <= rows.shape[1]:
         profiles["percent_good"] = rows[:, percent : percent + layout.cells].copy()
     return profiles

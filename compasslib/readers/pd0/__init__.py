@@ -21,28 +21,10 @@ from numpy.typing import NDArray
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers.files import refuse_mostly_damaged
-from compasslib.readers.pd0 import checks
+from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.checks import FileReport
-from compasslib.readers.pd0.currents import (
-    Settings,
-    compute_currents,
-    count_contradictions,
-    flag_currents,
-    heading_bias,
-    magnetic_heading,
-    true_pitch,
-    velocity_bias,
-)
-from compasslib.readers.pd0.fields import (
-    BEAM,
-    COUNTS,
-    EARTH,
-    DroppedCounts,
-    Ensembles,
-    GrowableArrays,
-    concatenate,
-    decode_runs,
-)
+from compasslib.readers.pd0.currents import Settings
+from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, DroppedCounts, Ensembles, GrowableArrays
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
 from compasslib.records import BAD, GOOD, MISSING, Record
 from compasslib.types import Floats
@@ -76,15 +58,12 @@ class _ChunkCurrents:
 def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
     """Decode all good ensembles of a file as the instrument recorded them.
 
-    Args:
-        chunk_bytes: bytes read at a time; the result does not depend on it.
-
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
     chunks = list(_decode_chunks(path, chunk_bytes))
     _refuse_empty(path, chunks)
-    return concatenate([chunk.ensembles for chunk in chunks])
+    return fields.concatenate([chunk.ensembles for chunk in chunks])
 
 
 def read(
@@ -155,7 +134,7 @@ def echo_ranges(ensembles: Ensembles) -> Floats:
 
 def _decode_chunks(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_DecodedChunk]:
     for chunk in iter_chunks(path, chunk_bytes):
-        ensembles, dropped = decode_runs(chunk.runs)
+        ensembles, dropped = fields.decode_runs(chunk.runs)
         yield _DecodedChunk(ensembles, dropped, sum(run.rows.size for run in chunk.runs), chunk.skipped)
 
 
@@ -195,7 +174,7 @@ def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> 
     skipped = tuple(each for chunk in chunks for each in chunk.skipped)
     refuse_mostly_damaged(path, "PD0 ensembles", damaged=sum(each.failed for each in skipped), whole=whole)
     cells = np.sum([part.contradictions for part in parts], axis=0)
-    checks.refuse_coordinates(str(path), concatenate([part.leaders for part in parts]), *cells.tolist())
+    checks.refuse_coordinates(str(path), fields.concatenate([part.leaders for part in parts]), *cells.tolist())
     if not any(part.has_percent_good for part in parts):
         # Nobody has filled the block: it says nothing about the velocities.
         flags = arrays["quality"][begin:]
@@ -220,8 +199,9 @@ def _drop_profiles(ensembles: Ensembles) -> Ensembles:
 
 
 def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: GrowableArrays) -> _ChunkCurrents:
-    flow = compute_currents(ensembles, settings)
-    columns = {"east": flow.east, "north": flow.north, "quality": flag_currents(ensembles, flow.east, flow.north)}
+    flow = currents.compute_currents(ensembles, settings)
+    quality = currents.flag_currents(ensembles, flow.east, flow.north)
+    columns = {"east": flow.east, "north": flow.north, "quality": quality}
     columns |= {"up": flow.up.astype(np.float32), "error_velocity": flow.error.astype(np.float32)}
     arrays.add(columns | {name: getattr(ensembles, name) for name in COUNTS}, {"quality": MISSING}, size)
     near = ensembles.echo[:, :NEAR_CELLS].astype(float)
@@ -231,19 +211,19 @@ def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: Gro
         echo_near=np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan),
         three_beam=flow.three_beam,
         has_percent_good=bool(ensembles.percent_good.any()),
-        contradictions=count_contradictions(ensembles),
+        contradictions=currents.count_contradictions(ensembles),
     )
 
 
 def _record(
     parts: Sequence[_ChunkCurrents], arrays: GrowableArrays, reports: Sequence[FileReport], settings: Settings
 ) -> Record:
-    leaders = concatenate([part.leaders for part in parts])
+    leaders = fields.concatenate([part.leaders for part in parts])
     where = ", ".join(report.path for report in reports)
     checks.refuse_mixed(where, leaders)
     serial = checks.serial_number(where, leaders, settings.serial_number)
     flags, strays, notes = checks.flag_strays(leaders)
-    heading = magnetic_heading(leaders, settings)
+    heading = currents.magnetic_heading(leaders, settings)
     known = {"velocities": int(np.isfinite(arrays["east"]).sum())}
     counts = checks.summarize_counts(reports, leaders, heading, settings) | strays | known
     codes = np.unique(leaders.coordinates)
@@ -253,7 +233,7 @@ def _record(
         north=arrays["north"],
         bin_range_m=_bin_range(leaders),
         heading_deg=heading,
-        pitch_deg=true_pitch(leaders.tilt1_deg, leaders.tilt2_deg),
+        pitch_deg=currents.true_pitch(leaders.tilt1_deg, leaders.tilt2_deg),
         roll_deg=leaders.tilt2_deg,
         pressure_dbar=leaders.pressure_dbar,
         depth_m=leaders.depth_m,
@@ -273,8 +253,8 @@ def _record(
         looks_up=checks.mostly_looks_up(leaders, settings),
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
-        heading_bias_deg=_most_frequent(heading_bias(leaders, settings)),
-        velocity_bias_deg=_most_frequent(velocity_bias(leaders, settings)),
+        heading_bias_deg=_most_frequent(currents.heading_bias(leaders, settings)),
+        velocity_bias_deg=_most_frequent(currents.velocity_bias(leaders, settings)),
         serial_number=serial,
         echo_range_m=np.concatenate([part.echo_range_m for part in parts]),
         counts=counts,

@@ -124,11 +124,7 @@ def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
 
 
 def match_serial_number(where: str, recorded: str, stated: str | None) -> str:
-    """Match the serial number of a file with that of the metadata.
-
-    Args:
-        recorded: by the file, empty where it tells none; perhaps with letters, as the other.
-        stated: by the metadata.
+    """Match the serial number of a file, empty where it tells none, with that stated; both may have letters around it.
 
     Raises:
         InputError: the metadata tell another.
@@ -310,9 +306,8 @@ def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings
         lines.append(f"{shown} come from three beams: one beam is dead or weak, and nothing checks the other three.")
     if counts["configurations"] > 1:
         count = counts["configurations"]
-        lines.append(
-            f"The recording holds {count} configurations; bins that one lacks are padded, each has its ranges."
-        )
+        shown = f"The recording holds {count} configurations"
+        lines.append(f"{shown}; bins that one lacks are padded, each has its ranges.")
     level = ~leaders.tilts_used
     if (level & (leaders.coordinates == EARTH)).any():
         lines.append("Velocities in earth coordinates were turned by the instrument without its tilts.")

@@ -124,10 +124,9 @@ def count_contradictions(ensembles: Ensembles) -> tuple[int, int]:
 
 
 def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
-    """Fill a single missing beam so that the error velocity is zero; tell where that was done.
+    """Fill a single missing beam of four so that the error velocity is zero; tell where that was done.
 
-    Args:
-        beams: (..., 4) m/s, NaN where missing; two or more missing ones stay missing.
+    Two or more missing ones stay missing, NaN.
     """
     missing = np.isnan(beams)
     alone = missing.sum(axis=-1) == 1
@@ -184,7 +183,6 @@ def beams_to_instrument(
     """Combine beams to (x, y, z, error) in the instrument's axes.
 
     Args:
-        beams: (..., 4) m/s, positive towards the head.
         beam_angle_deg: from the vertical; broadcasts with (...), as ``convex``.
     """
     b1, b2, b3, b4 = (beams[..., i] for i in range(4))
