@@ -71,6 +71,12 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         warnings.append(f"{compared.spikes} isolated outliers: spikes, or storms shorter than three hours")
     covariance = np.full((5, 5), np.nan)
     covariance[0, 0] = compared.constant_sigma_deg**2
+    # Tabulate the same constant at every heading: what a heading made true by the model lacks.
+    step_deg = float(settings.get("table_step_deg", 10.0))
+    heading = np.arange(0.0, 360.0, step_deg)
+    alike = np.ones(len(heading))
+    quiet = np.nan_to_num(compared.curve_deg)
+    calm = compared.disturbed_deg[~compared.stormy]
     return Calibration(
         kind=KIND,
         model=f"{'IGRF' if field.source == 'IGRF' else 'the given declination'} plus a constant",
@@ -79,28 +85,15 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         coefficients=np.append(compared.constant_deg, np.full(4, np.nan)),
         covariance=covariance,
         residual_rms_deg=angles.rms(compared.residual_deg - compared.constant_deg),
-        sources=_sources(compared),
-        table=_table(compared, float(settings.get("table_step_deg", 10.0))),
+        sources=(
+            Source("constant", compared.constant_sigma_deg, CONSTANT_HOW),
+            Source("daily variation", float(np.std(quiet)), f"rms of the curve of {compared.quiet_days} days"),
+            Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
+        ),
+        table=DeviationTable(heading, compared.constant_deg * alike, compared.constant_sigma_deg * alike),
         points=_points(compared),
         details=_header(series, place) | _details(compared, series, field),
         warnings=(*warnings, *field.warnings),
-    )
-
-
-def _table(compared: FieldComparison, step_deg: float) -> DeviationTable:
-    """Tabulate the same constant at every heading: what a heading made true by the model lacks."""
-    heading = np.arange(0.0, 360.0, step_deg)
-    alike = np.ones(len(heading))
-    return DeviationTable(heading, compared.constant_deg * alike, compared.constant_sigma_deg * alike)
-
-
-def _sources(compared: FieldComparison) -> tuple[Source, ...]:
-    quiet = np.nan_to_num(compared.curve_deg)
-    calm = compared.disturbed_deg[~compared.stormy]
-    return (
-        Source("constant", compared.constant_sigma_deg, CONSTANT_HOW),
-        Source("daily variation", float(np.std(quiet)), f"rms of the curve of {compared.quiet_days} days"),
-        Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
     )
 
 

@@ -211,13 +211,17 @@ def calibrate_readings(
     chosen = curves.select_curve(fitted)
     rows = (*sources, budget.residual(chosen.scatter_deg, chosen.dof))
     points = _points(readings, chosen)
+    common_deg = budget.common(rows)
+    heading = np.arange(0.0, 360.0, table_step_deg)
+    deviation = chosen.deviation(heading)
+    sigma = np.hypot(chosen.sigma(heading), common_deg)
     return replace(
         empty,
         model=chosen.form.name,
         **_coefficients(fits, chosen),
         residual_rms_deg=angles.rms(points["residual_deg"]),
         sources=rows,
-        table=_table(chosen, table_step_deg, budget.common(rows)),
+        table=DeviationTable(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan)),
         points=points,
         details={**empty.details, "errors": _extremes(-observed.deviation_deg), **_details(fits, chosen, sources)},
         warnings=_warnings(readings, settings, fits, chosen),
@@ -237,13 +241,6 @@ def _coefficients(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve) ->
     if isinstance(exact, FittedCurve):
         coefficients |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
     return coefficients
-
-
-def _table(chosen: FittedCurve, step_deg: float, common_deg: float) -> DeviationTable:
-    heading = np.arange(0.0, 360.0, step_deg)
-    deviation = chosen.deviation(heading)
-    sigma = np.hypot(chosen.sigma(heading), common_deg)
-    return DeviationTable(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan))
 
 
 def _points(readings: BenchReadings, chosen: FittedCurve | None) -> dict[str, Floats]:

@@ -67,6 +67,7 @@ def to_json(
     """
     place = _place(settings, made.details)
     weak = weak_field_warnings(place["field"]["horizontal_nT"]) if place["field"] else ()
+    standard = budget.combined(made.sources) if made.sources and not made.why else None
     common = {
         "name": name,
         "kind": made.kind,
@@ -76,7 +77,12 @@ def to_json(
         "residual_rms_deg": made.residual_rms_deg,
         "n": made.n,
         "coverage": made.coverage,
-        "uncertainty": _uncertainty(made),
+        "uncertainty": {
+            "rows": {row.name: {"standard_deg": row.standard_deg, "how": row.how} for row in made.sources},
+            "standard_deg": standard,
+            "coverage_factor": COVERAGE_FACTOR,
+            "expanded_deg": None if standard is None else COVERAGE_FACTOR * standard,
+        },
         "exact": {"coefficients": _named(made.exact), "covariance": made.exact_covariance} if made.exact.size else None,
         "place": place,
         "parts": list(settings.get("parts") or ()),
@@ -144,16 +150,6 @@ def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str,
     field = settings.get("field") or resolve_settings({**at, "date_s": date_s})["field"]
     declination = settings.get("declination_deg", field and field["declination_deg"])
     return {**at, "date": day, "declination_deg": declination, "field": field}
-
-
-def _uncertainty(made: Calibration) -> dict[str, Any]:
-    standard = budget.combined(made.sources) if made.sources and not made.why else None
-    return {
-        "rows": {row.name: {"standard_deg": row.standard_deg, "how": row.how} for row in made.sources},
-        "standard_deg": standard,
-        "coverage_factor": COVERAGE_FACTOR,
-        "expanded_deg": None if standard is None else COVERAGE_FACTOR * standard,
-    }
 
 
 def _object(content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -215,7 +215,9 @@ def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError],
     calibrations: dict[str, CalibrationFile] = {}
     for file in files:
         try:
-            calibrations[_calibration_name(file)] = _calibration(file, place)
+            raw = read(place.root, file, "kind: platform")
+            kind = validate(KindKey, {key: raw[key] for key in ("kind",) if key in raw}, file).kind
+            calibrations[_calibration_name(file)] = validate(MODELS[kind], raw, file, place)
         except InputError as mistake:
             refuse(mistake)
     if wrong := check_comparisons(calibrations):
@@ -235,12 +237,6 @@ def _calibration_name(file: str) -> str:
         expected = f"a file NAME.yaml, the name of {NAME_WORDS}"
         raise InputError(file, expected=expected, found=os.path.basename(file), advice="rename the file")
     return stem
-
-
-def _calibration(file: str, place: RawFolder) -> CalibrationFile:
-    raw = read(place.root, file, "kind: platform")
-    kind = validate(KindKey, {key: raw[key] for key in ("kind",) if key in raw}, file).kind
-    return validate(MODELS[kind], raw, file, place)
 
 
 def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]:

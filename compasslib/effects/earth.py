@@ -30,8 +30,7 @@ class SecularVariation(Effect):
 class FieldDisturbance(Proportional):
     """Magnetic north moves by a share of what an observatory recorded."""
 
-    name = "field_disturbance"
-    driver = "observatory"
+    name, driver = "field_disturbance", "observatory"
     words = "magnetic north moved as the observatory recorded it, most of all on these dates"
     recordings = ("mooring", "declination")
     acts_on = "north"
@@ -45,8 +44,7 @@ class FieldDisturbance(Proportional):
 class VectorDisturbance(Proportional):
     """Magnetic north moves by shares of both horizontal components that an observatory recorded."""
 
-    name = "field_disturbance"
-    driver = "observatory"
+    name, driver = "field_disturbance", "observatory"
     acts_on = "north"
     literature = "(dE cos D - dN sin D)/H, a transfer term for either component; east positive"
     needs = ("declination_observatory", "horizontal_observatory")
@@ -59,8 +57,7 @@ class VectorDisturbance(Proportional):
 class IndexedDisturbance(Effect):
     """Magnetic north is the less sure, the larger a global index of storms: its course is not known."""
 
-    name = "field_disturbance"
-    driver = "index"
+    name, driver = "field_disturbance", "index"
     detector = "directions that scatter more where the index is larger"
     acts_on = "north"
     literature = "standard deviation c ap/H (Bartels 1957 for ap); either way"
@@ -77,8 +74,7 @@ class IndexedDisturbance(Effect):
 class DeclinationError(Effect):
     """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
 
-    name = "declination_error"
-    driver = ""
+    name, driver = "declination_error", ""
     words = "the declination is off by a constant"
     recordings = ("mooring", "declination")
     detector = "an observatory's mean against the model"

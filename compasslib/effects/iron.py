@@ -27,8 +27,7 @@ from compasslib.types import Floats
 class HardIron(Effect):
     """A constant field in the body frame is added."""
 
-    name = "hard_iron"
-    driver = "heading"
+    name, driver = "hard_iron", "heading"
     words = "a magnetised part that turns with the instrument adds a constant field (hard iron)"
     shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -122,8 +121,7 @@ class BatteryChange(Effect):
 class SupplyVoltageOfField(Effect):
     """A horizontal field in the body frame grows with the supply voltage."""
 
-    name = "supply_voltage"
-    driver = "voltage"
+    name, driver = "supply_voltage", "voltage"
     words = "the compass depends on its supply voltage"
     shows_along = ("supply_voltage",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -149,8 +147,7 @@ class SupplyVoltageOfField(Effect):
 class SupplyVoltageOfReading(OfReading, Proportional):
     """The reading grows with the supply voltage."""
 
-    name = "supply_voltage"
-    driver = "voltage"
+    name, driver = "supply_voltage", "voltage"
     instrument = True
     literature = "reference voltage of the readout; clockwise positive"
     needs = ("supply_voltage",)
@@ -163,8 +160,7 @@ class SupplyVoltageOfReading(OfReading, Proportional):
 class TemperatureOfField(Effect):
     """A horizontal field in the body frame grows with temperature."""
 
-    name = "temperature"
-    driver = "temperature"
+    name, driver = "temperature", "temperature"
     words = "the compass, its iron or the zero of its tilts depends on temperature"
     shows_along = ("temperature",)
     separated_by: ClassVar[Mapping[str, str]] = dict.fromkeys(
@@ -189,8 +185,7 @@ class TemperatureOfField(Effect):
 class TemperatureOfReading(OfReading, Proportional):
     """The reading grows with temperature."""
 
-    name = "temperature"
-    driver = "temperature"
+    name, driver = "temperature", "temperature"
     recordings = ("mooring", "magnetometer")
     instrument = True
     literature = "thermal drift of the readout; clockwise positive"
@@ -204,8 +199,7 @@ class TemperatureOfReading(OfReading, Proportional):
 class Heeling(Effect):
     """A constant field along the body's vertical is added; the levelling brings it into the heading."""
 
-    name = "heeling"
-    driver = "tilt"
+    name, driver = "heeling", "tilt"
     words = "the compass tilts over iron along its own vertical (heeling error)"
     shows_along = ("pitch", "roll")
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -241,8 +235,7 @@ class HardIronTrend(Effect):
 class LevelHardIron(Effect):
     """Hard iron as a level turn shows it: two components."""
 
-    name = "hard_iron"
-    driver = "heading"
+    name, driver = "hard_iron", "heading"
     recordings = ("magnetometer",)
     literature = "Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive"
 
@@ -260,8 +253,7 @@ USUAL_SHARE = 0.3  # of soft iron: what a magnetometer beside a battery shows
 class LevelSoftIron(Effect):
     """Soft iron as the modulus of a level turn shows it: what stretches the circle to an ellipse."""
 
-    name = "soft_iron"
-    driver = "heading"
+    name, driver = "soft_iron", "heading"
     words = "a part that the earth's field magnetises distorts it (soft iron)"
     shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -287,8 +279,7 @@ class LevelSoftIron(Effect):
 class SoftIronInSpace(Effect):
     """Soft iron as the modulus over all orientations shows it: a symmetric matrix whose trace is the scale."""
 
-    name = "soft_iron"
-    driver = "heading"
+    name, driver = "soft_iron", "heading"
     recordings = ("magnetometer",)
     literature = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
 

@@ -28,8 +28,7 @@ from compasslib.types import Floats
 class LargeDeviation(Proportional):
     """The reading is that of the exact compass, not that of the series."""
 
-    name = "large_deviation"
-    driver = "heading"
+    name, driver = "large_deviation", "heading"
     words = "the deviation is too large for the small-angle series; the exact compass fits"
     shows_along = ("heading",)
     recordings = ("mooring", "platform", "swing")
@@ -85,8 +84,7 @@ class Harmonic(OfReading):
 class Sextantal(Harmonic):
     """The reading is shifted by the third harmonic of what the compass would have recorded."""
 
-    name = "sextantal"
-    driver = "heading"
+    name, driver = "sextantal", "heading"
     words = "the reading has a third harmonic of the recorded heading (sextantal deviation)"
     shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -103,8 +101,7 @@ class Sextantal(Harmonic):
 class Octantal(Harmonic):
     """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
 
-    name = "octantal"
-    driver = "heading"
+    name, driver = "octantal", "heading"
     words = "the reading has a fourth harmonic of the recorded heading (octantal deviation)"
     shows_along = ("heading",)
     recordings = READINGS
@@ -154,8 +151,7 @@ class HeadingSlip(OfReading):
 class CompassLag(OfReading):
     """The reading is what the heading was some time before."""
 
-    name = "compass_lag"
-    driver = "turn_rate"
+    name, driver = "compass_lag", "turn_rate"
     words = "the compass lags when the instrument turns"
     shows_along = ("turn_rate",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -176,8 +172,7 @@ class CompassLag(OfReading):
 class TiltUncompensated(Effect):
     """A share of the levelling is left out."""
 
-    name = "tilt_uncompensated"
-    driver = "tilt"
+    name, driver = "tilt_uncompensated", "tilt"
     words = "the reading is not compensated for tilt"
     shows_along = ("pitch", "roll")
     separated_by: ClassVar[Mapping[str, str]] = {"moving_iron": "the magnetometer's three axes with tilt"}
@@ -208,8 +203,7 @@ def _levelled_off(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: 
 class TemperatureOfTilt(Effect):
     """The zero of the tilt sensor shifts with temperature, and the compass levels by it."""
 
-    name = "temperature"
-    driver = "temperature"
+    name, driver = "temperature", "temperature"
     stage = "sensor"
     literature = "Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true"
     needs = ("temperature",)
@@ -226,8 +220,7 @@ class TemperatureOfTilt(Effect):
 class TiltOffset(Effect):
     """The tilts are off by constants, and the compass levels by them."""
 
-    name = "tilt_offset"
-    driver = "tilt"
+    name, driver = "tilt_offset", "tilt"
     words = "the tilts by which the compass is compensated have constant errors"
     stage = "sensor"
     literature = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
@@ -245,8 +238,7 @@ class TiltOffset(Effect):
 class StuckTilt(Effect):
     """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
 
-    name = "stuck_tilt"
-    driver = "tilt"
+    name, driver = "stuck_tilt", "tilt"
     words = "the tilt sensors are stuck, and the compass is compensated with their last values"
     stage = "sensor"
     literature = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
@@ -266,8 +258,7 @@ class StuckTilt(Effect):
 class CompassDelay(OfReading):
     """The reading is the heading of some time before, exactly: quick swings are no straight lines."""
 
-    name = "compass_lag"
-    driver = "turn_rate"
+    name, driver = "compass_lag", "turn_rate"
     recordings = ("magnetometer", "two_heads")
     literature = "a delay; for slow turns its first order, reading minus lag times the rate of turn"
 
@@ -296,8 +287,7 @@ class CompassTrend(OfReading):
 class MountingOffset(OfReading):
     """The heading is counted from another direction than the axes."""
 
-    name = "mounting_offset"
-    driver = ""
+    name, driver = "mounting_offset", ""
     words = "the heading is turned by a constant from the magnetometer's axes"
     shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {
@@ -317,8 +307,7 @@ class MountingOffset(OfReading):
 class ReadingLevelled(Effect):
     """The recorded heading is levelled by the tilts, the simulated one is not."""
 
-    name = "tilt_uncompensated"
-    driver = "tilt"
+    name, driver = "tilt_uncompensated", "tilt"
     recordings = ("magnetometer",)
     stage = "sensor"
     words = "the recorded heading is compensated for tilt, the simulated one is not"

@@ -24,8 +24,7 @@ TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over
 class SetAndDrift(Effect):
     """The water carries the ship; it keeps its set and drift."""
 
-    name = "water_drift"
-    driver = "heading"
+    name, driver = "water_drift", "heading"
     words = "the current carries the vessel sideways, so that its course over ground differs from its heading"
     shows_along = ("heading",)
     separated_by: ClassVar[Mapping[str, str]] = {

@@ -15,8 +15,7 @@ USUAL_DEG = 6.0  # of each harmonic: real directional shear ran from +22 to -7 d
 class VeerWithSpeed(Proportional):
     """The directional shear between the two depths grows with the speed of the flow."""
 
-    name = "current_veer"
-    driver = "speed"
+    name, driver = "current_veer", "speed"
     words = "directional shear of the current between the two depths"
     shows_along = ("speed", "separation", "depth")
     side = "water"
@@ -31,8 +30,7 @@ class VeerWithSpeed(Proportional):
 class VeerWithSeparation(Proportional):
     """The directional shear is in proportion to the metres between the two depths."""
 
-    name = "current_veer"
-    driver = "separation"
+    name, driver = "current_veer", "separation"
     side = "water"
     acts_on = "water"
     literature = "Ekman's spiral, linear over few metres; lower minus upper direction, clockwise"
@@ -45,8 +43,7 @@ class VeerWithSeparation(Proportional):
 class VeerWithDepth(Effect):
     """The directional shear changes as the pair is blown down to other water."""
 
-    name = "current_veer"
-    driver = "depth"
+    name, driver = "current_veer", "depth"
     side = "water"
     acts_on = "water"
     literature = "directional shear of the water column, linear in depth; lower minus upper, clockwise"
@@ -62,8 +59,7 @@ class VeerWithDepth(Effect):
 class VeerWithDirection(Proportional):
     """The directional shear differs by direction of the flow."""
 
-    name = "current_veer"
-    driver = "flow_direction"
+    name, driver = "current_veer", "flow_direction"
     side = "water"
     acts_on = "water"
     literature = "steering by topography, two harmonics; lower minus upper direction, clockwise"
@@ -80,8 +76,7 @@ class VeerWithDirection(Proportional):
 class MooringMotion(Proportional):
     """The instrument's own velocity is missing from what it measures, across the flow while the lean turns."""
 
-    name = "mooring_motion"
-    driver = "motion"
+    name, driver = "mooring_motion", "motion"
     words = "the mooring's own motion is in the measured current"
     shows_along = ("speed",)
     side = "water"
@@ -105,8 +100,7 @@ class OfReference(Effect):
 class ReferenceDeviation(OfReference, Proportional):
     """The reference's compass has a deviation of its own."""
 
-    name = "reference_deviation"
-    driver = "reference_heading"
+    name, driver = "reference_deviation", "reference_heading"
     words = "the compass of the reference has a deviation of its own"
     shows_along = ("reference_heading",)
     literature = "B and C of von Appen 2015, eq. (1), by its own heading; reading minus true"
@@ -135,8 +129,7 @@ class ReferenceSlip(OfReference):
 class ReferenceBeams(OfReference):
     """One beam pair of the reference gives larger velocities than the other."""
 
-    name = "reference_beams"
-    driver = "reference_heading"
+    name, driver = "reference_beams", "reference_heading"
     words = "the beams of the reference are of unequal gain"
     shows_along = ("reference_heading",)
     literature = "-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one"
@@ -152,8 +145,7 @@ class ReferenceBeams(OfReference):
 class ReferenceBias(OfReference):
     """A constant velocity in its own frame is added to what the reference measures, as by ringing."""
 
-    name = "reference_bias"
-    driver = "reference_heading"
+    name, driver = "reference_bias", "reference_heading"
     words = "the velocities of the reference have a constant offset in its own frame"
     shows_along = ("speed",)
     literature = "(bias/speed) sin(angle of the bias - angle of the flow), first order"

@@ -62,7 +62,10 @@ def flag_altered(record: Record) -> Record:
     only.
     """
     record = _flag_across_north(_flag_stuck_bits(_flag_held(_flag_limits(_flag_repeated(record)))))
-    flow = _flow(record)
+    # Compute the mean velocity of the good near bins, (n,), 0 where there is none.
+    velocity = record.east[:, :NEAR_BINS] + 1j * record.north[:, :NEAR_BINS]
+    good = np.isfinite(velocity) & (record.quality[:, :NEAR_BINS] < PROBABLY_BAD)
+    flow = np.where(good, velocity, 0.0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)
     speed = np.where(_usable(record), np.abs(flow), 0.0)
     if np.count_nonzero(speed) < FEWEST_WINDOWS * FEWEST or np.ptp(record.time_s) < FEWEST_WINDOWS * WINDOW_S:
         return record
@@ -221,13 +224,6 @@ def _notches(values: Complexes | Floats) -> Floats:
 def _usable(record: Record) -> Bools:
     """Tell which headings are there and not flagged, (n,)."""
     return np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
-
-
-def _flow(record: Record) -> Complexes:
-    """Compute the mean velocity of the good near bins, (n,), 0 where there is none."""
-    velocity = record.east[:, :NEAR_BINS] + 1j * record.north[:, :NEAR_BINS]
-    good = np.isfinite(velocity) & (record.quality[:, :NEAR_BINS] < PROBABLY_BAD)
-    return np.where(good, velocity, 0.0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)
 
 
 def _mean(direction: Complexes, weight: Floats) -> complex:

@@ -237,7 +237,12 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         for cells in averages:
             shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
             if (shared or off_m > OFF_M) and (_same(cells, met) or (cells.bins.start == 0 and _averaged(cells, met))):
-                return _reason(cells, shared, off_m)
+                first, last = cells.bins.start + 1, cells.bins.stop
+                which = f"bin {first}" if first == last else f"bins {first} to {last}"
+                why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
+                those = f"those of the reference are {which} of the affected one, {why}"
+                twice = "the two instruments recorded the same velocities: one recording was given twice"
+                return f"{twice}, and no pair counts ({those})"
     return ""
 
 
@@ -280,16 +285,6 @@ def _averaged(cells: CellSeries, met: MatchedVelocities) -> bool:
         return False
     weight, *_ = np.linalg.lstsq(columns[whole], met.velocity[whole], rcond=None)
     return _equal(columns[whole] @ weight, met.velocity[whole], met.least_m_s)
-
-
-def _reason(cells: CellSeries, shared: bool, off_m: float) -> str:
-    first, last = cells.bins.start + 1, cells.bins.stop
-    which = f"bin {first}" if first == last else f"bins {first} to {last}"
-    why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
-    return (
-        "the two instruments recorded the same velocities: one recording was given twice, and no pair counts (those "
-        f"of the reference are {which} of the affected one, {why})"
-    )
 
 
 SLOW_S = 2 * DAY_S  # lag with which the shortest is compared

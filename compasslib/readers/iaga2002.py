@@ -86,6 +86,14 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
             text = f"the header reports {reported}, the line DATE has {letters}, which counts"
             order_warnings.append(f"{file.path}: {text}")
     names = [_first(headers, label) for label in ("station name", "iaga code")]
+    texts = {
+        "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
+        "fillers": "rows hold a value that stands for a missing one beside 88888 and 99999; it is not used",
+        "stuck": "rows do not vary for a day and longer, as no field does; they are not used",
+        "repeated": "rows repeat an instant; the first of each counts",
+        "contradicting": "rows repeat an instant with another declination: two versions of the data are mixed",
+        "missing": "rows have no declination",
+    }
     return FieldSeries(
         time_s=time_s,
         declination_deg=declination,
@@ -97,7 +105,7 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         elevation_m=_number(_first(headers, "elevation")),
         definitive=all(header.get("data type", "").lower().startswith("definitive") for header in headers),
         counts=counts,
-        warnings=(*_warnings(counts), *order_warnings),
+        warnings=(*(f"{counts[key]} {text}" for key, text in texts.items() if counts[key]), *order_warnings),
         files=tuple(str(file.path) for file in files),
         origin=np.repeat(np.arange(len(files)), [len(file.time_s) for file in files])[first],
     )
@@ -234,18 +242,6 @@ def _number(text: str) -> float:
     except ValueError:
         return float("nan")
     return value if abs(value) < MISSING else float("nan")
-
-
-def _warnings(counts: Mapping[str, int]) -> tuple[str, ...]:
-    texts = {
-        "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
-        "fillers": "rows hold a value that stands for a missing one beside 88888 and 99999; it is not used",
-        "stuck": "rows do not vary for a day and longer, as no field does; they are not used",
-        "repeated": "rows repeat an instant; the first of each counts",
-        "contradicting": "rows repeat an instant with another declination: two versions of the data are mixed",
-        "missing": "rows have no declination",
-    }
-    return tuple(f"{counts[key]} {text}" for key, text in texts.items() if counts[key])
 
 
 def _error(path: Path, expected: str, shown: str, advice: str = "") -> InputError:

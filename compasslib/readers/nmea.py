@@ -92,7 +92,14 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
             advice="check the file, or name other sentences in columns",
         )
     log = _pair(fixes, values, heading, counts)
-    return NmeaLog(**log, counts=dict(counts), warnings=_losses(counts))
+    lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
+    warnings = [f"left out of the log: {', '.join(lost)}"] if lost else []
+    if counts["corrected"]:
+        warnings.append(
+            f"{counts['corrected']} HDG sentences state a deviation of their own; "
+            "it is not applied, the sensor's heading counts"
+        )
+    return NmeaLog(**log, counts=dict(counts), warnings=tuple(warnings))
 
 
 def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
@@ -254,14 +261,3 @@ def _is_repeated(rows: Floats) -> Bools:
     repeated = np.ones(len(rows), dtype=bool)
     repeated[first] = False
     return repeated & back
-
-
-def _losses(counts: Counter[str]) -> tuple[str, ...]:
-    lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
-    warnings = [f"left out of the log: {', '.join(lost)}"] if lost else []
-    if counts["corrected"]:
-        warnings.append(
-            f"{counts['corrected']} HDG sentences state a deviation of their own; "
-            "it is not applied, the sensor's heading counts"
-        )
-    return tuple(warnings)

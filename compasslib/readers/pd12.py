@@ -71,11 +71,15 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
     known = np.isfinite(east + north)
     pitch, roll = from_hundredths(heads["pitch"]), from_hundredths(heads["roll"])
+    # Compute the distances of the bins; those of an ensemble that starts at a later bin are shifted.
+    bins = east.shape[1]
+    stride = np.maximum(heads["components"] >> 4, 1)
+    later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / stride
     return Record(
         time_s=time_s,
         east=east,
         north=north,
-        bin_range_m=_ranges(heads, east.shape[1], bin_size, first_bin),
+        bin_range_m=(first_bin + bin_size * (later[:, None] + np.arange(bins))),
         heading_deg=heading,
         pitch_deg=true_pitch(pitch, roll),
         roll_deg=roll,
@@ -174,13 +178,6 @@ def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
         counts = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
         flow[:, mine, :bins] = np.where(counts == NONE, np.nan, counts / 1000.0)
     return flow
-
-
-def _ranges(heads: NDArray[np.void], bins: int, bin_size: float, first_bin: float) -> Floats:
-    """Compute the distances of the bins; those of an ensemble that starts at a later bin are shifted."""
-    stride = np.maximum(heads["components"] >> 4, 1)
-    later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / stride
-    return first_bin + bin_size * (later[:, None] + np.arange(bins))
 
 
 def _warnings(counts: dict[str, int]) -> tuple[str, ...]:

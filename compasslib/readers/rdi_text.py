@@ -77,6 +77,12 @@ def _to_record(table: _Table, orientation: str | None) -> Record:
     heading = np.where((heading >= 0.0) & (heading <= 360.0), angles.wrap360(np.nan_to_num(heading)), np.nan)
     pitch, roll, known = _series(table, "Pit", n), _series(table, "Rol", n), np.isfinite(east + north)
     missing = {"velocities_missing": int((~known).sum()), "heading_missing": int(np.isnan(heading).sum())}
+    # Select upward and error velocities where they were exported for the same bins, (n, m) m/s.
+    profiles = {}
+    for name, key in VERTICAL.items():
+        places = table.places(name)
+        if len(places) == east.shape[1] and (unit := table.units[places[0]]) in SPEEDS:
+            profiles[key] = SPEEDS[unit] * np.column_stack([_column(table, k) for k in places]).astype(np.float32)
     return Record(
         time_s=time_s,
         east=east,
@@ -93,7 +99,7 @@ def _to_record(table: _Table, orientation: str | None) -> Record:
         heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
         looks_up=_looks_up(table, orientation),
         beam_angle_deg=BEAM_ANGLE_DEG,
-        profiles=_profiles(table, east.shape),
+        profiles=profiles,
         counts={"rows": n + table.cut, "rows_cut": table.cut} | missing,
         warnings=(
             NO_BIAS,
@@ -199,16 +205,6 @@ def _currents(table: _Table) -> tuple[Floats, Floats, Floats]:
     there = " ".join(dict.fromkeys(table.names))
     expected = "columns Eas and Nor, or Mag and Dir, of the same bins"
     raise InputError(str(table.path), expected=expected, found=there, advice=EXPORT)
-
-
-def _profiles(table: _Table, shape: tuple[int, ...]) -> dict[str, Floats]:
-    """Select upward and error velocities where they were exported for the same bins, (n, m) m/s."""
-    profiles = {}
-    for name, key in VERTICAL.items():
-        places = table.places(name)
-        if len(places) == shape[1] and (unit := table.units[places[0]]) in SPEEDS:
-            profiles[key] = SPEEDS[unit] * np.column_stack([_column(table, k) for k in places]).astype(np.float32)
-    return profiles
 
 
 def _looks_up(table: _Table, orientation: str | None) -> bool:

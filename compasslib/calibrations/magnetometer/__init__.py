@@ -110,24 +110,20 @@ def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str,
         return correction
     series, table = iron.series_coefficients(exact), iron.deviation_table(exact, replicates, moved)
     each_series = np.array([iron.series_coefficients(replicate) for replicate in replicates])
-    return correction | {
-        "coefficients": series,
-        "covariance": ellipsoid.covariance(each_series, iron.series_coefficients(moved) - series),
-        "residual_rms_deg": _residual(solved, series, exact),
-        "sources": _sources(solved, table, series),
-        "table": table,
-    }
-
-
-def _residual(solved: SolvedIron, series: Floats, exact: Floats) -> float:
-    """Compute the rms of the deviation about the series: of the readings, or along the circle without headings."""
+    # Compute the rms of the deviation about the series: of the readings, or along the circle without headings.
     if solved.headed:
         recorded, corrected = solved.headings()
         deviation = angles.difference(corrected, recorded)
     else:
         recorded = iron.GRID_DEG
         deviation = iron.exact_deviation(exact, recorded)
-    return angles.rms(deviation - series_deviation(series, recorded))
+    return correction | {
+        "coefficients": series,
+        "covariance": ellipsoid.covariance(each_series, iron.series_coefficients(moved) - series),
+        "residual_rms_deg": angles.rms(deviation - series_deviation(series, recorded)),
+        "sources": _sources(solved, table, series),
+        "table": table,
+    }
 
 
 def _points(solved: SolvedIron) -> dict[str, Floats]:

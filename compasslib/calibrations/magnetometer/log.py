@@ -283,7 +283,15 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
     Raises:
         InputError: a file cannot be read, or something unknown or needed is withheld.
     """
-    allowed = _allowed_roles(withhold)
+    known = {*HEADERS, *HEADERS.values(), TIME}
+    if unknown := sorted(set(withhold) - known):
+        expected = f"columns of it ({', '.join(sorted(known))})"
+        raise InputError("withhold", expected=expected, found=unknown[0], advice="correct it")
+    for role in ("x", "y"):
+        if {role, HEADERS[role]} & set(withhold):
+            raise _needed(role)
+    allowed = {role for role, header in HEADERS.items() if not {role, header} & set(withhold)}
+    allowed |= {TIME} - set(withhold)
     scans = mmp_scans.read_scans(paths)
     values, aliased = scans.values, is_aliased(scans)
     keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
@@ -304,17 +312,6 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
     pitch, roll = tilts if z is not None else (None, None)
     clock, left_out = time_s[keep] if TIME in allowed else None, int((~keep).sum())
     return Log(raw, z is not None, pitch, roll, heading, clock, left_out, tuple(warnings), axis_by_axis=True)
-
-
-def _allowed_roles(withhold: Collection[str]) -> set[str]:
-    known = {*HEADERS, *HEADERS.values(), TIME}
-    if unknown := sorted(set(withhold) - known):
-        expected = f"columns of it ({', '.join(sorted(known))})"
-        raise InputError("withhold", expected=expected, found=unknown[0], advice="correct it")
-    for role in ("x", "y"):
-        if {role, HEADERS[role]} & set(withhold):
-            raise _needed(role)
-    return {role for role, header in HEADERS.items() if not {role, header} & set(withhold)} | ({TIME} - set(withhold))
 
 
 def repair_counts(log: Log) -> Log:

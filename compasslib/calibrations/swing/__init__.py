@@ -221,6 +221,12 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         "n_effective": series.noises[COURSE].n_effective,
         "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
     }
+    # Make the budget: each source's rms over the table's headings; squares add up to the table's.
+    columns, squares = series_design(table.heading_deg), dict[tuple[str, str], float]()
+    for key, part in series.parts.items():
+        name = BLOCKS[key] if key in BLOCKS else PRIORS[int(key)]
+        left = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
+        squares[name] = squares.get(name, 0.0) + float(np.mean(left))
     return replace(
         shell,
         coefficients=coefficients,
@@ -228,7 +234,7 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         exact=exact.parameters[SERIES],
         exact_covariance=exact.covariance[SERIES, SERIES],
         residual_rms_deg=angles.rms(series.residuals[COURSE]),
-        sources=_sources(series, table.heading_deg),
+        sources=tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > NOTHING),
         table=table,
         points=_points(swing, series),
         details={**shell.details, **more},
@@ -256,16 +262,6 @@ def _without_water(
     water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
     semicircular = {"B": principal["B_bar"] + water["x"], "C": principal["C_bar"] - water["y"]}
     return semicircular | {"D": principal["D"] - water["D"], "E": principal["E"] + water["E"]}
-
-
-def _sources(series: SwingFit, heading_deg: Floats) -> tuple[Source, ...]:
-    """Make the budget: each source's rms over the table's headings; squares add up to the table's."""
-    columns, squares = series_design(heading_deg), dict[tuple[str, str], float]()
-    for key, part in series.parts.items():
-        name = BLOCKS[key] if key in BLOCKS else PRIORS[int(key)]
-        left = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
-        squares[name] = squares.get(name, 0.0) + float(np.mean(left))
-    return tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > NOTHING)
 
 
 def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:

@@ -89,7 +89,17 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     if len(compared) < MIN_SAMPLES:
         why = f"{len(compared)} samples of both heads at the same time, at least {MIN_SAMPLES} are needed"
         return _no_calibration(len(compared), why, warnings + clock.warnings)
-    return _make_calibration(_fit_heads(compared, clock), warnings)
+    # Fit the turn as the series' constant, iterated because the turn enters the effect of tilt too.
+    frame = frames.fit_frame(compared.time_s, compared.lean_a, compared.lean_b)
+    offset = float(angles.mean(angles.difference(compared.recorded_b, compared.recorded_a)))
+    sigma = motion.heading_error_deg(clock, compared.rate_deg_s)
+    for _ in range(3):
+        difference = angles.difference(simulated_heading(compared, offset, frame), compared.recorded_b)
+        series = frames.fit_difference(compared.time_s, compared.recorded_b, difference, sigma)
+        if abs(series.coefficients[0]) < 1e-4:
+            break
+        offset = float(angles.wrap180(offset - series.coefficients[0]))
+    return _make_calibration(_FittedHeads(compared, clock, frame, offset, difference, series), warnings)
 
 
 def read_head(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
@@ -149,20 +159,6 @@ class _FittedHeads:
         """The mounting angle by the tilts minus the offset by the headings, and its standard deviation."""
         sigma = float(np.hypot(self.frame.offset_sigma_deg, np.sqrt(self.series.covariance[0, 0])))
         return float(angles.difference(self.frame.offset_deg, self.offset_deg)), sigma
-
-
-def _fit_heads(pairs: PairedHeads, clock: ClockDifference) -> _FittedHeads:
-    """Fit the turn as the series' constant, iterated because the turn enters the effect of tilt too."""
-    frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
-    offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
-    sigma = motion.heading_error_deg(clock, pairs.rate_deg_s)
-    for _ in range(3):
-        difference = angles.difference(simulated_heading(pairs, offset, frame), pairs.recorded_b)
-        series = frames.fit_difference(pairs.time_s, pairs.recorded_b, difference, sigma)
-        if abs(series.coefficients[0]) < 1e-4:
-            break
-        offset = float(angles.wrap180(offset - series.coefficients[0]))
-    return _FittedHeads(pairs, clock, frame, offset, difference, series)
 
 
 def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibration:

@@ -126,7 +126,11 @@ def _parse_binary(data: bytes) -> BinaryScans:
                 torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
             good &= ~torn
             count = int(good.sum())
-            blocks.append(_block(data, span, begin, begin + count))
+            end = begin + count
+            rate = float(np.frombuffer(data, "<f4", 1, span.begin - HEADER_BYTES + RATE_AT)[0])
+            on, off = np.frombuffer(data, ">u4", 2, span.tail).astype(float) if span.tail >= 0 else (np.nan, np.nan)
+            rate = rate if 0 < rate < 100 else np.nan
+            blocks.append(ProfileBlock(begin, end, rate_hz=rate, on_s=float(on), off_s=float(off)))
             places.append(np.flatnonzero(good))
             times.append(time_s[good])
             values.append(records["values"][good].astype(float))
@@ -334,12 +338,6 @@ def _ends_in_switch_times(data: bytes, begin: int, tail: int) -> bool:
     first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
     on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)
     return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + LONGEST_S
-
-
-def _block(data: bytes, span: _Span, begin: int, end: int) -> ProfileBlock:
-    rate = float(np.frombuffer(data, "<f4", 1, span.begin - HEADER_BYTES + RATE_AT)[0])
-    on, off = np.frombuffer(data, ">u4", 2, span.tail).astype(float) if span.tail >= 0 else (np.nan, np.nan)
-    return ProfileBlock(begin, end, rate_hz=rate if 0 < rate < 100 else np.nan, on_s=float(on), off_s=float(off))
 
 
 def is_misplaced(clock_s: Floats, profile: Ints) -> Bools:

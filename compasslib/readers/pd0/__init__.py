@@ -227,11 +227,18 @@ def _record(
     known = {"velocities": int(np.isfinite(arrays["east"]).sum())}
     counts = checks.summarize_counts(reports, leaders, heading, settings) | strays | known
     codes = np.unique(leaders.coordinates)
+    # Compute the distances of the bins, (n, m) metres, NaN beyond an ensemble's last.
+    cells = int(leaders.cells.max())
+    # One setting throughout: one row that all ensembles share.
+    same = all(np.ptp(column) == 0.0 for column in (leaders.bin1_m, leaders.cell_m, leaders.cells))
+    rows = slice(1) if same else slice(None)
+    ranges = leaders.bin1_m[rows, None] + leaders.cell_m[rows, None] * np.arange(cells)
+    ranges[np.arange(cells) >= leaders.cells[rows, None]] = np.nan
     return Record(
         time_s=leaders.time_s,
         east=arrays["east"],
         north=arrays["north"],
-        bin_range_m=_bin_range(leaders),
+        bin_range_m=(np.broadcast_to(ranges, (len(leaders), cells)) if same else ranges),
         heading_deg=heading,
         pitch_deg=currents.true_pitch(leaders.tilt1_deg, leaders.tilt2_deg),
         roll_deg=leaders.tilt2_deg,
@@ -273,17 +280,6 @@ def _profiles(arrays: GrowableArrays, leaders: Ensembles) -> dict[str, NDArray[A
         lacking = beyond | absent[:, None]
         profiles[name] = np.where(lacking[..., None], np.int16(-1), counts) if lacking.any() else counts
     return profiles
-
-
-def _bin_range(leaders: Ensembles) -> Floats:
-    """Compute the distances of the bins, (n, m) metres, NaN beyond an ensemble's last."""
-    cells = int(leaders.cells.max())
-    # One setting throughout: one row that all ensembles share.
-    same = all(np.ptp(column) == 0.0 for column in (leaders.bin1_m, leaders.cell_m, leaders.cells))
-    rows = slice(1) if same else slice(None)
-    ranges = leaders.bin1_m[rows, None] + leaders.cell_m[rows, None] * np.arange(cells)
-    ranges[np.arange(cells) >= leaders.cells[rows, None]] = np.nan
-    return np.broadcast_to(ranges, (len(leaders), cells)) if same else ranges
 
 
 def _most_frequent(values: Floats) -> float:
