@@ -176,9 +176,8 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
     """
     if not np.isfinite(place).all():
         return []
-    warnings = {
-        key: text for month in reversed(list(_medians(series, place))) for key, text in _field_warnings(month).items()
-    }
+    months = reversed(list(_medians(series, place)))
+    warnings = {key: text for month in months for key, text in _field_warnings(month).items()}
     return list(reversed(warnings.values()))
 
 

@@ -166,10 +166,8 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     count = np.sum(np.isfinite(windows), axis=1)
     total, most = np.nansum(windows, axis=1), np.nanmax(windows, axis=1)
     full = count >= MIN_SHARE * (2 * half + 1)
-    return (
-        np.where(full, np.sqrt(total / count), 0.0),
-        np.where(full, np.sqrt(np.maximum(total - most, 0.0) / np.maximum(count - 1, 1)), 0.0),
-    )
+    without_largest = np.sqrt(np.maximum(total - most, 0.0) / np.maximum(count - 1, 1))
+    return np.where(full, np.sqrt(total / count), 0.0), np.where(full, without_largest, 0.0)
 
 
 def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[Measures], float, int]:

@@ -187,9 +187,8 @@ def calibrate_readings(
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
     _, which = np.unique(slots, return_inverse=True)
     groups = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
-    means = [
-        [float(angles.mean(x[group])) for group in groups] for x in (readings.reference_deg, readings.recorded_deg)
-    ]
+    columns = readings.reference_deg, readings.recorded_deg
+    means = [[float(angles.mean(x[group])) for group in groups] for x in columns]
     settings = BenchReadings(*np.array(means, dtype=float).reshape(2, -1))
     observed = curves.deviation_points(settings.recorded_deg, settings.reference_deg)
     fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}

@@ -61,9 +61,8 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         warnings.append(f"{int(np.sum(~known))} lines without reference tilt, pitch and roll are excluded")
     if skew:
         warnings.append(f"{skew} readings tilt pitch and roll together and are excluded: tilt one axis at a time")
-    return replace(
-        calibrate_axes(readings, rows, settings.get("field")), n=int(known.sum()) - skew, warnings=tuple(warnings)
-    )
+    made = calibrate_axes(readings, rows, settings.get("field"))
+    return replace(made, n=int(known.sum()) - skew, warnings=tuple(warnings))
 
 
 def calibrate_axes(

@@ -258,9 +258,8 @@ def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
     for other in files:
         if name.lower() == other.partition("/")[0].lower():  # some file systems take M1 and m1 for one folder
             actual = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
-            raise InputError(
-                f"{file}: name", expected="a name of its own", found=actual, advice="rename one of the two"
-            )
+            advice = "rename one of the two"
+            raise InputError(f"{file}: name", expected="a name of its own", found=actual, advice=advice)
 
 
 def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
@@ -283,11 +282,8 @@ def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> 
     kind, value = error["type"], error["input"]
     example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
     advice = field.json_schema_extra["advice"] if field else None
-    sentence = {
-        "expected": field.description if field else "",
-        "found": shown(value),
-        "advice": advice or f"write {example}",
-    }
+    expected, found = field.description if field else "", shown(value)
+    sentence = {"expected": expected, "found": found, "advice": advice or f"write {example}"}
     if kind == "missing":
         sentence |= {"found": "nothing", "advice": f"add {example}"}
     elif kind == "model_type" and inner:
@@ -476,9 +472,8 @@ def _parsed(text: str, name: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark: Any = error.problem_mark or error.context_mark
         expected, what = "YAML", str(error.problem)
-        actual, advice = next(
-            (words for sign, *words in _SYNTAX if sign in what), (what, "check indentation and quotes")
-        )
+        unknown = what, "check indentation and quotes"
+        actual, advice = next((words for sign, *words in _SYNTAX if sign in what), unknown)
         if text[mark.index : mark.index + 1] == "\t":
             expected, actual, advice = "spaces", "a tab", "replace the tab by spaces"
         raise InputError(_place(name, mark), expected=expected, found=actual, advice=advice) from None

@@ -378,10 +378,8 @@ class Mooring(Section):
         if len(self.affected) == 1:
             return {self.name: self}
         fits = {role: self.instruments[role].fit or self.fit for role in self.affected}
-        return {
-            f"{self.name}/{role}": self.model_copy(update={"affected": (role,), "fit": fit})
-            for role, fit in fits.items()
-        }
+        each = {role: self.model_copy(update={"affected": (role,), "fit": fit}) for role, fit in fits.items()}
+        return {f"{self.name}/{role}": mooring for role, mooring in each.items()}
 
     @property
     def start(self) -> datetime:

@@ -15,9 +15,8 @@ from compasslib.readers import TABLE_KEYS
 def _form(value: Any) -> str:
     offered = readers.format_names()
     if value not in offered:
-        raise problem(
-            expected=f"{', '.join(offered[:-1])} or {offered[-1]}", advice=values.nearest(str(value), offered)
-        )
+        expected = f"{', '.join(offered[:-1])} or {offered[-1]}"
+        raise problem(expected=expected, advice=values.nearest(str(value), offered))
     return str(value)
 
 

@@ -307,9 +307,8 @@ def attributes(value: Any) -> dict[str, str | int | float]:
         raise problem()
     for attribute, content in value.items():
         if not _ATTRIBUTE.fullmatch(str(attribute)):
-            raise problem(
-                None, "attribute names of letters, digits and '_'", shown(attribute), "write for example ship"
-            )
+            expected, advice = "attribute names of letters, digits and '_'", "write for example ship"
+            raise problem(None, expected, shown(attribute), advice)
         if stated(attribute):
             expected = "attributes that describe, such as institution, title or comment"
             raise problem(attribute, expected, f"{shown(attribute)}, which the product states itself", "delete it")
@@ -419,16 +418,14 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
     if os.path.isfile(place.root / path) or (place.made_later and not is_glob):
         return [path]
     if place.made_later:
-        raise problem(
-            None, "plain paths, as the files of a demonstration are made later", shown(path), "list the files"
-        )
+        expected = "plain paths, as the files of a demonstration are made later"
+        raise problem(None, expected, shown(path), "list the files")
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
     # None of them hidden; ** does not go through links, which may lead in circles.
     pattern = f"{path}/*" if path.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", path)
-    matches = [
-        match.relative_to(place.root) for match in (place.root.glob(pattern) if is_glob else ()) if match.is_file()
-    ]
+    there = place.root.glob(pattern) if is_glob else ()
+    matches = [match.relative_to(place.root) for match in there if match.is_file()]
     files = sorted(str(match) for match in matches if not any(part.startswith(".") for part in match.parts))
     for file in files:
         _refuse_unusable(file)
@@ -436,7 +433,6 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
         other = os.path.lexists(place.root / path)
         actual = f"no file that matches {path}" if is_glob else f"no file {path}"
         actual = f"{path}, a pipe, a device or a link that leads nowhere" if other else actual
-        raise problem(
-            None, "an existing file", actual, "put it there or correct the path, relative to the cruise folder"
-        )
+        advice = "put it there or correct the path, relative to the cruise folder"
+        raise problem(None, "an existing file", actual, advice)
     return files

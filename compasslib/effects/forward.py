@@ -173,9 +173,8 @@ def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Flo
     slope = np.where(np.abs(slope) < MIN_HEADING_SLOPE, np.copysign(MIN_HEADING_SLOPE, slope), slope)
     moved = [term.at(term.values + h * (np.arange(len(steps)) == j)).apply(reading, scene) for j, h in enumerate(steps)]
     at = term.apply(reading, scene)
-    return np.stack(
-        [-angles.difference(reading_, at) / slope / h for reading_, h in zip(moved, steps, strict=True)], axis=1
-    )
+    each = zip(moved, steps, strict=True)
+    return np.stack([-angles.difference(more, at) / slope / h for more, h in each], axis=1)
 
 
 def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:

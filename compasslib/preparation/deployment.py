@@ -303,9 +303,8 @@ def add_field_strength(record: Record) -> Record:
     if known.sum() < FEWEST or not np.any(size[known]):
         return record
     percent = 100.0 * size / np.median(size[known])
-    percent = np.where(
-        known, percent - columns @ np.linalg.lstsq(columns[known], percent[known], rcond=None)[0], np.nan
-    )
+    fitted = columns @ np.linalg.lstsq(columns[known], percent[known], rcond=None)[0]
+    percent = np.where(known, percent - fitted, np.nan)
     note = (
         f"Beyond what follows heading and tilt, its own magnetometer saw the field's strength change by "
         f"{np.nanstd(percent):.2f} % rms; the search looks along it for effects."

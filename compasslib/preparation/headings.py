@@ -94,9 +94,8 @@ def flag_altered(record: Record) -> Record:
 def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
     """Flag windows in which the heading changes some samples after the direction of flow, or before it."""
     both = np.where((weight[1:] > 0.0) & (weight[:-1] > 0.0), np.minimum(weight[1:], weight[:-1]), 0.0)
-    heading, flow = (
-        np.nan_to_num(both * angles.sin_cos(np.diff(angle))[0]) for angle in (record.heading_deg, flow_deg)
-    )
+    changes = (angles.sin_cos(np.diff(angle))[0] for angle in (record.heading_deg, flow_deg))
+    heading, flow = (np.nan_to_num(both * change) for change in changes)
 
     def pooled(values: Floats) -> Floats:
         total = np.bincount(number[1:], values, int(number[-1]) + 1)
@@ -136,9 +135,8 @@ def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDA
         total = np.bincount(number[1:], np.abs(change), windows)
         return total + 1e-6, product / np.sqrt(before * after + 1e-6)
 
-    (turn, persistence), (_, persistence_of_flow), (relative, _) = (
-        roughness(x) for x in (record.heading_deg, flow_deg, record.heading_deg - flow_deg)
-    )
+    series = record.heading_deg, flow_deg, record.heading_deg - flow_deg
+    (turn, persistence), (_, persistence_of_flow), (relative, _) = map(roughness, series)
     smoothness = persistence - persistence_of_flow - np.log(turn / relative)
     count = np.bincount(number[1:], both, windows)
     enough = count >= FEWEST

@@ -148,9 +148,8 @@ def describe_pairs(name: str, pairs: Pairs) -> str:
             line += f" ({each})"
         if pairs.expected_m_s is not None:
             mean, predicted = (100.0 * error for error in pairs.expected_m_s)
-            line += (
-                f"; by the profile the water there is {predicted:.1f} cm/s off the prediction, {mean:.1f} off the mean"
-            )
+            off = f"{predicted:.1f} cm/s off the prediction, {mean:.1f} off the mean"
+            line += f"; by the profile the water there is {off}"
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
 
 
@@ -185,9 +184,8 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
     speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
     notes = []
     if not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART:
-        notes.append(
-            f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s: check the unit and scale of both"
-        )
+        medians = f"{speeds[0]:.3g} and {speeds[1]:.3g} m/s"
+        notes.append(f"median speeds of the pairs are {medians}: check the unit and scale of both")
     if min(speeds) < NOISE_M_S:
         notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
     notes += warn_of_filtering(pairs, trusted[0]) if trusted else ()
@@ -260,9 +258,8 @@ def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
     begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
     size = np.diff(np.append(begins, len(block)))
     velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
-    return VelocitySeries(
-        np.add.reduceat(point.time_s, begins) / size, velocity, np.add.reduceat(point.depth_m, begins) / size
-    )
+    time_s, depth_m = (np.add.reduceat(column, begins) / size for column in (point.time_s, point.depth_m))
+    return VelocitySeries(time_s, velocity, depth_m)
 
 
 def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
@@ -317,9 +314,8 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
     if upper.time_s[0] > trusted[0].time_s[-1] or trusted[0].time_s[0] > upper.time_s[-1]:
         return ["the two records do not overlap in time"]
     depths = [float(np.nanmedian(record.depth_m)) for record in (upper, trusted[0])]
-    return [
-        f"no two velocities are near enough in time and depth (instruments at {depths[0]:.0f} and {depths[1]:.0f} m)"
-    ]
+    where = f"instruments at {depths[0]:.0f} and {depths[1]:.0f} m"
+    return [f"no two velocities are near enough in time and depth ({where})"]
 
 
 def _unusable(record: Record, *, heading: bool) -> str:

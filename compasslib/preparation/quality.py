@@ -94,9 +94,8 @@ def flag_quality(
     record = _outlying_headings(record, affected)
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
-        record = _stuck_heading(
-            flag_velocities(record, frozen, BAD, "frozen_velocity", "the same to the last digit for hours")
-        )
+        sentence = "the same to the last digit for hours"
+        record = _stuck_heading(flag_velocities(record, frozen, BAD, "frozen_velocity", sentence))
     return _constant_sensors(flag_altered(record) if affected else record)
 
 
@@ -164,11 +163,10 @@ def _flag_profiles(record: Record, thresholds: Thresholds) -> Record:
             continue
         values = np.asarray(record.profiles[profile][:], dtype=float)
         with np.errstate(invalid="ignore"):
-            failed = (
-                np.abs(values) > threshold
-                if profile == "error_velocity"
-                else np.where(values < 0.0, np.inf, values).min(axis=2) < threshold
-            )
+            if profile == "error_velocity":
+                failed = np.abs(values) > threshold
+            else:
+                failed = np.where(values < 0.0, np.inf, values).min(axis=2) < threshold
         record = flag_velocities(record, failed, BAD, count, sentence.format(threshold))
     return record
 

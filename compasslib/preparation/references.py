@@ -128,9 +128,8 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     texts = [f"the references {names[a]} and {names[b]} {how}" for (a, b), how in wrong.items()]
     if count > 2 and against[worst] == len(wrong) and against[worst] > 1:
         return others, [f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"]
-    return [0], [
-        f"{'; '.join(texts)}: which is wrong cannot be determined; {names[0]}, first in reference, is used alone"
-    ]
+    alone = f"{names[0]}, first in reference, is used alone"
+    return [0], [f"{'; '.join(texts)}: which is wrong cannot be determined; {alone}"]
 
 
 def _apart(first: Pairs, second: Pairs) -> str | None:
@@ -170,9 +169,8 @@ def _at_once(sums: Complexes, begin_s: float) -> str | None:
     for k in range(2, len(sums) - 1):
         parts = [(angle[:k], weight[:k]), (angle[k:], weight[k:])]
         means = [float(np.average(x, weights=w)) for x, w in parts]
-        errors = [
-            float(np.sqrt(np.sum((w * (x - mean)) ** 2)) / np.sum(w)) for (x, w), mean in zip(parts, means, strict=True)
-        ]
+        spreads = (np.sqrt(np.sum((w * (x - mean)) ** 2)) for (x, w), mean in zip(parts, means, strict=True))
+        errors = [float(spread / np.sum(w)) for spread, (_, w) in zip(spreads, parts, strict=True)]
         step, sigma = means[1] - means[0], max(math.hypot(*errors), 1e-3)
         if best is None or abs(step) / sigma > best[0]:
             best = (abs(step) / sigma, step, sigma, k)
@@ -228,9 +226,8 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         for x in (velocity.real, np.abs(velocity)):
             values = np.unique(np.round(x, 6))
             steps.append(float(np.min(np.diff(values))) if 1 < len(values) < len(x) / 2 else 0.0)
-        met = MatchedVelocities(
-            velocity, place, np.abs(upper.time_s[place] - wanted) <= HOUR_S / 2.0, ROUNDED * max(steps)
-        )
+        there = np.abs(upper.time_s[place] - wanted) <= HOUR_S / 2.0
+        met = MatchedVelocities(velocity, place, there, ROUNDED * max(steps))
         velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
         runs = [range(k, k + n) for n in range(1, WIDEST + 1) for k in range(velocity.shape[1] - n + 1)]
         averages = (CellSeries(velocity[:, r].mean(axis=1), float(np.nanmedian(depth[:, r])), r) for r in runs)

@@ -147,9 +147,8 @@ def place_profiles(
 
     worse = np.maximum(*(np.where(w > 0.0, quality.ravel()[a], 0) for w, a in zip(weights, at, strict=True)))
     distance = np.where(there, nearest, 0.0)
-    spread = np.where(
-        between, by_depth.of_interpolation(share, np.where(between, gap, 0.0)), 2.0 * by_depth.at(distance)
-    )
+    interpolated = by_depth.of_interpolation(share, np.where(between, gap, 0.0))
+    spread = np.where(between, interpolated, 2.0 * by_depth.at(distance))
     spread = spread + _of_stance(stance, levels, by_depth)
     up = None
     if profiles.up is not None:
@@ -240,9 +239,8 @@ def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
         rising = [np.full(here.shape, np.nan) if x is None else x for x in (cells.up, whole.up)]
         whole = Cells(up=np.where(here, *rising), **columns)
     absent = source == ABSENT
-    return replace(
-        whole, velocity=np.where(absent, NONE, whole.velocity), quality=np.where(absent, MISSING, whole.quality)
-    ), source
+    velocity, quality = np.where(absent, NONE, whole.velocity), np.where(absent, MISSING, whole.quality)
+    return replace(whole, velocity=velocity, quality=quality), source
 
 
 def take_slots(cells: Cells, which: slice) -> Cells:
@@ -354,9 +352,8 @@ def describe_seam(seam: Mapping[str, Any]) -> str:
         if value is None:
             continue
         half = NORMAL_95 * scale * sigma
-        words = (
-            f"{key.replace('_', ' ')} {scale * value:+.1f} ± {half:.1f} {'cm/s' if unit == 'm_s' else 'degrees'} (95 %)"
-        )
+        shown = f"{scale * value:+.1f} ± {half:.1f} {'cm/s' if unit == 'm_s' else 'degrees'}"
+        words = f"{key.replace('_', ' ')} {shown} (95 %)"
         parts.append(words + ("" if abs(scale * value) <= half else ", more than chance"))
     return f"affected minus reference: {'; '.join(parts)}" if parts else ""
 

@@ -164,9 +164,8 @@ def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, no
     lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, MAX_LAGS)) + 1)
     half = np.full(len(lags), np.nan)
     for k, lag in enumerate(lags.tolist()):
-        changes = np.concatenate(
-            [(block[lag:] - block[:-lag]).ravel() for block in blocks if len(block) > lag] or NOTHING
-        )
+        steps = [(block[lag:] - block[:-lag]).ravel() for block in blocks if len(block) > lag]
+        changes = np.concatenate(steps or NOTHING)
         known = np.abs(changes[np.isfinite(changes)]) ** 2
         half[k] = known.mean() / 2.0 if known.size >= FEWEST else np.nan
     if not np.isfinite(half[:2]).all():

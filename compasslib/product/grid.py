@@ -266,9 +266,8 @@ def learn(
         together = np.concatenate(survey.blocks or (np.zeros((0, source.bins), dtype=complex),))
         by_depth = learn_by_depth(together, survey.range_m, survey.cell_m)
         noise = by_depth.noise if survey.cell_m and len(survey.range_m) >= 4 else None
-        few = tuple(
-            block[:, np.argsort(-np.isfinite(block.real).sum(axis=0), kind="stable")[:4]] for block in survey.blocks
-        )
+        fullest = [np.argsort(-np.isfinite(b.real).sum(axis=0), kind="stable")[:4] for b in survey.blocks]
+        few = tuple(block[:, bins] for block, bins in zip(survey.blocks, fullest, strict=True))
         by_time = learn_by_time(few, step_s, max(max_gap_s, 6 * HOUR_S), noise)
         if noise is None:
             by_depth = replace(by_depth, noise=by_time.noise)

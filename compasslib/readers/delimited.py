@@ -442,10 +442,9 @@ def _detect_decimal(
 def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
     """Parse the times of a table by their role, date and clock together, and describe what was recognised."""
     around = "".join({*QUOTES} - {*(layout.time_format or "")})  # a format may hold them
-    texts = {
-        role: ([cell.strip(around) for cell in _column(path, lines, place, role)], lines.header[place])
-        for role, place in places.items()
-    }
+    texts = {}
+    for role, place in places.items():
+        texts[role] = [cell.strip(around) for cell in _column(path, lines, place, role)], lines.header[place]
     if set(DATE_AND_CLOCK) <= set(texts):
         (dates, date), (clocks, clock) = (texts[role] for role in DATE_AND_CLOCK)
         texts = {"time": ([f"{day} {time}" for day, time in zip(dates, clocks, strict=True)], f"{date} and {clock}")}

@@ -194,9 +194,8 @@ def _refuse_contradiction(file: _File) -> None:
     beyond = ~_within_a_turn(file.values.get("D", np.zeros(1)))
     if np.mean(beyond) > MOST_WRONG:
         shown = f"{file.values['D'][beyond][0]:g}; seconds of arc, or another component, in its column"
-        raise _error(
-            file.path, f"D in minutes of arc, {LEAST_MINUTES:g} to {LARGEST_MINUTES:g}", shown, "correct the column"
-        )
+        expected = f"D in minutes of arc, {LEAST_MINUTES:g} to {LARGEST_MINUTES:g}"
+        raise _error(file.path, expected, shown, "correct the column")
     total = np.abs(file.values.get("F", np.full(len(file.time_s), np.nan)))
     names = "XYZ" if "X" in file.values else "HZ"
     made = np.sqrt(sum(file.values.get(name, np.nan * total) ** 2 for name in names))

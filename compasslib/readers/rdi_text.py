@@ -195,9 +195,8 @@ def _currents(table: _Table) -> tuple[Floats, Floats, Floats]:
             shown = f"unit {unit or 'none'}, bins {' '.join(numbers[:5])}"
             expected = "a unit of mm/s, cm/s or m/s, and a number a bin below it"
             raise InputError(f"{table.path}: column {pair[0]}", expected=expected, found=shown, advice=EXPORT)
-        first, second = (
-            np.column_stack([_column(table, k) for k in places]) for places in (first_places, second_places)
-        )
+        each = ([_column(table, k) for k in places] for places in (first_places, second_places))
+        first, second = map(np.column_stack, each)
         cells = np.array([float(number) for number in numbers])
         if pair[0] == "Eas":
             return SPEEDS[unit] * first, SPEEDS[unit] * second, cells

@@ -210,9 +210,8 @@ def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
     for scale in ("epoch", "epoch_ms", "datenum", "decimal_year"):
         if not fraction and scale in ("datenum", "decimal_year"):
             continue  # whole ones may be anything, dates written together too
-        low, high = {"decimal_year": (1980.0, 2030.0), "datenum": (723181.0, 741444.0)}.get(
-            scale, (FIRST_S, LAST_S) if scale == "epoch" else (FIRST_S * 1e3, LAST_S * 1e3)
-        )
+        seconds = (FIRST_S, LAST_S) if scale == "epoch" else (FIRST_S * 1e3, LAST_S * 1e3)
+        low, high = {"decimal_year": (1980.0, 2030.0), "datenum": (723181.0, 741444.0)}.get(scale, seconds)
         if np.all((values >= low) & (values < high)):
             return scale
     advice = "write time_format: epoch, epoch_ms, datenum, decimal_year or excel"

@@ -266,9 +266,8 @@ def _scores(model: Model, parameters: Floats, readings: ScaledReadings, s: float
     by_rho = _gradient(centre, readings, across, weight)
     by_rho[:, 3:] -= 2.0 * s * projected.reshape(-1, 9)
     by_weight = turned[:, :, None] * v[:, None, :] + across[:, :, None] * weight[:, None, :]
-    noise = np.hstack(
-        [4.0 * s * turned @ matrix, (-4.0 * s * by_weight + 4.0 * s**2 * projected @ square).reshape(-1, 9)]
-    )
+    by_matrix = -4.0 * s * by_weight + 4.0 * s**2 * projected @ square
+    noise = np.hstack([4.0 * s * turned @ matrix, by_matrix.reshape(-1, 9)])
     columns = by_rho @ model.chain.T
     return (rho - s * trace)[:, None] * columns + noise @ model.chain.T, columns
 

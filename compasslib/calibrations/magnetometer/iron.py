@@ -183,10 +183,8 @@ def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
     """Turn the iron into the frame of the tilt sensor, in which the vertical field is constant; that is the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
     turn, sine, turned = estimate_tilt_misalignment(solved.iron, readings, down)
-    each = [
-        estimate_tilt_misalignment(replicate, readings.take(block != k), down[block != k])
-        for k, replicate in enumerate(solved.replicates)
-    ]
+    parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
+    each = [estimate_tilt_misalignment(iron, readings.take(kept), down[kept]) for iron, kept in parts]
     turns = np.array([replicate[0] for replicate in each])
     sigma = ellipsoid.sigma(turns)
     by_heading = np.isfinite(solved.turn_deg)

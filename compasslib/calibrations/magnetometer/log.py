@@ -66,9 +66,8 @@ class Log:
 
     def take(self, index: Bools, *warnings: str) -> Log:
         """Select readings by a mask (n,), with sentences on why."""
-        columns: dict[str, Any] = {
-            name: None if column is None else column[index] for name in COLUMNS for column in [getattr(self, name)]
-        }
+        each = {name: getattr(self, name) for name in COLUMNS}
+        columns: dict[str, Any] = {name: None if x is None else x[index] for name, x in each.items()}
         left_out = self.left_out + int((~index).sum())
         return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
 

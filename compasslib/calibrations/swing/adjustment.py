@@ -43,9 +43,9 @@ def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayL
 
     steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=rms_from_points)
     nearest, values = np.rint(steered / STEP_DEG).astype(int) % len(POINTS), np.asarray(values, dtype=float)
-    return {
-        point: float(np.mean(values[nearest == k])) if (nearest == k).any() else NAN for k, point in enumerate(POINTS)
-    }
+    on_point = [nearest == k for k in range(len(POINTS))]
+    means = (float(np.mean(values[on])) if on.any() else NAN for on in on_point)
+    return dict(zip(POINTS, means, strict=True))
 
 
 def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:

@@ -113,9 +113,8 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         return known
     order = np.argsort(known.time_s, kind="stable")
     known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
-    turned = np.cumsum(
-        np.append(known.recorded_deg[:1], angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1]))
-    )
+    steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
+    turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
     # The rate of turn over the seconds before each sample; the earliest known one where there are too few.
     before = np.searchsorted(known.time_s, known.time_s - TURN_WINDOW_S, side="left")
     lasted = known.time_s - known.time_s[before]
@@ -306,16 +305,14 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]
 
 def _smooth_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
     """Compute rate of turn and mean heading of one run; near its ends the rate of the nearest whole minute."""
-    at, on, square, both = (
-        moving_average(x, since_s, STEADY_S)
-        for x in (since_s, turned_deg - turned_deg[0], since_s**2, since_s * (turned_deg - turned_deg[0]))
-    )
+    turned = turned_deg - turned_deg[0]
+    products = since_s, turned, since_s**2, since_s * turned
+    at, on, square, both = (moving_average(x, since_s, STEADY_S) for x in products)
     slope = (both - at * on) / np.maximum(square - at**2, 1.0)
     half = min(STEADY_S, float(since_s[-1])) / 2.0
     rate = np.interp(np.clip(since_s, half, since_s[-1] - half), since_s, slope)
-    return rate, moving_average(turned_deg, since_s, BLOCK_S) + rate * (
-        since_s - moving_average(since_s, since_s, BLOCK_S)
-    )
+    away = since_s - moving_average(since_s, since_s, BLOCK_S)
+    return rate, moving_average(turned_deg, since_s, BLOCK_S) + rate * away
 
 
 def since_middle(time_s: Floats) -> Floats:

@@ -72,9 +72,8 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     max_offset_s = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
     start, end = settings.get("start_s"), settings.get("end_s")
     first = motion.extract_motion(a, start, end)
-    second = motion.extract_motion(
-        b, None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
-    )
+    start, end = None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
+    second = motion.extract_motion(b, start, end)
     warnings = (*a.warnings, *b.warnings, *check_date(first.time_s, settings.get("date_s")))
     if min(len(first.time_s), len(second.time_s)) < MIN_SAMPLES or not overlap_in_time(first, second, max_offset_s):
         n = min(len(first.time_s), len(second.time_s))

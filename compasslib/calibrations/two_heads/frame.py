@@ -160,9 +160,8 @@ def _verdict(
             f"correlation {proper:.2f}): the heads are not on one rigid frame, or a tilt sensor is broken."
         )
     worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
-    rotation = (
-        f"One rotation maps a's tilts to b's; residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
-    )
+    left = f"residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
+    rotation = f"One rotation maps a's tilts to b's; {left}"
     if rms <= RIGID_DEG and worst <= MAX_RMS_DEG:
         return "rigid", rotation + ": the frame is rigid within the accuracy of inclinometers."
     return "doubtful", rotation + ": larger than the difference of two good inclinometers."

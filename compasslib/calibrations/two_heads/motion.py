@@ -272,9 +272,8 @@ def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dic
     end = max(a.time_s[-1], b.time_s[-1])
     grid = np.arange(begin, end + lattice, lattice)
     pairs = ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate))
-    peaks = [
-        _correlations(_interpolate_rate(rate_a, grid), _interpolate_rate(rate_b, grid)) for rate_a, rate_b in pairs
-    ]
+    rates = ([_interpolate_rate(rate, grid) for rate in pair] for pair in pairs)
+    peaks = [_correlations(*pair) for pair in rates]
     squares = peaks[0] ** 2 + peaks[1] ** 2
     place = np.arange(len(grid))
     lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)

@@ -33,9 +33,7 @@ TEXT_SHARE = 0.95  # of the characters of a text are printable
 HEADER_BYTES = 279
 MARK = b"DATA"  # the end of the header
 RATE_AT = 63  # of the sample rate in the header, a float
-RECORD = np.dtype(
-    [("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))],
-)
+RECORD = np.dtype([("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))])
 LENGTH_BYTES, TAIL_BYTES = 4, 8
 FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
 LONGEST_S = 30 * DAY_S  # a profiler turns its meter on before a profile, which lasts hours

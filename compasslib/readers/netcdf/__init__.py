@@ -213,9 +213,8 @@ def _refuse_ragged(file: File) -> None:
     """Refuse the series of several instruments or cells one after the other: CF's ragged arrays (9.3.3 and 9.3.4)."""
     for variable in file.nc.variables.values():
         instances = file.text("instance_dimension", variable) if variable.dimensions == (file.time,) else ""
-        instances = instances or (
-            variable.dimensions[0] if file.text("sample_dimension", variable) == file.time and variable.ndim else ""
-        )
+        if not instances and variable.ndim and file.text("sample_dimension", variable) == file.time:
+            instances = variable.dimensions[0]
         n = file.nc.dimensions[instances].size if instances in file.nc.dimensions else 0
         if n > 1:
             shown = f"{n} in one, by {variable.name}"
@@ -271,9 +270,8 @@ def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int]
     variable = find(file, role, *lengths, (file.time,))
     if variable is None:
         there = ", ".join(file.nc.variables)
-        advice = (
-            f"name it in the mooring file: columns: {{{role}: NAME}}; beam velocities need the instrument's own file"
-        )
+        advice = f"name it in the mooring file: columns: {{{role}: NAME}}"
+        advice += "; beam velocities need the instrument's own file"
         if velocity is not None:
             advice = f"{velocity.name} has no components E and N: save the file after rotate2(ds, 'earth')"
         raise file.refuse(role, f"a variable of the {role}ward velocity", there, advice)
@@ -287,9 +285,8 @@ def _all_components(file: File, role: str) -> netCDF4.Variable | None:
     fitting = [variable for variable in there if {COMPONENTS, file.time} <= {*variable.dimensions}]
     if named and (not fitting or fitting[0].name != named[0]):
         return None
-    others = (
-        [name for name in variables.DOLFYN if name in file.nc.variables and name != fitting[0].name] if fitting else []
-    )
+    here = [name for name in variables.DOLFYN if name in file.nc.variables]
+    others = [name for name in here if name != fitting[0].name] if fitting else []
     if others and not named and not file.columns.get("time"):
         file.note(
             f"{fitting[0].name} was read; {others[0]} is another series of the same instrument, which columns: "

@@ -155,9 +155,8 @@ def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Mean
             table = {chr(int(value)): word for value, word in table.items()} | table
         return partial(_by_values, file, table)
     texts = [file.text(name, quality) for name in NAMING]
-    name, vocabulary = vocabularies.find_vocabulary(
-        *texts, quality.name, file.text("Conventions"), file.text("data_type")
-    )
+    texts += [quality.name, file.text("Conventions"), file.text("data_type")]
+    name, vocabulary = vocabularies.find_vocabulary(*texts)
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
     return partial(_by_values, file, {str(ord(value)): word for value, word in vocabulary.items()} | {**vocabulary})

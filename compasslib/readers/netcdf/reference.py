@@ -81,9 +81,8 @@ def resolve_north(file: File, north: North, reference: str, applied: AppliedDecl
     if north.degrees is not None and np.any(north.degrees):
         file.notes.append(f"{north.why}: {_shown(north.degrees)} of declination were taken out of the directions.")
     if north.word == TRUE and north.degrees is None:
-        raise file.refuse(
-            "directions", "magnetic north, as direction_reference says", f"true north by {north.why}", WHICH
-        )
+        expected = "magnetic north, as direction_reference says"
+        raise file.refuse("directions", expected, f"true north by {north.why}", WHICH)
     if not north.word:
         for name in ("magnetic_variation", "magnetic_variation_at_site", "magnetic_declination"):
             if stated := _number(file.attribute(name)):
@@ -124,9 +123,8 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
 def _keep_true(file: File, north: North) -> Turn:
     if north.word == MAGNETIC:
         advice = "write direction_reference: magnetic"
-        raise file.refuse(
-            "directions", "true north, as direction_reference says", f"magnetic north by {north.why}", advice
-        )
+        expected = "true north, as direction_reference says"
+        raise file.refuse("directions", expected, f"magnetic north by {north.why}", advice)
     if north.heading_degrees is None:
         file.notes.append(
             "Headings are left out, as the file does not tell the declination in them; declination_applied: DEGREES, "
@@ -158,9 +156,8 @@ def _velocity_north(file: File, east: netCDF4.Variable) -> tuple[str, Floats | N
 
 
 def _words(file: File, variable: netCDF4.Variable) -> str:
-    parts = [
-        file.text(name, variable) for name in ("standard_name", "long_name", "reference", "reference_datum", "units")
-    ]
+    names = ("standard_name", "long_name", "reference", "reference_datum", "units")
+    parts = [file.text(name, variable) for name in names]
     return " ".join([*parts, "magnetic" * variable.name.upper().endswith("_MAG")]).lower()
 
 

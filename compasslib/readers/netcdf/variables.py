@@ -25,9 +25,8 @@ SPEED = {"m s-1": 1.0, "m/s": 1.0, "m.s-1": 1.0, "meter second-1": 1.0, "meters 
 SPEED |= {unit.replace("m", "cm", 1): 0.01 for unit in ("m s-1", "m/s", "m.s-1")} | {"cm/sec": 0.01, "m/sec": 1.0}
 SPEED |= {unit.replace("m", "mm", 1): 0.001 for unit in ("m s-1", "m/s", "m.s-1")}
 ANGLE = dict.fromkeys(("degree", "degrees", "deg", "degree_true", "degrees_true", "degrees_magnetic"), 1.0)
-ANGLE |= {"hundredths of degrees": 0.01, "tenths of degrees": 0.1} | dict.fromkeys(
-    ("rad", "radian", "radians"), 180 / np.pi
-)
+ANGLE |= {"hundredths of degrees": 0.01, "tenths of degrees": 0.1}
+ANGLE |= dict.fromkeys(("rad", "radian", "radians"), 180 / np.pi)
 PRESSURE = dict.fromkeys(("dbar", "decibar", "decibars", "db"), 1.0) | {"pa": 1e-4, "hpa": 1e-2, "mbar": 1e-2}
 PRESSURE |= {"kpa": 0.1, "bar": 10.0, "deca-pascals": 1e-3, "dapa": 1e-3}
 LENGTH = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0) | {"cm": 0.01, "km": 1000.0}

@@ -322,10 +322,8 @@ def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings
 
 def _count_configurations(leaders: Ensembles) -> int:
     """Count them; the distance of bin 1 follows the speed of sound by a centimetre and makes none."""
-    columns = (
-        *(leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates),
-        *(leaders.beam_angle_deg, leaders.frequency_khz),
-    )
+    columns = [leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates]
+    columns += [leaders.beam_angle_deg, leaders.frequency_khz]
     table: Floats = np.stack([np.asarray(column, dtype=float) for column in columns], axis=1)
     table = np.where(np.isnan(table), -1.0, table)
     # Most ensembles equal the one before; only the others are worth sorting.
