@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 MAX_PART, MAX_FOUND = 1000, 300  # characters of a part of the line, and of what was found: a cell may hold a book
 
 
@@ -32,3 +35,8 @@ class Stopped(Exception):
 def _short(part: object, longest: int) -> str:
     text = str(part)
     return text if len(text) <= longest else f"{text[:longest]} ... ({len(text)} characters)"
+
+
+def applicable(sentences: Mapping[str, Any]) -> list[str]:
+    """List the sentences of a report that apply: those whose condition holds."""
+    return [sentence for sentence, holds in sentences.items() if holds]

@@ -23,6 +23,7 @@ from compasslib.calibrations.magnetometer.iron import SolvedIron
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.calibrations.result import Calibration, DeviationTable, check_date
 from compasslib.deviation.series import series_deviation
+from compasslib.errors import applicable
 from compasslib.types import Floats
 
 KIND, NO_MODEL = "magnetometer", "none"
@@ -241,7 +242,7 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
         ),
         "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
     }
-    texts = [sentence for sentence, holds in sentences_where.items() if holds]
+    texts = applicable(sentences_where)
     if field is None:
         return texts
     size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"

@@ -23,7 +23,7 @@ from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
 from compasslib.deviation.series import series_design, series_deviation
-from compasslib.errors import InputError
+from compasslib.errors import InputError, applicable
 from compasslib.types import Floats
 
 KIND, MODEL = "swing", "series"
@@ -343,24 +343,20 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
 
 
 def _heading_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    recorded, warnings = swing.observed.recorded_deg, []
+    recorded, rms = swing.observed.recorded_deg, angles.rms(series.residuals[COURSE])
     distinct, gap = observations.distinct_headings(recorded), observations.widest_gap(recorded)
-    rms = angles.rms(series.residuals[COURSE])
-    if distinct < MIN_HEADINGS:
-        warnings.append(
-            f"{distinct} headings determine at most {distinct} coefficients, {TERMS} of which are fitted"
-            f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
-            f"third and fourth harmonics cannot be tested. To test them, {REMEDY}"
-        )
-    if distinct < len(recorded) < 100:
-        warnings.append(
-            f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading and do not add to it"
-        )
+    sentences = {
+        f"{distinct} headings determine at most {distinct} coefficients, {TERMS} of which are fitted"
+        f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
+        f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < MIN_HEADINGS,
+        f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading and do not add to it": (
+            distinct < len(recorded) < 100
+        ),
+    }
     if rms > STRUCTURE_DEG and not swing.observed.timed:
-        warnings.append(_harmonic_warning(swing, series, rms))
-    if gap > WIDE_GAP_DEG:
-        warnings.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
-    return warnings
+        sentences[_harmonic_warning(swing, series, rms)] = True
+    sentences[f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there"] = gap > WIDE_GAP_DEG
+    return applicable(sentences)
 
 
 def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:
@@ -382,21 +378,17 @@ def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:
 def _drift_warnings(swing: Swing, series: SwingFit) -> list[str]:
     if not swing.observed.over_ground:
         return []
-    warnings = []
-    if not swing.has_speed:
-        warnings.append(
-            f"no speeds were logged: a drift up to {swing.widest_drift:.2f} of the ship's speed is assumed "
-            "(drift_ratio)"
-        )
-    drift = model.separate_drift(swing, series)
-    if not drift["separable"]:
-        warnings.append(str(drift["text"]))
-    if swing.has_speed and set_and_drift(series.parameters)[1] > swing.widest_drift:
-        warnings.append(
-            f"the estimated drift exceeds the {swing.widest_drift:g} kn that are allowed: raise max_drift_kn if that "
-            "is possible"
-        )
-    return warnings
+    drift, widest = model.separate_drift(swing, series), swing.widest_drift
+    sentences = {
+        f"no speeds were logged: a drift up to {widest:.2f} of the ship's speed is assumed (drift_ratio)": (
+            not swing.has_speed
+        ),
+        str(drift["text"]): not drift["separable"],
+        f"the estimated drift exceeds the {widest:g} kn that are allowed: raise max_drift_kn if that is possible": (
+            swing.has_speed and set_and_drift(series.parameters)[1] > widest
+        ),
+    }
+    return applicable(sentences)
 
 
 def _quadrant_warnings(swing: Swing) -> list[str]:
@@ -416,27 +408,21 @@ def _quadrant_warnings(swing: Swing) -> list[str]:
 
 
 def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    observed, sigma = swing.observed, np.sqrt(np.diag(series.covariance))
+    observed, most = swing.observed, swing.options.max_lag_s
     if not observed.timed:
         return []
-    warnings = []
-    if observed.delay_s and abs(observed.delay_s) >= swing.options.max_lag_s:
-        warnings.append(
-            f"the delay of the courses is the longest allowed, {swing.options.max_lag_s:g} s: raise max_lag_s if a "
-            "longer one is possible"
-        )
-    noise = series.noises[COURSE]
-    if noise.n_effective < len(observed) / 2.0:
-        warnings.append(
-            f"residuals are autocorrelated; effective sample size {noise.n_effective:.0f} of {len(observed)}"
-        )
-    correlation = abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG])
-    if correlation > 0.7:
-        warnings.append(
-            "the ship turned one way only, so that the delay of the course cannot be separated from A: "
-            "swing to both sides"
-        )
-    return warnings
+    sigma, effective = np.sqrt(np.diag(series.covariance)), series.noises[COURSE].n_effective
+    sentences = {
+        f"the delay of the courses is the longest allowed, {most:g} s: raise max_lag_s if a longer one is possible": (
+            observed.delay_s and abs(observed.delay_s) >= most
+        ),
+        f"residuals are autocorrelated; effective sample size {effective:.0f} of {len(observed)}": (
+            effective < len(observed) / 2.0
+        ),
+        "the ship turned one way only, so that the delay of the course cannot be separated from A: swing to both "
+        "sides": abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG]) > 0.7,
+    }
+    return applicable(sentences)
 
 
 def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:

@@ -21,7 +21,7 @@ from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.frame import Frame, HeadingDifference
 from compasslib.calibrations.two_heads.motion import RESOLUTION_S, ClockDifference, Motion, PairedHeads
-from compasslib.errors import InputError
+from compasslib.errors import InputError, applicable
 from compasslib.readers import pd0
 from compasslib.records import Record
 from compasslib.statistics.least_squares import robust_width
@@ -309,7 +309,7 @@ def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
         f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
         "the heads sample too rarely to resolve a clock error of seconds": motion.step(pairs.time_s) > MAX_INTERVAL_S,
     }
-    warnings += [sentence for sentence, holds in sentences.items() if holds]
+    warnings += applicable(sentences)
     return (*warnings, *_slip_warnings(fitted.pairs.time_s, series))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles
-from compasslib.errors import InputError
+from compasslib.errors import InputError, applicable
 from compasslib.readers.delimited import Layout
 from compasslib.readers.mmp.pressure import Companion, Start, read_companions
 from compasslib.readers.mmp.rows import UNKNOWN
@@ -300,22 +300,17 @@ def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, 
 
 
 def _losses(scans: Scans, counts: dict[str, int], known_depth: bool, remote: int) -> list[str]:
-    notes = [*scans.notes]
-    if scans.damaged:
-        notes.append(f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})")
-    if scans.strange:
-        notes.append(f"{scans.strange} bytes are no text and were passed over")
-    if scans.empty_files:
-        notes.append(f"{len(scans.empty_files)} files hold no scan ({_listed(scans.empty_files)})")
-    if counts["without_time"]:
-        notes.append(f"{counts['without_time']} scans were left out: no profile start among pressure_files is theirs")
-    if counts["headings_by_rule"]:
-        notes.append(f"{counts['headings_by_rule']} headings were computed from HX HY HZ TX TY by the logger's rule")
-    if not known_depth:
-        notes.append("no pressure_files: the profiler's depth is unknown, the nominal depth has to stand for it")
-    if remote:
-        notes.append(f"no pressure within {PARKED_S:.0f} s of {remote} scans: flagged, as their depth is unknown")
-    return notes
+    untimed, by_rule = counts["without_time"], counts["headings_by_rule"]
+    sentences = {
+        f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})": scans.damaged,
+        f"{scans.strange} bytes are no text and were passed over": scans.strange,
+        f"{len(scans.empty_files)} files hold no scan ({_listed(scans.empty_files)})": scans.empty_files,
+        f"{untimed} scans were left out: no profile start among pressure_files is theirs": untimed,
+        f"{by_rule} headings were computed from HX HY HZ TX TY by the logger's rule": by_rule,
+        "no pressure_files: the profiler's depth is unknown, the nominal depth has to stand for it": not known_depth,
+        f"no pressure within {PARKED_S:.0f} s of {remote} scans: flagged, as their depth is unknown": remote,
+    }
+    return [*scans.notes, *applicable(sentences)]
 
 
 def _listed(names: Sequence[str]) -> str:
