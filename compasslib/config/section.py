@@ -35,8 +35,8 @@ MooringPaths = Annotated[
 Attributes = Annotated[dict[str, str | int | float], BeforeValidator(values.attributes)]
 Declination = Annotated[float | Literal["auto"], BeforeValidator(values.declination)]
 TimeFormat = Annotated[str, BeforeValidator(values.time_format)]
-Delimiter = Annotated[str, BeforeValidator(values.delimiter)]
-Decimal = Annotated[str, BeforeValidator(values.decimal)]
+Delimiter = Annotated[str, BeforeValidator(values.character(comma=",", semicolon=";", tab="\t", blank=" "))]
+Decimal = Annotated[str, BeforeValidator(values.character(point=".", comma=","))]
 Zone = Annotated[str, BeforeValidator(values.zone)]
 Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing, json_schema_input_type=Cell | list[Cell])]
 DeclinationApplied = Annotated[float | dict[str, float], BeforeValidator(values.declination_applied)]
@@ -48,10 +48,9 @@ Coefficients = Annotated[dict[str, float], BeforeValidator(values.coefficients)]
 Covariance = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(values.covariance)]
 Span = Annotated[tuple[float, float], BeforeValidator(values.span, json_schema_input_type=float | list[float])]
 Form = Annotated[str, BeforeValidator(_form, json_schema_input_type=Literal[*readers.FORMATS] | str)]
-Reference = Annotated[
-    Literal["magnetic", "true"],
-    BeforeValidator(values.unquoted_true, json_schema_input_type=Literal["magnetic", "true", True]),
-]
+WRITTEN = Literal["magnetic", "true", True]  # an unquoted true is read as a truth value
+TRUE = BeforeValidator(lambda value: "true" if value is True else value, json_schema_input_type=WRITTEN)
+Reference = Annotated[Literal["magnetic", "true"], TRUE]
 
 
 def key(expected: str, example: str, default: Any = ..., advice: str | None = None, **limits: Any) -> Any:

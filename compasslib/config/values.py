@@ -10,7 +10,7 @@ import math
 import os
 import posixpath
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path, PureWindowsPath
@@ -195,11 +195,6 @@ def covariance(value: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, rows.tolist()))
 
 
-def unquoted_true(value: Any) -> Any:
-    """Turn ``direction_reference: true``, which is read as a truth value, into the word."""
-    return "true" if value is True else value
-
-
 def declination(value: Any) -> float | Literal["auto"]:
     """Check ``auto`` or a declination, degrees east."""
     if value == "auto":
@@ -237,21 +232,16 @@ def time_s(value: Any) -> float:
     return float(moment.timestamp())
 
 
-def delimiter(value: Any) -> str:
-    """Look up the character between the cells of a table, given as it is or by its name."""
-    return _character(value, {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "})
+def character(**named: str) -> Callable[[Any], str]:
+    """Make a validator that looks up a character, given as it is or by its name."""
 
+    def check(value: Any) -> str:
+        known = named.get(value, value) if isinstance(value, str) else None
+        if known not in named.values():
+            raise problem()
+        return str(known)
 
-def decimal(value: Any) -> str:
-    """Look up the character before a number's decimals, given as it is or by its name."""
-    return _character(value, {"point": ".", "comma": ","})
-
-
-def _character(value: Any, named: dict[str, str]) -> str:
-    character = named.get(value, value) if isinstance(value, str) else None
-    if character not in named.values():
-        raise problem()
-    return str(character)
+    return check
 
 
 def time_format(value: Any) -> str:

@@ -18,7 +18,7 @@ from compasslib import angles
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
-from compasslib.readers.netcdf import flags, reference, variables
+from compasslib.readers.netcdf import attributes, variables
 from compasslib.readers.netcdf.variables import SPEED, File, find, numbers, spans, values
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
@@ -125,13 +125,13 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     file = _with_bins(file, water.variable)
     heading_variable = find(file, "heading", (file.time,))
     n = len(time_s)
-    stated = reference.stated_north(file, water.variable, heading_variable)
-    turn = reference.resolve_north(file, stated, settings.reference, settings.declination)
+    stated = attributes.stated_north(file, water.variable, heading_variable)
+    turn = attributes.resolve_north(file, stated, settings.reference, settings.declination)
     east, northward = water.east, water.north
     if np.any(turn.velocity):
         by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
         east, northward = angles.turn(east, northward, -by)
-    alignment = reference.heading_alignment(file, heading_variable, settings.alignment)
+    alignment = attributes.heading_alignment(file, heading_variable, settings.alignment)
     heading = _series(file, "heading", n, heading_variable) + alignment
     heading = np.full(n, np.nan) if turn.heading is None else heading - turn.heading
     heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
@@ -139,11 +139,11 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     _refuse_rows(file, time_s, bins)
     quality = vocabularies.worst_flag([water.quality, time_flags[:, None]])
     quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
-    stated_flags = None if heading_variable is None else flags.read_flags(file, heading_variable)
+    stated_flags = None if heading_variable is None else attributes.read_flags(file, heading_variable)
     heading_flags = vocabularies.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
     backwards = bins.range_m.shape[1] > 1 and np.nanmedian(np.diff(bins.range_m, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
-    flags.note_unlinked(file)
+    attributes.note_unlinked(file)
     pitch = _measured(file, "tilt_x", n)
     if file.text("inst_make") == "TRDI":  # what dolfyn keeps is the sensor's, which hangs inside the roll
         pitch = true_pitch(pitch, _series(file, "tilt_y", n))
@@ -204,7 +204,7 @@ def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, F
         shown = f"dimensions ({', '.join(time.dimensions)})"
         raise file.refuse(time.name, "one dimension", shown, "write one series a file, not bursts")
     _refuse_ragged(file)
-    time_s, time_flags = variables.read_times(file, time), flags.read_flags(file, time)
+    time_s, time_flags = variables.read_times(file, time), attributes.read_flags(file, time)
     bad = np.full(len(time_s), GOOD) if time_flags is None else np.where(time_flags < PROBABLY_BAD, GOOD, time_flags)
     return file, time_s, bad.astype(np.int8)
 
@@ -254,7 +254,7 @@ def _velocities(file: File) -> _Currents:
         for role, (variable, part) in zip(("east", "north"), parts, strict=True)
     )
     n = file.nc.dimensions[file.time].size
-    each = [flags.read_flags(_with_bins(file, variable), variable, part) for variable, part in parts]
+    each = [attributes.read_flags(_with_bins(file, variable), variable, part) for variable, part in parts]
     known = [flag for flag in each if flag is not None] or [np.full(east.shape, GOOD)]
     worst = vocabularies.worst_flag(known).reshape(n, -1)
     return _Currents(east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0])
@@ -304,7 +304,7 @@ def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None =
     """Read a series without the values that its flags call bad, which is noted."""
     variable = find(file, role, (file.time,)) if variable is None else variable
     series = _series(file, role, n, variable)
-    known = None if variable is None else flags.read_flags(file, variable)
+    known = None if variable is None else attributes.read_flags(file, variable)
     if variable is None or known is None or not (bad := (known >= PROBABLY_BAD) & np.isfinite(series)).any():
         return series
     file.note(f"{variable.name}: {int(bad.sum())} values are flagged and count as missing.")
