@@ -110,11 +110,7 @@ Identity = frozenset[tuple[object, ...]]
 def find_contradictions(
     root: Path, moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]
 ) -> list[str]:
-    """Find contradictions between the names in the YAML files and what the raw files are.
-
-    Args:
-        serials: the serial numbers that the files state, by mooring and instrument.
-    """
+    """Find contradictions between the names in the YAML files and what raw files and the serial numbers in them are."""
     identities = {
         (name, role): _identity(instrument, root)
         for name, mooring in moorings.items()

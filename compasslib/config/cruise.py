@@ -103,10 +103,7 @@ def load_cruise(
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
-    """Validate a mapping by its model.
-
-    Args:
-        place: where raw files are looked for; not looked for where absent.
+    """Validate a mapping by its model, raw files looked for only where a place is given.
 
     Raises:
         InputError: for values that are still to be decided, an unknown key, else the first value that cannot be used.
@@ -432,10 +429,7 @@ for _loader in (_Loader, _FastLoader):
 
 
 def read(root: Path, name: str, example: str) -> dict[str, Any]:
-    """Read the mapping of a YAML file; dates in it are texts.
-
-    Args:
-        name: path of the file, relative to it; messages begin with it.
+    """Read the mapping of a YAML file below a folder; dates in it are texts.
 
     Raises:
         InputError: where the file is absent, too large, not UTF-8, not YAML, or no mapping.
