@@ -63,11 +63,7 @@ _SHOWN = 60  # characters of a value that a message repeats
 def problem(
     key: str | None = None, expected: str | None = None, actual: str | None = None, advice: str | None = None
 ) -> PydanticCustomError:
-    """Make the error of a value; what is left out is taken from the field that holds it.
-
-    Args:
-        key: key below the place where the error is raised.
-    """
+    """Make the error of a value, or of a key below it; what is left out is taken from the field that holds it."""
     words = {"key": key, "expected": expected, "found": actual, "advice": advice}
     return PydanticCustomError("cruise", "not usable", words)
 
@@ -383,11 +379,7 @@ def mooring_paths(value: Any) -> str | tuple[str, ...]:
 
 
 def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
-    """Find existing raw files, globs expanded and sorted; only checked for form where no place is given.
-
-    Args:
-        info: its context is a ``RawFolder`` or None.
-    """
+    """Find existing raw files, globs expanded and sorted; only checked for form without a ``RawFolder``."""
     listed, place = paths(value), info.context
     if not listed:
         raise problem(None, "at least one file", "an empty list")

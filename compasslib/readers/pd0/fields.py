@@ -397,11 +397,9 @@ class Rewritten:
 
 
 def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
-    """Write a file with every heading turned.
+    """Write a file with every heading turned clockwise by the degrees that a function gives, NaN where there are none.
 
-    Args:
-        target: takes the ensembles one after the other; what is there is lost.
-        turn: gives the degrees clockwise by which the heading of each ensemble turns, NaN where there is none to give.
+    What is in the target is lost.
 
     Raises:
         InputError: the source cannot be read.
