@@ -38,8 +38,8 @@ MAX_INTERVAL_S = 600.0
 SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
 CLOCK = {  # of the page, by the fields of a clock difference
     **{name: name for name in ("offset_s", "sigma_s", "drift_s_per_day", "drift_sigma_s_per_day", "drift_applied")},
-    **{"found": "determined", "correlation_of_tilt_rates": "tilt_correlation"},
-    "correlation_of_heading_rates": "heading_correlation",
+    **{"found": "determined", "from_tilts_s": "from_tilts_s", "from_headings_s": "from_headings_s"},
+    **{f"correlation_of_{of}_rates": f"{of}_correlation" for of in ("tilt", "heading")},
 }
 AMBIGUITY = (
     "The difference of two compasses does not show which of them is wrong: the coefficients are those of b relative to "
@@ -208,6 +208,7 @@ def _no_calibration(n: int, why: str, warnings: tuple[str, ...]) -> Calibration:
 def _details(fitted: _FittedHeads) -> dict[str, Any]:
     pairs, clock, frame, series = fitted.pairs, fitted.clock, fitted.frame, fitted.series
     (constant, sigma), known = fitted.constant_difference_deg, bool(np.isfinite(frame.offset_sigma_deg))
+    stated = {name: getattr(clock, field) for name, field in CLOCK.items()}
     return {
         "offset_deg": fitted.offset_deg,
         "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
@@ -216,8 +217,7 @@ def _details(fitted: _FittedHeads) -> dict[str, Any]:
         "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if known else None,
         "constant_difference_deg": constant if known else None,
         "constant_difference_sigma_deg": sigma if known else None,
-        "clock": {name: getattr(clock, field) for name, field in CLOCK.items()}
-        | {f"from_{by}_s": list(getattr(clock, f"from_{by}_s")) for by in ("tilts", "headings")},
+        "clock": {name: list(x) if isinstance(x, tuple) else x for name, x in stated.items()},
         "frame": {
             "verdict": frame.verdict,
             "text": frame.text,
