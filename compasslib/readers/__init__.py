@@ -90,7 +90,6 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
     """Read the record of an instrument, by its own clock, nothing left out.
 
     Args:
-        form: one of ``format_names``.
         settings: the instrument's part of the mooring file.
 
     Raises:

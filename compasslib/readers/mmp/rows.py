@@ -151,11 +151,7 @@ class _Statement:
 
 
 def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
-    """Parse rows, damaged lines and lines of words of a text file.
-
-    Args:
-        wanted: which forms rows may have; the most frequent one of them in the file is the rows'.
-    """
+    """Parse rows of the most frequent form among those wanted, damaged lines and lines of words of a text file."""
     form: Form | None = None
     pieces: list[_RowChunk] = []
     damaged: list[Ints] = []

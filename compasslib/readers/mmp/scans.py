@@ -370,8 +370,7 @@ def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats
 def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats:
     """Add sub-seconds to the clock of whole seconds: scans that share one are spread over it, in their order.
 
-    Args:
-        rate_hz: (r,) as the file names it, NaN where it does not.
+    The rate is that which the file names, (r,), NaN where it does not.
     """
     if not len(clock_s):
         return clock_s
