@@ -85,8 +85,16 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     fitted = calibrate_readings("platform", read, rows, table_step_deg=step)
     where = ", ".join(str(file) for file in files)
     _refuse_mistaken(fitted, BenchReadings(*(columns[role][known] for role in ROLES)), where)
-    if mounting is None:
-        _refuse_turned(fitted, where)
+    shift = fitted.details.get("constant_shift", {"value_deg": 0.0})["value_deg"]
+    if mounting is None and abs(shift) >= QUARTER_DEG - POOR_DEG:
+        stood = float(angles.wrap360(-QUARTER_DEG * np.round(shift / QUARTER_DEG)))
+        raise InputError(
+            where,
+            expected="a constant of less than a quarter turn, or mounting_deg in the calibration's file",
+            found=f"A {shift:+.1f} degrees",
+            advice=f"write mounting_deg: {stood:.0f} if the instrument stood so on the bench, clockwise, or the bench "
+            "was read from the other side; mounting_deg: 0 if the constant is the compass's own",
+        )
     constant = [] if mounting is not None else _constant_reasons(fitted, read, settings.get("declination_deg"))
     misfits = [*constant]
     if _even(read.recorded_deg) and not _even(read.reference_deg):
@@ -133,20 +141,6 @@ def _corrections(read: BenchReadings) -> dict[str, BenchReadings]:
             both = BenchReadings(by * reference, by * recorded)
             corrections[f"both columns in {unit}, as they look"] = both
     return corrections
-
-
-def _refuse_turned(fitted: Calibration, where: str) -> None:
-    shift = fitted.details.get("constant_shift", {"value_deg": 0.0})["value_deg"]
-    if abs(shift) < QUARTER_DEG - POOR_DEG:
-        return
-    stood = float(angles.wrap360(-QUARTER_DEG * np.round(shift / QUARTER_DEG)))
-    raise InputError(
-        where,
-        expected="a constant of less than a quarter turn, or mounting_deg in the calibration's file",
-        found=f"A {shift:+.1f} degrees",
-        advice=f"write mounting_deg: {stood:.0f} if the instrument stood so on the bench, clockwise, or the bench was "
-        "read from the other side; mounting_deg: 0 if the constant is the compass's own",
-    )
 
 
 def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:

@@ -181,37 +181,23 @@ def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     named = {**SENTENCES, **(settings.get("columns") or {})}
     log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
     withheld = set(settings.get("withhold") or ())
-    over_ground = "true_deg" not in named
-    empty, stated = np.full(log.time_s.shape, np.nan), log.variation_deg[np.isfinite(log.variation_deg)]
+    stated = log.variation_deg[np.isfinite(log.variation_deg)]
     known, place = np.isfinite(log.latitude + log.longitude), None
     if known.any():
         longitude = log.longitude[known]
         middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))  # across the date line too
         place = float(np.median(log.latitude[known])), float(angles.wrap180(middle))
-    return Observations(
-        recorded_deg=log.heading_deg,
-        course_deg=log.course_deg if over_ground else log.true_heading_deg,
-        over_ground=over_ground,
-        speed_kn=empty if "speed_kn" in withheld else log.speed_kn,
-        water_speed_kn=empty if "water_speed_kn" in withheld else log.water_speed_kn,
-        time_s=empty if "time_utc" in withheld else log.time_s,
-        turn_deg_s=np.zeros(log.time_s.shape),
-        steady_turn_deg_s=np.zeros(log.time_s.shape),
-        settled_deg=log.heading_deg,
-        also_course_deg=empty if over_ground else log.course_deg,
-        place=place,
-        variation_deg=float(np.median(stated)) if stated.size else float("nan"),
-        warnings=log.warnings,
-    )
+    columns = {"compass_deg": log.heading_deg, "cog_deg": log.course_deg}
+    columns |= {"true_deg": log.true_heading_deg} if "true_deg" in named else {}
+    others = {"speed_kn": log.speed_kn, "water_speed_kn": log.water_speed_kn, "time_utc": log.time_s}
+    columns |= {role: column for role, column in others.items() if role not in withheld}
+    variation = float(np.median(stated)) if stated.size else float("nan")
+    return replace(_observe(columns), place=place, variation_deg=variation, warnings=log.warnings)
 
 
-def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
-    tables, notes = zip(*(_read_table(path, settings) for path in paths), strict=True)
-    roles = set(tables[0]).intersection(*tables)
-    columns = {role: np.concatenate([t[role] for t in tables]) for role in roles}
-    empty = np.full(columns["compass_deg"].shape, np.nan)
-    over_ground = "true_deg" not in columns
-    both = "true_deg" in columns and "cog_deg" in columns
+def _observe(columns: Mapping[str, Floats]) -> Observations:
+    """Make observations of columns by role; rates of turn and settled headings follow when times are known."""
+    empty, over_ground = np.full(columns["compass_deg"].shape, np.nan), "true_deg" not in columns
     return Observations(
         recorded_deg=columns["compass_deg"],
         course_deg=columns["cog_deg" if over_ground else "true_deg"],
@@ -222,12 +208,18 @@ def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations
         turn_deg_s=np.zeros(empty.shape),
         steady_turn_deg_s=np.zeros(empty.shape),
         settled_deg=columns["compass_deg"],
-        also_course_deg=columns["cog_deg"] if both else empty,
-        warnings=(
-            *dict.fromkeys(note for said in notes for note in said),
-            *["both true_deg and cog_deg are there: the true heading is used, the course is not"] * both,
-        ),
+        also_course_deg=empty if over_ground else columns.get("cog_deg", empty),
     )
+
+
+def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
+    tables, notes = zip(*(_read_table(path, settings) for path in paths), strict=True)
+    roles = set(tables[0]).intersection(*tables)
+    columns = {role: np.concatenate([t[role] for t in tables]) for role in roles}
+    both = {"true_deg", "cog_deg"} <= {*columns}
+    ignored = ["both true_deg and cog_deg are there: the true heading is used, the course is not"] * both
+    warnings = dict.fromkeys(note for said in notes for note in said)
+    return replace(_observe(columns), warnings=(*warnings, *ignored))
 
 
 def _read_table(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
