@@ -94,7 +94,7 @@ class LagWindows:
         place = np.clip(path.hours - self.lags[0], 0, len(self.lags) - 1)
         return np.asarray(self.products[np.arange(len(place)), place])
 
-    def best(self, allowed: NDArray[np.bool_]) -> LagPath:
+    def best(self, allowed: Bools) -> LagPath:
         """Find the best lag for all windows among those allowed, (k,)."""
         total = np.where(allowed, self.products.sum(axis=0), -np.inf)
         return LagPath(np.full(len(self.products), self.lags[int(np.argmax(total))]))

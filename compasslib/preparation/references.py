@@ -28,7 +28,7 @@ from compasslib import angles
 from compasslib.preparation.gridding import nearest_index
 from compasslib.records import Pairs, Record, take
 from compasslib.statistics.least_squares import robust_width
-from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
 BLOCK_S = 10 * DAY_S
 MIN_BLOCKS, MIN_COMMON_PAIRS = 5, 100  # that both must have at the same times before they are held against each other
@@ -208,7 +208,7 @@ class MatchedVelocities:
 
     velocity: Complexes  # (k,)
     place: NDArray[np.intp]  # (k, lags)
-    there: NDArray[np.bool_]  # (k, lags)
+    there: Bools  # (k, lags)
     least_m_s: float  # what rounding explains
 
 

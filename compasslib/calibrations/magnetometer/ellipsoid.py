@@ -22,7 +22,7 @@ from compasslib import angles
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 MAX_ITERATIONS, MAX_STEP, TOLERANCE = 60, 0.3, 1e-11
 BLOCKS = 20  # of the jackknife: each longer than the memory of the noise, enough of them for a variance
@@ -52,7 +52,7 @@ class ScaledReadings:
     def __len__(self) -> int:
         return len(self.field)
 
-    def take(self, index: NDArray[np.bool_]) -> ScaledReadings:
+    def take(self, index: Bools) -> ScaledReadings:
         """Select readings by a mask (n,)."""
         return ScaledReadings(self.field[index], self.down[index])
 
@@ -293,7 +293,7 @@ def choose_model(log: Log, body: Floats) -> ModelChoice:
     return spatial if spatial and spatial.fitted else _choose_level(log, body)
 
 
-def find_outliers(choice: ModelChoice) -> NDArray[np.bool_]:
+def find_outliers(choice: ModelChoice) -> Bools:
     """Flag readings far off the fitted modulus, (n,); none where they are many."""
     if choice.full is None or choice.readings is None:
         return np.zeros(0, dtype=bool)

@@ -27,7 +27,7 @@ from compasslib.statistics.noise import (
     span_basis,
 )
 from compasslib.statistics.resampling import student_factor
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 ROUNDS, STEPS = 4, 3
 MIN_INFORMATION = 2.0  # the data know a parameter that they tell twice as well as the prior
@@ -342,7 +342,7 @@ def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     return (through - parameters[LOG] * logged) * used, slopes * used[:, None]
 
 
-def _by_log(swing: Swing) -> NDArray[np.bool_]:
+def _by_log(swing: Swing) -> Bools:
     """Flag samples with a speed through the water; none unless half of them have one."""
     observed = swing.observed
     logged = np.nan_to_num(observed.water_speed_kn) > MIN_WATER_KN

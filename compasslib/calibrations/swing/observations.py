@@ -16,7 +16,7 @@ from compasslib.deviation.series import series_design
 from compasslib.effects.ship import FilteredCourse
 from compasslib.errors import InputError
 from compasslib.readers import delimited, nmea
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
 SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
@@ -86,7 +86,7 @@ class Observations:
         """Whether all observations carry their time."""
         return bool(len(self) and np.isfinite(self.time_s).all())
 
-    def keep(self, good: NDArray[np.bool_], why: str) -> Observations:
+    def keep(self, good: Bools, why: str) -> Observations:
         """Select the good ones, (n,), and count the others."""
         lost = int((~good).sum())
         columns = {f.name: getattr(self, f.name)[good] for f in fields(self) if f.type == "Floats"}
@@ -273,7 +273,7 @@ def moving_average(values: Floats, time_s: Floats, window_s: float) -> Floats:
     return (total[last] - total[first]) / (last - first)
 
 
-def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[Floats, Floats]:
     """Compute the rate of turn, the slope over the minute about each, and headings averaged over 20 s, (n,) each.
 
     Where less than 20 s hang together it is the rate over the minute about each sample, and the heading as it was. A
