@@ -79,7 +79,6 @@ class Harmonic(OfReading):
         return np.asarray(x)
 
 
-# The third harmonic of the recorded heading.
 @dataclass(frozen=True)
 class Sextantal(Harmonic):
     """The reading is shifted by the third harmonic of what the compass would have recorded."""
@@ -96,7 +95,6 @@ class Sextantal(Harmonic):
     literature = "Moncunill et al. 2023, section 5.3 (sextantal); clockwise positive"
 
 
-# The fourth harmonic of the recorded heading.
 @dataclass(frozen=True)
 class Octantal(Harmonic):
     """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
@@ -110,7 +108,6 @@ class Octantal(Harmonic):
     literature = "Moncunill et al. 2023, section 5.3 (octantal); clockwise positive"
 
 
-# Drift of the compass: A changes over the deployment.
 @dataclass(frozen=True)
 class CompassDrift(OfReading):
     """The reading drifts with time."""

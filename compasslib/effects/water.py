@@ -160,7 +160,6 @@ class ReferenceBias(OfReference):
         return x + (self.starboard_m_s * cosine - self.forward_m_s * sine) / angles.DEGREE
 
 
-# Clock offset: the instrument's clock is ahead or behind.
 @dataclass(frozen=True)
 class ClockOffset(Effect):
     """The affected instrument's clock is ahead of the reference's by a constant."""
@@ -181,7 +180,6 @@ class ClockOffset(Effect):
         return x + 3600.0 * self.hours
 
 
-# Clock drift: the instrument's clock runs fast or slow.
 @dataclass(frozen=True)
 class ClockDrift(Effect):
     """The affected instrument's clock gains on the reference's."""
