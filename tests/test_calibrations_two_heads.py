@@ -302,16 +302,16 @@ def _still(path, n, heading, tilt=lambda i: 300):
     return path
 
 
-@pytest.mark.parametrize("turning", [0, 700])
-@pytest.mark.parametrize("n", [1, 400])
-def test_heads_that_turn_evenly_or_never_or_are_one_file_are_no_traceback(tmp_path, turning, n):
+@pytest.mark.parametrize(("n", "turning"), [(1, 0), (1, 700), (100, 0), (100, 700), (400, 700)])
+def test_heads_that_turn_evenly_or_never_or_are_one_file_are_no_traceback(tmp_path, n, turning):
+    few = n == 1 or (n, turning) == (100, 700)  # in each sector
     a = _still(tmp_path / "a.000", n, lambda i: (i * turning) % 36000)
     b = _still(tmp_path / "b.000", n, lambda i: (i * turning + 4500) % 36000)
     for other in (a, b):
         made = calibrations.calibrate("two_heads", [a, other], {})
         kinds.diagnose("two_heads", [a, other], {}, Options())
-        assert (made.model == "none") == (n == 1)
-        assert n == 1 or any("leaves no residual" in said for said in made.warnings)
+        assert (made.model == "none") == few
+        assert few or any("leaves no residual" in said for said in made.warnings)
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
         calibration_files.write(page=result.to_json("h", made, {}, {}), made=made, **files)
         for figure in calibrations.figure_names("two_heads"):

@@ -225,7 +225,7 @@ READ_WRONGLY = {
 @pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
 @pytest.mark.parametrize("mistake", READ_WRONGLY)
 def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
-    seen, _ = pairs(iron, n=1200, seed=31)
+    seen, _ = pairs(iron, n=600, seed=31)
     velocity = READ_WRONGLY[mistake](seen.lower_east + 1j * seen.lower_north)
     wrong = replace(seen, lower_east=velocity.real, lower_north=velocity.imag)
     fit, record = fit_exact(wrong), record_of(wrong)

@@ -30,9 +30,6 @@ def done(tmp_path_factory) -> Path:
     (folder / "config/config.yaml").write_text("overlap: {grid_minutes: 360, max_metres: 60}\n")
     for name, end in SHORT.items():
         change(folder / f"config/moorings/{name}.yaml", end=end)
-    beside = yaml.safe_load((folder / "config/moorings/R1.yaml").read_text()) | {"name": "OTHER"}
-    beside["instruments"]["top"].pop("compass")
-    (folder / "config/moorings/OTHER.yaml").write_text(yaml.safe_dump(beside))
     redeployed.write_cruise(folder, seed=2, hours=2400, every=6)
     ran = snakemake(folder)
     assert ran.returncode == 0, ran.stderr
@@ -74,11 +71,16 @@ def test_the_compass_has_its_files_and_its_section(done, capsys):
     assert 'id="compass-wh8104"' in page and "compass is carried by R1, R2, deck" in page
 
 
-def test_a_mooring_that_names_no_compass_is_as_it_was(done):
-    other, alone = result(done, "OTHER/deviation.json"), result(done, "R1/work/alone/deviation.json")
-    assert other["shared"] is None
-    assert other == alone
-    assert result(done, "OTHER/diagnosis.json") == result(done, "R1/work/alone/diagnosis.json")
+def test_a_mooring_that_names_no_compass_is_as_it_was(done, tmp_path):
+    file = done / "config/moorings/R1.yaml"
+    before, mooring = file.read_text(), yaml.safe_load(file.read_text())
+    mooring["instruments"]["top"].pop("compass")
+    file.write_text(yaml.safe_dump(mooring))
+    made = process_mooring(done, "R1", tmp_path / "R1")
+    file.write_text(before)
+    other, alone = json.loads((made / "deviation.json").read_text()), result(done, "R1/work/alone/deviation.json")
+    assert other["shared"] is None and other == alone
+    assert json.loads((made / "diagnosis.json").read_text()) == result(done, "R1/work/alone/diagnosis.json")
     assert result(done, "R1/deviation.json")["coefficients"] != alone["coefficients"]
 
 
@@ -98,7 +100,7 @@ def test_a_changed_record_re_runs_its_compass_and_nothing_else(done):
     after = {"share", "compare", "correct", "grid", "figures"}
     for name in ("R1", "R4"):
         assert {rule for rule, of in again if of == name} == after
-    assert not [rule for rule, of in again if of == "OTHER"]
+    assert not [rule for rule, of in again if of == "deck"]
     assert {rule for rule, of in again if not of} == {
         *("join", "joined_figures", "summary", "cruise_figures", "report", "provenance")
     }

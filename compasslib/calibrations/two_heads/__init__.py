@@ -88,6 +88,9 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     if len(compared) < MIN_SAMPLES:
         why = f"{len(compared)} samples of both heads at the same time, at least {MIN_SAMPLES} are needed"
         return _no_calibration(len(compared), why, warnings + clock.warnings)
+    if not frames.covered_sectors(compared.recorded_b).any():
+        why = f"no sector of 10° of headings holds {frames.MIN_IN_SECTOR} samples of both heads"
+        return _no_calibration(len(compared), why, warnings + clock.warnings)
     # Fit the turn as the series' constant, iterated because the turn enters the effect of tilt too.
     frame = frames.fit_frame(compared.time_s, compared.lean_a, compared.lean_b)
     offset = float(angles.mean(angles.difference(compared.recorded_b, compared.recorded_a)))
