@@ -342,7 +342,10 @@ def test_the_tutorial_s_commands_print_what_the_page_shows_by_the_wheel_alone(in
     ):
         (tmp_path / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -P {code}"$@"\n')
         (tmp_path / name).chmod(0o755)
+    (tmp_path / "profile").mkdir()  # the mooring as one job: the same results, and fewer processes
+    (tmp_path / "profile/config.yaml").write_text("config: [mooring_cores=1]\n")
     place = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": f"{installed}", "PYTHONUNBUFFERED": "1"}
+    place |= {"SNAKEMAKE_PROFILE": f"{tmp_path / 'profile'}"}
     steps = re.findall(r"^\$ (.*\n(?:> .*\n)*)((?:(?!\$ ).*\n)*)", "".join(blocks(TUTORIAL, "console")), re.MULTILINE)
     assert len(steps) > 12
     for command, shown in steps:

@@ -130,7 +130,7 @@ def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
     A file's identifier is that of the path that it is named by, letter for letter: no other leads to the same place.
     """
     files = {entity["@id"]: entity["name"] for entity in page["@graph"] if entity["@type"] == "File"}
-    used = {item for action in _actions(page) for part in ("object", "result") for item in _identifiers(action, part)}
+    used = {item for action in _actions(page) for part in ("object", "result") for item in identifiers(action, part)}
     wrong = {}
     for known, name in files.items():
         # An identifier must be that of its path, and the path a plain one that stays in the cruise folder.
@@ -147,7 +147,7 @@ def has_failures(page: Mapping[str, Any]) -> bool:
 
 def written(page: Mapping[str, Any]) -> set[str]:
     """List the files that jobs wrote, by their paths from the cruise folder."""
-    wrote = [unquote(identifier) for action in _actions(page) for identifier in _identifiers(action, "result")]
+    wrote = [unquote(identifier) for action in _actions(page) for identifier in identifiers(action, "result")]
     return {path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}" for path in wrote}
 
 
@@ -161,7 +161,8 @@ def _actions(page: Mapping[str, Any]) -> list[Entity]:
     return [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
 
 
-def _identifiers(action: Mapping[str, Any], part: str) -> list[str]:
+def identifiers(action: Mapping[str, Any], part: str) -> list[str]:
+    """List what an action refers to, as its ``object`` or ``result``."""
     given = action.get(part, [])
     return [item["@id"] for item in (given if isinstance(given, list) else [given])]
 

@@ -208,8 +208,8 @@ def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
     for action in actions:
         action |= {"agent": {"@id": author}, "endTime": ends.get(action["@id"].removeprefix("#"), last)}
         action.setdefault("description", f"{action['name']}: stopped")
-    made = {item["@id"] for action in actions for item in _list(action.get("result"))}
-    read = {item["@id"] for action in actions for item in _list(action.get("object"))} - made
+    made = {item for action in actions for item in crate.identifiers(action, "result")}
+    read = {item for action in actions for item in crate.identifiers(action, "object")} - made
     return {
         "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": {"@id": WORKFLOW_FILE},
         "description": "All jobs of the workflow; each has an action of its own", "agent": {"@id": author},
@@ -224,10 +224,6 @@ def _moved(entity: Any, identifiers: Mapping[str, str]) -> Any:
         software = entity.get("@type") == "SoftwareApplication" and copied["@id"].startswith("http")
         return {"url": copied["@id"].partition("#")[0], **copied} if software else copied
     return [_moved(item, identifiers) for item in entity] if isinstance(entity, list) else entity
-
-
-def _list(given: Any) -> list[Any]:
-    return given if isinstance(given, list) else [given] if given else []
 
 
 def _references(identifiers: Iterable[str]) -> list[Entity]:

@@ -76,6 +76,7 @@ def _files(name: str) -> tuple[Path, ...]:
     return tuple(path for path in candidates if path.is_file())
 
 
+@cache  # outside a checkout it hashes all modules
 def software() -> str:
     """Name this software, its version and its commit, or the hash of its modules outside a checkout.
 
