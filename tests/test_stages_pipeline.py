@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -186,10 +187,16 @@ def half_done(folder: Path) -> list[Path]:
     return list((folder / "corrected").glob(".*"))
 
 
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """A cruise that is work for seconds after the first file, on a loaded machine too."""
+    return cruise(tmp_path_factory.mktemp("long") / "c", n=20_000)
+
+
 @pytest.fixture
-def running(tmp_path):
+def running(long, tmp_path):
     """A cruise whose `compass correct` is under way, and the process."""
-    folder = cruise(tmp_path / "c", n=20_000)  # work for seconds after the first file, on a loaded machine too
+    folder = Path(shutil.copytree(long, tmp_path / "c"))
     code = "import sys; from compasslib.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)

@@ -18,10 +18,12 @@ from sea import cruise, real
 
 from compasslib.archive import verification
 
+HOURS = 240  # too few days for a search, which other files run through the same stages
+
 
 def two(folder: Path) -> Path:
     """Write a cruise of a mooring and one without a trusted instrument, each with a recording of its own."""
-    change(cruise(folder, ("M1", "ALONE"), n=600) / "config/moorings/ALONE.yaml", reference=None)
+    change(cruise(folder, ("M1", "ALONE"), n=HOURS) / "config/moorings/ALONE.yaml", reference=None)
     return folder
 
 
@@ -63,14 +65,14 @@ def test_the_screen_lists_what_each_stage_said_and_the_warnings_at_the_end(done)
     of_moorings = [f"{name} {stage}" for name in ("M1", "ALONE") for stage in ("read top", *EACH)]
     of_all = [rule.replace("_", " ") for rule in (*OF_ALL, "complete")]
     assert sorted(shown) == sorted([*of_moorings, "M1 read deep", *of_all])
-    assert shown["M1 overlap"].startswith("600 overlapping pairs") and not said[0].startswith("Error")
+    assert shown["M1 overlap"].startswith("240 overlapping pairs") and not said[0].startswith("Error")
     tail = said[warnings + 1 : warnings + 3]
     assert sorted(line.partition(" pitch")[0] for line in tail) == ["  ALONE top: warning:", "  M1 top: warning:"]
 
 
 def test_headings_are_corrected_and_the_summary_says_how_well(done):
     with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
-        assert nc["UCUR"].shape == (600, 4)
+        assert nc["UCUR"].shape == (HOURS, 4)
         assert np.isfinite(nc["HEADING_CORRECTED"][:].filled(np.nan)).all()
     rows = (done / "results/summary.csv").read_text().splitlines()
     assert [row.split(",")[0] for row in rows] == ["name", "ALONE", "M1"]
