@@ -55,7 +55,7 @@ def done(tmp_path_factory):
     change(folder / "config/config.yaml", attributes={"project": HOSTILE, "institution": "Fjord & Søn <i>"})
     write_calibration(folder, "bench", readings(), budget="le_menn")
     write_calibration(folder, "few", readings(ring(3)), latitude=None, longitude=None)
-    ran = snakemake(folder, "--config", "mooring_cores=1")
+    ran = snakemake(folder)
     assert ran.returncode == 0, ran.stderr
     return folder
 
