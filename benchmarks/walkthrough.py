@@ -159,7 +159,7 @@ little about the headings: most of it is the currents' own difference between th
 
 ## What it missed
 
-| mooring | planted | verdict | recorded | coefficients | corrected | within 95 % |
+| mooring | true cause | verdict | recorded | coefficients | corrected | within 95 % |
 |---|---|---|---|---|---|---|
 {_rows(moorings)}
 
