@@ -76,6 +76,7 @@ def processed(tmp_path_factory):
     product = netcdf.read_corrected(made / "corrected.nc", velocities=False)
     off = np.where(np.arange(400) < 200, 2.0, -2.0)
     planted = {"what": "a <planted> change", "driver": "time", "date": "2007-09-10T00:00:00", "size_deg": 2.0}
+    planted |= {"field": {"forward": 12, "starboard": -3, "down": 4, "unit": "nT"}}
     truth = {
         "mooring": "C1", "title": "a case", "seed": 7, "planted": [planted],
         "time_s": product.record.time_s.tolist(),
@@ -92,6 +93,7 @@ def test_the_page_sets_said_beside_planted_and_measures_the_headings(processed):
     set_beside(page=str(page), truths=truths, corrected=[str(page.parent / "C1/corrected.nc")], say=lines.append)
     text = page.read_text()
     assert "a &lt;planted&gt; change" in text and "<planted>" not in text and "on 2007-09-10 at 00:00" in text
+    assert "Its field: forward 12, starboard −3, down 4 nT." in text
     assert "<strong>Not identified.</strong>" in text  # there is no finding
     assert "2.0° (2.0–2.0)" in text  # the corrected headings' rms, with its interval
     within = f"{100 * np.mean(processed.sigma_deg * 1.959964 >= 2.0):.0f} %"

@@ -39,8 +39,8 @@ from compasslib.plots.page import (
     empty,
     legend,
     page,
-    round_down,
 )
+from compasslib.plots.timeseries import round_down
 from compasslib.types import Complexes, Floats
 
 NAMED = 20  # moorings; more have no names in a figure

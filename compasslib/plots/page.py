@@ -226,12 +226,6 @@ def _heading(x: float, whole_turn: bool) -> str:
     return "360" if whole_turn and x == 360.0 else f"{float(angles.wrap360(round(x))):.0f}"
 
 
-def round_down(value: float) -> float:
-    """Round a positive number down to 1, 2 or 5 times a power of ten, for a bar of scale."""
-    steps = np.outer(10.0 ** np.arange(-3, 4), (1.0, 2.0, 5.0)).ravel()
-    return float(steps[steps <= max(value, steps[0])].max())
-
-
 def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:
     """Find limits that hold a whole line and 98 % of the points, degrees.
 

@@ -41,7 +41,6 @@ from compasslib.plots.page import (
     legend,
     page,
     placed,
-    round_down,
     sectors,
 )
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
@@ -239,6 +238,12 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
         half_s = plotted.hours * HOUR_S / 2.0
         dates(panels[-1], (plotted.middle_s[0] - half_s, plotted.middle_s[-1] + half_s))
         figure.align_ylabels(panels)
+
+
+def round_down(value: float) -> float:
+    """Round a positive number down to 1, 2 or 5 times a power of ten, for a bar of scale."""
+    steps = np.outer(10.0 ** np.arange(-3, 4), (1.0, 2.0, 5.0)).ravel()
+    return float(steps[steps <= max(value, steps[0])].max())
 
 
 def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:

@@ -108,6 +108,7 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     return words.caption(
         "diagnosis", "diagnosis", d=diagnosis, outside=count_outside(diagnosis) if curves else (),
         turns=[name for name in curves if name.startswith(wording.TURN_PREFIX)],
+        slopes=[entry for entry in diagnosis["findings"] if (entry.get("heldout") or {}).get("slope")],
         candidate="".join(name for name in others if not name.startswith((wording.TURN_PREFIX, wording.SIZE_PREFIX))),
         composed=[(entry["acts_on"], effect_formula(**entry)) for entry in parts],
     )  # fmt: skip
