@@ -210,15 +210,9 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
             float(np.nanmedian(column)) if np.isfinite(column).any() else float("nan")
             for column in (series.horizontal_nT[part], series.vertical_nT[part])
         )
-        yield FieldMedian(
-            where=series.files[number[0]] if series.files else series.station,
-            time_s=float(np.median(series.time_s[part])),
-            declination_deg=median,
-            horizontal_nT=horizontal,
-            vertical_nT=vertical,
-            latitude=place[0],
-            longitude=place[1],
-        )
+        where = series.files[number[0]] if series.files else series.station
+        time_s = float(np.median(series.time_s[part]))
+        yield FieldMedian(where, time_s, median, horizontal, vertical, *place)
 
 
 def _field_warnings(median: FieldMedian) -> dict[tuple[str, ...], str]:

@@ -80,10 +80,6 @@ _FILES_WORDS = "a path, a list of paths or a glob, relative to the cruise folder
 _ATTRIBUTES_WORDS = "a mapping of names to texts or numbers"
 
 
-def _degrees(limit: int) -> Any:
-    return key(f"degrees from {-limit} to {limit}", "0", None, ge=-limit, le=limit)
-
-
 def _seconds() -> Any:
     return key("seconds, less than a century", "0", 0.0, ge=-3.2e9, le=3.2e9)
 
@@ -266,7 +262,7 @@ class Instrument(TableKeys):
     declination_applied: DeclinationApplied | None = key(
         "degrees from -180 to 180, or {heading: degrees, velocity: degrees}", "0", None
     )
-    heading_alignment: Number | None = _degrees(360)
+    heading_alignment: Number | None = key("degrees from -360 to 360", "0", None, ge=-360, le=360)
     clock_offset_seconds: Number = _seconds()
     clock_drift_seconds: Number = _seconds()
     pressure_offset: Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)

@@ -20,7 +20,7 @@ import numpy as np
 from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers.files import count_unprintable, read_bytes, refuse_large_text, refuse_mostly_damaged, unreadable
-from compasslib.types import Bools, Floats
+from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
@@ -222,7 +222,12 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
     line, time_s = table[:, 0], table[:, 1]
     value, apart_s = _nearest(values[heading], line, time_s)
     near = ~(apart_s > PAIRED_S)  # without a clock the nearest in the stream counts
-    repeated = _is_repeated(np.column_stack([table[:, 1:], value])) & near
+    # Receivers send some sentences twice in a row; a log that was joined to itself goes back in time and repeats rows.
+    back = np.append(False, np.cumsum(np.diff(time_s) < -PAIRED_S) > 0)
+    rows = np.nan_to_num(np.column_stack([table[:, 1:], value]), nan=-1.0)
+    again = np.ones(len(rows), dtype=bool)
+    again[np.unique(rows, axis=0, return_index=True)[1]] = False
+    repeated = again & back & near
     counts["repeated"], counts["unpaired"] = int(repeated.sum()), int((~near).sum())
     near &= ~repeated
     counts["pairs"] = int(near.sum())
@@ -249,15 +254,3 @@ def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> t
     left = np.maximum(right - 1, 0)
     nearest = np.where(np.abs(at[left] - line) <= np.abs(at[right] - line), left, right)
     return value[nearest], np.abs(np.interp(at[nearest], line, time_s) - time_s)
-
-
-def _is_repeated(rows: Floats) -> Bools:
-    """Find rows that repeat one before them after their clock, the first column, went back, (n,).
-
-    Receivers send some sentences twice in a row; a log that was joined to itself goes back in time.
-    """
-    back = np.append(False, np.cumsum(np.diff(rows[:, 0]) < -PAIRED_S) > 0)
-    _, first = np.unique(np.nan_to_num(rows, nan=-1.0), axis=0, return_index=True)
-    repeated = np.ones(len(rows), dtype=bool)
-    repeated[first] = False
-    return repeated & back

@@ -194,7 +194,12 @@ def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, in
     profiles: list[ProfileBlock] = []
     place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
     for k, group in enumerate(pairwise(limits)):
-        for piece in _pieces(_block(group, *_around(between, k)), text.time_s):
+        head, tail = _around(between, k)
+        stated = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
+        number, hertz, on, off = (stated.get(kind, np.nan) for kind in ("profile", "rate", "on", "off"))
+        number = UNKNOWN if "profile" not in stated else int(number)
+        block = ProfileBlock(*group, number=number, rate_hz=hertz if hertz > 0 else np.nan, on_s=on, off_s=off)
+        for piece in _pieces(block, text.time_s):
             introduced = between[k] and piece.begin == group[0]
             start = between[k][-1].offset if introduced else int(text.offset[piece.begin]) if piece.begin else 0
             place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(damaged, start)
@@ -323,13 +328,6 @@ def _pieces(block: ProfileBlock, time_s: Floats) -> list[ProfileBlock]:
         cuts = np.flatnonzero((step > PAUSE_S) | (step < -PAUSE_S)) + 1 + block.begin
     limits = [block.begin, *cuts.tolist(), block.end]
     return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
-
-
-def _block(group: tuple[int, int], head: Sequence[_Statement], tail: Sequence[_Statement]) -> ProfileBlock:
-    stated = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
-    number = stated.get("profile", float(UNKNOWN))
-    rate, on, off = (stated.get(kind, float("nan")) for kind in ("rate", "on", "off"))
-    return ProfileBlock(*group, number=int(number), rate_hz=rate if rate > 0 else np.nan, on_s=on, off_s=off)
 
 
 def _around(between: Sequence[list[_Statement]], k: int) -> tuple[list[_Statement], list[_Statement]]:

@@ -215,7 +215,10 @@ def _select_possible(
         failed: of these, those that are recognised as such.
     """
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
-    good = _possible(values) & ~is_misplaced(clock_s, profile)
+    heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
+    good = np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0))
+    good &= np.isfinite(field).all(axis=1) & (np.abs(tilts) <= STEEPEST_DEG).all(axis=1)
+    good &= (np.abs(paths) <= FASTEST_CM_S).all(axis=1) & ~is_misplaced(clock_s, profile)
     impossible = int(np.sum(~good))
     refuse_mostly_damaged(path, "scans", damaged=failed + impossible, whole=len(good) - impossible)
     damaged += impossible
@@ -229,13 +232,6 @@ def _select_possible(
         damaged_files=(str(path),) if damaged else (),
         empty_files=() if good.any() else (str(path),),
     )
-
-
-def _possible(values: Floats) -> Bools:
-    heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
-    good = np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0))
-    good &= np.isfinite(field).all(axis=1) & (np.abs(tilts) <= STEEPEST_DEG).all(axis=1)
-    return np.asarray(good & (np.abs(paths) <= FASTEST_CM_S).all(axis=1))
 
 
 def _concatenate(parts: Sequence[Scans]) -> Scans:
