@@ -9,7 +9,6 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
-# A mooring is one job, of which each stage is made only where something changed: a start of Python for each costs more.
 RUN := $(BIN)/compass run "$(CRUISE)" --cores $(CORES)
 
 .PHONY: concealed install slurm run verify check-archive test check bench accuracy proof schema docs clean lock
@@ -30,7 +29,7 @@ slurm: install  ## what a cluster under Slurm needs besides; then: snakemake --w
 	$(PIP) --no-deps --requirement requirements/slurm.txt
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
-	$(RUN) -- --config mooring_cores=1
+	$(RUN)
 
 concealed: install  ## four moorings with a concealed cause, drawn by SEED, beside the truth
 	$(BIN)/python -m compasslib.demo.concealed build/concealed-$(SEED) $(SEED)

@@ -37,7 +37,9 @@ def environment(*beside: Path) -> dict[str, str]:
 def snakemake(
     folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = ()
 ) -> subprocess.CompletedProcess:
-    """Run ``compass run`` with options of Snakemake, which are files of results too."""
+    """Run ``compass run`` with options of Snakemake, which are files of results too; each stage is a job."""
+    if "--config" not in options:
+        options = ("--config", "mooring_cores=0", *(["--"] if options and options[0][:1] != "-" else []), *options)
     code = "import sys; from compasslib.cli import main; sys.exit(main())"
     whole = [sys.executable, "-P", "-c", code, "run", f"{folder}", "--cores", "2", "--", *options]
     into = environment(project, *beside)

@@ -148,8 +148,8 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
             f"{count[far].sum() / count.sum():.0%} of the pairs with the reference disagree with the others: which of "
             "the two the compass turned rightly, the record cannot tell"
         )
-        parts = (angles.argument(np.sum(angles.phasor(windows.features[part, 0]))) for part in (far, ~far))
-        apart = abs(float(angles.difference(*parts)))
+        turns = (angles.argument(np.sum(angles.phasor(windows.features[part, 0]))) for part in (far, ~far))
+        apart = abs(float(angles.difference(*turns)))
         stretches = (*stretches, doubt_whole_record(max(apart, *(doubt.sigma_deg for doubt in stretches)), why))
     return (*_by_index(pairs.time_s, residuals), *stretches)
 

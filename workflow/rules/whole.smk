@@ -8,7 +8,7 @@ for NAME, RECORDS in PLAN.mooring_jobs().items():
         input:
             PLAN.inputs_of(RECORDS),
         output:
-            RECORDS,
+            update(RECORDS),
         localrule: workflow.remote_exec  # on its node it runs at once: a step would start Snakemake a third time
         threads: CORES
         params:
