@@ -477,7 +477,7 @@ def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
 def test_the_table_of_the_product_s_page_is_not_stale():
     page_file = Path(__file__).resolve().parents[1] / "docs/reference/product.md"
     assert variables.format_table() in page_file.read_text(), (
-        "replace its table by what python -m compasslib.archive.page prints"
+        "replace its table by what python -m compasslib.archive.variables prints"
     )
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.effects import CATALOGUE
 from compasslib.effects.composed import (
     DRIVERS,
     FORMS,
@@ -34,12 +35,11 @@ from compasslib.types import Floats
 VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
 OF_VALUE = ("linear", "quadratic", "threshold", "saturating", "lagged", "memory", "latch")
 OF_TIME = ("linear", "quadratic", "step", "box", "ramp", "decay", "growth")
-LISTED = {  # what the catalogue has under a name of its own
-    "field_horizontal": {"time/linear", "time/step", "temperature/linear", "depth/linear", "voltage/linear",
-                         "pitch/linear", "roll/linear"},
-    "reading": {"time/linear", "time/step", "temperature/linear", "voltage/linear", "turn_rate/linear",
-                "turn_rate/sign"},
-}  # fmt: skip
+LISTED = {  # what the catalogue has as a class of its own; named compositions are taken from the catalogue
+    "field_horizontal": {"time/linear", "time/step", "temperature/linear", "voltage/linear"},
+    "reading": {"time/linear", "time/step", "temperature/linear", "voltage/linear", "turn_rate/linear"},
+}
+NAMED = {kind.composition for kind in CATALOGUE if issubclass(kind, ComposedEffect)}
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96)  # quantiles of the driver
 CENTRES = (0.2, 0.5, 0.8)  # quantiles of the driver, of what saturates
 LATCHES = (0.98, 0.995)  # quantiles that a driver exceeds rarely
@@ -255,7 +255,8 @@ def _is_unlisted(name: str, driver: str, form: str) -> bool:
     """Check that a driver and a form compose with what is acted on, and that the catalogue has no name for it."""
     if driver == "heading":
         return name == "reading"
-    return f"{driver}/{form}" not in LISTED.get(name, set()) and not ("*" in driver and name in LOBES)
+    listed = (name, driver, form) in NAMED or f"{driver}/{form}" in LISTED.get(name, set())
+    return not listed and not ("*" in driver and name in LOBES)
 
 
 def _varies(scene: Scene, driver: str) -> bool:
