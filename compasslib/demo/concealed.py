@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib.demo import sealed
 from compasslib.demo.sealed import Effect, Ground, Wish
-from compasslib.demo.water import HOUR_S, Floats, Layers
+from compasslib.demo.water import HOUR_S, Floats
 
 BEGIN_S, HOURS = 1406851200.0, 3000  # 1 August 2014, four months
 IRON_NT, SMALLEST_DEG, LARGEST_DEG = 250.0, 2.5, 4.0
@@ -63,7 +63,8 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     """
     case, rng = CASES[name], np.random.default_rng([seed, *name.encode()])
     ground = sealed.make(seed, name, case.wish)
-    ground = replace(ground, currents=replace(ground.currents, layers=_sheared(ground, case.shear)))
+    layers = ground.currents.layers.times(np.full(ground.currents.time_s.size, case.shear))
+    ground = replace(ground, currents=replace(ground.currents, layers=layers))
     planted, effects = [], []
     for cause in case.causes(ground, rng):
         effect, size_deg = _sized(ground, cause.effect, float(rng.uniform(SMALLEST_DEG, LARGEST_DEG)))
@@ -107,10 +108,6 @@ def _sized(ground: Ground, effect: Callable[[float], Effect], wanted_deg: float)
             break
         size *= float(np.clip(wanted_deg / max(visible, 1e-3), 0.2, 5.0))
     return effect(size), visible
-
-
-def _sheared(ground: Ground, factor: float) -> Layers:
-    return ground.currents.layers.times(np.full(ground.currents.time_s.size, factor))
 
 
 def _unit(series: Floats) -> Floats:

@@ -155,7 +155,10 @@ def _outcome(
             if name not in along and np.std(x) and abs(np.corrcoef(x, case.scene.time_s)[0, 1]) < LIKE_TIME
         ]
         known = [residual_curve(null_model, state, name) for name in names]
-        return [*turns, *known, *sizes, *sorted(others, key=_excess)[-1:]]
+        # The one that stands out of its noise most, by the mean square in standard errors.
+        squares = [(curve.after_deg / curve.sigma_deg) ** 2 for curve in others]
+        excess = [float(np.mean(square)) if len(square) else 0.0 for square in squares]
+        return [*turns, *known, *sizes, *([others[int(np.argmax(excess))]] if others else [])]
 
     return Outcome(
         comparison=case,
@@ -323,11 +326,6 @@ def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass
         references={name: means[name] for name in {*needed & means.keys(), "time"}},
         logged=tuple(sorted(needed & means.keys())),
     )
-
-
-def _excess(curve: BinnedResidual) -> float:
-    """Measure how far a binned residual stands out of its noise: its mean square in standard errors."""
-    return float(np.mean((curve.after_deg / curve.sigma_deg) ** 2)) if len(curve.centre) else 0.0
 
 
 def residual_curve(

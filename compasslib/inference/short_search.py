@@ -469,10 +469,7 @@ def _bin_sigma(
         return arma_standard_errors(after.clipped, after.columns, weights)
     block = short_fit.memory_blocks(after)
     apart = np.array([len(np.unique(block[bins == b])) for b in held])
-    within = [_block_variance(after.clipped[bins == b], block[bins == b]) for b in held]
+    within = []  # standard errors of the means, each block of its samples counted once
+    for x, of_block in ((after.clipped[bins == b], block[bins == b]) for b in held):
+        within.append(float(np.linalg.norm(np.bincount(of_block, x - x.mean()))) / len(x))
     return np.maximum(np.array(within), scatter / np.sqrt(there[held])) / np.where(apart < 2, 0.5, 1.0)
-
-
-def _block_variance(x: Floats, block: NDArray[np.intp]) -> float:
-    sums = np.bincount(block, x - x.mean())
-    return float(np.sqrt(np.sum(sums**2))) / len(x)

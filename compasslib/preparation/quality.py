@@ -371,17 +371,16 @@ def _fast_water(record: Record) -> Bools:
 def _stuck_velocity(record: Record) -> Bools:
     """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
     # One component after the other: a decade's copies of both would not fit beside each other.
-    (same_east, moving_east), (same_north, moving_north) = (_repeats(of) for of in (record.east, record.north))
-    same = same_east & same_north & (moving_east | moving_north)
+    steps = max(len(record.time_s) - 1, 0)
+    same, moving = np.ones(steps, dtype=bool), np.zeros(steps, dtype=bool)
+    for velocity in (record.east, record.north):
+        known = np.nan_to_num(velocity)
+        same &= (known[1:] == known[:-1]).all(axis=1)
+        moving |= known[1:].any(axis=1)
+    same &= moving
     if same.all() and len(record.time_s) > ENOUGH:
         return np.ones(len(record.time_s), dtype=bool)
     return _stuck(same, record.time_s)
-
-
-def _repeats(velocity: Floats) -> tuple[Bools, Bools]:
-    """Tell samples that repeat the one before in all bins, and those that are not all zero, (n - 1,) each."""
-    known = np.nan_to_num(velocity)
-    return np.asarray((known[1:] == known[:-1]).all(axis=1)), np.asarray(known[1:].any(axis=1))
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:

@@ -108,9 +108,11 @@ def grid(
         instruments, surveys, axes, rules, errors, np.array(turns), water_depth_m=site["water_depth_m"]
     )  # fmt: skip
     seams = [compare_at_seam(part.pairs, read_json(file)) for part, file in zip(affected, assessments, strict=True)]
+    before = sum(int(np.isfinite(part.corrected.record.heading_deg).sum()) for part in affected)
+    after = sum(int(np.isfinite(part.corrected.heading_corrected_deg).sum()) for part in affected)
     described = archive.FileDescription(
         Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded),
-        _count_headings(affected), also=_seam_attributes(affected, seams),
+        (before, after), also=_seam_attributes(affected, seams),
     )  # fmt: skip
     means = DailyMeans(axes, errors) if gridded[1:] else None
     counts = archive.write_gridded(gridded[0], whole, described, means)
@@ -199,12 +201,6 @@ def _describe_processing(
         key: "; ".join(f"{name}: {x[key]}" for name, x in each.items()) for key in ("method", "effects", "coefficients")
     }
     return first | named
-
-
-def _count_headings(affected: Sequence[_Affected]) -> tuple[int, int]:
-    """Count recorded and corrected headings."""
-    recorded = sum(np.isfinite(part.corrected.record.heading_deg).sum() for part in affected)
-    return int(recorded), int(sum(np.isfinite(part.corrected.heading_corrected_deg).sum() for part in affected))
 
 
 def _seam_attributes(affected: Sequence[_Affected], seams: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -164,7 +164,12 @@ def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
     middle = np.array([robust_width(size[bins == b]) for b in filled])
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
     width = np.interp(slowness, centre, middle) * _beyond(slowness, centre, middle)
-    return np.where(known, _on_circle(np.maximum(width, 1e-6)), np.inf)
+    # A direction that points anywhere tells nothing, however narrow its law looks: of a wrapped normal law this follows
+    # what the score of the mean direction knows within a fifth.
+    width = np.maximum(width, 1e-6)
+    with np.errstate(divide="ignore"):
+        on_circle = width / np.maximum(1.0 - (width / ANYWHERE_DEG) ** 2, 0.0)
+    return np.where(known, on_circle, np.inf)
 
 
 def scaled_inverse(gram: Floats) -> Floats:
@@ -234,12 +239,3 @@ def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
     floor = max(float(y.mean() - growth * x.mean()), NARROWEST**2 * float(y[0]))
     square = np.minimum(slowness, centre[0]) ** 2
     return np.asarray(slower * np.sqrt((floor + growth * square) / (floor + growth * centre[0] ** 2)))
-
-
-def _on_circle(width_deg: Floats) -> Floats:
-    """Compute the width that a direction is worth: one that points anywhere tells nothing, however narrow it looks.
-
-    Of a wrapped normal law it follows what the score of the mean direction knows within a fifth.
-    """
-    with np.errstate(divide="ignore"):
-        return np.asarray(width_deg / np.maximum(1.0 - (width_deg / ANYWHERE_DEG) ** 2, 0.0))
