@@ -171,3 +171,10 @@ def test_results_as_recorded_but_dated_in_the_future_are_dated_anew_and_no_other
     assert [os.stat(path).st_mtime for path in restored] == [now, now]
     assert records.is_future("raw/a", now) and records.is_future("results/M1/corrected.nc", now)
     assert stale() == {"correct"} and records.restore_times(PATHS, records.recall(), now) == []
+
+
+@pytest.mark.parametrize("earlier", [{}, {"said": [], "stopped": None}, {"said": 1, "stopped": None, "wrote": 2}])
+def test_a_job_whose_record_is_damaged_is_run_again(earlier):
+    now = {"rule": "fit", "of": {}, "code": "a", "parameters": {}, "read": {}}
+    assert not records.holds(earlier, now, [])
+    assert records.holds(now | {"said": [], "stopped": None, "wrote": {}}, now, [])

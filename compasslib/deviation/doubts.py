@@ -84,7 +84,8 @@ LEAST_DEPARTURE = np.array([20.0, 20.0, 0.5, 0.25])
 # Turn and heading dependence together in each of two windows in a row, degrees, and over the median window's: sound
 # moorings, real water included, have at most 13 degrees and 3.7 times.
 IN_A_ROW_DEG, IN_A_ROW_TIMES, LEAST_USUAL_DEG = 15.0, 4.5, 2.0
-# Share of the pairs in windows that are far off from which the fit may be theirs as well as that of the others.
+# Share of the pairs in far-off windows above which the fit may describe these as well as the others: chosen, not
+# measured.
 LARGE_SHARE = 0.25
 LEAST_DOUBT_DEG = 10.0  # standard deviation of the error that a doubt suspects
 # Period and remainder of the index of samples that are compared with the others.
@@ -125,7 +126,9 @@ class Residuals:
 
 
 def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
-    """Find the windows of a record, and the samples of one index, that the rest of it does not foretell.
+    """Find the windows of a record, and the samples of one index, that disagree with the rest of it.
+
+    Where the windows hold a large share of the pairs the whole record is doubted: the fit may be to the wrong part.
 
     Args:
         pairs: overlapping measurements as the compass of the fit would have recorded them.
@@ -145,8 +148,8 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     count = windows.last - windows.first + 1
     if count[far].sum() > LARGE_SHARE * count.sum():
         why = (
-            f"{count[far].sum() / count.sum():.0%} of the pairs with the reference disagree with the others: which of "
-            "the two the compass turned rightly, the record cannot tell"
+            f"{count[far].sum() / count.sum():.0%} of the pairs with the reference disagree with the others, and the "
+            "record cannot tell which of the two parts is correct"
         )
         turns = (angles.argument(np.sum(angles.phasor(windows.features[part, 0]))) for part in (far, ~far))
         apart = abs(float(angles.difference(*turns)))

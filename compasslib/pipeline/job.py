@@ -44,7 +44,7 @@ def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
     """Run one stage: wildcards in order, then the files and settings of its rule by the names of its arguments.
 
     ``say`` writes a line into the job's log. A job whose inputs, settings, code and results are all as its record has
-    them is not made again: the change that started it did not reach it. Where the content of a file cannot be used, or
+    them is not run again, and its record stands. Where the content of a file cannot be used, or
     the program fails on it, the mooring or calibration is stopped: the job ends well, its record says why, and none of
     its files is left. A full disk, lack of memory or an interruption fail the job, so that it is tried again.
 

@@ -161,21 +161,20 @@ def write(path: Path, record: Record) -> None:
 
 
 def holds(earlier: Record, now: Record, writes: Sequence[str]) -> bool:
-    """Say whether a job would make again what it has made: same settings, code and inputs, and its results are there.
+    """Say whether the results of a job are still valid: unchanged, as are its inputs, settings and code.
 
     Args:
         earlier: the record of the job, empty where there is none.
         now: the record that the job begins with, its inputs hashed.
         writes: files of the job.
     """
-    if earlier.get("stopped", now) is not None or "said" not in earlier:
+    if earlier.get("stopped", now) is not None or not isinstance(earlier.get("said"), list):
         return False
     as_written = json.loads(json.dumps(now, default=str))
-    if any(earlier[part] != as_written[part] for part in ("rule", "of", "code", "parameters", "read")):
+    if any(earlier.get(part) != as_written[part] for part in ("rule", "of", "code", "parameters", "read")):
         return False
-    return earlier["wrote"].keys() == {*writes} and all(
-        os.path.lexists(path) and provenance.sha256(path) == digest for path, digest in earlier["wrote"].items()
-    )
+    hashes = KnownHashes()
+    return earlier.get("wrote") == {path: hashes.sha256(path) for path in writes}
 
 
 def load(path: str | Path) -> Record:

@@ -27,10 +27,10 @@ def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say
     """
     there = {Path(path).parent.name for path in corrected}
     root, shown = Path(page).parent, [path for path in truths if Path(path).stem in there]
-    told = {Path(path).stem: read_json(path) for path in shown}
-    errors = {name: revealing.heading_errors(truth, read_headings(root / name)) for name, truth in told.items()}
+    known = {Path(path).stem: read_json(path) for path in shown}
+    errors = {name: revealing.heading_errors(truth, read_headings(root / name)) for name, truth in known.items()}
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
-    moorings = [revealing.reveal(name, root, truth, errors[name], reach) for name, truth in told.items()]
+    moorings = [revealing.reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
     write_page(page, "concealed.html", moorings=moorings, software=provenance.software())
     say(f"{page}: {len(moorings)} moorings beside the truth")
 
