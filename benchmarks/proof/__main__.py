@@ -27,6 +27,7 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=16, help="moorings in made water (16)")
     parser.add_argument("--real", type=int, help="moorings in the water of real records (half as many)")
     parser.add_argument("--hours", type=int, default=8800, help="of each record in made water (8800)")
+    parser.add_argument("--second", action="store_true", help="internal waves and a string that leans, no real water")
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--data", type=Path, default=DATA, help="folder of recordings (../shared/data)")
     parser.add_argument("--records", type=Path, help="folder with descriptions of more real records")

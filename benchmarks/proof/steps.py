@@ -19,13 +19,14 @@ def said(asked: argparse.Namespace) -> dict[str, Any]:
     families, by_hand = standing.families(), asked.seed is not None
     if not by_hand:
         standing.check_out(asked.frozen)
-    there = {one.name: one.stands_in for one in records.described(asked.data, asked.records) if one.there}
+    known = () if asked.second else records.described(asked.data, asked.records)
+    there = {one.name: one.stands_in for one in known if one.there}
     real = (asked.count // 2 if asked.real is None else asked.real) if there else 0
     return {
         "seed": asked.seed if by_hand else standing.seed(asked.frozen),
         "seed_of": "chosen by hand" if by_hand else f"commit {standing.commit(asked.frozen)} and the sealed families",
         "count": asked.count, "real": real, "hours": asked.hours, "records": there, "published": asked.published,
-        "families": families, "engine": standing.engine(),
+        "second": asked.second, "families": families, "engine": standing.engine(),
     }  # fmt: skip
 
 
@@ -41,7 +42,8 @@ def make(asked: argparse.Namespace, publish: dict[str, Any], work: Path) -> list
         raise seal.Broken(f"{work} holds another proof: delete it, or name another --work")
     begun.write_text(json.dumps(publish, indent=1) + "\n")
     (work / "locked").mkdir(exist_ok=True)
-    drawn = draw.draw(publish["seed"], (publish["count"], publish["real"]), publish["hours"], publish["records"])
+    drawn = draw.draw(publish["seed"], (publish["count"], publish["real"]), publish["hours"], publish["records"],
+                      second=publish["second"])  # fmt: skip
     if not published.exists() or not (work / "sealed").exists():
         wanted = [one.name for one in drawn if not (work / "locked" / f"{one.name}.json").exists()]
         run.each(partial(_make, {one.name: one for one in drawn}, work, asked.data, asked.records), wanted, asked.cores,

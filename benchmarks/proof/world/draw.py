@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.proof.world import compass, export, families, records, seas
+from benchmarks.proof.world import compass, export, families, records, seas, waves
 from benchmarks.proof.world.export import Export, Mooring
 from benchmarks.proof.world.scene import Family, Scene
 from benchmarks.proof.world.seas import Weather
@@ -32,7 +32,7 @@ class Drawn:
 
     name: str
     kind: str
-    water: str = "made"  # made, or the record that it is or comes of
+    water: str = "made"  # made, internal waves, or the record that it is or comes of
     real: bool = False  # whether the record stands as it is
     wanted: tuple[tuple[str, float], ...] = ()  # families and their visible sizes, rms degrees
     rivals: tuple[str, ...] = ()
@@ -45,13 +45,16 @@ class Drawn:
         return np.random.default_rng([self.seed, int.from_bytes(f"{self.name}/{purpose}".encode(), "big")])
 
 
-def draw(seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool]) -> list[Drawn]:
+def draw(
+    seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool], *, second: bool = False
+) -> list[Drawn]:
     """Return the moorings of one proof, made and real, in an order that tells nothing.
 
     Args:
         counts: of moorings in made water, and in that of records as they are.
         hours: of each record in made water.
         there: names of the real records, and whether the trusted instrument of each only stands in.
+        second: whether those in made water are of the second world.
     """
     rng = np.random.default_rng([seed, 1])
     turns = rng.integers(0, 1000, 2)
@@ -60,6 +63,8 @@ def draw(seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool])
         for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True)
         for k, (place, kind) in enumerate(zip(rng.permutation(count), _kinds(shares, count), strict=True))
     ]
+    if second:
+        made = [one if one.real else replace(one, water=waves.WATER) for one in made]
     return sorted(made, key=lambda one: one.name)
 
 
@@ -155,8 +160,8 @@ def _needs_more(family: Family) -> bool:
 
 def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
     rng = one.random("scene")
-    if one.water == "made":
-        return seas.make(rng, one.weather)
+    if one.water in (worlds := {"made": seas.make, waves.WATER: waves.make}):
+        return worlds[one.water](rng, one.weather)
     known = next(each for each in records.described(data, own) if each.name == one.water)
     scene = records.cut(rng, known, records.whole(one.water, data, own), mirrored=one.kind == "mirrored")
     if not one.real:

@@ -33,7 +33,7 @@ class Scene:
     range_m: Floats  # (m,) of the bins
     place: tuple[float, float, float]  # latitude and longitude in degrees, depth of the water in metres
     looks_up: bool = True
-    below_m: float = 10.0  # the trusted depth minus the compromised instrument's
+    below_m: float | Floats = 10.0  # the trusted depth minus the compromised instrument's, (n,) where it varies
     step_s: float = HOUR_S
     real: bool = False  # whether water, headings and tilts are those of a record
 
