@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from compasslib import angles, earthfield
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
-from compasslib.deviation.exact import held_out_scores
+from compasslib.deviation.exact import fit_exact, held_out_scores
 from compasslib.deviation.histograms import count_differences
 from compasslib.deviation.likelihood import EXACT, FORMS
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
@@ -205,7 +205,7 @@ def _left_by(pairs: Pairs, reference: Complexes) -> float:
     Of a folded compass one in five may be such: they would make up most of an rms.
     """
     pairs = replace(pairs, lower_east=reference.real, lower_north=reference.imag)
-    fit = fit_deviation(EXACT.name, pairs)
+    fit = fit_exact(pairs, turned=False)
     return float(np.median(np.abs(np.nan_to_num(heading_residual(fit, pairs), nan=UNRELATED_DEG))))
 
 

@@ -73,21 +73,22 @@ NOISE_STEPS = 15
 POWER = (STUDENT_DOF + 1.0) / 2.0  # of Student's t: three
 
 
-def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
+def fit_exact(pairs: Pairs, near: DeviationFit | None = None, *, turned: bool = True) -> DeviationFit:
     """Fit the exact compass that best explains the overlap's directions given the recorded headings.
 
     Args:
         near: a fit to start from, where the right fold is known already.
+        turned: whether readings that are all turned by one angle are tried.
     """
     if len(pairs) < MIN_PAIRS:
         return unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
     state = _refined(_start(overlap, EXACT) if near is None else _at(near), overlap)
-    if near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
+    if turned and near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
         # More soft iron than an instrument has stands for something else: where a compass is two-valued, for readings
         # that are all turned by one angle.
-        turned = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
-        state = min([state, *turned], key=lambda each: each.loss)
+        others = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
+        state = min([state, *others], key=lambda each: each.loss)
     if prior is None or near is None:
         return _described(state, pairs, overlap)
     counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
