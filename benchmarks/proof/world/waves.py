@@ -1,9 +1,9 @@
-"""A second world: internal waves of random phases through a slow current, and a string of instruments that it knocks down.
+"""A second world: internal waves of random phases in a slow current, and a string of instruments that it knocks down.
 
 Frequencies and vertical wavenumbers follow the spectrum of Garrett and Munk (Deep-Sea Research 19, 823, 1972), ellipses
-and displacements the linear theory of waves on a rotating earth. A wave whose frequency, as the slow current carries it,
-comes near the inertial one grows and is absorbed there (a critical layer). The string leans as its drag asks, so that
-both instruments sink and come nearer to each other; a cage with a fin turns on a swivel that sticks.
+and displacements the linear theory of waves on a rotating earth. A wave whose intrinsic frequency in the slow current
+comes near the inertial one grows and is absorbed there (a critical layer). The string leans with its drag, so that both
+instruments sink and come nearer to each other; a cage with a fin turns on a swivel that sticks.
 """
 
 from __future__ import annotations
