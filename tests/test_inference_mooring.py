@@ -406,6 +406,18 @@ def test_tilts_that_stick_are_seen_and_the_flow_tells_the_lean():
     assert covariates.tilt_corrections(leaning()[0]) == {}
 
 
+def test_tilts_that_stick_and_follow_no_flow_are_taken_at_their_mean_and_are_testable():
+    record, _ = leaning()
+    rng, stuck = np.random.default_rng(5), np.arange(HOURS) >= HOURS // 2
+    pitch, roll = (np.where(stuck, 4.0, rng.normal(mean, 1.0, HOURS)) for mean in (1.0, -2.0))
+    found = covariates.tilt_corrections(replace(record, pitch_deg=pitch, roll_deg=roll))
+    for name, mean in zip(covariates.TILT_CORRECTIONS, (1.0, -2.0), strict=True):
+        assert not found[name][~stuck].any()
+        assert found[name][stuck] == pytest.approx(mean - 4.0, abs=0.1)
+    drawn = world.planted(world.make(3, wide=True, n=HOURS), {})
+    assert set(covariates.TILT_CORRECTIONS) <= set(covariates.pair_covariates(drawn.pairs, found))
+
+
 def test_too_little_is_insufficient_and_says_how_much_is_needed():
     drawn = world.planted(world.make(7, wide=True, n=1000), {})
     fit = fitted(drawn)

@@ -20,7 +20,7 @@ from compasslib.types import Floats
 TILT_CORRECTIONS = ("lean_pitch", "lean_roll")  # names of the series, degrees
 NEAR_CELLS = 2  # whose mean is the water at the instrument
 SHORTEST_STUCK_S, FEWEST_MOVING = 10 * 86400.0, 100  # of a stretch without any change, and of moving tilts beside it
-LEAST_EXPLAINED = 0.25  # share of the moving tilts' variance that the flow must explain
+LEAST_EXPLAINED = 0.25  # share of the moving tilts' variance from which on the flow predicts them
 
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
 OBSERVATORY = ("declination_observatory", "horizontal_observatory")
@@ -56,7 +56,8 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
     """Estimate true minus recorded pitch and roll while the tilts stick, (n,) each, 0 elsewhere; empty if they do not.
 
     A moored instrument leans with the drag of the water. The flow in its own frame needs no compass, so that what the
-    healthy part of the record shows of lean against flow tells the tilt when the sensor no longer does.
+    healthy part of the record shows of lean against flow tells the tilt when the sensor no longer does. Where the lean
+    does not follow the flow, its mean over the healthy part does.
     """
     if not np.isfinite(record.pitch_deg + record.roll_deg).any():
         return {}
@@ -79,7 +80,7 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
     learnt, *_ = np.linalg.lstsq(columns[moving & known], tilts[moving & known], rcond=None)
     left = tilts[moving & known] - columns[moving & known] @ learnt
     if np.sum(left.var(axis=0)) > (1.0 - LEAST_EXPLAINED) * np.sum(tilts[moving & known].var(axis=0)):
-        return {}
+        learnt = np.vstack([tilts[moving & known].mean(axis=0), np.zeros((columns.shape[1] - 1, 2))])
     lean = np.zeros_like(tilts)
     lean[stretch] = np.where(known[stretch, None], columns[stretch] @ learnt - tilts[stretch], 0.0)
     return dict(zip(TILT_CORRECTIONS, lean.T, strict=True))
@@ -143,7 +144,7 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
     }
     if pairs.lower_heading_deg is not None:
         series["reference_heading"] = pairs.lower_heading_deg
-    return {name: fill_gaps(column) for name, column in series.items() if varies(column)}
+    return {name: fill_gaps(column) for name, column in series.items() if name in TILT_CORRECTIONS or varies(column)}
 
 
 def reference_values(columns: Mapping[str, Floats]) -> dict[str, float]:
