@@ -146,6 +146,25 @@ def test_a_deposit_is_a_workflow_run_crate_that_holds_what_it_lists(unpacked):
     assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
 
 
+def test_with_the_software_s_address_all_programs_of_a_deposit_have_one(processed):
+    """Process Run Crate 0.5 recommends address and absolute identifier; the workflow is a file, and has its path."""
+    page, options = page_of(processed), config.load_cruise(processed).options.attributes
+    program = {"@type": "SoftwareApplication", "name": "tiltmeter", "softwareVersion": "0.1"}
+    page["@graph"].append(program | {"@id": "pkg:generic/tiltmeter@0.1"})  # a plug-in, whose address nobody gave
+
+    def programs(attributes: dict) -> list[dict]:
+        described = deposit.compose(page, attributes, {deposit.WORKFLOW_FILE: "0", crate.LOCK: "0"}, processed)
+        return [entity for entity in described["@graph"] if "Software" in str(entity["@type"])]
+
+    given, workflow = programs(options | {"software_url": "https://example.org/c"}), "Correction of compass deviations"
+    assert len(given) > 20
+    assert {entity["name"] for entity in given if "url" not in entity} == {"tiltmeter"}
+    relative = {entity["name"] for entity in given if not entity["@id"].startswith("https://")}
+    assert relative == {"tiltmeter", workflow}
+    without = {entity["name"] for entity in programs(options) if "url" not in entity}
+    assert without == {"tiltmeter", workflow, "compasslib"}
+
+
 def test_a_deposit_has_what_datacite_requires_and_nothing_that_nobody_gave(unpacked):
     cited = json.loads((unpacked / datacite.FILE).read_text())
     affiliation = {"name": "A. Fram", "nameType": "Personal", "affiliation": [{"name": "Sea"}]}

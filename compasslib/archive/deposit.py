@@ -42,7 +42,7 @@ OWNERS = {
 }
 OPTIONAL = {
     "principal_investigator_orcid": "https://orcid.org/...",
-    "software_url": "where the version of this software that was used is kept",
+    "software_url": "where the version of this software that was used is kept; Workflow Run Crates recommend it",
     "doi": "of the deposit, once reserved",
 }
 SNAKEMAKE: Entity = {
@@ -190,8 +190,9 @@ def _entities_at_root(page: Mapping[str, Any], rules: Mapping[str, str], softwar
     """Collect what the manifest describes, without root and people, and the rules, by paths from the cruise folder."""
     moved = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
     moved |= {f"#{crate.LOCK}": quote(crate.LOCK)}
+    given = {"compasslib": software_url}
     for entity in page["@graph"]:  # programs get an identifier that leads to them, where an address is known
-        if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or software_url):
+        if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or given.get(entity["name"])):
             moved[entity["@id"]] = f"{url}#{quote(str(entity['softwareVersion']))}"
     apart = {"./", METADATA, crate.PROFILE, *(f"#{key}" for _, (key, _) in crate.PEOPLE.items())}
     entities = [_moved(entity, moved) for entity in page["@graph"] if entity["@id"] not in apart]
