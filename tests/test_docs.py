@@ -132,6 +132,12 @@ def test_conda_installs_within_the_bounds_of_the_project():
     assert entries - {"pip", ".", f"python{project['requires-python']}"} == {line.lower() for line in wanted}
 
 
+def test_pre_commit_checks_the_style_by_the_pinned_version():
+    hooks = yaml.safe_load((PROJECT / ".pre-commit-config.yaml").read_text())["repos"]
+    (version,) = [hook["rev"] for hook in hooks if hook["repo"].endswith("/ruff-pre-commit")]
+    assert f"ruff=={version.removeprefix('v')} " in (PROJECT / "requirements/test.txt").read_text()
+
+
 # A browser, and a cruise that the reader of the tutorial drafts step by step.
 APART_FROM_THE_RECORD = {"report.png", *pictures.MAKERS["tutorial"].pictures}
 

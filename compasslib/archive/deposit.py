@@ -42,7 +42,7 @@ OWNERS = {
 }
 OPTIONAL = {
     "principal_investigator_orcid": "https://orcid.org/...",
-    "software_url": "where the version of this software that was used is kept; Workflow Run Crates recommend it",
+    "software_url": "where the version of this software that was used is kept (recommended)",
     "doi": "of the deposit, once reserved",
 }
 SNAKEMAKE: Entity = {
@@ -74,7 +74,8 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
     """
     root, attributes = cruise.root, cruise.options.attributes
     if missing := [key for key in OWNERS if not str(attributes.get(key, "")).strip()]:
-        advice = "add " + "; ".join(f"{key}, {OWNERS[key]}" for key in missing)
+        keys = "; ".join(f"{key}, {OWNERS[key]}" for key in missing)
+        advice = f"add {keys}; then run the cruise again, as its products state them"
         expected = f"the attributes {', '.join(OWNERS)}"
         raise InputError("config/config.yaml: attributes", expected=expected, found=f"no {missing[0]}", advice=advice)
     page = read_manifest(root)
