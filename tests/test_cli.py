@@ -77,6 +77,11 @@ def test_help_names_the_commands_and_imports_nothing_heavy():
     ) and ran.stdout.endswith("[]\n")
 
 
+def test_commands_that_draw_nothing_start_without_the_library_of_figures():
+    code = "import sys, compasslib.cli.check, compasslib.cli.export; sys.exit('matplotlib' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 @pytest.mark.parametrize("name", ["check", "init", "correct", "explain", "export", "diff", "verify"])
 def test_help_of_each_command_ends_with_an_example_that_it_takes(capsys, name):
     with pytest.raises(SystemExit) as ended:

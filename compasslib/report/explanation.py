@@ -11,7 +11,6 @@ from compasslib.archive.files import read_json
 from compasslib.effects import COMPOSED, meanings
 from compasslib.effects.composed import effect_formula
 from compasslib.inference import wording
-from compasslib.plots.diagnosis import count_outside
 from compasslib.report import sections, words
 from compasslib.report.sections import CalibrationResults, MooringResults, ReportedFinding, ReportSection, ReportTable
 
@@ -101,6 +100,8 @@ def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
 
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     """Caption the figure of a diagnosis."""
+    from compasslib.plots.diagnosis import count_outside  # and matplotlib, which no other command needs
+
     curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
     shown = {"heading", "time", *((entry.get("where") or {}).get("covariate") for entry in diagnosis["findings"])}
