@@ -270,6 +270,17 @@ def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
     assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
 
 
+def test_of_many_alternatives_the_first_are_listed_and_observations_that_say_something():
+    names = ["tilt_uncompensated", "temperature", "pressure", "hard_iron_step", "hard_iron_drift", "compass_drift"]
+    for more, last in (([], "(compass drift)"), (["compass_lag"], "2 others, listed in diagnosis.json")):
+        (told,) = explanation.report_findings(diagnosis("ambiguous", heeling(*names, *more)), product=True)
+        listed = dict(told.facts)["Alternatives"].replace(words.SPACE, " ").split("; ")
+        assert len(listed) == 6 and listed[-1].endswith(last)
+    empty = [f"a or {name}: a record in which a and {name} vary independently" for name in "bcd"]
+    assert words.observations("; ".join(empty)) == empty
+    assert words.observations("; ".join([*empty, "a or e: a swing"])) == ["a or e: a swing"]
+
+
 def test_what_stays_unexplained_is_said_and_what_would_decide():
     where = CovariateRange("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
     left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")

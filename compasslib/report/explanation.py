@@ -15,7 +15,7 @@ from compasslib.report import sections, words
 from compasslib.report.sections import CalibrationResults, MooringResults, ReportedFinding, ReportSection, ReportTable
 
 LARGE = "large_deviation"  # whose reason is that the exact compass was fitted, which has it
-MAX_NAMES = 3  # of one finding in the answer; the finding lists all of them
+MAX_NAMES, MOST_ALTERNATIVES = 3, 5  # of one finding: in the answer, and in its section
 CLAUSES = {
     **wording.PHYSICS,
     "hard_iron": "iron near by adds a constant field",
@@ -35,7 +35,10 @@ def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[Rep
     for entry in diagnosis["findings"]:
         parts = entry.get("composition")
         title = words.plain(f"{COMPOSED}{'/'.join(parts.values())}" if parts else entry["effect"])
-        given = {"alternatives": candidate_names(entry)[1:], "formula": effect_formula(**parts) if parts else ""}
+        others = candidate_names(entry)[1:]
+        if rest := others[MOST_ALTERNATIVES + 1 :]:
+            others = [*others[:MOST_ALTERNATIVES], f"{len(rest) + 1} others, listed in diagnosis.json"]
+        given = {"alternatives": others, "formula": effect_formula(**parts) if parts else ""}
         facts = words.facts("diagnosis", "facts", e=entry, product=product, **given)
         fitted = sections.table("diagnosis", "parameters", e=entry, known=meanings(entry["effect"]))
         text = re.sub(r"(?<=[ (])-(?=\d)", words.MINUS, entry["text"])

@@ -136,10 +136,17 @@ def confirmed(finding: Mapping[str, Any]) -> bool:
     return not (size and placebo) or is_confirmed(size["low"], placebo["rank_p"])
 
 
+def observations(separated_by: str | None) -> list[str]:
+    """Split what would separate alternatives; of more than three, those that name an observation."""
+    parts = [part for part in (separated_by or "").split("; ") if part]
+    named = [part for part in parts if not part.endswith("vary independently")]
+    return named if named and len(parts) > 3 else parts
+
+
 FILTERS = (
     confirmed,
     number, degrees, significant, with_sigma, percent, chance, current, count, plural, days, plain, parameter, listed,
-    sentence,
+    sentence, observations,
 )  # fmt: skip
 
 
