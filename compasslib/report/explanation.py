@@ -103,7 +103,7 @@ def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
 
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     """Caption the figure of a diagnosis."""
-    from compasslib.plots.diagnosis import count_outside  # and matplotlib, which no other command needs
+    from compasslib.plots.diagnosis import count_outside  # and what draws, which no other command needs
 
     curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
