@@ -32,6 +32,17 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
         return {"error": f"error: {error}"}
 
 
+def make(folder: Path, name: str, into: Path, *files: str) -> Path:
+    """Make files of a mooring's results, corrected.nc if none is named, with what they need, and return their folder.
+
+    Neither the forms of the curve are compared nor velocities gridded, which ``process_mooring`` does besides.
+    """
+    into.mkdir(parents=True, exist_ok=True)
+    with chdir(folder):
+        run_stages(cruise.load_cruise(Path()), name, into, last=files or ("corrected.nc",))
+    return into
+
+
 def _told(results: Path) -> dict[str, Any]:
     records = {path.stem: netcdf.read_record(path) for path in sorted((results / "work").glob("*.nc"))}
     return {

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import atexit
 import hashlib
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -35,15 +39,40 @@ def environment(*beside: Path) -> dict[str, str]:
 
 
 def snakemake(
-    folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = ()
+    folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = (), anew: bool = False
 ) -> subprocess.CompletedProcess:
-    """Run ``compass run`` with options of Snakemake, which are files of results too; each stage is a job."""
+    """Run ``compass run`` with options of Snakemake, which are files of results too; each stage is a job.
+
+    Args:
+        folder: the cruise.
+        options: of Snakemake.
+        project: another copy of it.
+        beside: packages that jobs find beside the project.
+        anew: start Python for the command and each job, as another project does, with a hash seed of its own.
+    """
     if "--config" not in options:
         options = ("--config", "mooring_cores=0", *(["--"] if options and options[0][:1] != "-" else []), *options)
-    code = "import sys; from compasslib.cli import main; sys.exit(main())"
-    whole = [sys.executable, "-P", "-c", code, "run", f"{folder}", "--cores", "2", "--", *options]
-    into = environment(project, *beside)
-    return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
+    words, into = ["run", f"{folder}", "--cores", "2", "--", *options], environment(project, *beside)
+    if anew or beside or project != PROJECT:
+        code = "import sys; from compasslib.cli import main; sys.exit(main())"
+        whole = [sys.executable, "-P", "-c", code, *words]
+        return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
+    with tempfile.TemporaryDirectory() as there:
+        files = [f"{there}/{name}" for name in ("out", "err")]
+        asked = {"words": words, "folder": f"{folder}", "environment": into, "files": files}
+        server = _server()
+        print(json.dumps(asked), file=server.stdin, flush=True)
+        status = int(server.stdout.readline())
+        return subprocess.CompletedProcess(words, status, *(Path(file).read_text() for file in files))
+
+
+@cache
+def _server() -> subprocess.Popen:
+    """Start the process of ``warm.py``, which ends with the tests."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    server = subprocess.Popen([sys.executable, "-P", PROJECT / "tests/warm.py"], text=True, env=environment(), **pipes)
+    atexit.register(server.communicate)
+    return server
 
 
 def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:

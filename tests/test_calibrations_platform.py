@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from bench import FOLDED, MILD, readings, ring, write_table
 from sea import pairs
-from test_plots import record
-from test_plots_calibrations import drawn
+from test_plots import record, saved
 
 from compasslib import angles, calibrations, compass
 from compasslib.archive import calibrations as calibration_files
@@ -331,7 +330,7 @@ def test_several_calibrations_are_drawn_with_the_shift_of_each_against_the_first
     for each, wanted in zip(said["compared"][1:], (180.0, 90.0), strict=True):
         assert abs(abs(each["phase_deg"]["shift"]) - wanted) < 3.0 * each["phase_deg"]["sigma"] < 5.0
     shown = calibration_files.Page(said, west.table, west.points)
-    figure = drawn(lambda: plots.draw_figure("compared", tmp_path / "compared.png", shown))
+    figure = saved(lambda: plots.draw_figure("compared", tmp_path / "compared.png", shown))
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert len(labels) == 4 and "south: shift " in labels[1] and labels[3] == "readings of the last"
 

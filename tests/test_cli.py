@@ -11,6 +11,7 @@ import sys
 from copy import deepcopy
 from pathlib import Path
 
+import chain
 import netCDF4
 import numpy as np
 import pytest
@@ -28,7 +29,6 @@ from compasslib.calibrations import result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.cli import _parser, diff, main, results
 from compasslib.pipeline import records
-from compasslib.pipeline.process import process_mooring
 
 DIAGNOSED = {
     **{"verdict": "consistent", "findings": [], "unexplained": None},
@@ -49,9 +49,9 @@ def refused(capsys, *words: str) -> str:
 def runs(tmp_path_factory) -> Path:
     """A cruise, and two runs of its mooring: another declination in the later one."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), n=600)
-    process_mooring(folder, "M1", folder / "old/M1")
+    chain.make(folder, "M1", folder / "old/M1")
     change(folder / "config/moorings/M1.yaml", declination=-22.0)
-    process_mooring(folder, "M1", folder / "new/M1")
+    chain.make(folder, "M1", folder / "new/M1")
     return folder
 
 
@@ -434,7 +434,7 @@ def versions_of(tmp_path_factory) -> Path:
         (copy / "compasslib" / file).write_text(text.replace(now, then))
     code = "import sys; from compasslib.pipeline.process import process_mooring as f; f(sys.argv[1], 'M1', sys.argv[2])"
     subprocess.run([sys.executable, "-c", code, folder, folder / "old/M1"], check=True, env=environment(copy), cwd=copy)
-    process_mooring(folder, "M1", folder / "new/M1")
+    chain.make(folder, "M1", folder / "new/M1")
     return folder
 
 

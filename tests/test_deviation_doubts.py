@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import chain
 import numpy as np
 import pytest
 import yaml
@@ -28,7 +29,6 @@ from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
 from compasslib.deviation.model import DeviationFit
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.pipeline.process import process_mooring
 from compasslib.records import GOOD, PROBABLY_BAD, EarthField, Pairs
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
@@ -311,7 +311,7 @@ def test_a_declination_applied_twice_is_ambiguous_with_all_headings_flagged_unle
     content = yaml.safe_load(settings.read_text())
     content["instruments"]["top"]["declination_applied"] = -27.0
     settings.write_text(yaml.safe_dump(content | {"confirmed": {"constant": confirmed}}))
-    made = process_mooring(folder, "M1", tmp_path / "out")
+    made = chain.make(folder, "M1", tmp_path / "out")
     diagnosis, product = read_json(made / "diagnosis.json"), netcdf.read_corrected(made / "corrected.nc")
     questioned = [finding["effect"] for finding in diagnosis["findings"]] == ["declination_error"]
     assert questioned is not confirmed

@@ -7,6 +7,7 @@ import json
 import shutil
 from pathlib import Path
 
+import chain
 import netCDF4
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from launch import PROJECT, change, keeps_contract, planned, snakemake
 
 from compasslib import angles
 from compasslib.cli import main
-from compasslib.pipeline.process import process_mooring
 from tests.world import redeployed
 
 EXAMPLE = PROJECT / "examples/redeployed"
@@ -76,7 +76,7 @@ def test_a_mooring_that_names_no_compass_is_as_it_was(done, tmp_path):
     before, mooring = file.read_text(), yaml.safe_load(file.read_text())
     mooring["instruments"]["top"].pop("compass")
     file.write_text(yaml.safe_dump(mooring))
-    made = process_mooring(done, "R1", tmp_path / "R1")
+    made = chain.make(done, "R1", tmp_path / "R1")
     file.write_text(before)
     other, alone = json.loads((made / "deviation.json").read_text()), result(done, "R1/work/alone/deviation.json")
     assert other["shared"] is None and other == alone
@@ -85,7 +85,7 @@ def test_a_mooring_that_names_no_compass_is_as_it_was(done, tmp_path):
 
 
 def test_one_mooring_by_itself_gives_the_workflow_s_files(done, tmp_path):
-    made = process_mooring(done, "R4", tmp_path / "R4")
+    made = chain.make(done, "R4", tmp_path / "R4")
     for file in ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/alone/summary.json"):
         assert (made / file).read_bytes() == (done / "results/R4" / file).read_bytes(), file
 

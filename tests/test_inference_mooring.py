@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import chain
 import numpy as np
 import pytest
 from sea import FOLDED, pairs
@@ -22,7 +23,6 @@ from compasslib.inference import product as products
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds import mooring
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.pipeline.process import process_mooring
 from compasslib.records import GOOD, EarthField, Pairs, Record, take
 from tests.world import pairs as world
 from tests.world.pairs import red_from_rest as red_noise
@@ -52,6 +52,10 @@ def test_nothing_is_found_where_nothing_was_left_out():
     told = dict(found.not_testable)
     assert "both compasses alike" in told["field_disturbance"] and "separated from A" in told["declination_error"]
     assert "current_veer" not in found.detectable_deg and not told.keys() & found.detectable_deg.keys()
+    noise = found.to_json()["noise"]
+    assert set(noise) == {"white_deg", "short_hours", "slow_rms_deg", "slow_memory_days", "slow_shear_m_s"}
+    assert all(one["value"] >= 0.0 and one["sigma"] >= 0.0 for one in noise.values())
+    assert 5.0 < noise["white_deg"]["value"] < 20.0 and noise["slow_rms_deg"]["value"] < 2.0
 
 
 def test_no_effect_is_both_tested_and_not_testable(two):
@@ -502,5 +506,5 @@ def test_tides_that_a_profiler_meets_twice_a_day_do_not_stand_for_a_constant(tmp
     # Two of the five waves are nearly constant there; the compass's own A was traded for them without bound.
     shutil.copytree(ROOT / "config", tmp_path / "config")
     demonstration.write_mooring("EG5", tmp_path / "raw", tmp_path / "truth.csv", 2007)
-    made = process_mooring(tmp_path, "EG5", tmp_path / "EG5")
+    made = chain.make(tmp_path, "EG5", tmp_path / "EG5", "diagnosis.json")
     assert read_json(made / "diagnosis.json")["verdict"] == "consistent"

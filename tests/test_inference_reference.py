@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 
+import chain
 import numpy as np
 import pytest
 
 from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.demo.sealed import Wish
-from compasslib.pipeline.process import process_mooring
 from tests.world import draw
 
 
@@ -18,7 +18,7 @@ def processed(tmp_path, effect, *, wide, hours=3000, seed=11, size_deg=3.0):
     """Return diagnosis.json and the corrected headings' errors, in degrees and in their own 95 % intervals."""
     one = draw.Sealed("R1", {effect: size_deg}, wish=Wish(wide=wide, hours=hours), seed=seed)
     cruise, locked = draw.write_alone(one, tmp_path)
-    folder = process_mooring(cruise, "R1", tmp_path / "results")
+    folder = chain.make(cruise, "R1", tmp_path / "results")
     product = netcdf.read_corrected(folder / "corrected.nc")
     time_s, heading, *_ = np.load(locked / "R1.npy")
     error = angles.difference(

@@ -33,8 +33,8 @@ def told(size_deg, seed, slip_deg=0.0):
 
 
 def test_the_size_of_a_slow_veer_is_learnt():
-    sizes = [told(4.0, seed).noise["slow_rms_deg"][0] for seed in range(3)]
-    assert told(0.0, 1).noise["slow_rms_deg"][0] < 2.0 < np.median(sizes) < 6.5
+    sizes = [told(4.0, seed).noise["slow_rms_deg"][0] for seed in range(2)]
+    assert told(0.0, 1).noise["slow_rms_deg"][0] < 2.0 < min(sizes) < max(sizes) < 6.5
 
 
 def test_a_constant_is_as_unsure_as_slow_water_makes_it():
@@ -43,7 +43,7 @@ def test_a_constant_is_as_unsure_as_slow_water_makes_it():
     assert slow.fit.covariance[0, 0] >= slow.covariance[0, 0] * 0.99
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_slow_veer_alone_is_no_finding(seed):
     found = told(4.0, seed)
     assert found.verdict == "consistent" and found.sides["compass"] < 0.5

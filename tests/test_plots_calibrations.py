@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import pytest
 from bench import FOLDED, readings, ring
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Annotation
+from test_plots import saved
 
 from compasslib.archive.calibrations import Page
 from compasslib.calibrations import FIGURES, budget, platform, result
@@ -40,32 +43,53 @@ def shown(made: Calibration) -> Page:
     return Page(said, made.table or DeviationTable(*np.zeros((3, 0))), made.points)
 
 
+@cache
 def page(case: str) -> Page:
     rows = budget.sources({"maker_accuracy_deg": 2.0}, "le_menn")
     return shown(platform.calibrate_readings("platform", CASES[case], rows))
 
 
+@pytest.fixture(scope="module")
+def show(tmp_path_factory):
+    """Draw a figure of an outcome once; return its file and the figure behind it."""
+    folder = tmp_path_factory.mktemp("figures")
+
+    @cache
+    def drawn(case: str, figure: str) -> tuple[Path, Figure]:
+        path = folder / f"{case} {figure}.png"
+        return path, saved(lambda: calibrations.draw_figure(figure, path, page(case)))
+
+    return drawn
+
+
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("figure", FIGURES)
-def test_every_figure_of_every_outcome_is_a_whole_page_and_the_same_twice(tmp_path, case, figure):
-    paths = [tmp_path / f"{k}.png" for k in (1, 2)]
-    for path in paths:
-        calibrations.draw_figure(figure, path, page(case))
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    image = imread(paths[0])
+def test_every_figure_of_every_outcome_is_a_whole_page_whose_panels_keep_their_size(show, case, figure):
+    path, behind = show(case, figure)
+    image = imread(path)
     width_in = WIDE_IN if figure == "certificate" else WIDTH_IN  # a certificate is a page of its own
     assert image.shape[1] == round(width_in * DPI) and image[..., :3].std() > 0.02
+    assert all(min(axes.bbox.size) >= 0.8 * DPI for axes in behind.axes)
+    for axes in (axes for axes in behind.axes if axes.get_xlim() == (0.0, 360.0)):
+        # The locator gives ticks beyond the limits too.
+        labels = dict(zip(axes.get_xticks(), axes.get_xticklabels(), strict=True))
+        assert labels[360.0].get_text() == "360"
 
 
-NAMES = (
-    "R1",
-    "Hydrographic mooring of the year 2007, deployed twice",
-    "Name_of_a_mooring_that_has_no_gap_anywhere_2007",
+@pytest.mark.parametrize("figure", FIGURES)
+def test_a_figure_is_the_same_twice(show, tmp_path, figure):
+    calibrations.draw_figure(figure, tmp_path / "again.png", page("whole"))
+    assert (tmp_path / "again.png").read_bytes() == show("whole", figure)[0].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("R1", 1),
+        ("Hydrographic mooring of the year 2007, deployed twice", 14),
+        ("Name_of_a_mooring_that_has_no_gap_anywhere_2007", 14),
+    ],
 )
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("count", [1, 14])
 def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_called(tmp_path, name, count):
     letters = dict.fromkeys("ABCDE", 0.05)
     field = {"horizontal_nT": 2e4, "vertical_nT": 4e4}
@@ -79,7 +103,7 @@ def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_cal
         "covariance": np.eye(6).tolist(),
     }
     content = {"deployments": records, "effects": [effect], "rejected": [], "sigma_between": 0.0} | shared
-    figure = drawn(lambda: deviation.draw_shared("coefficients", tmp_path / "a.png", content))
+    figure = saved(lambda: deviation.draw_shared("coefficients", tmp_path / "a.png", content))
     panels = [axes for axes in figure.axes if axes.get_visible()]
     assert len(panels) == 6 and all(a.bbox.width >= 0.3 * figure.bbox.width for a in panels)
     assert all(a.bbox.height >= max(0.3, 0.12 * count) * DPI for a in panels)
@@ -88,34 +112,9 @@ def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_cal
     assert all(text.get_fontsize() >= 8.0 for text in panels[0].get_yticklabels())
 
 
-@pytest.mark.parametrize("figure", FIGURES)
 @pytest.mark.parametrize("case", CASES)
-def test_panels_of_a_calibration_keep_their_size(tmp_path, case, figure):
-    panels = drawn(lambda: calibrations.draw_figure(figure, tmp_path / "a.png", page(case))).axes
-    assert all(min(axes.bbox.size) >= 0.8 * DPI for axes in panels)
-    headings = [axes for axes in panels if axes.get_xlim() == (0.0, 360.0)]
-    for axes in headings:  # the locator gives ticks beyond the limits too
-        labels = dict(zip(axes.get_xticks(), axes.get_xticklabels(), strict=True))
-        assert labels[360.0].get_text() == "360"
-
-
-def drawn(draw) -> Figure:
-    """Return the figure behind a page."""
-    pages, save = [], FigureCanvasAgg.draw
-
-    def keep(canvas, *arguments, **named):
-        pages.append(canvas.figure)
-        save(canvas, *arguments, **named)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FigureCanvasAgg, "draw", keep)
-        draw()
-    return pages[0]
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(tmp_path, case):
-    figure = drawn(lambda: calibrations.draw_certificate(tmp_path / "a.png", page(case)))
+def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(show, case):
+    _, figure = show(case, "certificate")
     figure.draw_without_rendering()
     boxes = [
         text.get_window_extent()

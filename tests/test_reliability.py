@@ -331,7 +331,7 @@ def test_files_named_for_a_shell_are_only_names(sound, tmp_path):
     name = "raw/M1/$(touch pwned); `touch pwned` & 'x' *.000"
     folder = spoilt(sound, tmp_path, lambda there: shutil.move(there / TOP, there / name))
     said(top__files=name)(folder)
-    ran = snakemake(folder, "results/M1/work/top.nc")
+    ran = snakemake(folder, "results/M1/work/top.nc", anew=True)
     assert ran.returncode == 0 and (folder / "results/M1/work/top.nc").exists(), ran.stderr
     assert not list(tmp_path.rglob("pwned"))
 
@@ -351,7 +351,7 @@ def test_no_code_of_a_cruise_folder_is_run_wherever_the_run_is_started(sound, tm
     for name in ("compasslib/__init__.py", *modules, ".snakemake/scripts/gsw.py"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(bomb)
-    ran = snakemake(folder, "results/M1/work/top.nc")
+    ran = snakemake(folder, "results/M1/work/top.nc", anew=True)
     assert ran.returncode == 0 and not (tmp_path / "pwned").exists(), ran.stderr
 
 

@@ -1,0 +1,80 @@
+"""``compass run`` forked from a process that has imported what a run imports, and its Python jobs forked from it.
+
+To start Python, Snakemake and the library takes more of a small run than the run itself. What runs is the same: the
+command, Snakemake on the project's Snakefile, and the scripts of its jobs, each in a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import NoReturn
+
+import snakemake.cli
+import snakemake.script
+
+import compasslib.stages
+from compasslib import cli
+
+
+def serve() -> None:
+    """Run the commands that come as lines of JSON, and answer with their exit status."""
+    for stage in Path(compasslib.stages.__file__).parent.glob("[a-z]*.py"):
+        import_module(f"compasslib.stages.{stage.stem}")
+    for line in sys.stdin:
+        asked = json.loads(line)
+        print(_forked(lambda asked=asked: _compass(**asked)), flush=True)
+
+
+def _forked(act: Callable[[], object]) -> int:
+    """Return the exit status of a copy of this process that does one thing."""
+    if not (child := os.fork()):
+        _ended(act)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def _ended(act: Callable[[], object]) -> NoReturn:
+    """Do one thing and end this process as the interpreter would."""
+    status: object = 1
+    try:
+        act()
+        status = 0
+    except SystemExit as end:
+        status = end.code
+    except BaseException:
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status if isinstance(status, int) else int(status is not None))
+
+
+def _compass(words: list[str], folder: str, environment: dict[str, str], files: list[str]) -> None:
+    for descriptor, file in enumerate((os.devnull, *files)):
+        os.dup2(os.open(file, os.O_RDWR | os.O_CREAT), descriptor)
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(folder)
+    os.execv = _snakemake
+    snakemake.script.PythonScript.execute_script = _script
+    sys.exit(cli.main(words))
+
+
+def _snakemake(python: str, command: list[str]) -> NoReturn:
+    sys.argv = command[command.index("snakemake") :]
+    _ended(lambda: snakemake.cli.main(sys.argv[1:]))
+
+
+def _script(self: snakemake.script.PythonScript, name: str, edit: bool = False) -> None:
+    if status := _forked(lambda: runpy.run_path(name, run_name="__main__")):
+        raise subprocess.CalledProcessError(status, [sys.executable, name])
+
+
+if __name__ == "__main__":
+    serve()
