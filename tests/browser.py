@@ -76,14 +76,6 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    def click(self, selector: str) -> None:
-        """Click in the middle of an element, as a hand does: whatever lies on top gets it."""
-        element = f"document.querySelector({json.dumps(selector)})"
-        self.ask(f"{element}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
-        x, y = self.ask(f"(r => [r.x + r.width / 2, r.y + r.height / 2])({element}.getBoundingClientRect())")
-        for kind in ("mousePressed", "mouseReleased"):
-            self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-
     def press(self, key: str) -> None:
         """Press a key."""
         text = {"Enter": "\r", "Space": " "}.get(key)

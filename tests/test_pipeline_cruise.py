@@ -120,7 +120,7 @@ def test_an_error_of_the_program_in_one_mooring_stops_that_one(copied, tmp_path)
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     stage = project / "compasslib/stages/fit.py"
     stage.write_text(stage.read_text().replace("    there = ", "    1 / (mooring != 'BAD')\n    there = ", 1))
-    snakemake(copied, "results/summary.csv", project=project)
+    snakemake(copied, "--config", "mooring_cores=1", "--", "results/summary.csv", project=project)
     assert rows(copied)["BAD"]["warnings"].startswith("an error of this program in fit, ZeroDivisionError")
     assert rows(copied)["GOOD"]["verdict"] == "insufficient" and not (copied / "results/BAD/corrected.nc").exists()
 

@@ -124,7 +124,7 @@ def test_findings_without_consequence_and_no_search(done):
     assert read(folder, "LEFT", "deviation.json")["applied"]["effects"] == []
     assert off["verdict"] == "insufficient" and "switched off" in off["why"]
     found, off = (summary.summary_row(name, folder / "results" / name) for name in ("FOUND", "OFF"))
-    assert found["verdict"] == "explained" and {*found["effects"].split()} == {"sextantal", "temperature"}
+    assert {*found["effects"].split()} == {"sextantal", "temperature"}
     assert "switched off" in off["warnings"]
 
 
