@@ -20,6 +20,7 @@ from compasslib.types import Floats
 TILT_CORRECTIONS = ("lean_pitch", "lean_roll")  # names of the series, degrees
 NEAR_CELLS = 2  # whose mean is the water at the instrument
 SHORTEST_STUCK_S, FEWEST_MOVING = 10 * 86400.0, 100  # of a stretch without any change, and of moving tilts beside it
+HIGHEST = 0.01  # quantile of the depths at which an instrument stands upright
 LEAST_EXPLAINED = 0.25  # share of the moving tilts' variance from which on the flow predicts them
 
 FEWEST_VALUES = 5  # different values below which a covariate says nothing
@@ -55,9 +56,9 @@ NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
 def tilt_corrections(record: Record) -> dict[str, Floats]:
     """Estimate true minus recorded pitch and roll while the tilts stick, (n,) each, 0 elsewhere; empty if they do not.
 
-    A moored instrument leans with the drag of the water. The flow in its own frame needs no compass, so that what the
-    healthy part of the record shows of lean against flow tells the tilt when the sensor no longer does. Where the lean
-    does not follow the flow, its mean over the healthy part does.
+    A moored instrument leans with the drag of the water, and sinks with the square of the lean. Flow in its own frame
+    and depth need no compass, so that what the healthy part of the record shows of lean against both predicts the tilt
+    when the sensor no longer tells it. Where the lean follows neither, its mean over the healthy part does.
     """
     if not np.isfinite(record.pitch_deg + record.roll_deg).any():
         return {}
@@ -66,12 +67,15 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
     moving[stretch] = False
     if stretch.stop == stretch.start or moving.sum() < FEWEST_MOVING:
         return {}
-    # Powers of the flow along and across the instrument, and where they are known.
+    # Powers of the flow along and across the instrument, and the direction of flow times the lean by depth.
     velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     sine, cosine = angles.sin_cos(record.heading_deg)
     along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
     speed = np.abs(velocity)
-    columns = np.column_stack([np.ones(len(speed)), speed * along, speed * across, along, across])
+    highest = np.nanquantile(record.depth_m, HIGHEST) if np.isfinite(record.depth_m).any() else np.nan
+    sunk = np.sqrt(np.nan_to_num(record.depth_m - highest).clip(0.0)) / np.maximum(speed, SLOWEST_M_S)
+    flow = np.column_stack([along, across])
+    columns = np.column_stack([np.ones(len(speed)), speed[:, None] * flow, flow, sunk[:, None] * flow])
     known = np.asarray(np.isfinite(columns).all(axis=1))
     columns = np.where(known[:, None], columns, 0.0)
     if (moving & known).sum() < FEWEST_MOVING:

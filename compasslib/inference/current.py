@@ -135,6 +135,7 @@ class CurrentPosterior:
 
     drivers: tuple[str, ...]  # of each column, (p,)
     values: Floats  # (d, p) drawn, in usual sizes
+    acting: float  # probability that any driver acts, which beforehand is as probable as not
 
     @property
     def variances(self) -> Floats:
@@ -152,8 +153,9 @@ class CurrentPosterior:
             visible: mean products of the columns, what the compass can take projected out, square degrees, (p, p).
             min_effect_deg: rms below which nothing matters.
         """
-        whole = _sizes(self.values, visible)
-        probability = float(np.mean(whole > min_effect_deg))
+        some = self.values[np.any(self.values != 0.0, axis=1)]
+        whole = _sizes(some, visible)
+        probability = self.acting * float(np.mean(whole > min_effect_deg)) if len(some) else 0.0
         if probability < SURE:
             return probability, ()
         stated = []
@@ -165,7 +167,10 @@ class CurrentPosterior:
 
 
 def infer_current(drivers: Sequence[str], information: Floats, score: Floats) -> CurrentPosterior:
-    """Infer which drivers of the current act.
+    """Infer which drivers of the current act, each as probably as not beforehand.
+
+    With these odds some current would be nearly sure before any record was seen. That any acts has even odds too, for
+    which each driver is less probable.
 
     Args:
         drivers: of each column, (p,).
@@ -187,7 +192,10 @@ def infer_current(drivers: Sequence[str], information: Floats, score: Floats) ->
     for k in np.unique(chosen):
         mine, (mean, root, _) = np.flatnonzero(chosen == k), fits[k]
         values[np.ix_(mine, subsets[k])] = mean + rng.normal(size=(len(mine), len(mean))) @ root.T
-    return CurrentPosterior(tuple(drivers), values)
+    each = 1.0 - 0.5 ** (1.0 / len(names))  # probability of a driver by which there is none in half of all cases
+    count = np.array([len(set(at[subset])) for subset in subsets])
+    few = log + count * np.log(each / (1.0 - each))
+    return CurrentPosterior(tuple(drivers), values, float(1.0 - np.exp(few[0] - np.logaddexp.reduce(few))))
 
 
 def _sizes(values: Floats, visible: Floats) -> Floats:

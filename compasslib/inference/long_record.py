@@ -176,12 +176,13 @@ def _outcome(
 
 
 def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
-    """State what the current does beside the hypothesis that stands."""
-    posterior = inferred.posterior
-    current = posterior.candidates.current(inferred.chosen, posterior.water_of(inferred.chosen))
-    if current is None:
+    """State what the current does beside the hypothesis that stands, and how probably it matters beside no effect."""
+    posterior, candidates = inferred.posterior, inferred.posterior.candidates
+    alone, beside = (candidates.current(chosen, posterior.water_of(chosen)) for chosen in ((), inferred.chosen))
+    if alone is None or beside is None:
         return 0.0, ()
-    exceeded, stated = current.state(posterior.candidates.current_visible, min_effect_deg)
+    exceeded, _ = alone.state(candidates.current_visible, min_effect_deg)
+    _, stated = beside.state(candidates.current_visible, min_effect_deg)
     return exceeded, tuple(item.contested(*posterior.rival_reading(item.driver)) for item in stated)
 
 
