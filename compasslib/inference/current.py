@@ -24,7 +24,9 @@ from compasslib.types import Floats
 KNOTS = 6  # of a directional shear along speed or depth
 USUAL_TIDE_DEG = 2.0  # of one wave of a tide's directional shear
 PRESENT = 0.5  # probability from which a driver is taken to act where a compass is refitted
-COUPLED = frozenset({"speed", "depth", "separation"})  # vary together as a mooring is blown down
+LEAN_SHARE = 0.1  # of the scatter of directions that goes with a tilt: the flow at the instrument is what leans it
+# What varies together: as a mooring is blown down, and as its instrument leans.
+COUPLED = (frozenset({"speed", "depth", "separation"}), frozenset({"tilt", "pitch", "roll"}))
 VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # with what they may change
 DRAWS, SEED = 2000, 5  # of the current's size: a probability of 0.95 within 0.5 %
 LEAST_SPREAD = 1e-6  # degrees of a column that says nothing
@@ -33,6 +35,7 @@ WORDS = {
     "depth": "with depth",
     "separation": "with the distance between the two layers",
     "tide": "with the tide",
+    "tilt": "with the lean of the instrument",
     "flow_direction": "with the direction of the flow",
     "motion": "as the mooring's own motion makes them",
     "velocity_bias": "as a constant velocity in the instrument's frame makes them",
@@ -99,7 +102,7 @@ class CurrentStatement:
 
 def coupled_drivers(driver: str) -> frozenset[str]:
     """Collect the drivers of the current that are not separated from a driver."""
-    return COUPLED if driver in COUPLED else frozenset({driver})
+    return next((group for group in COUPLED if driver in group), frozenset({driver}))
 
 
 def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
@@ -109,6 +112,9 @@ def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
         if name in case.covariates:
             hats = covariates.hat_columns(case.covariates[name], KNOTS)
             columns[name] = [USUAL_DEG * (hats - hats.mean(axis=0))]
+    leans = [case.scene.departures[name] for name in ("pitch", "roll") if name in case.covariates]
+    turned_deg = LEAN_SHARE * float(np.median(case.expected_deg))
+    columns["tilt"] = [turned_deg * covariates.standardize(lean)[:, None] for lean in leans if np.std(lean)]
     if np.median(np.diff(case.scene.time_s)) < TIDE_RESOLVING_STEP_S:
         columns["tide"] = [USUAL_TIDE_DEG * tide_waves(case.scene.time_s)]
     for kind in case.terms:
@@ -125,7 +131,7 @@ def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
                 series = (case.scene.departures.get(name) for name in MODULATORS)
                 varying = [x for x in series if x is not None and np.std(x) > LEAST_SPREAD]
                 columns[kind.driver] += [turn * covariates.standardize(x)[:, None] for x in varying]
-    blocks = [CurrentBlock(driver, np.concatenate(each, axis=1)) for driver, each in columns.items()]
+    blocks = [CurrentBlock(driver, np.concatenate(each, axis=1)) for driver, each in columns.items() if each]
     return tuple(block for block in blocks if np.max(block.columns.std(axis=0), initial=0.0) > LEAST_SPREAD)
 
 
@@ -145,6 +151,11 @@ class CurrentPosterior:
         """
         present = np.mean(self.values != 0.0, axis=0) >= PRESENT
         return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
+
+    def exceeds(self, driver: str, visible: Floats, min_effect_deg: float) -> float:
+        """Compute the probability that the current exceeds a size by one driver, see ``state``."""
+        sizes = _sizes(self.values * [driver == name for name in self.drivers], visible)
+        return float(np.mean(sizes > min_effect_deg))
 
     def state(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
         """State what the current does: the probability that it exceeds a size, and by which drivers.

@@ -242,7 +242,9 @@ def build_candidates(
 
 def follows_current(term: Effect | None, drivers: Collection[str]) -> bool:
     """Check whether a compass's reading follows what the current may follow in nearly the same column."""
-    return isinstance(term, ComposedEffect) and term.composition[0] == "reading" and term.driver in drivers
+    if not isinstance(term, ComposedEffect) or term.composition[0] != "reading":
+        return False
+    return not coupled_drivers(term.driver).isdisjoint(drivers)
 
 
 def score_inflation(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:

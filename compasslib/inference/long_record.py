@@ -183,7 +183,7 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
         return 0.0, ()
     exceeded, _ = alone.state(candidates.current_visible, min_effect_deg)
     _, stated = beside.state(candidates.current_visible, min_effect_deg)
-    return exceeded, tuple(item.contested(*posterior.rival_reading(item.driver)) for item in stated)
+    return exceeded, tuple(item.contested(*posterior.rival_compass(item.driver, min_effect_deg)) for item in stated)
 
 
 def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: ColumnGroup, options: Options) -> Inference:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -84,16 +84,30 @@ class NoiseMarginalPosterior(Posterior):
         absent = self.candidates.rivals(hypothesis)
         return self.candidates.terms(self.candidates.marginalize(self.water_of(hypothesis), absent), hypothesis)
 
-    def rival_reading(self, driver: str | None) -> tuple[float, str]:
-        """Compute the probability that the reading follows a driver instead of the current, and name what it follows.
+    def rival_compass(self, driver: str | None, min_effect_deg: float) -> tuple[float, str]:
+        """Compute the probability that the compass follows a driver instead of the current, and name what it follows.
+
+        A reading that follows it stands without that current; beside other effects of the driver the current may act.
 
         Args:
-            driver: of the current; any where None.
+            driver: of the current; any that a reading may follow where None.
+            min_effect_deg: rms below which the current does not matter.
         """
-        kinds, sums = self.candidates.kinds, Counter[str]()
+        kinds, currents, sums = self.candidates.kinds, self.candidates.currents, defaultdict[str, float](float)
+        beside: list[tuple[float, Hypothesis]] = []
         for hypothesis, probability in zip(self.hypotheses, self.probability.tolist(), strict=True):
-            followed = {kinds[k].driver for k in hypothesis if k in self.candidates.currents}
-            sums.update({name: probability for name in followed if driver is None or driver in coupled_drivers(name)})
+            coupled = [k for k in hypothesis if driver is None or driver in coupled_drivers(kinds[k].driver)]
+            if followed := {kinds[k].driver for k in coupled if k in currents}:
+                for name in followed:
+                    sums[name] += probability
+            elif driver is not None and any(kinds[k].side == "compass" for k in coupled):
+                beside.append((probability, hypothesis))
+        if beside and driver is not None:
+            likeliest = max(beside)[1]
+            current = self.candidates.current(likeliest, self.water_of(likeliest))
+            assert current is not None
+            absent = 1.0 - current.exceeds(driver, self.candidates.current_visible, min_effect_deg)
+            sums[driver] += absent * sum(probability for probability, _ in beside)
         return min(sum(sums.values()), 1.0), max(sums, key=lambda name: sums[name], default="")
 
     def findings_of(self, chosen: Hypothesis) -> list[FindingPosterior]:
