@@ -13,6 +13,7 @@ from compasslib.deviation.tilt import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
 from compasslib.inference import design, heldout, inference, noise, posterior, weighing
 from compasslib.inference.comparison import compare_pairs
+from compasslib.inference.current import infer_current
 from compasslib.types import Floats
 from tests.world import pairs as world
 
@@ -92,13 +93,14 @@ def test_the_current_stands_beside_every_hypothesis_and_is_stated_by_its_driver(
     assert not found.applied or not any(one.compass for one in found.applied[:1] if one.effect == "none")
 
 
+@pytest.mark.parametrize("driver", ["tide", "tilt"])
 @pytest.mark.parametrize("acts_on", ["offset", "veer"])
-def test_a_reading_that_follows_the_tide_and_a_current_that_does_share_the_probability(acts_on):
+def test_a_reading_that_follows_a_driver_and_a_current_that_does_share_the_probability(acts_on, driver):
     """Both make nearly the same pairs; the current stood in the noise beside the reading and took all of it."""
     made = world.make(3, wide=True, n=4000)
-    tide = np.cos(2.0 * np.pi * made.hours / 12.4206)
-    effect = world.Effect({}, **{acts_on: tide if acts_on == "veer" else lambda gamma: tide})
-    drawn = world.planted(made, {"tide": 3.0}, {"tide": effect})
+    series = {"tide": np.cos(2.0 * np.pi * made.hours / 12.4206), "tilt": made.tilt[1] - made.tilt[1].mean()}[driver]
+    effect = world.Effect({}, **{acts_on: series if acts_on == "veer" else lambda gamma: series})
+    drawn = world.planted(made, {driver: 3.0}, {driver: effect})
     fit, field = fitted(drawn), field_of(drawn)
     found = diagnose(drawn.pairs, drawn.covariates, fit, field)
     corrected, _ = bench.corrected(drawn, fit, field, found)
@@ -109,7 +111,18 @@ def test_a_reading_that_follows_the_tide_and_a_current_that_does_share_the_proba
     contested = [stated for stated in found.current if stated.probability < 0.95]
     if contested:
         assert found.verdict == "ambiguous" and "second current meter" in found.separated_by
-        assert contested[0].driver == "tide" and "whose reading follows tide" in contested[0].text
+        assert contested[0].driver == driver and "whose reading follows" in contested[0].text
+
+
+def test_a_record_that_shows_nothing_states_no_current():
+    drivers = ("speed", "depth", "tide", "tilt", "motion", "flow_direction", "velocity_bias", "beam_gain")
+    unknown = infer_current(drivers, 1e-9 * np.eye(8), np.zeros(8))
+    assert unknown.acting == pytest.approx(0.5, abs=0.01)
+    probability, stated = unknown.state(16.0 * np.eye(8), 0.5)
+    assert probability < 0.51 and not stated
+    known = infer_current(drivers, np.diag([1e3, *[1e-9] * 7]), np.array([1e3, *[0.0] * 7]))
+    probability, stated = known.state(16.0 * np.eye(8), 0.5)
+    assert probability > 0.95 and stated[0].driver == "speed" and 3.5 < stated[0].size_deg < 4.5
 
 
 def test_slow_water_is_the_rival_of_a_change_that_hardly_shows():
