@@ -24,7 +24,7 @@ from compasslib.types import Floats
 KNOTS = 6  # of a directional shear along speed or depth
 USUAL_TIDE_DEG = 2.0  # of one wave of a tide's directional shear
 PRESENT = 0.5  # probability from which a driver is taken to act where a compass is refitted
-LEAN_SHARE = 0.1  # of the scatter of directions that goes with a tilt: the flow at the instrument is what leans it
+LEAN_SHARE = 0.05  # of the scatter of directions that goes with a tilt: the flow at the instrument is what leans it
 # What varies together: as a mooring is blown down, and as its instrument leans.
 COUPLED = (frozenset({"speed", "depth", "separation"}), frozenset({"tilt", "pitch", "roll"}))
 VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # with what they may change
@@ -152,10 +152,13 @@ class CurrentPosterior:
         present = np.mean(self.values != 0.0, axis=0) >= PRESENT
         return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
 
-    def exceeds(self, driver: str, visible: Floats, min_effect_deg: float) -> float:
-        """Compute the probability that the current exceeds a size by one driver, see ``state``."""
-        sizes = _sizes(self.values * [driver == name for name in self.drivers], visible)
-        return float(np.mean(sizes > min_effect_deg))
+    def exceeds(self, driver: str | None, visible: Floats, min_effect_deg: float) -> float:
+        """Compute the probability that the current exceeds a size by one driver, by all where None, see ``state``."""
+        if driver is not None:
+            sizes = _sizes(self.values * [driver == name for name in self.drivers], visible)
+            return float(np.mean(sizes > min_effect_deg))
+        some = self.values[np.any(self.values != 0.0, axis=1)]
+        return self.acting * float(np.mean(_sizes(some, visible) > min_effect_deg)) if len(some) else 0.0
 
     def state(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
         """State what the current does: the probability that it exceeds a size, and by which drivers.
@@ -164,16 +167,15 @@ class CurrentPosterior:
             visible: mean products of the columns, what the compass can take projected out, square degrees, (p, p).
             min_effect_deg: rms below which nothing matters.
         """
-        some = self.values[np.any(self.values != 0.0, axis=1)]
-        whole = _sizes(some, visible)
-        probability = self.acting * float(np.mean(whole > min_effect_deg)) if len(some) else 0.0
+        probability = self.exceeds(None, visible, min_effect_deg)
         if probability < SURE:
             return probability, ()
         stated = []
         for name in dict.fromkeys(self.drivers):
-            sizes = _sizes(self.values * [driver == name for driver in self.drivers], visible)
-            if np.mean(sizes > min_effect_deg) >= SURE:
-                stated.append(_statement(name, float(np.mean(sizes > min_effect_deg)), sizes[sizes > min_effect_deg]))
+            if (established := self.exceeds(name, visible, min_effect_deg)) >= SURE:
+                sizes = _sizes(self.values * [driver == name for driver in self.drivers], visible)
+                stated.append(_statement(name, established, sizes[sizes > min_effect_deg]))
+        whole = _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
         return probability, tuple(stated) or (_statement(None, probability, whole),)
 
 

@@ -90,7 +90,7 @@ class NoiseMarginalPosterior(Posterior):
         A reading that follows it stands without that current; beside other effects of the driver the current may act.
 
         Args:
-            driver: of the current; any that a reading may follow where None.
+            driver: of the current; any where None.
             min_effect_deg: rms below which the current does not matter.
         """
         kinds, currents, sums = self.candidates.kinds, self.candidates.currents, defaultdict[str, float](float)
@@ -100,14 +100,15 @@ class NoiseMarginalPosterior(Posterior):
             if followed := {kinds[k].driver for k in coupled if k in currents}:
                 for name in followed:
                     sums[name] += probability
-            elif driver is not None and any(kinds[k].side == "compass" for k in coupled):
+            elif any(kinds[k].side == "compass" for k in coupled):
                 beside.append((probability, hypothesis))
-        if beside and driver is not None:
+        if beside:
             likeliest = max(beside)[1]
             current = self.candidates.current(likeliest, self.water_of(likeliest))
             assert current is not None
-            absent = 1.0 - current.exceeds(driver, self.candidates.current_visible, min_effect_deg)
-            sums[driver] += absent * sum(probability for probability, _ in beside)
+            present = current.exceeds(driver, self.candidates.current_visible, min_effect_deg)
+            followed_one = next(kinds[k].driver for k in likeliest if kinds[k].side == "compass")
+            sums[followed_one] += (1.0 - present) * sum(probability for probability, _ in beside)
         return min(sum(sums.values()), 1.0), max(sums, key=lambda name: sums[name], default="")
 
     def findings_of(self, chosen: Hypothesis) -> list[FindingPosterior]:
