@@ -23,7 +23,7 @@ from compasslib.types import Floats
 
 KNOTS = 6  # of a directional shear along speed or depth
 USUAL_TIDE_DEG = 2.0  # of one wave of a tide's directional shear
-PRESENT = 0.5  # probability from which a driver is taken to act where a compass is refitted
+PRESENT = 0.75  # probability from which a driver is taken to act where a compass is refitted: a Bayes factor of 3
 LEAN_SHARE = 0.05  # of the scatter of directions that goes with a tilt: the flow at the instrument is what leans it
 # What varies together: as a mooring is blown down, and as its instrument leans.
 COUPLED = (frozenset({"speed", "depth", "separation"}), frozenset({"tilt", "pitch", "roll"}))
@@ -145,7 +145,7 @@ class CurrentPosterior:
 
     @property
     def variances(self) -> Floats:
-        """The variance about none of each coefficient whose driver is there rather than not, 0 of the others, (p,).
+        """The variance about none of each coefficient whose driver is taken to act, 0 of the others, (p,).
 
         One that is hardly there would widen a compass by all that it might do in the directions that nothing shows.
         """
