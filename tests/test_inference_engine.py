@@ -77,6 +77,16 @@ def test_tides_of_a_profiler_that_passes_twice_a_day_leave_the_constant_known():
     assert np.square(constant - told).mean() > 0.9  # near 0 they would stand for it
 
 
+def test_pairs_half_a_day_apart_test_nothing_that_follows_the_rate_of_turn():
+    """Its column was zero, and the smallest size that would be noticed 0 degrees."""
+    hourly, _ = pairs(n=500, seed=8)
+    sparse = replace(hourly, time_s=hourly.time_s[0] + 12 * 3600.0 * np.arange(500))
+    for seen, tested in ((hourly, True), (sparse, False)):
+        along = covariates.pair_covariates(seen, {})
+        made = covariates.departures(seen, along, covariates.reference_values(along), seen.heading_deg)
+        assert ("turn_rate" in made) == tested
+
+
 def test_constant_covariates_are_left_out_and_gaps_filled():
     seen, _ = pairs(n=500, seed=8)
     warm = np.linspace(2.0, 5.0, 500)

@@ -49,6 +49,7 @@ MISSING_SERIES = {
     "storm_index": "no observatory series given",
     "separation": "the distance between the two layers does not vary",
     "depth": "the depth does not vary",
+    "turn_rate": "the pairs are too far apart in time to show how fast the instrument turns",
     "lean_pitch": "the tilts are never stuck for ten days, or too few of them move",
     **dict.fromkeys(
         ("flow_east", "body_flow_sine", "body_flow_sine2"),

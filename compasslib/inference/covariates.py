@@ -204,7 +204,8 @@ def departures(
         heading_deg: headings as the fit corrects them, (n,), degrees; NaN where it cannot.
     """
     result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
-    result["turn_rate"] = turn_rate(pairs.heading_deg, pairs.time_s)
+    if np.any(rate := turn_rate(pairs.heading_deg, pairs.time_s)):
+        result["turn_rate"] = rate
     result |= _flow_departures(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
     if "flow_east" in result:
         upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in pair_speeds(pairs))
