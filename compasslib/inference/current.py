@@ -24,7 +24,7 @@ from compasslib.types import Floats
 KNOTS = 6  # of a directional shear along speed or depth
 USUAL_TIDE_DEG = 2.0  # of one wave of a tide's directional shear
 PRESENT = 0.75  # probability from which a driver is taken to act where a compass is refitted: a Bayes factor of 3
-LEAN_SHARE = 0.05  # of the scatter of directions that goes with a tilt: the flow at the instrument is what leans it
+LEAN_SHARE = 0.05  # of the scatter of directions, usual to go with a tilt: the flow at the instrument leans it
 # What varies together: as a mooring is blown down, and as its instrument leans.
 COUPLED = (frozenset({"speed", "depth", "separation"}), frozenset({"tilt", "pitch", "roll"}))
 VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # with what they may change
@@ -113,8 +113,8 @@ def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
             hats = covariates.hat_columns(case.covariates[name], KNOTS)
             columns[name] = [USUAL_DEG * (hats - hats.mean(axis=0))]
     leans = [case.scene.departures[name] for name in ("pitch", "roll") if name in case.covariates]
-    turned_deg = LEAN_SHARE * float(np.median(case.expected_deg))
-    columns["tilt"] = [turned_deg * covariates.standardize(lean)[:, None] for lean in leans if np.std(lean)]
+    usual_deg = LEAN_SHARE * float(np.median(case.expected_deg))
+    columns["tilt"] = [usual_deg * covariates.standardize(lean)[:, None] for lean in leans if np.std(lean)]
     if np.median(np.diff(case.scene.time_s)) < TIDE_RESOLVING_STEP_S:
         columns["tide"] = [USUAL_TIDE_DEG * tide_waves(case.scene.time_s)]
     for kind in case.terms:
@@ -154,11 +154,15 @@ class CurrentPosterior:
 
     def exceeds(self, driver: str | None, visible: Floats, min_effect_deg: float) -> float:
         """Compute the probability that the current exceeds a size by one driver, by all where None, see ``state``."""
-        if driver is not None:
-            sizes = _sizes(self.values * [driver == name for name in self.drivers], visible)
-            return float(np.mean(sizes > min_effect_deg))
-        some = self.values[np.any(self.values != 0.0, axis=1)]
-        return self.acting * float(np.mean(_sizes(some, visible) > min_effect_deg)) if len(some) else 0.0
+        sizes = self._sizes_by(driver, visible)
+        share = float(np.mean(sizes > min_effect_deg)) if len(sizes) else 0.0
+        return self.acting * share if driver is None else share
+
+    def _sizes_by(self, driver: str | None, visible: Floats) -> Floats:
+        """Compute the drawn sizes by one driver, (d,), or by all where any acts, degrees rms."""
+        if driver is None:
+            return _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
+        return _sizes(self.values * [driver == name for name in self.drivers], visible)
 
     def state(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
         """State what the current does: the probability that it exceeds a size, and by which drivers.
@@ -173,10 +177,9 @@ class CurrentPosterior:
         stated = []
         for name in dict.fromkeys(self.drivers):
             if (established := self.exceeds(name, visible, min_effect_deg)) >= SURE:
-                sizes = _sizes(self.values * [driver == name for driver in self.drivers], visible)
+                sizes = self._sizes_by(name, visible)
                 stated.append(_statement(name, established, sizes[sizes > min_effect_deg]))
-        whole = _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
-        return probability, tuple(stated) or (_statement(None, probability, whole),)
+        return probability, tuple(stated) or (_statement(None, probability, self._sizes_by(None, visible)),)
 
 
 def infer_current(drivers: Sequence[str], information: Floats, score: Floats) -> CurrentPosterior:

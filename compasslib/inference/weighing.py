@@ -94,21 +94,20 @@ class NoiseMarginalPosterior(Posterior):
             min_effect_deg: rms below which the current does not matter.
         """
         kinds, currents, sums = self.candidates.kinds, self.candidates.currents, defaultdict[str, float](float)
-        beside: list[tuple[float, Hypothesis]] = []
+        beside: list[tuple[float, Hypothesis, str]] = []
         for hypothesis, probability in zip(self.hypotheses, self.probability.tolist(), strict=True):
             coupled = [k for k in hypothesis if driver is None or driver in coupled_drivers(kinds[k].driver)]
             if followed := {kinds[k].driver for k in coupled if k in currents}:
                 for name in followed:
                     sums[name] += probability
-            elif any(kinds[k].side == "compass" for k in coupled):
-                beside.append((probability, hypothesis))
+            elif others := [kinds[k].driver for k in coupled if kinds[k].side == "compass"]:
+                beside.append((probability, hypothesis, others[0]))
         if beside:
-            likeliest = max(beside)[1]
+            _, likeliest, name = max(beside)
             current = self.candidates.current(likeliest, self.water_of(likeliest))
             assert current is not None
             present = current.exceeds(driver, self.candidates.current_visible, min_effect_deg)
-            followed_one = next(kinds[k].driver for k in likeliest if kinds[k].side == "compass")
-            sums[followed_one] += (1.0 - present) * sum(probability for probability, _ in beside)
+            sums[name] += (1.0 - present) * sum(probability for probability, _, _ in beside)
         return min(sum(sums.values()), 1.0), max(sums, key=lambda name: sums[name], default="")
 
     def findings_of(self, chosen: Hypothesis) -> list[FindingPosterior]:

@@ -19,10 +19,10 @@ WAVES, OF_TIDE = 200, 24  # waves, and how many of them are of the semidiurnal i
 SHORTEST_M, SHORTEST_S = 8.0, 2.0 * HOUR_S  # wavelength and period
 SPEED_M_S, PLAIN_N = 0.05, 5.2e-3  # rms of one component where the buoyancy frequency is that, rad/s
 NEAR = 0.3  # of the inertial frequency: how near to it a wave is absorbed
-LARGEST = 2.0  # by how much a wave grows before
-HALF_SPEED_M_S = 0.4  # of a current that leans the string by its angle
-STEEPEST_DEG = 18.0
-SUBSTEPS = 4
+LARGEST = 2.0  # factor by which a wave grows before
+LEANING_M_S = 0.4  # speed of the slow current at which the string leans by the angle that is drawn
+STEEPEST_DEG = 18.0  # tilt
+SUBSTEPS = 4  # of a cage that turns within an hour
 
 
 def make(rng: np.random.Generator, weather: Weather) -> Scene:
@@ -30,12 +30,12 @@ def make(rng: np.random.Generator, weather: Weather) -> Scene:
     time = 1.2e9 + DAY_S * int(rng.integers(0, 4000)) + HOUR_S * np.arange(weather.hours)
     place = (float(rng.uniform(48.0, 70.0)), float(rng.uniform(-50.0, 10.0)), float(rng.uniform(300.0, 900.0)))
     slow = _slow(rng, time, wide=weather.wide)
-    lean = np.deg2rad(rng.uniform(6.0, 20.0)) * np.minimum(np.abs(slow[0]) / HALF_SPEED_M_S, 1.3) ** 2
+    lean = np.deg2rad(rng.uniform(6.0, 20.0)) * np.minimum(np.abs(slow[0]) / LEANING_M_S, 1.3) ** 2
     height, apart = float(rng.uniform(80.0, 250.0)), float(rng.uniform(7.0, 12.0))
     ranges = seas.FIRST_M + seas.CELL_M * np.arange(seas.CELLS)
     along = np.cos(lean)[:, None]
     heights = along * np.append(np.full(seas.CELLS, height), height - apart) + np.append(ranges, 0.0)
-    waves, heave = _waves(rng, time, place, (slow, heights), weather.noise)
+    waves, heave = _waves(rng, time, place, (slow[1], heights), weather.noise)
     flow = slow[0][:, None] + slow[1][:, None] * np.sin(np.pi * heights / place[2]) + waves
     lower = turned(flow[:, -1], weather.veer_deg * _red(rng, time, 1.2))
     declination, horizontal, vertical = seas.earth(time, place)
@@ -76,16 +76,16 @@ def _waves(
     rng: np.random.Generator,
     time_s: Floats,
     place: tuple[float, float, float],
-    through: tuple[tuple[Complexes, Complexes], Floats],
+    through: tuple[Complexes, Floats],
     noise: float,
 ) -> tuple[Complexes, Floats]:
     """Return the currents of the waves at some heights, m/s, (n, m), and their displacement at the first, m, (n,).
 
     Args:
-        through: the slow current, and the heights above the bottom in metres, (n, m).
+        through: the first baroclinic mode, m/s, (n,), and the heights above the bottom in metres, (n, m).
         noise: factor of their amplitude.
     """
-    (_, mode), heights = through
+    mode, heights = through
     inertial, buoyancy = 1.4584e-4 * np.sin(np.deg2rad(place[0])), rng.uniform(2e-3, 7e-3)
     # By the inverse of the distribution f / w / sqrt(w^2 - f^2), which is uniform in arccos(f / w).
     fastest = np.arccos(inertial / (2.0 * np.pi / SHORTEST_S))
