@@ -178,7 +178,8 @@ def recognize_mistake(degrees: float, model: float) -> str:
     near = {
         text: abs(degrees - value)
         for text, value in mistakes.items()
-        if abs(degrees - value) <= max(RECOGNISED_DEG, RECOGNISED_SHARE * abs(value)) and abs(model) > RECOGNISED_DEG
+        if abs(degrees - value) <= min(max(RECOGNISED_DEG, RECOGNISED_SHARE * abs(value)), abs(value) / 2.0)
+        and abs(model) > RECOGNISED_DEG
     }
     return min(near, key=lambda text: near[text]) if near else ""
 

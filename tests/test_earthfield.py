@@ -55,6 +55,7 @@ def test_a_given_number_overrides_and_a_disagreement_is_said(given, warned):
         (-1404.0, "which it looks like in minutes of arc"),
         (-46.8, "of which it looks like the double"),
         (-30.0, "off IGRF (-23.40); check its sign"),
+        (0.0, "off IGRF (-23.40); check its sign"),
     ],
 )
 def test_the_mistake_in_a_given_declination_is_named(given, said):

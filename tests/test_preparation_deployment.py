@@ -156,7 +156,9 @@ def turning(n: int = 60, seed: int = 1):
     given = record(HOUR * np.arange(n), heading=0.0)
     east = given.east + rng.normal(0.0, 0.1, given.east.shape)
     noise = [rng.normal(0.0, 3.0, n).round(2) for _ in range(2)]
-    return replace(given, east=east, heading_deg=rng.uniform(0, 360, n).round(2), pitch_deg=noise[0], roll_deg=noise[1])
+    heading = rng.uniform(0, 360, n).round(2)
+    north = given.north + 0.1 * east
+    return replace(given, east=east, north=north, heading_deg=heading, pitch_deg=noise[0], roll_deg=noise[1])
 
 
 LONG = SETTINGS | {"end_s": 60 * HOUR}
@@ -199,7 +201,7 @@ def test_velocities_that_freeze_and_depths_out_of_the_water_are_flagged():
     given = turning()
     east, depth = given.east.copy(), np.linspace(90.0, 110.0, 60)
     east[30:50], depth[5] = east[30], -400.0
-    settled = apply_deployment(replace(given, east=east, depth_m=depth), **LONG)
+    settled = apply_deployment(replace(given, east=east, north=0.1 * east, depth_m=depth), **LONG)
     assert settled.counts["frozen_velocity"] == 19 * 3 and (settled.quality[31:50] == BAD).all()
     assert settled.counts["impossible_depth"] == 3 and (settled.quality[5] == BAD).all()
 

@@ -103,6 +103,14 @@ def test_of_two_that_disagree_the_first_stands_alone():
     found, *_ = trio(7, {"mid": -10.0})
     every = join_references(found[:2], NAMES[:2])
     assert "cannot be determined" in every.warnings[0] and set(every.reference_index) == {0}
+    assert every.dispute_deg == pytest.approx(10.0, abs=3.0)
+
+
+def test_a_wrong_recording_given_twice_outvotes_no_other():
+    (right, wrong, _), *_ = trio(8, {"mid": 40.0})
+    every = join_references([right, wrong, take(wrong, slice(0, 2000))], ("right", "wrong", "again"))
+    assert "again is left out" in every.warnings[0] and "cannot be determined" in every.warnings[1]
+    assert set(every.reference_index) == {0} and every.dispute_deg == pytest.approx(40.0, abs=4.0)
 
 
 def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
@@ -110,7 +118,12 @@ def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
     file = cruise / "config/moorings/M1.yaml"
     said = yaml.safe_load(file.read_text())
     lines = (cruise / "raw/M1/deep.csv").read_text().splitlines()
-    (cruise / "raw/M1/other.csv").write_text("\n".join([lines[0], *lines[1:301]]) + "\n")
+    rows = [line.rsplit(",", 2) for line in lines[1:301]]
+    noise = np.random.default_rng(1).normal(0.0, 0.5, (300, 2))
+    other = [
+        f"{first},{float(u) + a:.2f},{float(v) + b:.2f}" for (first, u, v), (a, b) in zip(rows, noise, strict=True)
+    ]
+    (cruise / "raw/M1/other.csv").write_text("\n".join([lines[0], *other]) + "\n")
     said["instruments"]["other"] = copy.deepcopy(said["instruments"]["deep"]) | {"files": "raw/M1/other.csv"}
     said["reference"] = ["deep", "other"]
     file.write_text(yaml.safe_dump(said))

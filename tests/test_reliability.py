@@ -226,7 +226,10 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     ),
     "all velocities missing": (profiles(2, 2, struct.pack("<h", -32768) * 16), "has no usable velocity"),
     "30 m/s": (profiles(2, 2, struct.pack("<h", 30000) * 16), "velocities flagged: faster than 5 m/s"),
-    "all under the noise": (table(lambda i, row: [*row[:2], f"0.{i % 9}1", "-0.2"]), "their directions are noise"),
+    "all under the noise": (
+        table(lambda i, row: [*row[:2], f"0.{i % 9}1", f"-0.{i % 5}2"]),
+        "their directions are noise",
+    ),
     "fillers": (
         table(lambda i, row: row if i % 4 else [*row[:2], "-99.9", "-99.9"]),
         "100 fill values (speeds of nines only)",
@@ -238,6 +241,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "a frozen compass": (profiles(1, 18, struct.pack("<H", 12000)), "120.00 degrees all the time"),
     "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
     "a meter that shows one velocity": (table(lambda i, row: [*row[:2], "5.0", "5.0"]), "the same to the last digit"),
+    "a meter of one component": (table(lambda i, row: [*row[:3], "0.0"]), "the same to the last digit"),
     "velocities of zero": (profiles(2, 2, bytes(32)), "affected instrument has velocities of zero only"),
     "a longitude that lost its sign": (longitude_without_sign, "differ by a constant of -3"),
     "headings around one for eight days, then alive": (

@@ -10,6 +10,7 @@
 Each case is a copy of a mooring with known truth, or a calibration, spoilt in one place, and processed as
 ``compass correct`` does. *Wrong* are headings flagged 1 with an rms error over 2 degrees and over twice the untouched
 one's, whose stated 95 % intervals hold under 85 % of the truth or whose errors pass 6 sigma more than once in 100.
+Where only the column of headings was altered, the corrected currents may be right all the same: counted by themselves.
 *Silent* is a wrong one without a warning, finding or verdict that the untouched one had not. *Called good* is a wrong
 one of which more than half of the headings that were flagged 1 still are, whatever was said. A harmless change *harms*
 where it is refused, costs over 1 % of the samples their flag 1, or gets a new warning. A constant between the
@@ -153,9 +154,14 @@ def report(rows: list[Row]) -> int:
         others = [ways[key] for key in ("refused", "wrong, warned", "warned or flagged", "right")]
         targets.line(kind, len(some), *shares, *others)
     decidable = [row for row in mistakes if not row["undecidable"]]
-    print("\nwithout those that no record can tell:", end="")
-    for key in ("silent", "called_good"):
-        print(f" {key.replace('_', ' ')} {targets.share_of(row[key] for row in decidable)};", end="")
+    for what, counted in (
+        ("without those that no record can tell", [True] * len(decidable)),
+        ("of these, the currents are wrong too", [row["currents_wrong"] for row in decidable]),
+    ):
+        print(f"\n{what}:", end="")
+        for key in ("silent", "called_good"):
+            both = (row[key] and each for row, each in zip(decidable, counted, strict=True))
+            print(f" {key.replace('_', ' ')} {targets.share_of(both)};", end="")
     print(f"\n\nsilent or called good: {len(bad)}")
     for row in sorted(bad, key=lambda row: row["name"]):
         _print_bad(row)
@@ -176,6 +182,7 @@ def report(rows: list[Row]) -> int:
 
 def _print_bad(row: Row) -> None:
     words = [word for word in ("silent", "called_good", "undecidable") if row[word]]
+    words += [] if row["currents_wrong"] else ["currents right"]
     before = row["untouched"]
     print(
         f"  {row['name']} on {row['on']}: {row['done']}\n"

@@ -133,8 +133,9 @@ def applied(case: Case, kept: Path, folder: Path) -> tuple[Cruise, str]:
 def _mooring(case: Case, kept: Path, folder: Path) -> dict[str, Any]:
     cruise, done = applied(case, kept, folder)
     cruise.save()
-    before = outcome_of(cruise.base, folder.parent.parent / "untouched")
-    outcome = cruises.run(cruise, folder / "made")
+    untouched = folder.parent.parent / "untouched"
+    before = outcome_of(cruise.base, untouched)
+    outcome = cruises.run(cruise, folder / "made", untouched / cruise.base / "made")
     wrong, good = cruises.is_wrong(outcome, before), cruises.is_called_good(outcome, before)
     return {"on": cruise.base} | _row(done, outcome, before, wrong=wrong, good=good, undecidable=cruise.undecidable)
 
@@ -159,5 +160,6 @@ def _row(done: str, outcome: Outcome, before: Outcome, *, wrong: bool, good: boo
     return {
         "done": done, "wrong": wrong, "silent": wrong and not said, "called_good": good, "undecidable": undecidable,
         "hurt": bool(outcome.refused or lost or said), "lost": lost, "said": said,
+        "currents_wrong": wrong and not outcome.turned_deg <= max(cruises.MARGIN_DEG, cruises.TIMES * before.rms_deg),
         "untouched": {key: getattr(before, key) for key in ("rms_deg", "covered", "good", "verdict")},
     } | asdict(outcome)  # fmt: skip

@@ -406,12 +406,16 @@ class Outcome:
     good: float = 0.0  # share of all samples flagged 1
     verdict: str = ""
     findings: tuple[str, ...] = ()  # their names
+    turned_deg: float = float("nan")  # rms angle from the true currents, of those whose heading is flagged 1
 
 
-def run(cruise: Cruise, into: Path) -> Outcome:
+def run(cruise: Cruise, into: Path, plain: Path | None = None) -> Outcome:
     """Process a cruise as ``compass correct`` does, and hold it against the truth.
 
     The errors of all samples stay beside the results, in ``errors.npz``.
+
+    Args:
+        plain: results of the untouched cruise, whose currents are the true ones but for the errors of its headings.
     """
     try:
         made = process_mooring(cruise.folder, cruise.settings["name"], into)
@@ -423,7 +427,10 @@ def run(cruise: Cruise, into: Path) -> Outcome:
     warnings = tuple(filter(None, str(row["warnings"]).split(" | ")))
     findings = tuple(str(row["effects"]).split())
     product = netcdf.read_corrected(made / "corrected.nc")
-    return Outcome(warnings=warnings, verdict=str(row["verdict"]), findings=findings, **_scored(cruise, product, into))
+    scores = _scored(cruise, product, into)
+    if plain is not None:
+        scores["turned_deg"] = _turned(product, plain)
+    return Outcome(warnings=warnings, verdict=str(row["verdict"]), findings=findings, **scores)
 
 
 def _scored(cruise: Cruise, product: Any, into: Path) -> dict[str, float]:
@@ -444,6 +451,23 @@ def _scored(cruise: Cruise, product: Any, into: Path) -> dict[str, float]:
         "far": float(np.mean(error > FAR_SIGMAS * sigma)),
         "good": float(looked.sum() / max(np.isfinite(truth).sum(), 1)),
     }
+
+
+def _turned(product: Any, plain: Path) -> float:
+    """Return the rms angle between the currents of a product and the true ones, weighted by the speeds, degrees."""
+    if not (plain / "corrected.nc").exists():
+        return float("nan")
+    before = netcdf.read_corrected(plain / "corrected.nc")
+    with np.load(plain / "errors.npz") as kept:
+        error_deg = kept["error_deg"]
+    _, a, b = np.intersect1d(product.record.time_s, before.record.time_s, return_indices=True)
+    found, true = ((x.north + 1j * x.east)[k] for x, k in ((product, a), (before, b)))
+    bins = min(found.shape[1], true.shape[1])
+    both = found[:, :bins] * np.conj(true[:, :bins] * np.exp(-1j * np.deg2rad(error_deg[b]))[:, None])
+    looked = np.isfinite(both) & (product.heading_corrected_quality[a] == 1)[:, None]
+    if not looked.any():
+        return float("nan")
+    return float(np.rad2deg(np.sqrt(np.average(np.angle(both[looked]) ** 2, weights=np.abs(both[looked])))))
 
 
 def _declination(cruise: Cruise, time_s: np.ndarray) -> np.ndarray:

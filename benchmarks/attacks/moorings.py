@@ -47,6 +47,8 @@ def upside_down(cruise: Cruise, rng: np.random.Generator) -> str:
     instrument = cruise.settings["instruments"][role]
     if "orientation" not in instrument:
         role, instrument = "top", cruise.top
+    if "orientation" not in instrument:
+        raise NotApplicableError
     instrument["orientation"] = {"up": "down", "down": "up"}[instrument["orientation"]]
     return f"{role}: orientation {instrument['orientation']}"
 

@@ -18,6 +18,7 @@ from compasslib.calibrations import at_mooring
 from compasslib.deviation import find_implausibility
 from compasslib.deviation.assessment import ConstantOffset, assess_correction
 from compasslib.deviation.doubts import (
+    LEAST_DOUBT_DEG,
     UNIFORM_SIGMA_DEG,
     Doubt,
     doubt_whole_record,
@@ -404,11 +405,16 @@ def conclude(
     elif constant is not None and questioned:
         made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
     elif doubts := (
-        *(() if made.effects else _doubt_outliers(fit)),
+        *(() if made.effects else _doubt_outliers(fit)),  # effects that are corrected explain outliers
+        *_doubt_reference(pairs),
         *doubts,
-    ):  # effects that are corrected explain outliers
+    ):
         diagnosis = _with_doubts(diagnosis, doubts, pairs)
         made = replace(made, doubts=doubts)
+    elif diagnosis.unexplained is not None and diagnosis.unexplained.rms_effect_deg >= LEAST_DOUBT_DEG:
+        size = f"a mismatch of {diagnosis.unexplained.rms_effect_deg:.0f}° rms is unexplained and not corrected"
+        # It stands in the uncertainty already.
+        made = replace(made, doubts=(doubt_whole_record(0.0, f"{size}: all headings are flagged doubtful"),))
     if constant is not None and not questioned and constant.text:
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, constant.text))
     return Conclusion(diagnosis, made, agreement)
@@ -424,6 +430,14 @@ def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
         "headings, or of the reference, is of something else"
     )
     return (doubt_whole_record(UNIFORM_SIGMA_DEG * float(np.sqrt(share)), why),)
+
+
+def _doubt_reference(pairs: Pairs) -> tuple[Doubt, ...]:
+    """Doubt a record whose references contradict each other."""
+    if not pairs.dispute_deg:
+        return ()
+    why = f"the references differ by {pairs.dispute_deg:.0f}°, and the record cannot tell which is wrong"
+    return (doubt_whole_record(pairs.dispute_deg, why),)
 
 
 def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:

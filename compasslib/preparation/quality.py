@@ -369,16 +369,22 @@ def _fast_water(record: Record) -> Bools:
 
 
 def _stuck_velocity(record: Record) -> Bools:
-    """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at."""
+    """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at.
+
+    Where one component alone never changes, all samples are.
+    """
     # One component after the other: a decade's copies of both would not fit beside each other.
     steps = max(len(record.time_s) - 1, 0)
     same, moving = np.ones(steps, dtype=bool), np.zeros(steps, dtype=bool)
+    constant = []
     for velocity in (record.east, record.north):
         known = np.nan_to_num(velocity)
-        same &= (known[1:] == known[:-1]).all(axis=1)
+        repeats = (known[1:] == known[:-1]).all(axis=1)
+        constant.append(repeats.all())
+        same &= repeats
         moving |= known[1:].any(axis=1)
     same &= moving
-    if same.all() and len(record.time_s) > ENOUGH:
+    if any(constant) and moving.any() and len(record.time_s) > ENOUGH:
         return np.ones(len(record.time_s), dtype=bool)
     return _stuck(same, record.time_s)
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -45,11 +46,12 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
     """Join the pairs of all references that agree, by time, with what is to be said of the others.
 
     Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
-    nobody can tell whose fault it is, and the first, which the mooring's file names first, stands alone.
+    nobody can tell whose fault it is: the first, which the mooring's file names first, stands alone, and
+    ``dispute_deg`` tells by how much they differ. A recording that is given twice counts once.
     """
     if len(each) == 1:
         return each[0]
-    used, said = _agreeing(each, names)
+    used, said, dispute_deg = _agreeing(each, names)
     there = [k for k in used if len(each[k])] or used[:1]
     notes = [f"{names[k]}: {warning}" for k, pairs in enumerate(each) for warning in pairs.warnings]
     arrays = [name for name, column in vars(each[0]).items() if isinstance(column, np.ndarray)]
@@ -64,6 +66,7 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         warnings=(*said, *notes),
         expected_m_s=_expected([each[k] for k in there]),
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
+        dispute_deg=dispute_deg,
     )
 
 
@@ -115,25 +118,41 @@ def _weights(missed: Floats) -> Floats:
     return result
 
 
-def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Choose which references are used, and say which disagree."""
-    count = len(each)
-    off = {(a, b): _apart(each[a], each[b]) for a in range(count) for b in range(a + 1, count)}
+def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], list[str], float]:
+    """Choose which references are used, say which disagree, and by how many degrees where none can be ruled out."""
+    used, notes = list[int](), list[str]()
+    for k in sorted(range(len(each)), key=lambda k: -len(each[k])):  # of two files of one recording the longer stays
+        if (twin := next((j for j in used if _identical(each[j], each[k])), None)) is None:
+            used = sorted([*used, k])
+        else:
+            notes.append(f"the references {names[twin]} and {names[k]} are one recording: {names[k]} is left out")
+    off = {(a, b): _apart(each[a], each[b]) for a, b in combinations(used, 2)}
     wrong = {pair: difference for pair, difference in off.items() if difference is not None}
     if not wrong:
-        return list(range(count)), []
-    against = [sum(k in pair for pair in wrong) for k in range(count)]
-    worst = int(np.argmax(against))
-    others = [k for k in range(count) if k != worst]
-    texts = [f"the references {names[a]} and {names[b]} {how}" for (a, b), how in wrong.items()]
-    if count > 2 and against[worst] == len(wrong) and against[worst] > 1:
-        return others, [f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"]
-    alone = f"{names[0]}, first in reference, is used alone"
-    return [0], [f"{'; '.join(texts)}: which is wrong cannot be determined; {alone}"]
+        return used, notes, 0.0
+    against = {k: sum(k in pair for pair in wrong) for k in used}
+    worst = max(used, key=lambda k: against[k])
+    texts = [f"the references {names[a]} and {names[b]} {how}" for (a, b), (how, _) in wrong.items()]
+    if len(used) > 2 and against[worst] == len(wrong) and against[worst] > 1:
+        said = f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"
+        return [k for k in used if k != worst], [*notes, said], 0.0
+    alone = f"{names[used[0]]}, first in reference, is used alone"
+    said = f"{'; '.join(texts)}: which is wrong cannot be determined; {alone}"
+    return used[:1], [*notes, said], max(abs(size_deg) for _, size_deg in wrong.values())
 
 
-def _apart(first: Pairs, second: Pairs) -> str | None:
-    """Describe the difference of two references' directions beyond the water's shear that the profile shows.
+def _identical(first: Pairs, second: Pairs) -> bool:
+    """Check whether two references gave the same velocities, as two files of one recording do."""
+    _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
+    if len(a) < MIN_COMMON_PAIRS:
+        return False
+    velocity, other = _flows(take(first, a))[1], _flows(take(second, b))[1]
+    apart = float(np.median(np.abs(velocity - other)))
+    return apart < min(ALIKE_M_S, SMALL * float(np.std(velocity)))
+
+
+def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
+    """Describe the difference of two references' directions beyond the water's shear that the profile shows, degrees.
 
     None where they do not, or where too little is there. The predictions at their two depths share the affected
     compass: their difference is the water's alone.
@@ -158,11 +177,11 @@ def _apart(first: Pairs, second: Pairs) -> str | None:
     off = -float(np.angle(mean)) / angles.DEGREE
     if abs(off) < max(LEAST_DEG, SURE * sigma):
         return None
-    return f"differ in direction by {off:+.0f} ± {1.96 * sigma:.0f} degrees (95 %) all along"
+    return f"differ in direction by {off:+.0f} ± {1.96 * sigma:.0f} degrees (95 %) all along", off
 
 
-def _at_once(sums: Complexes, begin_s: float) -> str | None:
-    """Say by how much directions differ from a date on, where a step is there."""
+def _at_once(sums: Complexes, begin_s: float) -> tuple[str, float] | None:
+    """Say by how much directions differ from a date on, degrees, where a step is there."""
     angle = -np.angle(sums * np.conj(sums.sum())) / angles.DEGREE
     weight = np.abs(sums)
     best: tuple[float, float, float, int] | None = None
@@ -177,7 +196,8 @@ def _at_once(sums: Complexes, begin_s: float) -> str | None:
     if best is None or abs(best[1]) < LEAST_DEG or best[0] < SURE + 1.0:  # the best of many dates
         return None
     date = str(np.datetime64(round(begin_s + best[3] * BLOCK_S), "s"))[:10]
-    return f"differ in direction by {best[1]:+.0f} ± {1.96 * best[2]:.0f} degrees (95 %) more from about {date} on"
+    text = f"differ in direction by {best[1]:+.0f} ± {1.96 * best[2]:.0f} degrees (95 %) more from about {date} on"
+    return text, best[1]
 
 
 def _flows(pairs: Pairs) -> tuple[Complexes, Complexes]:
