@@ -1,6 +1,7 @@
 """The quick measurements on one page, each with its ratio in the same run: results/bench/README.md.
 
     python benchmarks/page.py [OUTPUT]
+    python benchmarks/page.py --older CHECKOUT    only the seven moorings of the demonstration, beside another version
 
 Times are CPU seconds (user and system, of all processes) where nothing else is said: other work on the machine moves
 them less than the clock. The cruise is the demonstration's, simulated anew in a temporary folder.
@@ -32,6 +33,13 @@ from compasslib.deviation.series import multistart_least_squares, series_design,
 SCRIPTS = PROJECT / "workflow/scripts"
 FLEETS = (1, 10, 100)
 EDITED = "EG5"
+ONE_PROCESS = """
+import sys
+from pathlib import Path
+from compasslib.pipeline.process import process_mooring
+for name in sys.argv[2:]:
+    process_mooring(Path(sys.argv[1]), name, Path(sys.argv[1]) / "alone" / name)
+"""
 LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
 
 
@@ -80,6 +88,36 @@ def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     lines += [f"| {name} | {s:.1f} | {limit:.0f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu, limit in rows]
     kept = [targets.limit(f"{name}, s by the clock", s, most=limit) for name, s, _, limit in rows]
     return "\n".join(lines), kept
+
+
+def of_seven(temporary: Path, older: Path) -> str:
+    """Time the seven published moorings by another version and here, what was added since left out in turn."""
+    rows = []
+
+    def seven(name: str, command: Callable[[Path], list[str]], project: Path = PROJECT, **options: object) -> None:
+        folder = temporary / name.replace(" ", "-")
+        shutil.copytree(project / "config", folder / "config")
+        for path in (folder / "config/moorings").glob("C*.yaml"):
+            path.unlink()
+        change(folder / "config/config.yaml", **options)
+        rows.append((name, *runs.cost(command(folder), project)[:2]))
+
+    def workflow(folder: Path) -> list[str]:
+        return runs.snakemake(folder, "--config", "mooring_cores=1")
+
+    def one_process(folder: Path) -> list[str]:
+        runs.cost(runs.snakemake(folder, "--until", "simulate"))
+        return [sys.executable, "-c", ONE_PROCESS, str(folder), *(f"EG{k}" for k in range(1, 8))]
+
+    seven("the older version", lambda folder: runs.snakemake(folder, project=older), older)
+    seven("here", workflow)
+    since = {"product": {"grid": False}, "diagnose": {"surrogates": 0}}
+    seven("here without grids and surrogates", workflow, **since)
+    seven("one process a mooring without these and figures", one_process, **since)
+    first = rows[0][2]
+    lines = ["| the seven published moorings | s by the clock | CPU s | of the older |", "|---|---|---|---|"]
+    lines += [f"| {name} | {s:.1f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu in rows]
+    return "\n".join(lines)
 
 
 def of_imports() -> str:
@@ -138,7 +176,7 @@ def of_fleets(temporary: Path) -> str:
     for count in FLEETS:
         folder = fleet(temporary / f"fleet{count}", count)
         took = runs.cost(runs.snakemake(folder, "--dry-run"))
-        found = re.search(r"^(\d+) jobs:", took.said, re.MULTILINE)
+        found = re.search(r"^total +(\d+)", took.said, re.MULTILINE)
         planned = int(found[1]) if found else 0
         lines.append(f"| {count} | {planned} | {took.cpu_s:.1f} | {1e3 * took.cpu_s / max(planned, 1):.0f} |")
     return "\n".join(lines)
@@ -186,4 +224,8 @@ def main(output: Path) -> int:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["--older"]:
+        with tempfile.TemporaryDirectory() as scratch:
+            print(of_seven(Path(scratch), Path(sys.argv[2]).resolve()))
+        sys.exit()
     sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else PROJECT / "results/bench/README.md"))

@@ -203,7 +203,9 @@ def write_variable(
     """
     values = np.asarray(values)
     if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and an unsigned one holds no -1
-        values = np.where(np.isfinite(values), values, variable.fill)
+        kept = np.dtype(variable.dtype) if np.dtype(variable.dtype).kind == "f" else values.dtype  # half as large
+        values = values.astype(kept)
+        values[~np.isfinite(values)] = variable.fill
     made = nc[variable.name] if variable.name in nc.variables else _create_variable(nc, variable, level)
     made[... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)] = (
         values

@@ -44,6 +44,7 @@ NEAR_LIMIT = 0.3  # of the largest value of a component: how far the values next
 COARSE_DEG = 2.0  # steps of the headings from which on they are mentioned
 FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
 STILL_DEG = 0.1  # from one sample to the next: the noise of a compass that no longer turns
+BLOCK = 50_000  # samples compared at once: memory only
 BY_CHANCE = 1e-3  # such runs expected of a series that repeats itself as often as the rest does
 ENOUGH = 24  # samples before a series that never moves is called stuck
 NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes round
@@ -373,16 +374,18 @@ def _stuck_velocity(record: Record) -> Bools:
 
     Where one component alone never changes, all samples are.
     """
-    # One component after the other: a decade's copies of both would not fit beside each other.
     steps = max(len(record.time_s) - 1, 0)
     same, moving = np.ones(steps, dtype=bool), np.zeros(steps, dtype=bool)
     constant = []
     for velocity in (record.east, record.north):
-        known = np.nan_to_num(velocity)
-        repeats = (known[1:] == known[:-1]).all(axis=1)
+        repeats = np.ones(steps, dtype=bool)
+        for begin in range(0, steps, BLOCK):  # a decade's copies would not fit beside each other
+            piece = slice(begin, begin + BLOCK)
+            known = np.nan_to_num(velocity[begin : begin + BLOCK + 1])
+            repeats[piece] = (known[1:] == known[:-1]).all(axis=1)
+            moving[piece] |= known[1:].any(axis=1)
         constant.append(repeats.all())
         same &= repeats
-        moving |= known[1:].any(axis=1)
     same &= moving
     if any(constant) and moving.any() and len(record.time_s) > ENOUGH:
         return np.ones(len(record.time_s), dtype=bool)
