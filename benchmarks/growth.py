@@ -14,6 +14,7 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import chdir
 from pathlib import Path
 
 import memory
@@ -23,7 +24,9 @@ import runs
 import targets
 from targets import Measured
 
+from compasslib.config.cruise import load_cruise
 from compasslib.demo.sealed import Wish
+from compasslib.pipeline import plan
 from compasslib.plots.page import BLUE, VERMILION
 from compasslib.plots.page import page as figure_of
 from tests.world import draw
@@ -95,7 +98,9 @@ def by_moorings(folder: Path) -> list[Measured]:
     for count in MOORINGS:
         cruise = folder / f"moorings{count}"
         names = fleet(cruise, count, YEARS[0])
-        wanted = [f"results/{name}/corrected.nc" for name in names]
+        with chdir(cruise):
+            writers = plan.plan(load_cruise(Path())).writers
+        wanted = [writers[f"results/{name}/gridded.nc"] for name in names]
         alone = sum(one_process(cruise, name)[0] for name in names)
         cpu = runs.cost(runs.snakemake(cruise, "--quiet", "all", "--", *wanted, cores=1)).cpu_s
         rows.append((count, cpu, alone, cpu / alone))
