@@ -101,12 +101,13 @@ def of_seven(temporary: Path, older: Path) -> str:
             path.unlink()
         change(folder / "config/config.yaml", **options)
         rows.append((name, *runs.cost(command(folder), project)[:2]))
+        print(f"{name}: {rows[-1][2]:.0f} CPU s", file=sys.stderr, flush=True)
 
     def workflow(folder: Path) -> list[str]:
         return runs.snakemake(folder, "--config", "mooring_cores=1")
 
     def one_process(folder: Path) -> list[str]:
-        runs.cost(runs.snakemake(folder, "--until", "simulate"))
+        shutil.copytree(temporary / "here/raw", folder / "raw")
         return [sys.executable, "-c", ONE_PROCESS, str(folder), *(f"EG{k}" for k in range(1, 8))]
 
     seven("the older version", lambda folder: runs.snakemake(folder, project=older), older)

@@ -72,6 +72,8 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         (altered(slice(None), np.random.default_rng(3).permutation), "in another order", slice(None)),
         (altered(slice(None), running_mean), "are running means", slice(None)),
         (altered(slice(None), across_north), "average them as directions", slice(None)),
+        (altered(slice(None, None, 3), lambda h: h + 30.0), "one heading in 3 differs", slice(None)),
+        (altered(slice(None, None, 2), lambda h: h + 30.0), "one heading in 2 differs", slice(None)),
         (replace(moored(), heading_deg=np.maximum(moored().heading_deg, 40.0)), "exactly 40 degrees", CUT),
     ],
     ids=[
@@ -86,6 +88,8 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         "shuffled",
         "degrees averaged",
         "across north",
+        "every third",
+        "every second",
         "clipped",
     ],
 )
