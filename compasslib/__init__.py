@@ -23,7 +23,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-__version__ = "1.0.0"
+__version__ = "2.0.0"
 
 _IMPORTS = re.findall(r"^from (\S+) import \w+ as (\w+)$", Path(__file__).with_suffix(".pyi").read_text(), re.MULTILINE)
 _MODULES = {name: module for module, name in _IMPORTS}
