@@ -1,9 +1,11 @@
-"""Corrected headings against known ones, for both methods: the table of docs/background/accuracy.md.
+"""Corrected headings against known ones, for both methods: the tables of README and docs/background/accuracy.md.
 
     python benchmarks/accuracy.py            the demonstration cruise, after make run
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
     python benchmarks/accuracy.py --product  what stands in the cruise's results, search included, and nothing else:
                                              headings, and currents at fixed depths beside a mean per bin
+    python benchmarks/accuracy.py --keep     writes the rows of headings into docs/background/accuracy.json as well;
+                                             ``numbers_of_pages.py`` writes the pages from it
 
 The cruise is run with every mooring by ``exact``, by ``exact`` with tilt and by ``von_appen``, beside the original,
 which stays as it is. Where a mooring has no truth its own recorded headings are taken for it (it was right).
@@ -11,6 +13,7 @@ which stays as it is. Where a mooring has no truth its own recorded headings are
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
 import re
@@ -20,6 +23,7 @@ import tempfile
 from pathlib import Path
 
 import netCDF4
+import numbers_of_pages as numbers
 import numpy as np
 import yaml
 from runs import PROJECT, cost, snakemake
@@ -32,12 +36,6 @@ from compasslib.deviation.series import fit_series_about_mean, invert_series
 from compasslib.preparation.references import combine_references
 
 METHODS = ("exact", "exact, tilt: true", "von_appen")
-BY_EYE = "von_appen, as an author would"  # fitted about the mean deviation, inverted where most pairs lie
-HEAD = (
-    "| mooring | method | share corrected | rms before | rms after | median after | stated 1σ | within 95 % | "
-    "share sure | rms where sure |"
-)
-
 HEAD_OF_CURRENTS = "| mooring | cells | rms of U and V, gridded | a corrected mean per bin | U, V within 95 % |"
 
 
@@ -71,12 +69,12 @@ def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> 
     return np.array([known.get(int(t), np.nan) for t in time_s])
 
 
-def line(source: Path, folder: Path, name: str, method: str) -> str:
-    """Return one row of the table; the published method by eye has no uncertainty of its own."""
+def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
+    """Return the cells of ``numbers_of_pages.HEADINGS``; the published method by eye has no uncertainty of its own."""
     with netCDF4.Dataset(folder / "results" / name / "corrected.nc") as nc:
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "BRANCH_PROBABILITY")
         days, recorded, corrected, sigma, probability = (np.ma.filled(nc[v][:].astype(float), np.nan) for v in names)
-    if method == BY_EYE:
+    if method == numbers.BY_EYE:
         pairs = combine_references(read_pairs(folder / "results" / name / "overlap.nc"))
         corrected = invert_series(fit_series_about_mean(pairs), recorded, observed_heading(pairs))
         sigma, probability = np.full((2, len(corrected)), np.nan)
@@ -84,10 +82,12 @@ def line(source: Path, folder: Path, name: str, method: str) -> str:
     before, after = difference(recorded, real), difference(corrected, real)
     known = np.isfinite(after)
     sure = known & (probability >= 0.95)
-    if method == BY_EYE:
+    if method == numbers.BY_EYE:
         shown = [f"{rms(before):.1f}°", f"{rms(after):.2f}°", f"{np.median(np.abs(after[known])):.2f}°"]
-        return f"| {name} | {method} | {100 * known.mean():.1f} % | {' | '.join(shown)} | – | – | – | – |"
-    numbers = [
+        return [name, method, f"{100 * known.mean():.1f} %", *shown, *4 * ("–",)]
+    return [
+        name,
+        method,
         f"{100 * np.isfinite(corrected).mean():.1f} %",
         f"{rms(before):.1f}°",
         f"{rms(after):.2f}°",
@@ -97,17 +97,16 @@ def line(source: Path, folder: Path, name: str, method: str) -> str:
         f"{100 * sure.mean():.1f} %",
         f"{rms(after[sure]):.2f}°",
     ]
-    return f"| {name} | {method} | " + " | ".join(numbers) + " |"
 
 
-def product(source: Path) -> None:
-    """Print the table of the results that are there."""
-    print(HEAD + "\n" + "|---" * HEAD.count(" |") + "|")
-    for path in sorted((source / "config/moorings").glob("*.yaml")):
-        print(line(source, source, path.stem, "product"))
+def product(source: Path) -> list[list[str]]:
+    """Print the tables of the results that are there; return the rows of headings."""
+    rows = [row(source, source, path.stem, "product") for path in sorted((source / "config/moorings").glob("*.yaml"))]
+    print(numbers.table(rows))
     print(f"\n{HEAD_OF_CURRENTS}\n" + "|---" * HEAD_OF_CURRENTS.count(" |") + "|")
     for path in sorted((source / "config/moorings").glob("*.yaml")):
         print(currents(source, path.stem))
+    return rows
 
 
 def currents(source: Path, name: str) -> str:
@@ -143,19 +142,31 @@ def currents(source: Path, name: str) -> str:
     )
 
 
-def main(source: Path) -> None:
-    if not (source / "raw").is_dir():
-        sys.exit(f"{source}: no raw files; run make run first, or name a cruise folder")
-    print(HEAD + "\n" + "|---" * HEAD.count(" |") + "|")
+def methods(source: Path) -> list[list[str]]:
+    """Run the cruise by each method, print the table, and return its rows."""
+    rows = []
     with tempfile.TemporaryDirectory() as scratch:
         for k, method in enumerate(METHODS):
             run(source, Path(scratch) / str(k), method)
         for path in sorted((source / "config/moorings").glob("*.yaml")):
-            for k, method in enumerate(METHODS):
-                print(line(source, Path(scratch) / str(k), path.stem, method))
-            print(line(source, Path(scratch) / str(len(METHODS) - 1), path.stem, BY_EYE))
+            rows += [row(source, Path(scratch) / str(k), path.stem, method) for k, method in enumerate(METHODS)]
+            rows.append(row(source, Path(scratch) / str(len(METHODS) - 1), path.stem, numbers.BY_EYE))
+    print(numbers.table(rows))
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cruise", nargs="?", type=Path, default=PROJECT)
+    parser.add_argument("--product", action="store_true", help="what stands in the cruise's results")
+    parser.add_argument("--keep", action="store_true", help="write the rows of headings into the file of the pages")
+    asked = parser.parse_args()
+    if not (asked.cruise / "raw").is_dir():
+        sys.exit(f"{asked.cruise}: no raw files; run make run first, or name a cruise folder")
+    rows = (product if asked.product else methods)(asked.cruise)
+    if asked.keep:
+        numbers.keep("product" if asked.product else "methods", rows)
 
 
 if __name__ == "__main__":
-    folders = [Path(word) for word in sys.argv[1:] if word != "--product"]
-    (product if "--product" in sys.argv else main)(folders[0] if folders else PROJECT)
+    main()

@@ -19,6 +19,7 @@ import typing
 import zipfile
 from pathlib import Path
 
+import numbers_of_pages
 import numpy as np
 import pictures
 import pytest
@@ -404,3 +405,8 @@ def test_the_page_on_the_concealed_moorings_is_what_the_code_writes_from_its_fig
     assert walkthrough.PAGE.read_text() == walkthrough.page(json.loads(walkthrough.FIGURES.read_text())), (
         "make it anew: .venv/bin/python benchmarks/walkthrough.py"
     )
+
+
+@pytest.mark.parametrize("page", numbers_of_pages.PAGES, ids=lambda page: page.name)
+def test_the_numbers_on_a_page_are_those_of_the_files_and_say_where_the_engine_is_another(page):
+    assert page.read_text() == numbers_of_pages.filled(page), "run .venv/bin/python benchmarks/numbers_of_pages.py"
