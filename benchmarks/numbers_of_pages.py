@@ -108,8 +108,8 @@ def card() -> str:
     moorings = f"{seal['count'] + seal['real']} moorings{older}"
     return (
         "Effects planted in water that the search was not built on "
-        f"([scorecard](docs/proof/{CARD.name}/scorecard.md) of\n{moorings}; [known misses](docs/proof/known-misses.md)):"
-        "\n\n" + "".join(f"* {line}\n" for line in said)
+        f"([scorecard](docs/proof/{CARD.name}/scorecard.md) of\n{moorings}; "
+        "[known misses](docs/proof/known-misses.md)):\n\n" + "".join(f"* {line}\n" for line in said)
     )
 
 
