@@ -1,44 +1,68 @@
-"""The demonstration cruise by a Slurm on loopback and on this machine alone: seconds, and how many files are equal.
+"""A cruise of eight moorings through a Slurm on loopback, on this machine, and in one process a mooring: CPU and files.
 
-    python benchmarks/slurm_cruise.py
+    python benchmarks/slurm_cruise.py [MOORINGS]
 
-Needs what ``tests/slurm.py`` starts: Debian's slurm-wlm and munge, make slurm, and root. Exits 1 where a file differs.
+Needs what ``tests/slurm.py`` starts: Debian's slurm-wlm and munge, make slurm, and root. The CPU seconds are those of
+the whole machine while a form runs, as the jobs are no children of Snakemake: nothing else may run. Exits 1 where a
+file of one form differs from that of another.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import tempfile
+import time
 from pathlib import Path
 
-from runs import PROJECT, cost, hashes, snakemake
+import growth
+import runs
+import targets
+from runs import PROJECT, hashes, snakemake
 
 sys.path.insert(0, str(PROJECT / "tests"))
 import slurm
 
-
-def demonstration(folder: Path) -> Path:
-    shutil.copytree(PROJECT / "config", folder / "config")
-    return folder
+YEARS = 0.25  # of each record
+STAGES = [option.replace("mooring_cores=1", "mooring_cores=0") for option in slurm.OPTIONS]
 
 
-def main(scratch: Path) -> int:
+def machine_s() -> float:
+    """Return the CPU seconds of user and system that the machine has spent so far."""
+    user, nice, system = map(int, Path("/proc/stat").read_text().split()[1:4])
+    return (user + nice + system) / os.sysconf("SC_CLK_TCK")
+
+
+def main(scratch: Path, moorings: int) -> int:
+    """Run all forms, print what each took, and compare their files."""
     if slurm.missing():
         raise SystemExit(slurm.missing())
-    here, there = (demonstration(scratch / name) for name in ("here", "there"))
-    alone = cost(snakemake(here, cores=os.cpu_count() or 1)).wall_s
+    forms = {
+        "on this machine, a job a mooring": (os.cpu_count() or 1, ("--config", "mooring_cores=1")),
+        "Slurm, a job a mooring": (None, slurm.OPTIONS),
+        "Slurm, a job a stage": (None, STAGES),
+    }
+    names = growth.fleet(scratch / "alone", moorings, YEARS)
+    one_process = sum(growth.one_process(scratch / "alone", name)[0] for name in names)
+    targets.head("form", "s by the clock", "CPU s a mooring", "over one process without figures")
+    targets.line("one process a mooring, no figures", "–", f"{one_process / moorings:.1f}", "1.00")
+    made = []
     with slurm.cluster(scratch / "slurm"):
-        queued = cost(snakemake(there, *slurm.OPTIONS, cores=None)).wall_s
-    first, second = (hashes(folder, "config", ".snakemake") for folder in (here, there))
-    names = sorted(first.keys() | second.keys())
-    differ = [name for name in names if first.get(name) != second.get(name)]
-    print(f"on this machine {alone:.0f} s, by Slurm {queued:.0f} s, {os.cpu_count()} cores each")
-    print(f"{len(names) - len(differ)} files equal, {len(differ)} not", *differ)
+        for number, (form, (cores, options)) in enumerate(forms.items()):
+            cruise = scratch / f"cruise{number}"
+            growth.fleet(cruise, moorings, YEARS)
+            begun, cpu = time.monotonic(), machine_s()
+            runs.cost(snakemake(cruise, *options, cores=cores))
+            wall, cpu = time.monotonic() - begun, machine_s() - cpu
+            targets.line(form, f"{wall:.0f}", f"{cpu / moorings:.1f}", f"{cpu / one_process:.2f}")
+            made.append(hashes(cruise / "results", ".snakemake"))
+    differ = [
+        name for each in made[1:] for name in sorted(each.keys() | made[0]) if each.get(name) != made[0].get(name)
+    ]
+    print(f"\n{len(made[0])} files of each form; {len(differ)} differ", *differ)
     return bool(differ)
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
-        sys.exit(main(Path(folder)))
+        sys.exit(main(Path(folder), int(sys.argv[1]) if len(sys.argv) > 1 else 8))

@@ -382,7 +382,7 @@ def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
 
 @pytest.mark.skipif(bool(slurm.missing()), reason=slurm.missing() or "Slurm can be started")
 def test_a_cluster_gives_what_this_machine_gives(processed, tmp_path):
-    """Through Slurm by its profile alone; benchmarks/slurm_cruise.py does the same with the demonstration cruise."""
+    """Through Slurm by its profile alone; benchmarks/slurm_cruise.py does the same with eight."""
     there = tmp_path / "there"
     for part in ("config", "raw"):
         shutil.copytree(processed / part, there / part)
