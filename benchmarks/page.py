@@ -35,10 +35,13 @@ FLEETS = (1, 10, 100)
 EDITED = "EG5"
 ONE_PROCESS = """
 import sys
+from contextlib import chdir
 from pathlib import Path
-from compasslib.pipeline.process import process_mooring
-for name in sys.argv[2:]:
-    process_mooring(Path(sys.argv[1]), name, Path(sys.argv[1]) / "alone" / name)
+from compasslib.config.cruise import load_cruise
+from compasslib.pipeline.process import LAST, run_stages
+with chdir(sys.argv[1]):
+    for name in sys.argv[2:]:
+        run_stages(load_cruise(Path()), name, Path("alone", name).absolute(), last=(*LAST, "figures/timeline.png"))
 """
 LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
 
@@ -114,7 +117,7 @@ def of_seven(temporary: Path, older: Path) -> str:
     seven("here", workflow)
     since = {"product": {"grid": False}, "diagnose": {"surrogates": 0}}
     seven("here without grids and surrogates", workflow, **since)
-    seven("one process a mooring without these and figures", one_process, **since)
+    seven("one process, figures but no simulation and report", one_process, **since)
     first = rows[0][2]
     lines = ["| the seven published moorings | s by the clock | CPU s | of the older |", "|---|---|---|---|"]
     lines += [f"| {name} | {s:.1f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu in rows]

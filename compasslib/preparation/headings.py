@@ -118,6 +118,7 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
     if largest <= 1.0:
         return record
     late = np.convolve(excess[lag] > 0.5, np.ones(TOGETHER))[: int(number[-1]) + 1] > 0
+    late = late | adjacent(late)  # a stretch begins and ends within a window
     text = (
         f"{'lag' if lags[lag] > 0 else 'lead'} the direction of flow by {abs(lags[lag])} samples, as no compass does: "
         "they are flagged doubtful; check the times of the column of headings"
