@@ -244,7 +244,8 @@ def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
     """List the settings of a job, or the keys of a YAML file, that differ, each with its values as they are in JSON."""
     left, right = (dict(_leaves(json.loads(json.dumps(side, default=str)))) for side in (before, after))
     keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
-    return [f"{key} was {_short(left.get(key))}, is {_short(right.get(key))}" for key in keys]
+    was, now = ({key: _short(side[key]) if key in side else "absent" for key in keys} for side in (left, right))
+    return [f"{key} was {was[key]}, is {now[key]}" for key in keys]
 
 
 def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
