@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 
 import numpy as np
+import pandas as pd
 import pytest
 import sea
 import yaml
@@ -13,12 +14,13 @@ from test_preparation_water import ALL_NEAR, CELL_M, FIELD, error_deg, instrumen
 
 from compasslib import angles
 from compasslib.archive import netcdf
+from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.references import combine_references, join_references
 from compasslib.product.cells import compare_at_seam
-from compasslib.records import take
+from compasslib.records import PROBABLY_BAD, take
 
 NAMES = ("low", "mid", "high")
 
@@ -139,3 +141,20 @@ def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
     file.write_text(yaml.safe_dump(said))
     with pytest.raises(InputError, match="each name once"):
         process_mooring(cruise, "M1", tmp_path / "again")
+
+
+def test_references_that_contradict_each_other_make_all_headings_doubtful(tmp_path):
+    cruise = sea.cruise(tmp_path / "cruise", n=1400)
+    file, path = cruise / "config/moorings/M1.yaml", cruise / "raw/M1/deep.csv"
+    frame = pd.read_csv(path)
+    east, north = angles.turn(frame.u_cm_s, frame.v_cm_s, 40.0)
+    frame.assign(u_cm_s=east, v_cm_s=north).round(2).to_csv(cruise / "raw/M1/other.csv", index=False)
+    said = yaml.safe_load(file.read_text())
+    said["instruments"]["other"] = copy.deepcopy(said["instruments"]["deep"]) | {"files": "raw/M1/other.csv"}
+    file.write_text(yaml.safe_dump(said | {"reference": ["deep", "other"]}))
+    folder = process_mooring(cruise, "M1", tmp_path / "out")
+    product = netcdf.read_corrected(folder / "corrected.nc")
+    known = np.isfinite(product.heading_corrected_deg)
+    assert known.all() and (product.heading_corrected_quality == PROBABLY_BAD).all()
+    assert (product.heading_uncertainty_deg > 35.0).all()
+    assert read_json(folder / "diagnosis.json")["verdict"] == "unexplained"
