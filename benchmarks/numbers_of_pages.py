@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Sequence
 from datetime import UTC, date, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +54,8 @@ def keep(name: str, rows: list[list[str]]) -> None:
 
 def table(rows: Sequence[Sequence[str]], head: Sequence[str] = HEADINGS) -> str:
     """Write rows as a table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |".replace("| --- ", "|---").replace("--- |", "---|") for line in lines)
+    lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
+    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
 
 
 def measured(kept: dict[str, Any]) -> str:
@@ -70,29 +71,24 @@ def product() -> str:
     after = HEADINGS.index("rms after")
     published = {row[0]: row for row in kept["methods"]["rows"] if row[1] == BY_EYE}
     rows, inside = [], []
-    for name, _, _, before, product, _, sigma, within, *_ in kept["product"]["rows"]:
+    for name, _, _, before, corrected, _, sigma, within, *_ in kept["product"]["rows"]:
         if name in published:
             share = float(published[name][HEADINGS.index("share corrected")].split()[0])
             part = f" ({share:.0f} %)" if share < 100.0 else ""
-            rows.append([name + NOTES.get(name, ""), before, product, sigma, published[name][after] + part])
+            rows.append([name + NOTES.get(name, ""), before, corrected, sigma, published[name][after] + part])
             inside.append(int(within.split()[0]))
+    older = ", an older engine" * (kept["methods"]["engine"] != kept["product"]["engine"])
     return (
         "Heading errors of the demonstration cruise, rms (`.venv/bin/python benchmarks/accuracy.py --product`:\n"
         f"{measured(kept['product'])}):\n\n"
-        f"{table(rows, ('mooring', 'before', 'product', 'stated 1σ, rms', 'von Appen (2015)'))}\n\n"
+        f"{table(rows, ('mooring', 'before', 'product', 'stated 1σ, rms', f'von Appen (2015){older}'))}\n\n"
         f"{min(inside)} to {max(inside)} % of the headings lie in their stated 95 % interval.\n"
     )
 
 
-def all_methods() -> str:
-    """The headings of the demonstration cruise by each method alone."""
-    kept = json.loads(ACCURACY.read_text())["methods"]
-    return f"By {measured(kept)}:\n\n{table(kept['rows'])}\n"
-
-
-def all_products() -> str:
-    """The product's headings of the demonstration cruise."""
-    kept = json.loads(ACCURACY.read_text())["product"]
+def all_rows(name: str) -> str:
+    """Every row of one measurement of the demonstration cruise's headings."""
+    kept = json.loads(ACCURACY.read_text())[name]
     return f"By {measured(kept)}:\n\n{table(kept['rows'])}\n"
 
 
@@ -113,7 +109,12 @@ def card() -> str:
     )
 
 
-PARTS = {"card": card, "product": product, "methods": all_methods, "products": all_products}
+PARTS = {
+    "card": card,
+    "product": product,
+    "methods": partial(all_rows, "methods"),
+    "products": partial(all_rows, "product"),
+}
 
 
 def filled(page: Path) -> str:

@@ -199,7 +199,7 @@ class Pairs(Labelled):
     #: 1 sigma, degrees, by which the water may be turned from the prediction for the whole record
     veer_deg: float = 0.0
     #: degrees by which references differ where none of them can be ruled out; 0 where they agree
-    dispute_deg: float = 0.0
+    references_differ_deg: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)

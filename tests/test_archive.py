@@ -162,7 +162,15 @@ def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: 
 
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
-    others = ("warnings", "expected_m_s", "veer_deg", "dispute_deg", "reference_index", "reference_names", "time_s")
+    others = (
+        "warnings",
+        "expected_m_s",
+        "veer_deg",
+        "references_differ_deg",
+        "reference_index",
+        "reference_names",
+        "time_s",
+    )
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
@@ -170,7 +178,11 @@ def make_pairs(n: int = 50) -> Pairs:
         values["pitch_deg"][0] = np.nan
     values["time_s"] = 1189000000.0 + 3600.0 * np.arange(n)
     return Pairs(
-        **values, warnings=("few pairs to the north",), expected_m_s=(0.046, 0.031), veer_deg=1.5, dispute_deg=12.0
+        **values,
+        warnings=("few pairs to the north",),
+        expected_m_s=(0.046, 0.031),
+        veer_deg=1.5,
+        references_differ_deg=12.0,
     )
 
 

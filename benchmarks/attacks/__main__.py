@@ -154,14 +154,11 @@ def report(rows: list[Row]) -> int:
         others = [ways[key] for key in ("refused", "wrong, warned", "warned or flagged", "right")]
         targets.line(kind, len(some), *shares, *others)
     decidable = [row for row in mistakes if not row["undecidable"]]
-    for what, counted in (
-        ("without those that no record can tell", [True] * len(decidable)),
-        ("of these, the currents are wrong too", [row["currents_wrong"] for row in decidable]),
-    ):
+    for what, too in (("without those that no record can tell", False), ("of these, the currents are wrong too", True)):
         print(f"\n{what}:", end="")
         for key in ("silent", "called_good"):
-            both = (row[key] and each for row, each in zip(decidable, counted, strict=True))
-            print(f" {key.replace('_', ' ')} {targets.share_of(both)};", end="")
+            share = targets.share_of(row[key] and (row["currents_wrong"] or not too) for row in decidable)
+            print(f" {key.replace('_', ' ')} {share};", end="")
     print(f"\n\nsilent or called good: {len(bad)}")
     for row in sorted(bad, key=lambda row: row["name"]):
         _print_bad(row)

@@ -203,8 +203,8 @@ def write_variable(
     """
     values = np.asarray(values)
     if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and an unsigned one holds no -1
-        kept = np.dtype(variable.dtype) if np.dtype(variable.dtype).kind == "f" else values.dtype  # half as large
-        values = values.astype(kept)
+        dtype = np.dtype(variable.dtype)  # float32 is half as large as what is written
+        values = values.astype(dtype if dtype.kind == "f" else values.dtype)
         values[~np.isfinite(values)] = variable.fill
     made = nc[variable.name] if variable.name in nc.variables else _create_variable(nc, variable, level)
     made[... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)] = (

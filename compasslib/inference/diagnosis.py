@@ -56,7 +56,7 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
-DISPUTED = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
+CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
 SURE_CONSTANT = 0.95  # probability above which no other name is listed
 MOST_OUTLIERS = 0.03  # share of directions that say nothing; of 19 sound moorings up to 0.006, of a refuted one 0.02
 SIDES = ("none", "compass", "clock", "reference", "water")
@@ -407,7 +407,11 @@ def conclude(
         made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
     elif doubts := (
         *(() if made.effects else _doubt_outliers(fit)),  # effects that are corrected explain outliers
-        *((doubt_whole_record(pairs.dispute_deg, DISPUTED.format(pairs.dispute_deg)),) if pairs.dispute_deg else ()),
+        *(
+            (doubt_whole_record(pairs.references_differ_deg, CONTRADICTING.format(pairs.references_differ_deg)),)
+            if pairs.references_differ_deg
+            else ()
+        ),
         *doubts,
     ):
         diagnosis = _with_doubts(diagnosis, doubts, pairs)

@@ -54,7 +54,7 @@ UNRELATED, STEADY = 0.11, 0.97
 # it should have changed, and the least share of readings in each eighth of the sectors that are left.
 COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_FILLED = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
 # Every k-th reading against the mean direction of its neighbours: the median turn of one k, and the median size of one
-# k over that of the others; at most 4.9 degrees and 1.8 in 33 sound records, real water included.
+# k over that of the others; at most 4.9 degrees and 1.8 in 34 records of one compass, real water included.
 PERIODS, INDEX_TURN_DEG, INDEX_SIGMAS, INDEX_TIMES, INDEX_LEAST_DEG = range(2, 13), 10.0, 6.0, 3.0, 2.0
 
 

@@ -47,11 +47,11 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
     Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
     nobody can tell whose fault it is: the first, which the mooring's file names first, stands alone, and
-    ``dispute_deg`` tells by how much they differ. A recording that is given twice counts once.
+    ``references_differ_deg`` tells by how much they differ. A recording that is given twice counts once.
     """
     if len(each) == 1:
         return each[0]
-    used, said, dispute_deg = _agreeing(each, names)
+    used, said, references_differ_deg = _agreeing(each, names)
     there = [k for k in used if len(each[k])] or used[:1]
     notes = [f"{names[k]}: {warning}" for k, pairs in enumerate(each) for warning in pairs.warnings]
     arrays = [name for name, column in vars(each[0]).items() if isinstance(column, np.ndarray)]
@@ -66,7 +66,7 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         warnings=(*said, *notes),
         expected_m_s=_expected([each[k] for k in there]),
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
-        dispute_deg=dispute_deg,
+        references_differ_deg=references_differ_deg,
     )
 
 
