@@ -29,6 +29,7 @@ from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
 from compasslib.deviation.model import DeviationFit
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import CovariateRange, Unexplained
 from compasslib.records import GOOD, PROBABLY_BAD, EarthField, Pairs
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
@@ -293,6 +294,14 @@ def test_a_doubtful_stretch_makes_the_verdict_unexplained_and_says_when():
     begin, end = made.diagnosis.unexplained.when_s
     assert wrong.time_s[900] < begin < wrong.time_s[1150] and wrong.time_s[1250] < end < wrong.time_s[1500]
     assert any("directions differ from the reference" in warning for warning in made.diagnosis.warnings)
+
+
+@pytest.mark.parametrize(("size_deg", "doubted"), [(9.0, False), (12.0, True)])
+def test_a_large_unexplained_mismatch_makes_all_headings_doubtful(size_deg, doubted):
+    place = CovariateRange("heading", 0.0, 360.0, "all round")
+    left = Unexplained(("heading",), place, None, size_deg, (), "A mismatch.")
+    made = concluded(pairs(MILD, n=1500, seed=6)[0], diagnosis=Diagnosis("unexplained", unexplained=left))
+    assert [doubt.from_s for doubt in made.product.doubts] == [-np.inf] * doubted
 
 
 def test_a_calibration_of_another_compass_is_insufficient_and_named():
