@@ -237,6 +237,8 @@ def test_probabilities_that_come_true_score_better_than_the_mere_share():
     assert good["brier"]["own"] == pytest.approx(np.mean((stated - came) ** 2))
     assert sum(one["count"] for one in good["bins"]) == 400
     assert tally.probabilities([*rows, rows[0] | {"place": tally.PLACES[-1]}])["a name that is given"]["count"] == 400
+    rare = tally.probabilities(rows)["compass or clock at fault, weighted to a share of 0.1"]
+    assert rare["share"] == 0.1 and rare["log"]["share"] == pytest.approx(-0.1 * np.log(0.1) - 0.9 * np.log(0.9))
     swapped = [row | {"of_names": [[1.0 - p, y] for p, y in row["of_names"]]} for row in rows]
     assert tally.probabilities(swapped)["a name that is given"]["brier"]["better"][1] < 0.0
 
@@ -249,6 +251,21 @@ def test_a_stated_name_counts_as_right_where_what_was_planted_is_said_by_it():
     finding["sides"] = {"none": 0.2, "compass": 0.7, "clock": 0.05, "water": 0.05}
     assert score.at_fault(truth("single", "heeling"), finding) == [0.75, 1.0]
     assert score.at_fault(truth("null"), finding) == [0.75, 0.0]
+
+
+def test_a_stated_driver_is_right_where_what_was_planted_depends_on_it():
+    driven = {"effect": "composed", "alternatives": [], "side": "compass", "level": "driver", "level_probability": 0.97}
+    for planted, driver, right in (
+        (truth("single", "heeling"), "roll", True),
+        (truth("single", "heeling"), "time", False),
+        (truth("single", "battery_change"), "voltage", True),
+        (truth("single", "temperature"), "temperature*time", True),
+        (truth("strange") | {"effects": [{"name": "strumming", "right": []}]}, "speed", True),
+        (truth("strange") | {"effects": [{"name": "strumming", "right": []}]}, "depth", False),
+    ):
+        composition = {"acts_on": "reading", "driver": driver, "form": "square"}
+        made = score.statement(driven | {"driver": driver, "composition": composition}, planted)
+        assert made["driver_right"] is right, (planted, driver)
 
 
 def test_targets_are_missed_where_their_interval_excludes_them(capsys):

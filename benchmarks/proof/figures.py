@@ -73,9 +73,10 @@ def reliability(path: Path, stated: dict[str, Any]) -> None:
     """Draw how often came true what was stated with some probability."""
     title = "Stated probabilities and what came\n"
     title += "Bars are 95 % intervals (Clopper and Pearson), beside them n. On the line what is stated comes true."
+    drawn = {what: one for what, one in stated.items() if "weighted" not in what}
     with page(path, 3.4, width_in=WIDE_IN, title=title) as figure:
         panels = figure.subplots(1, 2, sharey=True)
-        for axes, (what, one) in zip(panels, stated.items(), strict=True):
+        for axes, (what, one) in zip(panels, drawn.items(), strict=True):
             axes.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linewidth=0.6)
             some = one.get("bins", [])
             at = np.array([each["stated"] for each in some])

@@ -31,6 +31,14 @@ SAME = {
     "tilt_uncompensated": (FIELD, "pitch roll tilt"), "heeling": (FIELD, "pitch roll tilt"),
     "compass_lag": ("reading", "turn_rate"), "field_disturbance": ("north", "observatory time"),
 }  # fmt: skip
+# On what other effects depend, those that nobody listed with them.
+DRIVERS = {
+    "hysteresis": "heading turn_rate", "rolling_shackle": "tilt", "neighbour": "time", "chirp": "time",
+    "crackle": "time", "strumming": "speed", "detent": "heading", "thermal_shock": "temperature",
+    "leak": "time heading", "warm_and_fast": "temperature speed", "summer_noon": "hour time",
+    "fine_teeth": "heading", "lost_chain": "time",
+    "stuck_tilt": "tilt time", "clock_offset": "time", "clock_drift": "time",
+}  # fmt: skip
 FEWEST_NAMES = 2  # in a set that doubts
 WORST = 1e-4  # probability below which a forecast is not punished further
 
@@ -157,6 +165,9 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
         "points": points(truth, diagnosis),
         "of_compass": at_fault(truth, diagnosis),
         "of_names": names(truth, diagnosis),
+        "stated": [statement(one, truth) for one in diagnosis["findings"]],
+        "current": [one["level"] for one in diagnosis.get("current", [])],
+        "limits_deg": [limit_deg(one, diagnosis) for one in truth["effects"]],
         "why": why(truth, diagnosis),
         "five_deg": truth["five_deg"],
         "oracle_deg": truth["oracle_deg"],
@@ -201,6 +212,37 @@ def _true(name: str, finding: dict[str, Any], truth: dict[str, Any]) -> bool:
     if truth["kind"] in UNNAMED:
         return name.startswith("composed")
     return truth["kind"] in QUIET and not _accused(truth, {"findings": [finding]})
+
+
+def statement(finding: dict[str, Any], truth: dict[str, Any]) -> dict[str, Any]:
+    """Return the deepest statement of a finding with its probability, and whether its name and its driver are right.
+
+    A driver that is a product of two counts for either.
+    """
+    driver = str(finding.get("driver") or "")
+    return {
+        "level": finding.get("level"),
+        "probability": finding.get("level_probability"),
+        "side": finding.get("side", "compass"),
+        "right": _true(first(finding), finding, truth),
+        "driver_right": bool(_axes(driver.replace("*", " ")) & set().union(*map(drivers, truth["effects"]))),
+    }
+
+
+def drivers(effect: dict[str, Any]) -> set[str]:
+    """Return on what a planted effect depends, pitch and roll as tilt."""
+    listed = [SAME[name][1] if name in SAME else DRIVERS.get(name, "") for name in effect["right"] or [effect["name"]]]
+    return _axes(" ".join(listed))
+
+
+def _axes(listed: str) -> set[str]:
+    return {"tilt" if name in ("pitch", "roll") else name for name in listed.split()}
+
+
+def limit_deg(effect: dict[str, Any], diagnosis: dict[str, Any]) -> float | None:
+    """Return from which size on the diagnosis says that it notices an effect, None where it does not say."""
+    said = [diagnosis.get("detectable_deg", {}).get(name) for name in effect["right"]]
+    return min((one for one in said if one is not None), default=None)
 
 
 def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:

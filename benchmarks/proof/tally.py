@@ -20,7 +20,9 @@ BINS_DEG = (0.0, 0.7, 1.0, 1.5, 2.0, 3.0, 99.0)
 EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.001)  # of stated probabilities
 NEAR_DEG, WORSE_DEG = 0.3, 0.1
 HEADINGS = ("before", "after", "published", "sampled", "five", "oracle")
-COVERED = (0.93, 0.97)
+SURE = 0.95  # probability from which something is stated
+EASY_DEG = 2.0  # visible size of an effect that most records show
+SHARES_AT_FAULT = (0.1, 0.3, 0.75)  # to which the score of faults is weighted
 PLACES = ("all", "made water", "real records", "reference stands in")
 
 
@@ -40,6 +42,12 @@ def _questions(rows: Sequence[Row]) -> list[tuple[str, list[Row], Callable[[Row]
     alone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
     quiet = [(f"{QUIET[kind]}: compass or clock named", _of(rows, kind), falsely) for kind in score.QUIET]
     told = ("right", "name beside")
+    said = _statements(rows)
+    names = [one for one in said if one["level"] == "effect"]
+    driven = [one for one in said if one["level"] in ("effect", "driver") and one["side"] == "compass"]
+    large = [row for row in _of(rows, "single") if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
+    planted = _single_effects(rows)
+    veered = [row for row in known if _veered(row)]
     return [
         ("nothing wrong with the compass, all kinds: compass or clock named", _of(rows, *score.QUIET), falsely),
         ("the same: unexplained, nothing named", _of(rows, *score.QUIET), lambda row: row["outcome"] == "false alarm"),
@@ -49,9 +57,22 @@ def _questions(rows: Sequence[Row]) -> list[tuple[str, list[Row], Callable[[Row]
         ("all that was planted is among the names", known, covered),
         ("the same, of those where anything is named", named, covered),
         ("the same, of those where every name stands alone", alone, covered),
+        (f"names stated at {SURE:g}: right", names, lambda one: one["right"]),
+        (f"compass's drivers stated at {SURE:g}: right", driven, lambda one: one["driver_right"]),
+        (f"single effect of {EASY_DEG:g}° and more on the compass: stated by name", large, _by_name),
+        ("the same: its driver stated", large, _by_driver),
+        (
+            "each effect above the limit that its record states, alone: among the names",
+            [one for one in planted if one["alone"]],
+            lambda one: one["named"],
+        ),
+        ("the same, one of two", [one for one in planted if not one["alone"]], lambda one: one["named"]),
+        (f"current of {EASY_DEG:g}° and more: stated", veered, lambda row: bool(row["current"])),
         ("a finding that has nothing to do with it", named, lambda row: row["outcome"] == "one too many" or wrong(row)),
         ("nobody listed it: unexplained or composed", strange, lambda row: row["outcome"] in told),
         ("nobody listed it: a bare name", strange, lambda row: row["outcome"] == "bare name"),
+        ("nobody listed it: findings, all with a wrong driver", strange, _misled),
+        ("nobody listed it, seen: the right driver first", list(filter(seen, strange)), _driver_first),
         ("temperature shifted in time: temperature named first", shifted, lambda row: "temperature" in _first(row)),
         ("temperature shifted in time: a bare name", shifted, lambda row: row["outcome"] == "bare name"),
         ("undecidable: doubt, with the truth in it", doubt, lambda row: row["outcome"] == "right"),
@@ -89,34 +110,55 @@ def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
     """
     rows = [row for row in rows if row["place"] != PLACES[-1]]
     compass = [[row["of_compass"]] for row in rows if row["of_compass"]]
+    mixed = len({came for ((_, came),) in compass}) > 1
+    at_fault = {
+        f"compass or clock at fault, weighted to a share of {share:g}": _forecast(compass, share)
+        for share in SHARES_AT_FAULT
+        if mixed
+    }
     return {
         "compass or clock at fault": _forecast(compass),
+        **at_fault,
         "a name that is given": _forecast([row["of_names"] for row in rows if row["of_names"]]),
     }
 
 
-def _forecast(groups: Sequence[Sequence[Sequence[float]]]) -> dict[str, Any]:
-    """Score forecasts, those of one mooring together in an interval (Brier 1950; Good 1952)."""
+def _forecast(groups: Sequence[Sequence[Sequence[float]]], share: float | None = None) -> dict[str, Any]:
+    """Score forecasts, those of one mooring together in an interval (Brier 1950; Good 1952).
+
+    Args:
+        share: of what came, to which the moorings are weighted; as it is where None.
+    """
     if not groups:
         return {"count": 0}
     every = np.array([one for group in groups for one in group])
-    base = every[:, 1].mean()
-    brier = [np.array([((p - y) ** 2, (base - y) ** 2) for p, y in group]).sum(axis=0) for group in groups]
-    logs = [np.array([(_surprise(p, y), _surprise(base, y)) for p, y in group]).sum(axis=0) for group in groups]
-    counts = np.array([len(group) for group in groups], dtype=float)
-    return {
-        "count": len(every), "moorings": len(groups), "share": float(base),
-        "brier": _ratio(brier, counts), "log": _ratio(logs, counts), "bins": _bins(every),
-    }  # fmt: skip
+    came = every[:, 1].mean()
+    base = came if share is None else share
+    weights = (1.0, 1.0) if share is None else ((1.0 - share) / (1.0 - came), share / came)
+    scored = [np.array([_scores(p, y, base, weights[int(y)]) for p, y in group]).sum(axis=0) for group in groups]
+    brier, logs, counts = (
+        np.array([one[:2] for one in scored]),
+        np.array([one[2:4] for one in scored]),
+        np.array(scored)[:, 4],
+    )
+    found = {"count": len(every), "moorings": len(groups), "share": float(base)}
+    found |= {"brier": _ratio(brier, counts), "log": _ratio(logs, counts)}
+    return found | {"bins": _bins(every) if share is None else []}
+
+
+def _scores(p: float, came: float, base: float, weight: float) -> tuple[float, ...]:
+    """Score one forecast and the mere share by Brier's and the logarithmic rule, times a weight, which is last."""
+    scores = ((p - came) ** 2, (base - came) ** 2, _surprise(p, came), _surprise(base, came), 1.0)
+    return tuple(weight * one for one in scores)
 
 
 def _surprise(stated: float, came: float) -> float:
     return float(-np.log(max(stated if came else 1.0 - stated, score.WORST)))
 
 
-def _ratio(pairs: Sequence[np.ndarray], counts: np.ndarray) -> dict[str, Any]:
+def _ratio(pairs: np.ndarray, counts: np.ndarray) -> dict[str, Any]:
     """Return a mean score, that of the share alone, and by how much it is better, with its 95 % interval."""
-    own, base = np.array(pairs).T
+    own, base = pairs.T
     gained = np.arange(len(own))
     better = targets.resampled(gained, lambda some: (base - own)[some].sum(axis=-1) / counts[some].sum(axis=-1))
     total = counts.sum()
@@ -193,10 +235,12 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
     """
     rows = [row for row in rows if row["place"] != "reference stands in"]
     quiet, known = _of(rows, *score.QUIET), _of(rows, *score.KNOWN)
-    named = [row for row in known if row["sets"]]
-    alone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
+    lone = [row for row in _of(rows, "single") if [len(one) for one in row["sets"]] == [1]]
     strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
-    whole = [row for row in rows if _whole(row)]
+    whole, said = [row for row in rows if _whole(row)], _statements(rows)
+    names = [one for one in said if one["level"] == "effect"]
+    driven = [one for one in said if one["level"] in ("effect", "driver") and one["side"] == "compass"]
+    mean_stated = sum(one["probability"] for one in names) / max(len(names), 1)
     shares = [
         ("nothing wrong with the compass: compass or clock named", map(falsely, quiet), {"most": 0.02}),
         (
@@ -205,18 +249,34 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
             {"most": 0.02},
         ),
         ("the same: unexplained", (row["outcome"] == "false alarm" for row in quiet), {"most": 0.02}),
-        ("anything named: all that was planted is among the names", map(covered, named), {"least": 0.95}),
-        ("every name stands alone: right", map(covered, alone), {"least": 0.95}),
-        ("nobody listed it: a bare name", (row["outcome"] == "bare name" for row in strange), {"most": 0.05}),
+        (
+            f"names stated at {SURE:g}, {100 * mean_stated:.1f} % on the mean: right",
+            (one["right"] for one in names),
+            {"least": max(0.93, mean_stated - 0.02)},
+        ),
+        (f"compass's drivers stated at {SURE:g}: right", (one["driver_right"] for one in driven), {"least": 0.96}),
+        ("all: as a perfect tool would say", (row["points"] == 1.0 for row in rows), {"least": 0.58}),
+        ("one effect planted, one name alone: right", map(covered, lone), {"least": 0.92}),
+        ("nobody listed it: a bare name", (row["outcome"] == "bare name" for row in strange), {"most": 0.07}),
+        ("nobody listed it: findings, all with a wrong driver", map(_misled, strange), {"most": 0.07}),
+        (
+            f"current of {EASY_DEG:g}° and more: stated",
+            (bool(row["current"]) for row in known if _veered(row)),
+            {"least": 0.8},
+        ),
         ("temperature shifted in time: named first", ("temperature" in _first(row) for row in shifted), {"most": 0.05}),
-        ("undecidable: guessed", (row["outcome"] in ("guessed", "wrong name") for row in doubt), {"most": 0.05}),
-        (f"heading worse than by the fit alone, by over {WORSE_DEG}°", map(worse, whole), {"most": 0.05}),
+        ("undecidable: guessed", (row["outcome"] in ("guessed", "wrong name") for row in doubt), {"most": 0.1}),
+        (f"heading worse than by the fit alone, by over {WORSE_DEG}°", map(worse, whole), {"most": 0.04}),
     ]
     found = [targets.share(what, values, **goal) for what, values, goal in shares]
-    covers = [row["covered_95"] for row in whole if row["covered_95"] is not None]
-    least, most = COVERED
-    if covers:
-        found.append(targets.mean("headings within their 95 %", covers, least=least, most=most, unit=" %", times=100.0))
+    for what, some, goal in (
+        ("nothing wrong with the compass", quiet, {"least": 0.95, "most": 0.95}),
+        ("listed effects", known, {"least": 0.95, "most": 0.95}),
+        ("nobody listed it", strange, {"least": 0.9}),
+    ):
+        covers = [row["covered_95"] for row in some if row["covered_95"] is not None]
+        if covers:
+            found.append(targets.mean(f"headings within their 95 %: {what}", covers, **goal, unit=" %", times=100.0))
     found += [
         _ahead(f"points ahead of: {tool}", one["ahead"])
         for tool, one in scored.items()
@@ -235,6 +295,48 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
 def _ahead(what: str, interval: Sequence[float]) -> Measured:
     low, high = interval
     return Measured(what, f"{low:+.3f} to {high:+.3f}", low, high, least=0.0, target="> 0")
+
+
+def _statements(rows: Sequence[Row]) -> list[Row]:
+    """Return what is stated of every finding that reaches a level, with the place of its mooring."""
+    return [one | {"place": row["place"]} for row in rows for one in row["stated"] if one["level"]]
+
+
+def _single_effects(rows: Sequence[Row]) -> list[Row]:
+    """Return every planted effect above the limit that its own record states: whether alone, and among the names."""
+    found = []
+    for row in _of(rows, *score.KNOWN):
+        for names, size, limit in zip(row["right"], row["visible_deg"], row["limits_deg"], strict=True):
+            if limit is not None and size > limit:
+                named = any(score.right(name, {"right": names}) for each in row["sets"] for name in each)
+                found.append({"place": row["place"], "alone": row["kind"] == "single", "named": named})
+    return found
+
+
+def _acts_on_compass(row: Row) -> bool:
+    return not {*row["right"][0]} & {*score.CURRENT, "clock_offset", "clock_drift"}
+
+
+def _veered(row: Row) -> bool:
+    effects = zip(row["right"], row["visible_deg"], strict=True)
+    return any(size >= EASY_DEG and {*names} & {*score.CURRENT} for names, size in effects)
+
+
+def _by_name(row: Row) -> bool:
+    return any(one["right"] and one["level"] == "effect" for one in row["stated"])
+
+
+def _by_driver(row: Row) -> bool:
+    return any(one["driver_right"] and one["level"] in ("effect", "driver") for one in row["stated"])
+
+
+def _misled(row: Row) -> bool:
+    """Tell whether there are findings, none of which has a right driver, and nothing is left unexplained."""
+    return bool(row["stated"]) and row["unexplained"] is None and not any(one["driver_right"] for one in row["stated"])
+
+
+def _driver_first(row: Row) -> bool:
+    return bool(row["stated"]) and row["stated"][0]["driver_right"]
 
 
 def seen(row: Row) -> bool:
