@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from compasslib import calibrations
-from compasslib.archive.calibrations import Page
+from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import budget, result, tilt
 from compasslib.calibrations.result import DeviationTable
 from compasslib.calibrations.tilt import AxisReadings
@@ -86,7 +86,7 @@ def test_figure_page_and_diagnosis_of_a_tilt(tmp_path, whole):
     made = calibrated(tmp_path, rows if whole else rows[:, :2], budget="le_menn")
     page = result.to_json("tilts", made, {}, {})
     path = tmp_path / "tilt.png"
-    plots.draw_figure("tilt", path, Page(page, DeviationTable(*np.zeros((3, 0))), made.points))
+    plots.draw_figure("tilt", path, StoredCalibration(page, DeviationTable(*np.zeros((3, 0))), made.points))
     assert np.ptp(np.asarray(Image.open(path))) > 0
     table = words.cells("calibration", "tilts", c=page)
     assert len(table) == (2 + 2 * 8 if whole else 0)  # every 5 degrees from -20 to 15

@@ -43,7 +43,7 @@ def chain(tmp_path, monkeypatch):
 
 
 def stale() -> set[str]:
-    known = records.recall()
+    known = records.read_hashes()
     found = {Path(path).stem for path in records.stale([*PATHS, "results/M1/logs/none.json"], known)}
     known.keep()
     return found
@@ -92,17 +92,17 @@ def test_what_is_missing_and_a_record_that_is_damaged_or_of_an_earlier_version_r
 
 def test_a_torn_line_of_the_memory_costs_a_second_look_and_no_more(chain):
     stale()
-    whole = Path(records.REMEMBERED).read_text()
-    Path(records.REMEMBERED).write_text(whole[: len(whole) // 2] + "\n\n1 2\n")
+    whole = Path(records.HASHES).read_text()
+    Path(records.HASHES).write_text(whole[: len(whole) // 2] + "\n\n1 2\n")
     assert stale() == set()
 
 
 def test_the_memory_does_not_grow_with_every_run(chain, monkeypatch):
     monkeypatch.setattr(records, "MANY", 0)
     for _ in range(20):
-        records.remember(records.recall().known)
+        records.write_hashes(records.read_hashes().known)
         assert stale() == set()
-    assert len(Path(records.REMEMBERED).read_text().splitlines()) <= 3 * len(records.recall().known)
+    assert len(Path(records.HASHES).read_text().splitlines()) <= 3 * len(records.read_hashes().known)
 
 
 def test_an_input_that_is_not_what_its_job_wrote_is_refused_in_one_line(chain):
@@ -166,11 +166,11 @@ def test_results_as_recorded_but_dated_in_the_future_are_dated_anew_and_no_other
         os.utime(path, (now + 1e6, now + 1e6))
     Path("results/M1/corrected.nc").write_text("edited by hand")
     os.utime("results/M1/corrected.nc", (now + 1e6, now + 1e6))
-    restored = records.restore_times(PATHS, records.recall(), now)
+    restored = records.restore_times(PATHS, records.read_hashes(), now)
     assert sorted(restored) == ["results/M1/overlap.nc", "results/M1/work/a.nc"]
     assert [os.stat(path).st_mtime for path in restored] == [now, now]
     assert records.is_future("raw/a", now) and records.is_future("results/M1/corrected.nc", now)
-    assert stale() == {"correct"} and records.restore_times(PATHS, records.recall(), now) == []
+    assert stale() == {"correct"} and records.restore_times(PATHS, records.read_hashes(), now) == []
 
 
 @pytest.mark.parametrize("earlier", [{}, {"said": [], "stopped": None}, {"said": 1, "stopped": None, "wrote": 2}])

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from matplotlib.text import Annotation
 from test_plots import saved
 
-from compasslib.archive.calibrations import Page
+from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import FIGURES, budget, platform, result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration, DeviationTable
@@ -37,14 +37,14 @@ CASES = {
 }
 
 
-def shown(made: Calibration) -> Page:
+def shown(made: Calibration) -> StoredCalibration:
     """Return a calibration as its files give it back."""
     said = result.to_json("aqd $2", made, PLACE, {})
-    return Page(said, made.table or DeviationTable(*np.zeros((3, 0))), made.points)
+    return StoredCalibration(said, made.table or DeviationTable(*np.zeros((3, 0))), made.points)
 
 
 @cache
-def page(case: str) -> Page:
+def page(case: str) -> StoredCalibration:
     rows = budget.sources({"maker_accuracy_deg": 2.0}, "le_menn")
     return shown(platform.calibrate_readings("platform", CASES[case], rows))
 

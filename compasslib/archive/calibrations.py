@@ -19,7 +19,7 @@ DIGITS = 10  # significant, of a point
 
 
 @dataclass(frozen=True)
-class Page:
+class StoredCalibration:
     """A calibration as its files give it back, for figures and comparisons."""
 
     content: Mapping[str, Any]  # calibration.json
@@ -53,7 +53,7 @@ def write(
     write_json(calibration, page)
 
 
-def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> Page:
+def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> StoredCalibration:
     """Read a calibration's files.
 
     Args:
@@ -62,7 +62,7 @@ def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> P
     Raises:
         InputError: a file is absent or damaged.
     """
-    return Page(read_json(calibration), read_table(table), read_csv(points))
+    return StoredCalibration(read_json(calibration), read_table(table), read_csv(points))
 
 
 def read_table(path: str | Path) -> DeviationTable:

@@ -18,7 +18,7 @@ from compasslib import readers
 from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
 from compasslib.config import draft, json_schema
-from compasslib.config.draft import Drafted, Mooring, Place, Roles
+from compasslib.config.draft import Drafted, Mooring, Position, Roles
 from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import shown
 from compasslib.errors import InputError
@@ -63,7 +63,7 @@ class Series:
 class Contents:
     """What the files hold, sorted by what it is to be."""
 
-    place: Place  # what the person said
+    place: Position  # what the person said
     folders: dict[str, dict[str, Drafted]] = field(default_factory=dict)  # mooring or folder -> name -> instrument
     records: dict[str, Record] = field(default_factory=dict)  # by the instrument's first file
     calibrations: dict[str, str] = field(default_factory=dict)  # name -> text
@@ -87,7 +87,7 @@ def init(asked: Namespace) -> int:
         entries += sorted(_below(entry)) if entry.is_dir() else [entry]
     given = list(dict.fromkeys(entries))
     paths = [path for path in given if _inside(path, root).isprintable()]  # a YAML file can name no other
-    place = Place(asked.latitude, asked.longitude, asked.water_depth)
+    place = Position(asked.latitude, asked.longitude, asked.water_depth)
     contents = _sorted(paths, root, asked.name, Contents(place))
     moorings = _moorings(contents)
     texts = {
@@ -226,7 +226,7 @@ def _add_series(path: Path, file: str, table: detect.GuessedTable, mooring: str,
     contents.series[_free(name, contents.series)] = Series(keys, mooring, float(time_s[0]), float(time_s[-1]))
 
 
-def _place(said: Place, why: str, unknown: str | None) -> tuple[dict[str, object], dict[str, str]]:
+def _place(said: Position, why: str, unknown: str | None) -> tuple[dict[str, object], dict[str, str]]:
     """Give the keys of a calibration's place as the person said it, else the question."""
     if None in (said.latitude, said.longitude):
         words_of = {"latitude": f"degrees north, {why}", "longitude": "degrees east, west negative"}

@@ -55,7 +55,7 @@ def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
         except InputError:  # the Snakefile refuses it, in Snakemake's log too
             return [], options
         guard.refuse_links(planned.folders())
-        known, now = records.recall(), guard.file_clock()
+        known, now = records.read_hashes(), guard.file_clock()
         if not looks_only:
             if restored := records.restore_times(planned.jobs, known, now):
                 more = f" and {len(restored) - 1} more" if restored[1:] else ""

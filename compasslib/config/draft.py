@@ -59,8 +59,8 @@ class Drafted:
 
 
 @dataclass(frozen=True)
-class Place:
-    """What the person who drafts said, None where nothing."""
+class Position:
+    """Where the mooring is as the command line gives it, None where it does not."""
 
     latitude: float | None = None
     longitude: float | None = None
@@ -85,7 +85,7 @@ class Mooring:
     series: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # covariates by name, with their keys
 
 
-def mooring(name: str, drafted: Mooring, said: Place) -> str:
+def mooring(name: str, drafted: Mooring, said: Position) -> str:
     """Compose the text of config/moorings/NAME.yaml."""
     affected_first = sorted(drafted.instruments, key=lambda each: each != drafted.roles.affected)
     instruments = {each: drafted.instruments[each] for each in affected_first}
@@ -129,7 +129,7 @@ def overlap_s(first: Drafted, other: Drafted) -> float:
     return min(first.end_s, other.end_s) - max(first.start_s, other.start_s)
 
 
-def _place(drafted: Sequence[Drafted], said: Place) -> list[str]:
+def _place(drafted: Sequence[Drafted], said: Position) -> list[str]:
     place = next((each.place for each in drafted if each.place), (None, None))
     deep = next((each.water_depth_m for each in drafted if each.water_depth_m), None)
     rows = (

@@ -19,7 +19,7 @@ from typing import Any
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
-from compasslib.pipeline.records import RESULTS, is_future, recall, simulated, truth_file
+from compasslib.pipeline.records import RESULTS, is_future, read_hashes, simulated, truth_file
 
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, LOCK = ".snakemake", ".snakemake/compasslib.lock"
@@ -253,7 +253,7 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[s
             actual, advice = f"that of {taken[file]}", "give each its own"
             where = f"{cruise.mooring_files[name]}: {file}"
             raise InputError(where, expected="a file of one simulated mooring", found=actual, advice=advice)
-    known = recall()
+    known = read_hashes()
     ours = {}
     for name, listed in files.items():
         made = simulated(name)

@@ -92,7 +92,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlie
     kind, name = next(iter(snakemake.wildcards.items()), ("", ""))
     before = [records.load(path) for path in snakemake.input if records.is_record(path)]
     known = {path: digest for each in before if not each["stopped"] for path, digest in each["wrote"].items()}
-    partial = kind not in STOPPING or records.is_of_parts(before, name)
+    partial = kind not in STOPPING or records.joins_parts(before, name)
     reads = records.made(files["reads"], known) if partial else files["reads"]
     settings = {name: value for name, value in snakemake.params.items() if name not in ("code", "files")}
     made = records.of_job(snakemake, settings)
@@ -118,7 +118,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlie
         records.check_unchanged(looked_at)
     except (Exception, SystemExit) as error:
         records.check_unchanged(looked_at)  # a file that is still being copied is no damaged one
-        if kind not in STOPPING or snakemake.rule.endswith("conventions") or records.is_of_machine(error):
+        if kind not in STOPPING or snakemake.rule.endswith("conventions") or records.is_transient(error):
             raise
         if not isinstance(error, InputError):
             say(traceback.format_exc().rstrip())
@@ -128,7 +128,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlie
         _clear(files["writes"])
         return records.stopped(made, reason)
     made["wrote"] = provenance.hashes(records.flat(files["writes"]))
-    records.remember(looked_at | {path: (records.sign_file(path), known) for path, known in made["wrote"].items()})
+    records.write_hashes(looked_at | {path: (records.sign_file(path), known) for path, known in made["wrote"].items()})
     return made
 
 

@@ -22,7 +22,7 @@ from compasslib.errors import InputError, TransientError
 
 RESULTS = "results"
 CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # moorings of the demonstration whose truth one page alone reads
-REMEMBERED = ".snakemake/compasslib.hashes"
+HASHES = ".snakemake/compasslib.hashes"
 SIMULATED = ".snakemake/compasslib.simulated"  # what a simulation was about to put in place, a file a mooring
 MANY = 1000
 FOLLOWS = "it needs calibration"
@@ -59,17 +59,17 @@ class KnownHashes:
         """Write down what was hashed; all of it anew where most lines are of times gone by."""
         if self.lines > 2 * len(self.known) + MANY:
             with suppress(OSError):
-                os.unlink(REMEMBERED)
+                os.unlink(HASHES)
             self.fresh[:] = self.known
-        remember({path: self.known[path] for path in self.fresh})
+        write_hashes({path: self.known[path] for path in self.fresh})
         self.fresh.clear()
 
 
-def recall() -> KnownHashes:
+def read_hashes() -> KnownHashes:
     """Read the hashes that earlier runs and jobs wrote down; a line that was torn is a file looked at again."""
     known: Signatures = {}
     lines = 0
-    with suppress(OSError), open(REMEMBERED, encoding="utf-8", errors="surrogateescape") as stream:
+    with suppress(OSError), open(HASHES, encoding="utf-8", errors="surrogateescape") as stream:
         for line in stream:
             lines += 1
             with suppress(ValueError):
@@ -78,10 +78,10 @@ def recall() -> KnownHashes:
     return KnownHashes(known, lines=lines)
 
 
-def remember(known: Mapping[str, tuple[Signature, str]]) -> None:
+def write_hashes(known: Mapping[str, tuple[Signature, str]]) -> None:
     """Write hashes down for the next start; a place that cannot be written to costs that start its time."""
     lines = [f"{digest} {' '.join(map(str, signature))} {path}\n" for path, (signature, digest) in known.items()]
-    with suppress(OSError), open(REMEMBERED, "a", encoding="utf-8", errors="surrogateescape") as stream:
+    with suppress(OSError), open(HASHES, "a", encoding="utf-8", errors="surrogateescape") as stream:
         stream.write("".join(lines))
 
 
@@ -210,7 +210,7 @@ def made(files: Mapping[str, str | Sequence[str]], known: Mapping[str, str]) -> 
     }
 
 
-def is_of_machine(error: BaseException) -> bool:
+def is_transient(error: BaseException) -> bool:
     """Say whether an error is one of disk or memory, or of a file that the next run makes again."""
     return isinstance(error, (TransientError, MemoryError)) or (isinstance(error, OSError) and error.errno in _MACHINE)
 
@@ -235,7 +235,7 @@ def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] 
         return None
     if kind == "compass" and len(stops) < len(before):
         return None
-    if is_of_parts(before, name) and {_owner(each) for each in stops} < {_owner(each) for each in before}:
+    if joins_parts(before, name) and {_owner(each) for each in stops} < {_owner(each) for each in before}:
         return None
     first = stops[0]
     its_kind, its_name = next(iter(first["of"].items()))
@@ -244,7 +244,7 @@ def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] 
     return dict(first["stopped"])
 
 
-def is_of_parts(before: Sequence[Record], name: str) -> bool:
+def joins_parts(before: Sequence[Record], name: str) -> bool:
     """Say whether a job joins the parts of a mooring, NAME/ROLE: it does without those that are stopped."""
     return any(_owner(record).startswith(f"{name}/") for record in before)
 

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib import angles, compass
-from compasslib.archive.calibrations import Page
+from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import MODELS
 from compasslib.calibrations.curves import harmonic_design
 from compasslib.calibrations.result import LETTERS, Calibration
@@ -54,7 +54,7 @@ MOST_BARS = 100  # points that still have a bar of their own
 RECORDED, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
 
 
-def draw_figure(figure: str, path: str | Path, shown: Page) -> None:
+def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration.
 
     Args:
@@ -71,13 +71,13 @@ def draw_figure(figure: str, path: str | Path, shown: Page) -> None:
     draw(path, shown.calibration, shown.content["name"])
 
 
-def draw_deviation(path: str | Path, shown: Page) -> None:
+def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
     """Draw the readings, the curve with its 95 % band, and the other curves that were compared."""
     with page(path, 3.9) as figure:
         legend(figure, deviation_panel(figure.subplots(), shown), columns=1)
 
 
-def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
+def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
     """Draw points, band and curves into a panel and return what its legend explains."""
     models = {name: model for name, model in shown.content.get("models", {}).items() if "coefficients" in model}
     order = sorted(models, key=lambda name: name == shown.content["model"])  # the chosen one lies on top
@@ -96,7 +96,7 @@ def deviation_panel(axes: Axes, shown: Page) -> list[Artist]:
     return handles
 
 
-def draw_compared(path: str | Path, shown: Page) -> None:
+def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
     """Draw the series of several calibrations, this one's readings, and the shift of each against the first."""
     turn, curves = np.arange(0.0, 360.1, 1.0), [each for each in shown.content["compared"] if each["coefficients"]]
     with page(path, 3.6) as figure:
@@ -129,7 +129,7 @@ def _shift_label(compared: Mapping[str, Any], *, first: bool) -> str:
     return f"{name}: {shift}{grown}"
 
 
-def draw_residuals(path: str | Path, shown: Page) -> None:
+def draw_residuals(path: str | Path, shown: StoredCalibration) -> None:
     """Draw the residual of each reading, with the expanded uncertainty."""
     with page(path, 2.6) as figure:
         axes = figure.subplots()
@@ -148,7 +148,7 @@ def draw_residuals(path: str | Path, shown: Page) -> None:
         legend(figure, [readings, Line2D([], [], **EDGE, label="expanded uncertainty (k = 2)")])
 
 
-def draw_certificate(path: str | Path, shown: Page) -> None:
+def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
     """Draw one page to keep with the instrument: curve, table, coefficients, uncertainty, date and place."""
     title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
     text, high = writing(shown), CURVE_IN
@@ -164,7 +164,7 @@ def _model_name(content: Mapping[str, Any]) -> str:
     return MODELS.get(content["model"], str(content["model"]))
 
 
-def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[Floats, Floats]:
+def _curve(name: str, coefficients: Mapping[str, float], shown: StoredCalibration) -> tuple[Floats, Floats]:
     """Evaluate recorded heading and deviation along a curve, broken where it passes north."""
     turn = np.arange(0.0, 360.01, 0.5)
     numbers = np.array(list(coefficients.values()))
@@ -182,7 +182,7 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: Page) -> tuple[F
     return recorded, np.where(breaks[0] | breaks[1], np.nan, off)
 
 
-def _draw_points(axes: Axes, shown: Page) -> list[Artist]:
+def _draw_points(axes: Axes, shown: StoredCalibration) -> list[Artist]:
     points, rows = shown.points, shown.content["uncertainty"]["rows"]
     if not {"recorded_deg", "deviation_deg"} <= set(points):
         return []
@@ -202,7 +202,7 @@ def _point(count: int) -> dict[str, Any]:
     return POINT if count <= MOST_BARS else POINT | {"markersize": 1.6}
 
 
-def _draw_band(axes: Axes, shown: Page) -> list[Artist]:
+def _draw_band(axes: Axes, shown: StoredCalibration) -> list[Artist]:
     table = shown.table
     if not np.isfinite(table.sigma_deg).any():
         return []
@@ -214,7 +214,7 @@ def _draw_band(axes: Axes, shown: Page) -> list[Artist]:
     return [Patch(**BAND, label="95 % interval, budget included")]
 
 
-def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown: Page) -> list[Artist]:
+def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown: StoredCalibration) -> list[Artist]:
     if not curves and shown.table.heading_deg.size:
         table = shown.table
         heading, off = np.append(table.heading_deg, 360.0), np.append(table.deviation_deg, table.deviation_deg[0])
@@ -269,7 +269,7 @@ class Writing:
         return max(len(self.about), len(self.budget))
 
 
-def writing(shown: Page) -> Writing:
+def writing(shown: StoredCalibration) -> Writing:
     """Compose the text of a certificate."""
     content = shown.content
     extras = [content.get("constant_shift"), content.get("comparison")]
@@ -361,7 +361,7 @@ def _exact(exact: Mapping[str, Any] | None) -> list[str]:
     return ["exact compass, ± standard", *rows]
 
 
-def _table(shown: Page) -> list[str]:
+def _table(shown: StoredCalibration) -> list[str]:
     table = shown.table
     if not np.isfinite(table.deviation_deg).any():
         return ["table of deviations: none"]
