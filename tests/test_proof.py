@@ -427,3 +427,9 @@ def test_recordings_say_why_they_are_not_there(tmp_path):
     lines = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path)}
     assert "absent" in lines["E0"]["said"] and "absent" in lines["signature500"]["said"]
     assert "it was not run" in lines["eight_headings"]["said"]
+
+
+def test_a_recording_is_put_through_the_workflow(tmp_path):
+    recordings.run(tmp_path, tmp_path / "no data", cores=1)  # of all but one the file is absent
+    made = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path / "no data")}["eight_headings"]
+    assert made["outcome"] == "right" and made["points"]["this pipeline"] == 1.0, made["said"]

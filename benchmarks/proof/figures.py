@@ -66,7 +66,7 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
             axes.set_xticks(range(len(some)), [f"{_range(one)}\nn = {one['count']}" for one in some])
             axes.set(xlabel=f"Visible size, {place} water, rms (°)", ylim=(-0.03, 1.03))
         panels[0].set_ylabel("Share")
-        panels[0].legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, 1.15))
+        panels[0].legend(loc="upper left", ncols=2, bbox_to_anchor=(0.08, 1.15))
 
 
 def reliability(path: Path, stated: dict[str, Any]) -> None:

@@ -81,7 +81,7 @@ def run(work: Path, data: Path, cores: int) -> None:
         (cruise / "config/config.yaml").write_text(f"moorings: {moorings}\n")
         (_mooring if one in MOORINGS else _calibration)(one, data, cruise)
         print(f"recording {one.name}", file=sys.stderr, flush=True)
-        wrong = workflow(cruise.resolve(), [str(_diagnosis(one))], cores)
+        wrong = workflow(cruise.resolve(), [str(_diagnosis(one).parent / "logs/diagnose.json")], cores)
         (cruise / "wrong.txt").write_text(wrong)
 
 

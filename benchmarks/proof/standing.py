@@ -54,7 +54,7 @@ def check_out(revision: str) -> None:
     Raises:
         seal.Broken: they differ.
     """
-    rooms = ["compasslib/*.py", *(f"compasslib/{room}" for room in ENGINE)]
+    rooms = [":(glob)compasslib/*.py", *(f"compasslib/{room}" for room in ENGINE)]
     if _git("diff", "--quiet", commit(revision), "--", *rooms).returncode:
         raise seal.Broken(f"the engine is not that of {revision}: check it out, or give --seed instead")
 

@@ -47,7 +47,7 @@ def _questions(rows: Sequence[Row]) -> list[tuple[str, list[Row], Callable[[Row]
     driven = [one for one in said if one["level"] in ("effect", "driver") and one["side"] == "compass"]
     large = [row for row in _of(rows, "single") if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
     planted = _single_effects(rows)
-    veered = [row for row in known if _veered(row)]
+    veered, whole = [row for row in known if _veered(row)], [row for row in rows if _whole(row)]
     return [
         ("nothing wrong with the compass, all kinds: compass or clock named", _of(rows, *score.QUIET), falsely),
         ("the same: unexplained, nothing named", _of(rows, *score.QUIET), lambda row: row["outcome"] == "false alarm"),
@@ -78,6 +78,8 @@ def _questions(rows: Sequence[Row]) -> list[tuple[str, list[Row], Callable[[Row]
         ("undecidable: doubt, with the truth in it", doubt, lambda row: row["outcome"] == "right"),
         ("undecidable: guessed", doubt, lambda row: row["outcome"] in ("guessed", "wrong name")),
         ("all: as a perfect tool would say", list(rows), lambda row: row["points"] == 1.0),
+        (f"heading better than by the fit alone, by over {WORSE_DEG}°", whole, better),
+        (f"heading worse than by the fit alone, by over {WORSE_DEG}°", whole, worse),
         ("all: refused", list(rows), lambda row: row["outcome"] == "refused"),
     ]
 
@@ -252,7 +254,7 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
         (
             f"names stated at {SURE:g}, {100 * mean_stated:.1f} % on the mean: right",
             (one["right"] for one in names),
-            {"least": max(0.93, mean_stated - 0.02)},
+            {"least": max(0.93, round(mean_stated - 0.02, 3))},
         ),
         (f"compass's drivers stated at {SURE:g}: right", (one["driver_right"] for one in driven), {"least": 0.96}),
         ("all: as a perfect tool would say", (row["points"] == 1.0 for row in rows), {"least": 0.58}),
@@ -286,7 +288,7 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
         _ahead(f"{what}: {rule} score better than the mere share's", one[rule]["better"])
         for what, one in stated.items()
         if one["count"]
-        for rule in ("brier", "log")
+        for rule in (("log",) if "weighted" in what else ("brier", "log"))
         if one[rule]["better"]
     ]
     return [one for one in found if one.value != "–"]
@@ -363,6 +365,11 @@ def wrong(row: Row) -> bool:
 def worse(row: Row) -> bool:
     """Tell whether the product's headings are worse than those of the fit alone."""
     return row["after_deg"] > row["before_deg"] + WORSE_DEG
+
+
+def better(row: Row) -> bool:
+    """Tell whether the product's headings are better than those of the fit alone."""
+    return row["after_deg"] < row["before_deg"] - WORSE_DEG
 
 
 def _whole(row: Row) -> bool:
