@@ -4,8 +4,6 @@
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
     python benchmarks/accuracy.py --product  what stands in the cruise's results, search included, and nothing else:
                                              headings, and currents at fixed depths beside a mean per bin
-    python benchmarks/accuracy.py --keep     writes the rows of headings into docs/background/accuracy.json as well;
-                                             ``numbers_of_pages.py`` writes the pages from it
 
 The cruise is run with every mooring by ``exact``, by ``exact`` with tilt and by ``von_appen``, beside the original,
 which stays as it is. Where a mooring has no truth its own recorded headings are taken for it (it was right).
@@ -99,14 +97,13 @@ def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
     ]
 
 
-def product(source: Path) -> list[list[str]]:
-    """Print the tables of the results that are there; return the rows of headings."""
+def product(source: Path) -> None:
+    """Print the tables of the results that are there."""
     rows = [row(source, source, path.stem, "product") for path in sorted((source / "config/moorings").glob("*.yaml"))]
     print(numbers.table(rows))
     print(f"\n{HEAD_OF_CURRENTS}\n" + "|---" * HEAD_OF_CURRENTS.count(" |") + "|")
     for path in sorted((source / "config/moorings").glob("*.yaml")):
         print(currents(source, path.stem))
-    return rows
 
 
 def currents(source: Path, name: str) -> str:
@@ -142,8 +139,8 @@ def currents(source: Path, name: str) -> str:
     )
 
 
-def methods(source: Path) -> list[list[str]]:
-    """Run the cruise by each method, print the table, and return its rows."""
+def methods(source: Path) -> None:
+    """Run the cruise by each method and print the table."""
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
         for k, method in enumerate(METHODS):
@@ -152,20 +149,16 @@ def methods(source: Path) -> list[list[str]]:
             rows += [row(source, Path(scratch) / str(k), path.stem, method) for k, method in enumerate(METHODS)]
             rows.append(row(source, Path(scratch) / str(len(METHODS) - 1), path.stem, numbers.BY_EYE))
     print(numbers.table(rows))
-    return rows
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cruise", nargs="?", type=Path, default=PROJECT)
     parser.add_argument("--product", action="store_true", help="what stands in the cruise's results")
-    parser.add_argument("--keep", action="store_true", help="write the rows of headings into the file of the pages")
     asked = parser.parse_args()
     if not (asked.cruise / "raw").is_dir():
         sys.exit(f"{asked.cruise}: no raw files; run make run first, or name a cruise folder")
-    rows = (product if asked.product else methods)(asked.cruise)
-    if asked.keep:
-        numbers.keep("product" if asked.product else "methods", rows)
+    (product if asked.product else methods)(asked.cruise)
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ DESIGNS = (
     Design("36, iron of 0.3 H", ring(36), "exact", 0.3),
     Design("36, iron of 0.6 H", ring(36), "exact", 0.6),
     Design("24, iron of 0.2 H", ring(24), "exact", 0.2),
-    Design("24, iron of 1.4 H, folded", ring(24), "exact", 1.4, quadrantal=0.05),
+    Design("24, iron of 1.4 H, two-valued", ring(24), "exact", 1.4, quadrantal=0.05),
     Design("16, series", ring(16), "smith", 8.0),
     Design("16, iron of 0.3 H", ring(16), "exact", 0.3),
     Design("12 read 5 times, series", ring(12), "smith", 8.0, repeats=5),

@@ -13,14 +13,14 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
 
 import netCDF4
 import numpy as np
-import runs  # noqa: F401 - makes tests/world importable
+import targets  # makes tests/world importable
 import yaml
 
 from compasslib.archive.gridded import open_gridded
@@ -189,31 +189,36 @@ def beside_bins(nc: netCDF4.Dataset, g: Grid) -> dict[str, float]:
     return {"over a mean per bin": rms[0] / rms[1], "filled": filled, "made up": float(made_up.sum())}
 
 
-def table(count: int, seed: int) -> Iterator[str]:
-    """Give a line a mooring, then means over moorings with 95 % intervals."""
+def report(count: int, seed: int) -> None:
+    """Print means over the moorings of each kind; the rows of single moorings go to standard error."""
     rows: dict[str, list[dict[str, float]]] = {}
     for k in range(count):
         for n, kind in enumerate(KINDS):  # a sea, an iron and a reference of its own for each
             with tempfile.TemporaryDirectory() as folder:
-                rows.setdefault(kind, []).append(measure(kind, 1000 * seed + 10 * k + n, Path(folder)))
-            yield json.dumps({"kind": kind} | {name: round(value, 4) for name, value in rows[kind][-1].items()})
-    yield from (line(kind, each) for kind, each in rows.items())
-    yield line("all", [row for each in rows.values() for row in each])
+                made = measure(kind, 1000 * seed + 10 * k + n, Path(folder))
+            rows.setdefault(kind, []).append(made)
+            rounded = {name: round(value, 4) for name, value in made.items()}
+            print(json.dumps({"kind": kind} | rounded), file=sys.stderr, flush=True)
+    targets.head("moorings", "n", "rms of U and V, cm/s", "over a mean per bin", "U, V within 95 %",
+                 "daily U, V within 95 %", "mean transport within 95 %", "filled within the gaps", "made up",
+                 "CPU s a year")  # fmt: skip
+    rows["all"] = [row for each in rows.values() for row in each]
+    for kind, each in rows.items():
+        inside = int(sum(row["cover section"] for row in each))
+        targets.line(
+            kind, len(each), mean(each, "rms_cm_s"), mean(each, "over a mean per bin"),
+            f"{mean(each, 'cover u', 100.0)}, {mean(each, 'cover v', 100.0)} %",
+            f"{mean(each, 'daily cover u', 100.0)}, {mean(each, 'daily cover v', 100.0)} %",
+            targets.text_of(inside, len(each)), f"{100.0 * np.mean([row['filled'] for row in each]):.1f} %",
+            f"{sum(row['made up'] for row in each):.0f}", mean(each, "cpu_s_a_year"),
+        )  # fmt: skip
 
 
-def line(kind: str, rows: list[dict[str, float]]) -> str:
-    """Return the means of one kind."""
-    parts = []
-    for name in rows[0]:
-        values = np.array([row[name] for row in rows])
-        parts.append(f"{name} {values.mean():.3f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.3f}")
-    return f"{kind} (n = {len(rows)}): " + "; ".join(parts)
+def mean(rows: list[dict[str, float]], name: str, times: float = 1.0) -> str:
+    """Return a mean over moorings with its 95 % interval."""
+    values = times * np.array([row[name] for row in rows])
+    return f"{values.mean():.2f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.2f}"
 
 
 if __name__ == "__main__":
-    for text in (
-        table(*(int(x) for x in [*sys.argv[1:], "12", "7"][:2]))
-        if len(sys.argv) > 2
-        else table(int(sys.argv[1]) if len(sys.argv) > 1 else 12, 7)
-    ):
-        print(text, flush=True)
+    report(*(int(x) for x in [*sys.argv[1:], "12", "7"][:2]))

@@ -34,7 +34,7 @@ IRON = {
     "none": (0.0, 0.0, 0.0, 0.0, 0.0),
     "weak": (0.0, 0.2, -0.1, 0.02, 0.01),
     "strong": (0.02, -0.5, 0.4, 0.03, -0.02),
-    "folded": (0.0, -1.1, 0.7, 0.02, -0.01),
+    "two-valued": (0.0, -1.1, 0.7, 0.02, -0.01),
 }
 SLOWEST_M_S = 0.02
 FILES = {"eh2": "pd0/eh2_20060530_20060717_0007m.000", "papa": "moored/papa_node59p1.npz"}
@@ -189,10 +189,12 @@ def main() -> None:
         targets.line(record, gap, *middles, f"{ratio.max():.2f}", f"{sure:.2f}")
     ratio = np.array([after / before for one in errors for _, before, after, *_ in one])
     print(f"\nAll: ratio of the errors of the fitted headings {targets.middle(ratio)}, worst {ratio.max():.2f}")
+    targets.head(
+        "iron", "error of the headings without the prediction, median, °", "with it", "averaged with no deviation"
+    )
     for name in IRON:
         each = np.array([found[:3] for one in errors for iron, *found in one if iron == name])
-        middle = " -> ".join(f"{value:.2f}" for value in np.median(each, axis=0))
-        print(f"iron {name}: {middle} degrees in the median: without, with the prediction, averaged with no deviation")
+        targets.line(name, *(f"{value:.2f}" for value in np.median(each, axis=0)))
 
 
 if __name__ == "__main__":
