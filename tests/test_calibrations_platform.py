@@ -329,7 +329,7 @@ def test_several_calibrations_are_drawn_with_the_shift_of_each_against_the_first
     assert [each["name"] for each in said["compared"]] == ["north", "south", "west"]
     for each, wanted in zip(said["compared"][1:], (180.0, 90.0), strict=True):
         assert abs(abs(each["phase_deg"]["shift"]) - wanted) < 3.0 * each["phase_deg"]["sigma"] < 5.0
-    shown = calibration_files.Page(said, west.table, west.points)
+    shown = calibration_files.StoredCalibration(said, west.table, west.points)
     figure = saved(lambda: plots.draw_figure("compared", tmp_path / "compared.png", shown))
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert len(labels) == 4 and "south: shift " in labels[1] and labels[3] == "readings of the last"
