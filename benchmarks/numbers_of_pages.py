@@ -31,9 +31,9 @@ PAGES = (PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md")), *sorte
 CARD = PROJECT / "docs/proof/seed-2935927505"  # of record
 # Goals of the card by what they begin with, and how README calls them.
 GOALS = {
-    "nothing wrong with the compass: compass or clock named": "nothing wrong, compass or clock named",
-    "all: as a perfect tool": "as who knows the truth would say",
-    "names stated at 0.95": "names stated at 95 % and more: right",
+    "nothing wrong with the compass: compass or clock named": "nothing wrong, yet compass or clock named",
+    "all: as a perfect tool": "diagnosis entirely right",
+    "names stated at 0.95": "names stated with 95 % or more: right",
     "heading worse": "headings over 0.1° worse than by the fit",
     "headings within their 95 %: listed effects": "headings within 95 %, listed effects",
 }
@@ -90,17 +90,17 @@ def rows_of(kept: dict[str, Any]) -> list[list[str]]:
 def product() -> str:
     """The product's headings beside the published method, for README."""
     kept = json.loads(MEASURED.read_text())
-    after = HEADINGS.index("rms after")
+    column = HEADINGS.index
+    after = column("rms after")
     published = {row[0]: row for row in rows_of(kept["methods"]) if row[1] == BY_EYE}
     rows, inside = [], []
     for name, _, _, before, corrected, _, sigma, within, *_ in rows_of(kept["products"]):
         if name in published:
-            share = float(published[name][HEADINGS.index("share corrected")].split()[0])
+            share = float(published[name][column("share corrected")].split()[0])
             part = f" ({share:.0f} %)" if share < 100.0 else ""
             rows.append([name + NOTES.get(name, ""), before, corrected, sigma, published[name][after] + part])
             inside.append(int(within.split()[0]))
     older = ", an older engine" * (kept["methods"]["engine"] != kept["products"]["engine"])
-    column = HEADINGS.index
     untouched, weak, strong = rows_of(kept["eh2"])
     return (
         "Heading errors of the demonstration cruise, rms (`.venv/bin/python benchmarks/accuracy.py --product`:\n"

@@ -268,6 +268,11 @@ def test_a_stated_driver_is_right_where_what_was_planted_depends_on_it():
         assert made["driver_right"] is right, (planted, driver)
 
 
+@pytest.mark.parametrize("family", (*families.NAMED, *families.STRANGE), ids=lambda family: family.name)
+def test_of_every_family_it_is_known_on_what_it_depends(family):
+    assert score.drivers({"name": family.name, "right": list(family.right)})
+
+
 def test_targets_are_missed_where_their_interval_excludes_them(capsys):
     assert targets.interval(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)  # tables of Clopper and Pearson
     assert targets.interval(3, 10) == pytest.approx((0.0667, 0.6525), abs=1e-4)

@@ -73,7 +73,7 @@ def reliability(path: Path, stated: dict[str, Any]) -> None:
     """Draw how often came true what was stated with some probability."""
     title = "Stated probabilities and what came\n"
     title += "Bars are 95 % intervals (Clopper and Pearson), beside them n. On the line what is stated comes true."
-    drawn = {what: one for what, one in stated.items() if "weighted" not in what}
+    drawn = {what: one for what, one in stated.items() if not one.get("weighted")}
     with page(path, 3.4, width_in=WIDE_IN, title=title) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         for axes, (what, one) in zip(panels, drawn.items(), strict=True):

@@ -42,9 +42,7 @@ def _questions(rows: Sequence[Row]) -> list[tuple[str, list[Row], Callable[[Row]
     alone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
     quiet = [(f"{QUIET[kind]}: compass or clock named", _of(rows, kind), falsely) for kind in score.QUIET]
     told = ("right", "name beside")
-    said = _statements(rows)
-    names = [one for one in said if one["level"] == "effect"]
-    driven = [one for one in said if one["level"] in ("effect", "driver") and one["side"] == "compass"]
+    names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
     large = [row for row in _of(rows, "single") if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
     planted = _single_effects(rows)
     veered, whole = [row for row in known if _veered(row)], [row for row in rows if _whole(row)]
@@ -137,15 +135,12 @@ def _forecast(groups: Sequence[Sequence[Sequence[float]]], share: float | None =
     came = every[:, 1].mean()
     base = came if share is None else share
     weights = (1.0, 1.0) if share is None else ((1.0 - share) / (1.0 - came), share / came)
-    scored = [np.array([_scores(p, y, base, weights[int(y)]) for p, y in group]).sum(axis=0) for group in groups]
-    brier, logs, counts = (
-        np.array([one[:2] for one in scored]),
-        np.array([one[2:4] for one in scored]),
-        np.array(scored)[:, 4],
-    )
-    found = {"count": len(every), "moorings": len(groups), "share": float(base)}
-    found |= {"brier": _ratio(brier, counts), "log": _ratio(logs, counts)}
-    return found | {"bins": _bins(every) if share is None else []}
+    scored = np.array([np.sum([_scores(p, y, base, weights[int(y)]) for p, y in group], axis=0) for group in groups])
+    return {
+        "count": len(every), "moorings": len(groups), "share": float(base), "weighted": share is not None,
+        "brier": _ratio(scored[:, :2], scored[:, 4]), "log": _ratio(scored[:, 2:4], scored[:, 4]),
+        "bins": _bins(every) if share is None else [],
+    }  # fmt: skip
 
 
 def _scores(p: float, came: float, base: float, weight: float) -> tuple[float, ...]:
@@ -239,9 +234,8 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
     quiet, known = _of(rows, *score.QUIET), _of(rows, *score.KNOWN)
     lone = [row for row in _of(rows, "single") if [len(one) for one in row["sets"]] == [1]]
     strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
-    whole, said = [row for row in rows if _whole(row)], _statements(rows)
-    names = [one for one in said if one["level"] == "effect"]
-    driven = [one for one in said if one["level"] in ("effect", "driver") and one["side"] == "compass"]
+    whole = [row for row in rows if _whole(row)]
+    names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
     mean_stated = sum(one["probability"] for one in names) / max(len(names), 1)
     shares = [
         ("nothing wrong with the compass: compass or clock named", map(falsely, quiet), {"most": 0.02}),
@@ -288,7 +282,7 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
         _ahead(f"{what}: {rule} score better than the mere share's", one[rule]["better"])
         for what, one in stated.items()
         if one["count"]
-        for rule in (("log",) if "weighted" in what else ("brier", "log"))
+        for rule in (("log",) if one["weighted"] else ("brier", "log"))
         if one[rule]["better"]
     ]
     return [one for one in found if one.value != "–"]
@@ -299,9 +293,14 @@ def _ahead(what: str, interval: Sequence[float]) -> Measured:
     return Measured(what, f"{low:+.3f} to {high:+.3f}", low, high, least=0.0, target="> 0")
 
 
-def _statements(rows: Sequence[Row]) -> list[Row]:
-    """Return what is stated of every finding that reaches a level, with the place of its mooring."""
-    return [one | {"place": row["place"]} for row in rows for one in row["stated"] if one["level"]]
+def _statements(rows: Sequence[Row], *levels: str, side: str | None = None) -> list[Row]:
+    """Return what is stated of findings at some levels, on one side or on any, with the place of each mooring."""
+    return [
+        one | {"place": row["place"]}
+        for row in rows
+        for one in row["stated"]
+        if one["level"] in levels and side in (None, one["side"])
+    ]
 
 
 def _single_effects(rows: Sequence[Row]) -> list[Row]:
