@@ -79,7 +79,8 @@ def measured(kept: dict[str, Any]) -> str:
     """Say by which version and when something was measured, and whether its engine has changed since."""
     day = date.fromisoformat(kept["date"])
     older = "" if kept["engine"] == standing.engine() else ", an older engine"
-    return f"version {kept['version']}{older}, {day.day} {day:%B %Y}"
+    commit = f" ({kept['commit']})" if kept["commit"] else ""
+    return f"version {kept['version']}{commit}{older}, {day.day} {day:%B %Y}"
 
 
 def rows_of(kept: dict[str, Any]) -> list[list[str]]:
