@@ -23,6 +23,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -160,7 +161,15 @@ def statements(text: str) -> str:
         body = getattr(node, "body", None)
         if isinstance(body, list):
             node.body = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
-    return ast.dump(tree)
+    return repr(_content(tree))
+
+
+def _content(node: Any) -> Any:
+    """Return a syntax tree as lists without empty fields: newer versions of Python add some."""
+    if isinstance(node, ast.AST):
+        fields = [(name, _content(value)) for name, value in ast.iter_fields(node)]
+        return [type(node).__name__, *((name, value) for name, value in fields if value not in (None, []))]
+    return [_content(part) for part in node] if isinstance(node, list) else node
 
 
 def record(maker: Maker) -> dict[str, dict[str, str]]:
