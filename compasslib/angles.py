@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from compasslib.types import Floats
 
 DEGREE = np.pi / 180.0  # in radians: the derivative of a sine by degrees
+UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a direction that may be anything
 
 
 def wrap360(angle_deg: ArrayLike) -> Floats:

@@ -198,8 +198,8 @@ class Pairs(Labelled):
     expected_m_s: tuple[float, float] | None = None
     #: 1 sigma, degrees, by which the water may be turned from the prediction for the whole record
     veer_deg: float = 0.0
-    #: degrees by which references differ where none of them can be ruled out; 0 where they agree
-    references_differ_deg: float = 0.0
+    #: (1 sigma, degrees, reason) of each error of all headings that the pairs themselves give reason to suspect
+    doubts: tuple[tuple[float, str], ...] = ()
 
     def __len__(self) -> int:
         return len(self.time_s)

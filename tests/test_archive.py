@@ -166,7 +166,7 @@ def make_pairs(n: int = 50) -> Pairs:
         "warnings",
         "expected_m_s",
         "veer_deg",
-        "references_differ_deg",
+        "doubts",
         "reference_index",
         "reference_names",
         "time_s",
@@ -182,7 +182,7 @@ def make_pairs(n: int = 50) -> Pairs:
         warnings=("few pairs to the north",),
         expected_m_s=(0.046, 0.031),
         veer_deg=1.5,
-        references_differ_deg=12.0,
+        doubts=((12.0, "the references differ"),),
     )
 
 

@@ -26,7 +26,7 @@ from compasslib.deviation.correction import (
     correct_in_pieces,
     readings_at_pairs,
 )
-from compasslib.deviation.doubts import UNIFORM_SIGMA_DEG, doubt_whole_record
+from compasslib.deviation.doubts import doubt_whole_record
 from compasslib.deviation.exact import fit_exact
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS
 from compasslib.deviation.model import unfitted
@@ -199,7 +199,7 @@ def test_a_heading_that_may_be_anything_has_the_uncertainty_of_the_whole_circle(
     seen, _ = pairs(n=120, seed=10)
     product = correct(record_of(seen), fit_series(seen), field_of(seen), seen)
     assert np.nanmin(product.heading_uncertainty_deg) > 0.0
-    assert np.nanmax(product.heading_uncertainty_deg) <= UNIFORM_SIGMA_DEG
+    assert np.nanmax(product.heading_uncertainty_deg) <= angles.UNIFORM_SIGMA_DEG
 
 
 def test_forms_are_compared_on_held_out_blocks_and_a_folded_compass_shows():
@@ -231,7 +231,7 @@ def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
     fit, record = fit_exact(wrong), record_of(wrong)
     said = find_implausibility(fit, record) or assess_correction(wrong, fit)["refuted"]
     assert "flagged doubtful" in said
-    denied = [doubt_whole_record(UNIFORM_SIGMA_DEG, said)]
+    denied = [doubt_whole_record(angles.UNIFORM_SIGMA_DEG, said)]
     product = correct(record, fit, field_of(wrong), wrong, doubts=denied)
     assert (product.heading_corrected_quality >= PROBABLY_BAD).all()
     assert (product.heading_uncertainty_deg > 100.0).all()

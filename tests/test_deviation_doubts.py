@@ -18,7 +18,6 @@ from compasslib.calibrations import at_mooring
 from compasslib.deviation.assessment import ConstantOffset, find_constant_offset, find_declination_error
 from compasslib.deviation.correction import correct
 from compasslib.deviation.doubts import (
-    UNIFORM_SIGMA_DEG,
     Doubt,
     doubt_whole_record,
     doubts_from_json,
@@ -284,7 +283,7 @@ def test_effects_do_not_excuse_a_configured_fit_that_no_instrument_can_have():
     wrong = replace(sound, coefficients=np.array([0.0, 0.2, 0.1, 0.7, 0.1]), covariance=1e-4 * np.eye(5))
     made = concluded(seen, fit=wrong, diagnosis=Diagnosis("explained", fit=sound))
     assert made.diagnosis.verdict == "insufficient" and "soft iron of 7" in made.diagnosis.why
-    assert made.product.doubts[0].sigma_deg == UNIFORM_SIGMA_DEG
+    assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
 
 
 def test_a_doubtful_stretch_makes_the_verdict_unexplained_and_says_when():
@@ -310,7 +309,7 @@ def test_a_calibration_of_another_compass_is_insufficient_and_named():
     other = replace(other, coefficients=np.array([0.0, -0.7, 0.7, 0.0, 0.0]))
     made = concluded(seen, fit=other, calibration="bench")
     assert made.diagnosis.verdict == "insufficient" and made.diagnosis.why.startswith("calibration bench: ")
-    assert made.product.doubts[0].sigma_deg == UNIFORM_SIGMA_DEG
+    assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
 
 
 @pytest.mark.parametrize("confirmed", [False, True])

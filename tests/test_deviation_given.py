@@ -17,7 +17,6 @@ from compasslib.calibrations.at_mooring import compass_from_coefficients
 from compasslib.deviation import deviation_json, fit_deviation
 from compasslib.deviation.assessment import assess_correction
 from compasslib.deviation.correction import correct
-from compasslib.deviation.doubts import UNIFORM_SIGMA_DEG
 from compasslib.deviation.model import fit_from_json
 from compasslib.deviation.series import fit_series
 from compasslib.errors import InputError
@@ -55,7 +54,7 @@ def test_without_their_covariance_all_headings_are_doubtful_and_sigma_says_that_
     product = correct(RECORD, again, field_of(SEEN), SEEN)
     assert angles.rms(angles.difference(product.heading_corrected_deg, HEADING)) < 2.0
     assert (product.heading_corrected_quality == PROBABLY_BAD).all()
-    assert product.heading_uncertainty_deg == pytest.approx(UNIFORM_SIGMA_DEG)
+    assert product.heading_uncertainty_deg == pytest.approx(angles.UNIFORM_SIGMA_DEG)
     assert "without their covariance" in again.warnings[0]
 
 

@@ -188,7 +188,7 @@ def test_ordinary_clocks_are_left_alone_and_a_few_hours_are_left_to_the_search()
 def test_speeds_that_have_nothing_in_common_are_said_and_nothing_is_put_right():
     upper, other = instruments(seed=3)[0], instruments(seed=4)[1]
     found = estimate_clock_offset(upper, [other], PairRules())
-    assert not any(found.ahead_h) and len(found.warnings) == 1
+    assert not any(found.ahead_h) and "uncorrelated" in found.uncorrelated
 
 
 def test_a_tide_alone_cannot_tell_its_own_periods_apart():
@@ -217,6 +217,7 @@ OWN = {
     "an hour late": lambda u: late(meter(u, u_near(u)), 1.0),
     "two days late": lambda u: late(meter(u, u_near(u)), 48.0),
     "another bin at a wrong depth": lambda u: meter(u, velocity(u)[:, 4]),
+    "averaged over all bins": lambda u: meter(u, velocity(u).mean(axis=1).round(3)),
     "all bins": lambda u: u,
     "its bins rolled": lambda u: replace(u, east=np.roll(u.east, 1, axis=1), north=np.roll(u.north, 1, axis=1)),
 }
@@ -249,6 +250,24 @@ def test_two_instruments_and_a_deeper_cell_told_at_its_own_depth_are_two_recordi
     near = meter(upper, u_near(upper) + np.random.default_rng(2).normal(0.0, 0.007, (1500, 2)) @ [1.0, 1.0j])
     for trusted in (lower, deeper, near):
         assert estimate_clock_offset(upper, [trusted], PairRules()).same_recording == ""
+
+
+def test_speeds_of_days_in_another_order_make_all_headings_doubtful():
+    upper, lower = instruments(6000)
+    days = np.random.default_rng(1).permutation(250)
+    shuffled = (24 * days[:, None] + np.arange(24)).ravel()
+    lower = replace(lower, east=lower.east[shuffled], north=lower.north[shuffled])
+    clocks = estimate_clock_offset(upper, [lower], PairRules())
+    ((sigma_deg, why),) = find_pairs(upper, [lower], NORTH_FIELD, PairRules(), clocks).doubts
+    assert "uncorrelated" in why and sigma_deg == angles.UNIFORM_SIGMA_DEG
+
+
+@pytest.mark.parametrize(("factor", "doubted"), [(0.01, True), (0.1, False), (1.0, False)])
+def test_speeds_of_a_wrong_unit_that_are_noise_make_all_headings_doubtful(factor, doubted):
+    upper, lower = instruments(1500)
+    lower = replace(lower, east=factor * lower.east, north=factor * lower.north)
+    found = find_pairs(upper, [lower], NORTH_FIELD, PairRules())
+    assert bool(found.doubts) == doubted and ("unit and scale" in " ".join(found.warnings)) == (factor == 0.1)
 
 
 # -------------------------------------------------------------------------------------------------- variability

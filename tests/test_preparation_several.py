@@ -105,14 +105,14 @@ def test_of_two_that_disagree_the_first_stands_alone():
     found, *_ = trio(7, {"mid": -10.0})
     every = join_references(found[:2], NAMES[:2])
     assert "cannot be determined" in every.warnings[0] and set(every.reference_index) == {0}
-    assert every.references_differ_deg == pytest.approx(10.0, abs=3.0)
+    assert every.doubts[0][0] == pytest.approx(10.0, abs=3.0)
 
 
 def test_a_wrong_recording_given_twice_outvotes_no_other():
     (right, wrong, _), *_ = trio(8, {"mid": 40.0})
     every = join_references([right, wrong, take(wrong, slice(0, 2000))], ("right", "wrong", "again"))
     assert "again is left out" in every.warnings[0] and "cannot be determined" in every.warnings[1]
-    assert set(every.reference_index) == {0} and every.references_differ_deg == pytest.approx(40.0, abs=4.0)
+    assert set(every.reference_index) == {0} and every.doubts[0][0] == pytest.approx(40.0, abs=4.0)
 
 
 def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):

@@ -165,8 +165,8 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         if pairs.expected_m_s is not None:
             nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
         nc.setncattr("water_turned_for_good_deg", pairs.veer_deg)
-        if pairs.references_differ_deg:
-            nc.setncattr("references_differ_deg", pairs.references_differ_deg)
+        if pairs.doubts:
+            nc.setncattr("doubts", json.dumps(pairs.doubts))
         nc.createDimension("TIME", len(pairs))
         for name, variable in variables.PAIRS.items():
             write_variable(nc, variable, getattr(pairs, name))
@@ -197,7 +197,8 @@ def read_pairs(path: str | Path) -> Pairs:
         warnings = tuple(json.loads(nc.getncattr("warnings")))
         values |= {"warnings": warnings, "expected_m_s": expected, "reference_names": tuple(names)}
         values["veer_deg"] = float(getattr(nc, "water_turned_for_good_deg", 0.0))
-        return Pairs(**values, references_differ_deg=float(getattr(nc, "references_differ_deg", 0.0)))
+        doubts = json.loads(getattr(nc, "doubts", "[]"))
+        return Pairs(**values, doubts=tuple((sigma_deg, why) for sigma_deg, why in doubts))
 
 
 # corrected.nc in and out: CF, ACDD and OceanSITES, written in pieces along time, so that a decade fits in memory.

@@ -33,7 +33,6 @@ LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * MIN_PAIRS
 REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104, slow ones two depths apart by 42
 FEWEST_TO_REFUTE = 10
-UNRELATED_DEG = 360.0 / np.sqrt(12.0)
 DOUBTED_DEG = 46.0  # rms from which on other readings of the reference are tried: more than slow water of two depths
 FAR_BETTER = 0.6  # of the median: no curve that is merely bent more comes so far
 READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north: signs, exchange, right angles
@@ -206,7 +205,7 @@ def _left_by(pairs: Pairs, reference: Complexes) -> float:
     """
     pairs = replace(pairs, lower_east=reference.real, lower_north=reference.imag)
     fit = fit_exact(pairs, turned=False)
-    return float(np.median(np.abs(np.nan_to_num(heading_residual(fit, pairs), nan=UNRELATED_DEG))))
+    return float(np.median(np.abs(np.nan_to_num(heading_residual(fit, pairs), nan=angles.UNIFORM_SIGMA_DEG))))
 
 
 def describe_assessment(name: str, verdict: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from compasslib import angles, compass, earthfield
 from compasslib.deviation import find_implausibility
 from compasslib.deviation.branches import PRECISION_DEG, HeadingDecision, choose_branches, open_branches, shows_branch
-from compasslib.deviation.doubts import UNIFORM_SIGMA_DEG, Doubt, doubt_whole_record, evaluate_doubts
+from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
 from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observed_heading, pair_speeds
 from compasslib.deviation.series import invert_series, series_sigma, series_slope
@@ -109,15 +109,15 @@ def _decided(
 ) -> tuple[Record, HeadingDecision]:
     record, decision = _without_outliers(record, correct_headings(record_readings(record), fit, pairs, at), fit)
     if not fit.covariance_known:
-        doubts = (*doubts, doubt_whole_record(UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
+        doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
     if why := find_implausibility(fit, record):
-        doubts = (*doubts, doubt_whole_record(UNIFORM_SIGMA_DEG, why))
+        doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why))
     doubted, doubted_deg = evaluate_doubts(doubts, record.time_s)
     slope = np.maximum(np.nan_to_num(_slope(fit, decision.heading_deg), nan=1.0), MIN_SLOPE)
     rounded_deg = rounding_sigma(angle_resolution(record.heading_deg)) / slope
     sigma = np.sqrt(decision.sigma_deg**2 + unmodelled_deg**2 + doubted_deg**2 + rounded_deg**2)
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return record, replace(decision, sigma_deg=np.minimum(sigma, UNIFORM_SIGMA_DEG), probability=probability)
+    return record, replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG), probability=probability)
 
 
 def _without_outliers(record: Record, decision: HeadingDecision, fit: DeviationFit) -> tuple[Record, HeadingDecision]:
@@ -221,7 +221,7 @@ def correct_headings(
         tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
         left_out = LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
     sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
-    return replace(decision, sigma_deg=np.minimum(sigma, UNIFORM_SIGMA_DEG))
+    return replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG))
 
 
 def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
@@ -324,7 +324,7 @@ def tabulate_deviation(
         else:
             parameters, slope = compass_series(fit, readings).sigma(root), compass.slope(fit.coefficients, root)
         reading = PRECISION_DEG / np.maximum(np.abs(slope), MIN_READING_SLOPE)
-        sigma = np.minimum(np.sqrt(parameters**2 + reading**2 + further), UNIFORM_SIGMA_DEG)
+        sigma = np.minimum(np.sqrt(parameters**2 + reading**2 + further), angles.UNIFORM_SIGMA_DEG)
         deviation = angles.difference(root, recorded)
         rows += list(zip(*(c[known] for c in (recorded, root, deviation, sigma, np.full(360, k))), strict=True))
     ordered = np.array(sorted(rows, key=lambda row: (row[0], row[-1]))).reshape(-1, len(LOOKUP_COLUMNS))

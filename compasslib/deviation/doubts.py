@@ -23,8 +23,6 @@ from compasslib.records import Pairs, iso_time
 from compasslib.statistics.resampling import adjacent
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
-UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a heading that may be anything
-
 
 @dataclass(frozen=True)
 class Doubt:
@@ -68,7 +66,7 @@ def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Flo
         inside = (time_s >= doubt.from_s) & (time_s <= doubt.to_s)
         doubted |= inside
         variance[inside] += doubt.sigma_deg**2
-    return doubted, np.minimum(np.sqrt(variance), UNIFORM_SIGMA_DEG)
+    return doubted, np.minimum(np.sqrt(variance), angles.UNIFORM_SIGMA_DEG)
 
 
 WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days of water, and enough pairs for four numbers
@@ -122,7 +120,7 @@ class Residuals:
 
     def rms_deg(self, selected: NDArray[np.intp] | Bools) -> float:
         """Compute the rms of some residuals; the lost ones count as directions that may be anything."""
-        return angles.rms(np.where(self.lost[selected], UNIFORM_SIGMA_DEG, self.residual_deg[selected]))
+        return angles.rms(np.where(self.lost[selected], angles.UNIFORM_SIGMA_DEG, self.residual_deg[selected]))
 
 
 def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
@@ -182,7 +180,7 @@ def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
                 f"others by {usual_rms:.0f}°: two recordings may have been put together in one instrument's file, or "
                 "some samples have the time of others"
             )
-    return (doubt_whole_record(min(worst, UNIFORM_SIGMA_DEG), why),) if why else ()
+    return (doubt_whole_record(min(worst, angles.UNIFORM_SIGMA_DEG), why),) if why else ()
 
 
 def _turn_and_scatter(selected: Bools, residuals: Residuals) -> tuple[float, float, float]:
@@ -255,7 +253,7 @@ def _doubts(pairs: Pairs, windows: Windows, far: Bools, usual_deg: float) -> Ite
         from_s = pairs.time_s[windows.first[begin]] if begin else -np.inf
         to_s = pairs.time_s[windows.last[end - 1]] if end < n else np.inf
         rms = float(np.sqrt(np.mean(windows.rms_deg[begin:end] ** 2)))
-        sigma = float(min(np.sqrt(max(rms**2 - usual_deg**2, LEAST_DOUBT_DEG**2)), UNIFORM_SIGMA_DEG))
+        sigma = float(min(np.sqrt(max(rms**2 - usual_deg**2, LEAST_DOUBT_DEG**2)), angles.UNIFORM_SIGMA_DEG))
         shown = [iso_time(float(pairs.time_s[k])) for k in (windows.first[begin], windows.last[end - 1])]
         why = (
             f"from {shown[0]} to {shown[1]} directions differ from the reference by {rms:.0f}° rms and by "

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import find_implausibility
 from compasslib.deviation.assessment import ConstantOffset, assess_correction
 from compasslib.deviation.doubts import (
     LEAST_DOUBT_DEG,
-    UNIFORM_SIGMA_DEG,
     Doubt,
     doubt_whole_record,
     evaluate_doubts,
@@ -56,7 +56,6 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
-CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
 SURE_CONSTANT = 0.95  # probability above which no other name is listed
 MOST_OUTLIERS = 0.03  # share of directions that say nothing; of 19 sound moorings up to 0.006, of a refuted one 0.02
 SIDES = ("none", "compass", "clock", "reference", "water")
@@ -401,17 +400,14 @@ def conclude(
     denied = agreement["refuted"] or find_implausibility(made.fit, record) or find_implausibility(fit, record)
     if why := denied or (at_mooring.contradiction(fit, pairs) if calibration else ""):
         why = f"calibration {calibration}: {why}" if calibration else why
-        diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)
-        made = replace(made, doubts=(doubt_whole_record(UNIFORM_SIGMA_DEG, why),))
+        said = tuple(text for _, text in pairs.doubts)
+        diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=(*said, *diagnosis.warnings))
+        made = replace(made, doubts=(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why),))
     elif constant is not None and questioned:
         made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
     elif doubts := (
         *(() if made.effects else _doubt_outliers(fit)),  # effects that are corrected explain outliers
-        *(
-            (doubt_whole_record(pairs.references_differ_deg, CONTRADICTING.format(pairs.references_differ_deg)),)
-            if pairs.references_differ_deg
-            else ()
-        ),
+        *(doubt_whole_record(sigma_deg, why) for sigma_deg, why in pairs.doubts),
         *doubts,
     ):
         diagnosis = _with_doubts(diagnosis, doubts, pairs)
@@ -434,7 +430,7 @@ def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
         f"{share:.0%} of the directions disagree with the fitted compass altogether (usually under 1 %): part of the "
         "headings, or of the reference, is of something else"
     )
-    return (doubt_whole_record(UNIFORM_SIGMA_DEG * float(np.sqrt(share)), why),)
+    return (doubt_whole_record(angles.UNIFORM_SIGMA_DEG * float(np.sqrt(share)), why),)
 
 
 def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:

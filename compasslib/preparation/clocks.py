@@ -58,6 +58,7 @@ class ClockOffset:
     ahead_h: tuple[float, ...] = (0.0,)  #: hours by which the reference's clock is ahead at each
     warnings: tuple[str, ...] = ()  #: sentences for the report
     same_recording: str = ""  #: why both records are one, and no pair counts
+    uncorrelated: str = ""  #: why the records may not be of one place and time
 
     def align(self, record: Record) -> Record:
         """Put the reference's record on the affected clock, without hours that a clock set back counted twice."""
@@ -240,11 +241,11 @@ def _unrelated(windows: LagWindows, stated: LagPath) -> ClockOffset:
     alike = float(windows.along(stated).sum())
     if len(windows.upper) < LONG_H or (alike > RELATED and _score(windows, stated) > RELATED_SIGMAS):
         return ClockOffset()
-    warning = (
+    why = (
         f"the speeds of the two instruments are uncorrelated ({alike:.2f}) at any clock offset within "
         f"{windows.lags[-1] // DAY_H} days: check that both files are of this mooring and this year"
     )
-    return ClockOffset(warnings=(warning,))
+    return ClockOffset(uncorrelated=why)
 
 
 def _with_warning(windows: LagWindows, best: LagPath, stated: LagPath) -> ClockOffset:

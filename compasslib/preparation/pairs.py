@@ -122,6 +122,8 @@ def find_pairs(
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
     pairs = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
     pairs = replace(pairs, warnings=clocks.warnings, lower_heading_deg=_heading(lower, pairs.time_s, tolerance_s))
+    if clocks.uncorrelated:
+        pairs = replace(pairs, doubts=((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),))
     if reason := clocks.same_recording or find_identical_velocities(pairs):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
@@ -182,14 +184,18 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
     _refuse_other_frame(pairs)
     speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
-    notes = []
-    if not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART:
-        medians = f"{speeds[0]:.3g} and {speeds[1]:.3g} m/s"
-        notes.append(f"median speeds of the pairs are {medians}: check the unit and scale of both")
-    if min(speeds) < NOISE_M_S:
-        notes.append(f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise")
-    notes += warn_of_filtering(pairs, trusted[0]) if trusted else ()
-    return replace(pairs, warnings=(*pairs.warnings, *notes))
+    medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
+    apart, slow = not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART, min(speeds) < NOISE_M_S
+    if apart and slow:
+        why = f"{medians}: the unit or scale of one is probably wrong, and directions of the slower ones are noise"
+        pairs = replace(pairs, doubts=(*pairs.doubts, (angles.UNIFORM_SIGMA_DEG, why)))
+    elif apart:
+        pairs = replace(pairs, warnings=(*pairs.warnings, f"{medians}: check the unit and scale of both"))
+    elif slow:
+        why = f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise"
+        pairs = replace(pairs, warnings=(*pairs.warnings, why))
+    filtered = warn_of_filtering(pairs, trusted[0]) if trusted else ()
+    return replace(pairs, warnings=(*pairs.warnings, *filtered))
 
 
 def find_identical_velocities(pairs: Pairs) -> str:

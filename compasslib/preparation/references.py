@@ -34,6 +34,7 @@ from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 BLOCK_S = 10 * DAY_S
 MIN_BLOCKS, MIN_COMMON_PAIRS = 5, 100  # that both must have at the same times before they are held against each other
 LEAST_DEG, SURE = 5.0, 4.0  # a difference of directions that is told, and its standard errors
+CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
 LEAST_NOISE_M_S = 0.002
 REFERENCE_HEADING = "lower_heading_deg"  # of one instrument: not of several together
 AVERAGED = (
@@ -46,12 +47,12 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
     """Join the pairs of all references that agree, by time, with what is to be said of the others.
 
     Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
-    nobody can tell whose fault it is: the first, which the mooring's file names first, stands alone, and
-    ``references_differ_deg`` tells by how much they differ. A recording that is given twice counts once.
+    nobody can tell whose fault it is: the first, which the mooring's file names first, stands alone, and all
+    headings are doubtful by the difference. A recording that is given twice counts once.
     """
     if len(each) == 1:
         return each[0]
-    used, said, references_differ_deg = _agreeing(each, names)
+    used, said, differ_deg = _agreeing(each, names)
     there = [k for k in used if len(each[k])] or used[:1]
     notes = [f"{names[k]}: {warning}" for k, pairs in enumerate(each) for warning in pairs.warnings]
     arrays = [name for name, column in vars(each[0]).items() if isinstance(column, np.ndarray)]
@@ -66,7 +67,10 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         warnings=(*said, *notes),
         expected_m_s=_expected([each[k] for k in there]),
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
-        references_differ_deg=references_differ_deg,
+        doubts=(
+            *(((differ_deg, CONTRADICTING.format(differ_deg)),) if differ_deg else ()),
+            *(doubt for k in there for doubt in each[k].doubts),
+        ),
     )
 
 
@@ -120,8 +124,12 @@ def _weights(missed: Floats) -> Floats:
 
 def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], list[str], float]:
     """Choose which references are used, say which disagree, and by how many degrees where none can be ruled out."""
-    used, notes = list[int](), list[str]()
-    for k in sorted(range(len(each)), key=lambda k: -len(each[k])):  # of two files of one recording the longer stays
+    doubted = {k: why for k, pairs in enumerate(each) for _, why in pairs.doubts}
+    if len(doubted) == len(each):
+        doubted = {}
+    used, notes = list[int](), [f"{names[k]} is left out: {why}" for k, why in doubted.items()]
+    rest = (k for k in range(len(each)) if k not in doubted)
+    for k in sorted(rest, key=lambda k: -len(each[k])):  # of two files of one recording the longer stays
         if (twin := next((j for j in used if _identical(each[j], each[k])), None)) is None:
             used = sorted([*used, k])
         else:
@@ -251,7 +259,7 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
         runs = [range(k, k + n) for n in range(1, WIDEST + 1) for k in range(velocity.shape[1] - n + 1)]
         averages = (CellSeries(velocity[:, r].mean(axis=1), float(np.nanmedian(depth[:, r])), r) for r in runs)
-        for cells in averages:
+        for cells in (*averages, *_combinations(velocity, np.nanmedian(depth, axis=0), met)):
             shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
             if (shared or off_m > OFF_M) and (_same(cells, met) or (cells.bins.start == 0 and _averaged(cells, met))):
                 first, last = cells.bins.start + 1, cells.bins.stop
@@ -270,6 +278,20 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
     for run in [order, *([k] for k in order if len(order) > 1)]:
         yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
+
+
+def _combinations(velocity: Complexes, depth_m: Floats, met: MatchedVelocities) -> Iterator[CellSeries]:
+    """Fit the reference by a weighted mean of the bins that most samples have, at each lag of the stamps."""
+    for lag in np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H):
+        at = velocity[met.place[met.there[:, lag], lag]]
+        bins = np.flatnonzero(np.isfinite(at).mean(axis=0) > 0.5) if len(at) else np.zeros(0, dtype=np.intp)
+        whole = np.isfinite(at[:, bins]).all(axis=1)
+        if whole.sum() < MIN_COMPARED + len(bins) or len(bins) < 2:
+            continue
+        weight, *_ = np.linalg.lstsq(at[whole][:, bins], met.velocity[met.there[:, lag]][whole], rcond=None)
+        size = np.abs(weight) / np.abs(weight).sum()
+        used = bins[size > 0.1 * size.max()]
+        yield CellSeries(velocity[:, bins] @ weight, float(size @ depth_m[bins]), range(used[0], used[-1] + 1))
 
 
 def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
