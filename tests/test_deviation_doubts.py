@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import chain
@@ -28,7 +29,7 @@ from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
 from compasslib.deviation.model import DeviationFit
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import CovariateRange, Unexplained
+from compasslib.inference.finding import UNTESTED, CovariateRange, Finding, Parameter, Unexplained
 from compasslib.records import GOOD, PROBABLY_BAD, EarthField, Pairs
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
@@ -262,19 +263,38 @@ def concluded(
     seen: Pairs,
     *,
     fit: DeviationFit | None = None,
-    fixed: ConstantOffset | None = None,
+    find: Callable[[DeviationFit], ConstantOffset | None] = lambda fit: None,
     calibration: str = "",
     diagnosis: Diagnosis = CONSISTENT,
 ):
     fit = fit_exact(seen) if fit is None else fit
     return diagnoses.conclude(
-        lambda _: diagnosis, seen, record_of(seen), field_of(seen), {}, fit=fit, constant=fixed, calibration=calibration
-    )
+        lambda _: diagnosis, seen, record_of(seen), field_of(seen), {}, fit=fit, find_constant=find,
+        calibration=calibration,
+    )  # fmt: skip
 
 
 def test_a_sound_mooring_keeps_the_verdict_of_the_search():
     made = concluded(pairs(MILD, n=1500, seed=6)[0])
     assert made.diagnosis == Diagnosis("consistent") and made.product.doubts == ()
+
+
+@pytest.mark.parametrize(
+    "rest", [ConstantOffset(2.0, 1.0), ConstantOffset(18.5, 1.0, "declination_error", "said", 0.9)]
+)
+def test_a_clock_error_explains_a_questioned_constant_where_it_leaves_none_that_is(rest):
+    seen, _ = pairs(MILD, n=1500, seed=6)
+    first = fit_exact(seen)
+    refitted = replace(first, coefficients=first.coefficients + 0.01 * np.eye(5)[0])
+    where = CovariateRange("turn_rate", -10.0, 10.0, "all along")
+    clock = Finding(
+        "clock_offset", "clock", (), where, None, {"hours": Parameter(1.5, 0.1, "h")}, 20.0, UNTESTED, "A clock.", 0.99
+    )
+    searched = Diagnosis("explained", findings=(clock,), fit=refitted)
+    questioned = ConstantOffset(18.0, 1.0, "declination_error", "equal to the declination", 0.9)
+    made = concluded(seen, fit=first, diagnosis=searched, find=lambda fit: questioned if fit is first else rest)
+    assert made.diagnosis.findings[0].effect == ("declination_error" if rest.effect else "clock_offset")
+    assert bool(made.product.doubts) == bool(rest.effect)
 
 
 def test_effects_do_not_excuse_a_configured_fit_that_no_instrument_can_have():

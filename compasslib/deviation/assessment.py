@@ -7,6 +7,7 @@ four), the model is fitted without some of them and tried on those.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -334,7 +335,7 @@ class ConstantOffset:
     sigma_deg: float
     effect: str = ""  # declination_error or mounting_offset; empty where no mistake explains it
     cause: str = ""
-    probability: float = 0.0  # of the mistake, against an ordinary constant at even prior odds
+    probability: float = 0.0  # of the effect, against an ordinary constant and one of any other cause
     between_instruments: bool = True  # or of both, against the model of the earth's field
 
     @property
@@ -388,22 +389,27 @@ def find_constant_offset(
     angle, sigma = measured
     if abs(angle) <= max(LEAST_DEG, LEAST_SIGMAS * sigma):
         return ConstantOffset(angle, sigma)
-    questioned = []
+    questioned, densities = [], Counter[str]()
+    ordinary = float(np.exp(_log_density(angle, np.hypot(sigma, ORDINARY_DEG)))) / np.sqrt(2.0 * np.pi)
     mistakes = [
         ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
     ]
     for name, bias in (heading_bias_deg or {}).items():
         mistakes += [("declination_error", BIAS.format(bias, name), angle) for angle in (bias, -bias) if bias]
-    for effect, cause, mistake in [*mistakes, ("mounting_offset", BACKWARDS, 180.0)]:
+    mistakes.append(("mounting_offset", BACKWARDS, 180.0))
+    for effect, cause, mistake in mistakes:
         off = float(angles.wrap180(angle - mistake))
-        log_odds = _log_density(off, sigma) - _log_density(angle, np.hypot(sigma, ORDINARY_DEG))
-        if abs(off) <= NEAR_SIGMAS * sigma and log_odds > np.log(LEAST_ODDS):
-            questioned.append(ConstantOffset(angle, sigma, effect, cause, float(1.0 / (1.0 + np.exp(-log_odds)))))
+        density = float(np.exp(_log_density(off, sigma))) / np.sqrt(2.0 * np.pi)
+        densities[effect] += density / len(mistakes)
+        if abs(off) <= NEAR_SIGMAS * sigma and density > LEAST_ODDS * ordinary:
+            questioned.append((density, effect, cause))
     if not questioned:
         return ConstantOffset(angle, sigma)
-    first = max(questioned, key=lambda constant: constant.probability)
-    causes = "; or ".join(dict.fromkeys(constant.cause for constant in questioned))
-    return ConstantOffset(angle, sigma, first.effect, causes, first.probability)
+    _, effect, _ = max(questioned)
+    causes = "; or ".join(dict.fromkeys(cause for _, _, cause in questioned))
+    # A mistake, each as likely, an ordinary constant, and an angle of any other cause have even odds beforehand.
+    probability = densities[effect] / (densities.total() + ordinary + 1.0 / 360.0)
+    return ConstantOffset(angle, sigma, effect, causes, float(probability))
 
 
 def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:

@@ -56,6 +56,7 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
+LIKELIER = 0.5  # probability above which a clock error explains a constant rather than a mistake does
 SURE_CONSTANT = 0.95  # probability above which no other name is listed
 MOST_OUTLIERS = 0.03  # share of directions that say nothing; of 19 sound moorings up to 0.006, of a refuted one 0.02
 SIDES = ("none", "compass", "clock", "reference", "water")
@@ -376,7 +377,7 @@ def conclude(
     series: Series,
     *,
     fit: DeviationFit,
-    constant: ConstantOffset | None,
+    find_constant: Callable[[DeviationFit], ConstantOffset | None],
     calibration: str = "",
     with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
 ) -> Conclusion:
@@ -386,13 +387,13 @@ def conclude(
         search: the search for unmodelled effects, of pairs.
         series: what was logged besides at the record's samples.
         fit: the configured fit.
-        constant: between the instruments, where it is not confirmed.
+        find_constant: of a fit, between the instruments; gives None where the constant is confirmed.
         calibration: name of the calibration that corrects the mooring, if one does.
         with_effects: puts effects that other records of the compass know into a product, given whether it comes from
             a search.
     """
+    diagnosis, constant = _search_or_question(search, pairs, fit, find_constant)
     questioned = constant is not None and bool(constant.effect)
-    diagnosis = diagnose_constant(constant, pairs) if constant is not None and questioned else search(pairs)
     made = with_effects(product_of_diagnosis(fit, diagnosis), diagnosis.fit is not None)
     plain = products.equivalent_pairs(made, pairs, record, field, series)
     doubts = find_doubtful_windows(plain, made.fit)
@@ -419,6 +420,29 @@ def conclude(
     if constant is not None and not questioned and constant.text:
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, constant.text))
     return Conclusion(diagnosis, made, agreement)
+
+
+def _search_or_question(
+    search: Callable[[Pairs], Diagnosis],
+    pairs: Pairs,
+    fit: DeviationFit,
+    find_constant: Callable[[DeviationFit], ConstantOffset | None],
+) -> tuple[Diagnosis, ConstantOffset | None]:
+    """Search a mooring, unless a mistake in its configuration explains its constant.
+
+    Where currents rotate, as inertial ones do, a clock error is nearly a constant angle: a search that finds one, and
+    leaves no constant that is questioned, explains both.
+    """
+    constant = find_constant(fit)
+    if constant is None or not constant.effect:
+        return search(pairs), constant
+    if constant.between_instruments:
+        found = search(pairs)
+        if any(each.side == "clock" and each.probability > LIKELIER for each in found.findings):
+            rest = find_constant(product_of_diagnosis(fit, found).fit)
+            if rest is None or not rest.effect:
+                return found, rest
+    return diagnose_constant(constant, pairs), constant
 
 
 def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:

@@ -13,7 +13,12 @@ from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import deviation_json, fit_deviation
-from compasslib.deviation.assessment import describe_assessment, find_constant_offset, find_declination_error
+from compasslib.deviation.assessment import (
+    ConstantOffset,
+    describe_assessment,
+    find_constant_offset,
+    find_declination_error,
+)
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, estimate_safe_distance, fit_from_json
 from compasslib.inference import covariates, joint, joint_compass, kinds
@@ -102,11 +107,13 @@ def judged(
     """
     series = covariates.logged_series(netcdf.read_record(record), observatory)
     upper = netcdf.read_record(record, velocities=False)  # they are a third of the memory
-    fixed = None
-    if not options["constant_confirmed"]:
-        biases = netcdf.read_applied_declinations((record, *references))
+    biases = netcdf.read_applied_declinations((record, *references))
+
+    def find_constant(fit: DeviationFit) -> ConstantOffset | None:
+        if options["constant_confirmed"]:
+            return None
         declination_deg = float(np.mean(along.declination_deg))
-        fixed = find_declination_error(along) or find_constant_offset(fitted, near, declination_deg, biases)
+        return find_declination_error(along) or find_constant_offset(fit, near, declination_deg, biases)
 
     def search(subset: Pairs) -> Diagnosis:
         if not options["enabled"]:
@@ -128,7 +135,7 @@ def judged(
         along,
         series,
         fit=fitted,
-        constant=fixed,
+        find_constant=find_constant,
         calibration=(configured.get("calibration") or {}).get("name", ""),
         with_effects=with_effects,
     )
