@@ -196,7 +196,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         "equal to minus the declination (-23.6°): the directions of the reference lack it",
     ),
     "one recording given twice": (given_twice, "recorded the same velocities: one recording was given twice"),
-    "cm/s called mm/s": (said(deep__columns__scale=0.0001), "the unit or scale of one is probably wrong"),
+    "cm/s called mm/s": (said(deep__columns__scale=0.0001), "the unit or scale of one is wrong"),
     "cm/s called m/s": (said(deep__columns__scale=1.0), "velocities flagged: faster than 5 m/s"),
     "east and north negative": (
         table(lambda i, row: [*row[:2], f"{-float(row[2])}", f"{-float(row[3])}"]),

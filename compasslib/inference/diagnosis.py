@@ -56,7 +56,6 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
-LIKELIER = 0.5  # probability above which a clock error explains a constant rather than a mistake does
 SURE_CONSTANT = 0.95  # probability above which no other name is listed
 MOST_OUTLIERS = 0.03  # share of directions that say nothing; of 19 sound moorings up to 0.006, of a refuted one 0.02
 SIDES = ("none", "compass", "clock", "reference", "water")
@@ -438,7 +437,7 @@ def _search_or_question(
         return search(pairs), constant
     if constant.between_instruments:
         found = search(pairs)
-        if any(each.side == "clock" and each.probability > LIKELIER for each in found.findings):
+        if any(each.side == "clock" and each.probability > 0.5 for each in found.findings):
             rest = find_constant(product_of_diagnosis(fit, found).fit)
             if rest is None or not rest.effect:
                 return found, rest

@@ -187,7 +187,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
     medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
     apart, slow = not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART, min(speeds) < NOISE_M_S
     if apart and slow:
-        why = f"{medians}: the unit or scale of one is probably wrong, and directions of the slower ones are noise"
+        why = f"{medians}: the unit or scale of one is wrong, or half are so slow that their directions are noise"
         pairs = replace(pairs, doubts=(*pairs.doubts, (angles.UNIFORM_SIGMA_DEG, why)))
     elif apart:
         pairs = replace(pairs, warnings=(*pairs.warnings, f"{medians}: check the unit and scale of both"))

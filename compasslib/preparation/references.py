@@ -289,9 +289,11 @@ def _combinations(velocity: Complexes, depth_m: Floats, met: MatchedVelocities) 
         if whole.sum() < MIN_COMPARED + len(bins) or len(bins) < 2:
             continue
         weight, *_ = np.linalg.lstsq(at[whole][:, bins], met.velocity[met.there[:, lag]][whole], rcond=None)
-        size = np.abs(weight) / np.abs(weight).sum()
-        used = bins[size > 0.1 * size.max()]
-        yield CellSeries(velocity[:, bins] @ weight, float(size @ depth_m[bins]), range(used[0], used[-1] + 1))
+        size = np.abs(weight)
+        if size.any():
+            used = bins[size > 0.1 * size.max()]
+            depth = float(size @ depth_m[bins] / size.sum())
+            yield CellSeries(velocity[:, bins] @ weight, depth, range(used[0], used[-1] + 1))
 
 
 def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
