@@ -323,6 +323,17 @@ def test_a_large_unexplained_mismatch_makes_all_headings_doubtful(size_deg, doub
     assert [doubt.from_s for doubt in made.product.doubts] == [-np.inf] * doubted
 
 
+@pytest.mark.parametrize(("sigma_deg", "verdict"), [(angles.UNIFORM_SIGMA_DEG, "insufficient"), (30.0, "unexplained")])
+def test_pairs_that_tell_nothing_are_insufficient_and_those_that_may_be_turned_unexplained(sigma_deg, verdict):
+    seen = replace(pairs(MILD, n=1500, seed=6)[0], doubts=((sigma_deg, "the reference cannot be believed"),))
+    made = concluded(seen)
+    assert made.diagnosis.verdict == verdict and made.product.doubts[0].sigma_deg == sigma_deg
+    assert "cannot be believed" in made.diagnosis.why or "cannot be believed" in made.diagnosis.warnings[0]
+    carried = replace(fit_exact(seen), method="calibration")
+    kept = concluded(seen, fit=carried)
+    assert kept.product.doubts == () and "cannot be believed" in kept.diagnosis.warnings[-1]
+
+
 def test_a_calibration_of_another_compass_is_insufficient_and_named():
     seen, _ = pairs(MILD, n=1500, seed=6)
     other = replace(fit_exact(seen), method="calibration", covariance=np.eye(5) * 1e-4)

@@ -398,16 +398,18 @@ def conclude(
     doubts = find_doubtful_windows(plain, made.fit)
     agreement = assess_correction(pairs, made.fit, plain)
     denied = agreement["refuted"] or find_implausibility(made.fit, record) or find_implausibility(fit, record)
-    if why := denied or (at_mooring.contradiction(fit, pairs) if calibration else ""):
-        why = f"calibration {calibration}: {why}" if calibration else why
-        said = tuple(text for _, text in pairs.doubts)
-        diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=(*said, *diagnosis.warnings))
+    if calibration and (denied := denied or at_mooring.contradiction(fit, pairs)):
+        denied = f"calibration {calibration}: {denied}"
+    suspected = () if fit.known_beforehand else pairs.doubts  # what was known before the pairs does not rest on them
+    nothing_known = (why for sigma_deg, why in suspected if sigma_deg >= angles.UNIFORM_SIGMA_DEG)
+    if why := next(nothing_known, denied):
+        diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)
         made = replace(made, doubts=(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why),))
     elif constant is not None and questioned:
         made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
     elif doubts := (
         *(() if made.effects else _doubt_outliers(fit)),  # effects that are corrected explain outliers
-        *(doubt_whole_record(sigma_deg, why) for sigma_deg, why in pairs.doubts),
+        *(doubt_whole_record(sigma_deg, why) for sigma_deg, why in suspected),
         *doubts,
     ):
         diagnosis = _with_doubts(diagnosis, doubts, pairs)
@@ -416,8 +418,10 @@ def conclude(
         size = f"a mismatch of {diagnosis.unexplained.rms_effect_deg:.0f}° rms is unexplained and not corrected"
         # It stands in the uncertainty already.
         made = replace(made, doubts=(doubt_whole_record(0.0, f"{size}: all headings are flagged doubtful"),))
-    if constant is not None and not questioned and constant.text:
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, constant.text))
+    said = (constant.text,) if constant is not None and not questioned and constant.text else ()
+    said += tuple(why for _, why in pairs.doubts) if fit.known_beforehand else ()
+    if said:
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *said))
     return Conclusion(diagnosis, made, agreement)
 
 
