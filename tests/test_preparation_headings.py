@@ -68,6 +68,7 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         (altered(MIDDLE, lambda h: AVERAGED[MIDDLE]), "far smoother than the flow", MIDDLE),
         (altered(MIDDLE, lambda h: moored().heading_deg[795:1195]), "lag the direction of flow by 5 samples", MIDDLE),
         (altered(MIDDLE, lambda h: WITHOUT_A_BIT[MIDDLE]), "a bit of the reading is stuck", MIDDLE),
+        (altered(slice(None), lambda h: h % 2.56), "higher bits of the reading are missing", slice(None)),
         (altered(slice(None), lambda h: np.minimum(h, 360.0 - h)), "folded on the other", slice(None)),
         (altered(slice(None), np.random.default_rng(3).permutation), "in another order", slice(None)),
         (altered(slice(None), running_mean), "are running means", slice(None)),
@@ -84,6 +85,7 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         "averaged",
         "late",
         "stuck bit",
+        "low byte",
         "folded",
         "shuffled",
         "degrees averaged",
@@ -119,6 +121,8 @@ def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes
     record, rng = moored(), np.random.default_rng(2)
     still = np.where(np.arange(N) // 240 % 3 == 1, 40.0, 40.0 + rng.integers(-1, 2, N))
     assert headings.flag_altered(replace(record, heading_deg=still)).heading_quality.max() < PROBABLY_BAD
+    noisy = replace(record, heading_deg=(40.0 + rng.normal(0.0, 0.3, N)).round(2))
+    assert headings.flag_altered(noisy).heading_quality.max() < PROBABLY_BAD
     sparse = take(record, np.arange(0, N, 6))  # too few a window to compare
     assert headings.flag_altered(sparse) is sparse
     late = replace(record, heading_deg=np.roll(record.heading_deg, 1))  # by an hour

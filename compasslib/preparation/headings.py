@@ -53,6 +53,8 @@ UNRELATED, STEADY = 0.11, 0.97
 # Steps in which compasses count, degrees, the least and greatest error of a bit, changes of the higher bits by which
 # it should have changed, and the least share of readings in each eighth of the sectors that are left.
 COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_FILLED = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
+# Headings within so few degrees that jump across half of them: 1 in 4 of independent ones, 1 in 200 of a steady frame.
+WRAPPED_DEG, WRAPPED_JUMPS = 5.0, 0.12
 # Every k-th reading against the mean direction of its neighbours: the median turn of one k, and the median size of one
 # k over that of the others; at most 4.9 degrees and 1.8 in 34 records of one compass, real water included.
 PERIODS, INDEX_TURN_DEG, INDEX_SIGMAS, INDEX_TIMES, INDEX_LEAST_DEG = range(2, 13), 10.0, 6.0, 3.0, 2.0
@@ -65,7 +67,7 @@ def flag_altered(record: Record) -> Record:
     only.
     """
     record = _flag_across_north(_flag_stuck_bits(_flag_held(_flag_limits(_flag_repeated(record)))))
-    record = _flag_by_index(record)
+    record = _flag_wrapped(_flag_by_index(record))
     # Compute the mean velocity of the good near bins, (n,), 0 where there is none.
     velocity = record.east[:, :NEAR_BINS] + 1j * record.north[:, :NEAR_BINS]
     good = np.isfinite(velocity) & (record.quality[:, :NEAR_BINS] < PROBABLY_BAD)
@@ -357,6 +359,22 @@ def _flag_stuck_bits(record: Record) -> Record:
                 stuck[known[inside]] |= changes >= BIT_CHANGES and filled
     text = "leave out every other sector of the circle: a bit of the reading is stuck, and they are flagged doubtful"
     return _flag_some(record, stuck, text)
+
+
+def _flag_wrapped(record: Record) -> Record:
+    """Flag all headings where they fill a few degrees evenly and jump across them: the low byte of a count alone."""
+    known = record.heading_deg[_usable(record)]
+    span = float(np.ptp(known)) if len(known) else 0.0
+    if span > WRAPPED_DEG or len(np.unique(known)) < FEWEST:
+        return record
+    share = float(np.mean(np.abs(np.diff(known)) > span / 2.0))
+    if share < WRAPPED_JUMPS:
+        return record
+    note = (
+        f"all recorded headings lie within {span:.2f} degrees, and {share:.0%} of them jump across half of it between "
+        "samples: higher bits of the reading are missing, and all are flagged doubtful"
+    )
+    return flag_headings(record, np.ones(record.heading_deg.shape, dtype=bool), note)
 
 
 def _flag_limits(record: Record) -> Record:
