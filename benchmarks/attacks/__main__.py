@@ -92,12 +92,16 @@ def run(chosen: list[cases.Case], library: Path, into: Path, cores: int) -> list
 
 
 def run_nulls(count: int, seed: int, libraries: list[Path], into: Path, cores: int) -> None:
-    """Process moorings with nothing wrong by a library and an older one, and print how many flags 1 were lost."""
+    """Process moorings with nothing wrong by a library and an older one, and print how many flags 1 were lost.
+
+    The older one runs its own workflow, as its modules may have other names.
+    """
     wanted, kept = bases.nulls(count, seed), into / "bases"
     write_bases(wanted, kept, cores)
+    new, old = libraries
     folders = [into / label(library) / "nulls" for library in libraries]
-    for library, folder in zip(libraries, folders, strict=True):
-        in_processes(library, cores, cases.untouched, [(base, kept, folder) for base in wanted])
+    in_processes(new, cores, cases.untouched, [(base, kept, folders[0]) for base in wanted])
+    in_processes(PROJECT, cores, cases.untouched_by_workflow, [(base, kept, folders[1], old) for base in wanted])
     groups: dict[str, list[tuple[int, int]]] = {}
     lost_of = {base.name: lost(*(folder / base.name / "made/errors.npz" for folder in folders)) for base in wanted}
     for name, pair in lost_of.items():
@@ -122,11 +126,11 @@ def lost(new: Path, old: Path) -> tuple[int, int]:
         return 0, 0
     with np.load(old) as before:
         right = np.abs(before["error_deg"]) <= np.maximum(3.0 * before["sigma_deg"], 2.0)
-        kept = before["time_s"][(before["flag"] == 1) & right]
+        kept = np.rint(before["time_s"][(before["flag"] == 1) & right])
     if not new.exists():
         return len(kept), len(kept)
     with np.load(new) as after:
-        still = after["time_s"][after["flag"] == 1]
+        still = np.rint(after["time_s"][after["flag"] == 1])
     return len(kept), int((~np.isin(kept, still)).sum())
 
 

@@ -13,6 +13,7 @@ import bases
 import calibrations
 import cruises
 import numpy as np
+import runs
 from cruises import Cruise, NotApplicableError, Outcome
 from harmless import HARMLESS
 from headings import HEADINGS
@@ -108,6 +109,18 @@ def untouched(base: bases.Base, kept: Path, into: Path) -> None:
     if not outcome.refused:
         cruises.keep_declination(cruise, made)
     file.write_text(json.dumps(asdict(outcome)))
+
+
+def untouched_by_workflow(base: bases.Base, kept: Path, into: Path, project: Path) -> None:
+    """Process a base as it is by the workflow of another checkout, and keep the errors of its headings."""
+    file = into / f"{base.name}.json"
+    if file.exists():
+        return
+    cruise = Cruise.copy(kept, base.name, into / base.name / "cruise")
+    cruise.save()
+    took = runs.cost(runs.snakemake(cruise.folder, "--quiet", "all", cores=1, project=project), project)
+    cruises.keep_errors_of_file(cruise, cruise.folder / "results/M/corrected.nc", into / base.name / "made")
+    file.write_text(json.dumps(took._asdict()))
 
 
 def outcome_of(base: str, into: Path) -> Outcome:

@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import pandas as pd
 import yaml
@@ -451,6 +452,20 @@ def _scored(cruise: Cruise, product: Any, into: Path) -> dict[str, float]:
         "far": float(np.mean(error > FAR_SIGMAS * sigma)),
         "good": float(looked.sum() / max(np.isfinite(truth).sum(), 1)),
     }
+
+
+def keep_errors_of_file(cruise: Cruise, path: Path, into: Path) -> None:
+    """Keep the errors of a corrected.nc that any version wrote, by the names of its variables."""
+    with netCDF4.Dataset(path) as nc:
+        days, heading, sigma, flag = (
+            np.ma.filled(nc[name][:].astype(float), np.nan)
+            for name in ("TIME", *(f"HEADING_CORRECTED{end}" for end in ("", "_UNCERTAINTY", "_QC")))
+        )
+        time_s = np.asarray(netCDF4.num2date(days, nc["TIME"].units).tolist(), dtype="datetime64[ms]")
+    time_s = np.rint(time_s.astype(np.int64) / 1000.0)
+    error = np.mod(heading - cruise.truth_at(time_s) + 180.0, 360.0) - 180.0
+    into.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(into / "errors.npz", time_s=time_s, error_deg=error, sigma_deg=sigma, flag=flag)
 
 
 def _turned(product: Any, plain: Path) -> float:
