@@ -421,6 +421,19 @@ def test_quick_turns_are_left_out(tmp_path):
     assert any("turning quicker than 1 degrees a second" in line for line in found.warnings)
 
 
+def test_readings_of_zero_in_a_log_are_left_out_and_counted(tmp_path):
+    columns = circling(900, 0.8)
+    whole = swing.calibrate([written(tmp_path, **columns)], SURE)
+    assert "unlike the readings before and after" not in whole.details["left_out"]
+    lost = np.random.default_rng(4).random(900) < 0.1
+    unlike = np.abs(angles.wrap180(columns["compass_deg"])) > 60.0
+    columns["compass_deg"] = np.where(lost, 0.0, columns["compass_deg"])
+    found = swing.calibrate([written(tmp_path, **columns)], SURE)
+    left_out = found.details["left_out"]["unlike the readings before and after"]
+    assert (lost & unlike).sum() <= left_out <= lost.sum()
+    assert np.all(np.abs(found.coefficients - whole.coefficients) < 2.0 * sigmas(whole))
+
+
 def test_wrong_files_say_what_is_wrong(tmp_path):
     path = written(tmp_path, compass_deg=[1.0], heading=[2.0])
     with pytest.raises(InputError, match=r"column of the course over ground \(cog_deg\) or of the true heading"):

@@ -23,6 +23,7 @@ SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header
 BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
 BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
+NEIGHBOURS, ALIKE_DEG = 3, 40.0  # readings either side that are compared, and how far a ship may turn meanwhile
 STEADY_S = 60.0  # a helmsman's wandering about the course is over in that time
 APART_S = 30.0  # samples further apart do not hang together
 REFUSED_GAP_DEG = 180.0
@@ -113,6 +114,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         return known
     order = np.argsort(known.time_s, kind="stable")
     known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
+    known = known.keep(~_isolated(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
     # The rate of turn over the seconds before each sample; the earliest known one where there are too few.
@@ -128,6 +130,18 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     if known.delay_s:
         return known
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
+
+
+def _isolated(time_s: Floats, recorded_deg: Floats) -> Bools:
+    """Find readings of a dense log that less than half of the nearest ones agree with, as dropouts written as zero."""
+    n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
+    for k in range(1, min(NEIGHBOURS, n - 1) + 1):
+        close = time_s[k:] - time_s[:-k] <= TURN_WINDOW_S / 2.0
+        alike = close & (np.abs(angles.difference(recorded_deg[k:], recorded_deg[:-k])) <= ALIKE_DEG)
+        for part in (slice(k, n), slice(0, n - k)):
+            near[part] += close
+            agree[part] += alike
+    return (near > NEIGHBOURS) & (agree < near / 2.0)
 
 
 def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) -> Observations:
