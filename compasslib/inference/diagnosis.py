@@ -418,8 +418,8 @@ def conclude(
         size = f"a mismatch of {diagnosis.unexplained.rms_effect_deg:.0f}° rms is unexplained and not corrected"
         # It stands in the uncertainty already.
         made = replace(made, doubts=(doubt_whole_record(0.0, f"{size}: all headings are flagged doubtful"),))
-    said = (constant.text,) if constant is not None and not questioned and constant.text else ()
-    said += tuple(why for _, why in pairs.doubts) if fit.known_beforehand else ()
+    said = [constant.text] if constant is not None and not questioned and constant.text else []
+    said += [why for _, why in pairs.doubts if fit.known_beforehand]
     if said:
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *said))
     return Conclusion(diagnosis, made, agreement)
