@@ -334,6 +334,14 @@ def test_pairs_that_tell_nothing_are_insufficient_and_those_that_may_be_turned_u
     assert kept.product.doubts == () and "cannot be believed" in kept.diagnosis.warnings[-1]
 
 
+def test_a_record_that_contradicts_its_fit_makes_all_headings_doubtful():
+    seen, _ = pairs(MILD, n=1500, seed=6)
+    few = Diagnosis("insufficient", why="the branch of the compass is known for 11 of 1500 pairs", refutes_fit=True)
+    made = concluded(seen, diagnosis=few)
+    assert made.diagnosis.why == few.why and made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
+    assert concluded(seen, diagnosis=replace(few, refutes_fit=False)).product.doubts == ()
+
+
 def test_a_calibration_of_another_compass_is_insufficient_and_named():
     seen, _ = pairs(MILD, n=1500, seed=6)
     other = replace(fit_exact(seen), method="calibration", covariance=np.eye(5) * 1e-4)

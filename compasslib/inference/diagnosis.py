@@ -93,6 +93,7 @@ class Diagnosis:
     experiments: tuple[tuple[str, float], ...] = ()  #: what to observe, and the chance that one name is left then
     current: tuple[CurrentStatement, ...] = ()  #: what the current does, which the simulation assumed it would not
     prior_odds: float | None = None  #: of a fault of compass or clock, where they were asked for
+    refutes_fit: bool = False  #: whether an insufficient record contradicts its fit, so that no heading can be believed
 
     def __post_init__(self) -> None:
         """Keep an effect that was judged in any of its forms from standing among those that could not be tested."""
@@ -397,7 +398,8 @@ def conclude(
     plain = products.equivalent_pairs(made, pairs, record, field, series)
     doubts = find_doubtful_windows(plain, made.fit)
     agreement = assess_correction(pairs, made.fit, plain)
-    denied = agreement["refuted"] or find_implausibility(made.fit, record) or find_implausibility(fit, record)
+    refuted = agreement["refuted"] or (diagnosis.why if diagnosis.refutes_fit else "")
+    denied = refuted or find_implausibility(made.fit, record) or find_implausibility(fit, record)
     if calibration and (denied := denied or at_mooring.contradiction(fit, pairs)):
         denied = f"calibration {calibration}: {denied}"
     suspected = () if fit.known_beforehand else pairs.doubts  # what was known before the pairs does not rest on them

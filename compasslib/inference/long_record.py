@@ -59,7 +59,8 @@ def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = 
     none = np.zeros(case.nuisance.shape[1])
     if (usable := design.count_usable(case, case.simulation, none)) < FEWEST_PAIRS:
         why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST_PAIRS} are needed"
-        return diagnosis.insufficient(why, case.not_testable)
+        # Where hardly any pair agrees with either of its headings, the fit is to something else.
+        return replace(diagnosis.insufficient(why, case.not_testable), refutes_fit=4 * usable < len(case))
     try:
         return _diagnose(case, options, fit)
     except design.TooFewSamples as lost:  # from the beginning, or once refitted
