@@ -20,7 +20,7 @@ from compasslib.config import cruise as config
 from compasslib.pipeline import plan
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.preparation.pairs import PairRules, find_pairs
-from compasslib.preparation.quality import flag_quality
+from compasslib.preparation.quality import flag_quality, heading_outlier_flags
 from compasslib.readers import pd0
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, EarthField
 from compasslib.report import words
@@ -141,6 +141,16 @@ def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
     assert np.sqrt(np.nanmean(left**2)) < kept_deg
     assert np.mean(found.heading_quality[at] > GOOD) > 0.85 and np.mean(found.heading_quality[~at] > GOOD) < 0.12
     assert any("differ from those before and after by more than an instrument turns" in said for said in found.warnings)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_headings_that_swing_widely_by_nature_keep_their_flags(seed):
+    """As where a profiler turns freely in slow water; 20 % of a real record were flagged."""
+    n, rng = 4000, np.random.default_rng(seed)
+    steps = np.where(rng.random(n) < 0.35, rng.normal(0.0, 100.0, n), rng.laplace(0.0, 18.0, n))
+    heading, east = angles.wrap360(np.cumsum(steps)), rng.normal(0.0, 0.1, (n, 3))
+    record = replace(one_record(HOUR * np.arange(n), ranges=(10.0, 14.0, 18.0)), heading_deg=heading, east=east)
+    assert (heading_outlier_flags(record, heading) > GOOD).mean() < 0.02
 
 
 def test_headings_of_the_compass_to_correct_are_counted_said_and_left_to_the_correction():
