@@ -52,8 +52,8 @@ NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes ro
 # degrees, none did so in fast water by half of what lies between ten median steps and a half turn.
 OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # times the median step off both neighbours; of a compass that hardly turns
 FREE_DEG = 135.0  # a compass whose ten steps reach this turns too freely for any heading to stand out
-# From this limit on a compass may swing so widely by nature, where so many times as many headings stand between the limit
-# and what is sure as beyond it: of one real record, read by compasses near iron, 1.45 to 2.5; of faults 1.
+# From this limit on a compass may swing so widely by nature, where so many times as many headings stand between it and
+# what is sure as beyond that: of one real record, read by compasses near iron, 1.45 to 2.5; of faults 1.
 WIDE_DEG, NATURAL = 90.0, 1.4
 LONGEST_OFF = 5  # samples in a row that stand off together and come back
 PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is taken to be wrong
