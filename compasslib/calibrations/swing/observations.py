@@ -114,7 +114,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         return known
     order = np.argsort(known.time_s, kind="stable")
     known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
-    known = known.keep(~_isolated(known.time_s, known.recorded_deg), "unlike the readings before and after")
+    known = known.keep(~isolated_readings(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
     # The rate of turn over the seconds before each sample; the earliest known one where there are too few.
@@ -132,7 +132,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
 
 
-def _isolated(time_s: Floats, recorded_deg: Floats) -> Bools:
+def isolated_readings(time_s: Floats, recorded_deg: Floats) -> Bools:
     """Find readings of a dense log that less than half of the nearest ones agree with, as dropouts written as zero."""
     n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
     for k in range(1, min(NEIGHBOURS, n - 1) + 1):
