@@ -125,10 +125,15 @@ def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes
     assert headings.flag_altered(noisy).heading_quality.max() < PROBABLY_BAD
     sparse = take(record, np.arange(0, N, 6))  # too few a window to compare
     assert headings.flag_altered(sparse) is sparse
-    late = replace(record, heading_deg=np.roll(record.heading_deg, 1))  # by an hour
-    assert headings.flag_altered(late).heading_quality.min() == PROBABLY_BAD
+    for hours in (1, 2):  # by its torsion, all along
+        late = replace(record, heading_deg=np.roll(record.heading_deg, hours))
+        assert headings.flag_altered(late) is late
+    for hours in (-1, 8):
+        wrong = replace(record, heading_deg=np.roll(record.heading_deg, hours))
+        assert headings.flag_altered(wrong).heading_quality.min() == PROBABLY_BAD
     monkeypatch.setattr(headings, "LEAST_LAG_S", 2.0 * HOUR)
-    assert headings.flag_altered(late) is late
+    lead = replace(record, heading_deg=np.roll(record.heading_deg, -1))
+    assert headings.flag_altered(lead) is lead
 
 
 @pytest.mark.parametrize(

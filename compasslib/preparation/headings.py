@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.records import PROBABLY_BAD, Record, iso_time
 from compasslib.statistics.resampling import adjacent
-from compasslib.types import DAY_S, Bools, Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
 WINDOW_S, FEWEST, FEWEST_WINDOWS = 5 * DAY_S, 40, 6
 FIRM, TURNED_DEG = 0.4, 60.0  # mean vector that has a direction, and how far that of two windows in a row may be off
@@ -35,7 +35,7 @@ HALF_END_DEG, HALF_END_COUNT = 2.0, 5  # of headings that fill half of the circl
 # Windows in a row whose changes of heading and of flow are compared. By how much the correlation at another lag exceeds
 # that at none: at most 0.26 in 24 sound records, real water included. A window beside such a one has at least half.
 TOGETHER, MAX_LAG, LAG_EXCESS, LAG_SIGMAS = 3, 24, 0.3, 5.5
-LEAST_LAG_S = 1800.0  # a mooring turns some minutes after the flow
+LEAST_LAG_S, MOST_LAG_S = 1800.0, 6 * HOUR_S  # a mooring turns minutes to some hours after the flow
 # Smoothness of heading over that of flow, less the record's median, in two windows in a row: at most 1.03 in the same
 # records, 0.7 to 2.3 where headings were averaged over 6 samples, 1.1 to 3.0 over 12.
 SMOOTHER, SMOOTHER_ALONE, TURNS_DEG = 1.1, 0.25, 2.0  # and the least mean change from sample to sample of such records
@@ -98,7 +98,10 @@ def flag_altered(record: Record) -> Record:
 
 
 def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
-    """Flag windows in which the heading changes some samples after the direction of flow, or before it."""
+    """Flag windows in which the heading changes some samples after the direction of flow, or before it.
+
+    A mooring may turn hours after the flow: the lag that its whole record shows is its own.
+    """
     both = np.where((weight[1:] > 0.0) & (weight[:-1] > 0.0), np.minimum(weight[1:], weight[:-1]), 0.0)
     changes = (angles.sin_cos(np.diff(angle))[0] for angle in (record.heading_deg, flow_deg))
     heading, flow = (np.nan_to_num(both * change) for change in changes)
@@ -114,7 +117,9 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
     # Over what chance gives the largest of all lags and windows.
     least = np.maximum(LAG_EXCESS, LAG_SIGMAS / np.sqrt(np.maximum(pooled(np.sign(both)), 1.0)))
     step_s = float(np.median(np.diff(record.time_s)))
-    natural = (lags == 0) | (np.abs(lags) * step_s < LEAST_LAG_S)
+    own = int(lags[int(np.argmax(np.abs([heading @ np.roll(flow, lag) for lag in lags])))])
+    own = own if 0 < own * step_s <= MOST_LAG_S else 0
+    natural = (lags >= 0) & (lags <= own + (own > 0)) | (np.abs(lags) * step_s < LEAST_LAG_S)
     excess = (np.abs(correlation) - np.abs(correlation[natural]).max(axis=0)) / least
     lag, largest = int(np.argmax(excess.max(axis=1))), float(excess.max())
     if largest <= 1.0:
