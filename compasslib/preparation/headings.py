@@ -45,8 +45,8 @@ HELD_RUN, HELD_SHARE, HELD_STEPS = 100, 0.4, 5.0
 # Readings far off both neighbours, which lie either side of north: how many, their share, and times that elsewhere.
 ACROSS, ACROSS_SHARE, ACROSS_TIMES, BETWEEN_DEG, ASTRAY_DEG = 8, 0.2, 1.5, 100.0, 60.0
 # A running mean over m samples leaves no power at the multiples of 1/m: log10 of the power beside over that there, the
-# median of the multiples, of directions and of degrees as numbers.
-SECTION, MEANS, NOTCH, NOTCH_OF_DEGREES = 1024, range(3, 37), 0.75, 1.2
+# median of the multiples, of directions and of degrees as numbers. A mean of three has one multiple only.
+SECTION, MEANS, NOTCH, NOTCH_OF_DEGREES = 1024, range(4, 37), 0.75, 1.2
 # Correlation of headings with the reading before and with the flow, both: at least 0.15 in one of 972 sections of 23
 # sound records and of a real one of 16 months, whole and thinned; at most 0.11 of headings in another order.
 UNRELATED, STEADY = 0.11, 0.97
