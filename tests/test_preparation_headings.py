@@ -125,6 +125,11 @@ def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes
     assert headings.flag_altered(noisy).heading_quality.max() < PROBABLY_BAD
     sparse = take(record, np.arange(0, N, 6))  # too few a window to compare
     assert headings.flag_altered(sparse) is sparse
+    free = replace(record, heading_deg=angles.wrap360(np.cumsum(rng.normal(0.0, 30.0, N))).round(2))  # of the flow
+    for seed in range(5):
+        turned = angles.wrap360(free.heading_deg + 72.0 * seed).round(2)
+        warnings = headings.flag_altered(replace(free, heading_deg=turned)).warnings
+        assert not any("mirrored" in said or "as numbers" in said for said in warnings)
     for hours in (1, 2):  # by its torsion, all along
         late = replace(record, heading_deg=np.roll(record.heading_deg, hours))
         assert headings.flag_altered(late) is late

@@ -44,6 +44,7 @@ SMOOTHER, SMOOTHER_ALONE, TURNS_DEG = 1.1, 0.25, 2.0  # and the least mean chang
 HELD_RUN, HELD_SHARE, HELD_STEPS = 100, 0.4, 5.0
 # Readings far off both neighbours, which lie either side of north: how many, their share, and times that elsewhere.
 ACROSS, ACROSS_SHARE, ACROSS_TIMES, BETWEEN_DEG, ASTRAY_DEG = 8, 0.2, 1.5, 100.0, 60.0
+ACROSS_SIGMAS = 4.0  # by which their share exceeds that elsewhere
 # A running mean over m samples leaves no power at the multiples of 1/m: log10 of the power beside over that there, the
 # median of the multiples, of directions and of degrees as numbers. A mean of three has one multiple only.
 SECTION, MEANS, NOTCH, NOTCH_OF_DEGREES = 1024, range(4, 37), 0.75, 1.2
@@ -80,7 +81,7 @@ def flag_altered(record: Record) -> Record:
     towards = angles.direction(flow.real, flow.imag)
     vectors = (angles.phasor(sign * record.heading_deg - towards) for sign in (1.0, -1.0))
     direction, mirrored = (np.where(np.isfinite(vector), vector, 0.0) for vector in vectors)
-    if abs(_mean(mirrored, weight)) > abs(_mean(direction, weight)) + MIRRORED:
+    if abs(_mean(mirrored, weight)) > max(FIRM, abs(_mean(direction, weight)) + MIRRORED):
         note = (
             "the recorded headings turn with the flow where they are mirrored (counted anticlockwise), and not as they "
             "are: all are flagged doubtful; check the column of headings"
@@ -310,8 +311,9 @@ def _flag_across_north(record: Record) -> Record:
     sector = np.floor(angles.wrap360(expected + 15.0) / 30.0).astype(int) % 12
     count, of = (np.bincount(sector[which], minlength=12) for which in (astray, near))
     share = count / np.maximum(of, 1)
-    usual = np.max(share[1:], where=of[1:] >= ACROSS, initial=0.0)
-    if count[0] < ACROSS or share[0] < max(ACROSS_SHARE, ACROSS_TIMES * usual):
+    usual = float(np.max(share[1:], where=of[1:] >= ACROSS, initial=0.0))
+    chance = usual + ACROSS_SIGMAS * np.sqrt(usual * (1.0 - usual) / max(of[0], 1))
+    if count[0] < ACROSS or share[0] < max(ACROSS_SHARE, ACROSS_TIMES * usual, chance):
         return record
     note = (
         f"{count[0]} of {of[0]} headings recorded between two that lie either side of north point elsewhere, as where "
