@@ -125,12 +125,7 @@ def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes
     assert headings.flag_altered(noisy).heading_quality.max() < PROBABLY_BAD
     sparse = take(record, np.arange(0, N, 6))  # too few a window to compare
     assert headings.flag_altered(sparse) is sparse
-    free = replace(record, heading_deg=angles.wrap360(np.cumsum(rng.normal(0.0, 30.0, N))).round(2))  # of the flow
-    for seed in range(5):
-        turned = angles.wrap360(free.heading_deg + 72.0 * seed).round(2)
-        warnings = headings.flag_altered(replace(free, heading_deg=turned)).warnings
-        assert not any("mirrored" in said or "as numbers" in said for said in warnings)
-    for hours in (1, 2):  # by its torsion, all along
+    for hours in (1, 2):  # a mooring may turn late all along
         late = replace(record, heading_deg=np.roll(record.heading_deg, hours))
         assert headings.flag_altered(late) is late
     for hours in (-1, 8):
@@ -139,6 +134,15 @@ def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes
     monkeypatch.setattr(headings, "LEAST_LAG_S", 2.0 * HOUR)
     lead = replace(record, heading_deg=np.roll(record.heading_deg, -1))
     assert headings.flag_altered(lead) is lead
+
+
+def test_an_instrument_that_hardly_follows_the_flow_is_not_mirrored():
+    """Mirrored headings kept to one side by 0.26 in one real record, those as recorded by 0.11."""
+    record, rng = moored(), np.random.default_rng(2)
+    mirrored = angles.wrap360(-angles.direction(record.east[:, 0], record.north[:, 0]))
+    heading = np.where(rng.random(N) < 0.28, mirrored, rng.uniform(0.0, 360.0, N)).round(2)
+    warnings = headings.flag_altered(replace(record, heading_deg=heading)).warnings
+    assert not any("mirrored" in said for said in warnings)
 
 
 @pytest.mark.parametrize(

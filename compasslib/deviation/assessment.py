@@ -390,7 +390,7 @@ def find_constant_offset(
     if abs(angle) <= max(LEAST_DEG, LEAST_SIGMAS * sigma):
         return ConstantOffset(angle, sigma)
     questioned, densities = [], Counter[str]()
-    ordinary = float(np.exp(_log_density(angle, np.hypot(sigma, ORDINARY_DEG)))) / np.sqrt(2.0 * np.pi)
+    ordinary = _normal_density(angle, np.hypot(sigma, ORDINARY_DEG))
     mistakes = [
         ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
     ]
@@ -399,7 +399,7 @@ def find_constant_offset(
     mistakes.append(("mounting_offset", BACKWARDS, 180.0))
     for effect, cause, mistake in mistakes:
         off = float(angles.wrap180(angle - mistake))
-        density = float(np.exp(_log_density(off, sigma))) / np.sqrt(2.0 * np.pi)
+        density = _normal_density(off, sigma)
         densities[effect] += density / len(mistakes)
         if abs(off) <= NEAR_SIGMAS * sigma and density > LEAST_ODDS * ordinary:
             questioned.append((density, effect, cause))
@@ -431,6 +431,6 @@ def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
     return float(angles.wrap180(angles.direction(a, 1.0))), sigma / angles.DEGREE
 
 
-def _log_density(off_deg: float, sigma_deg: float) -> float:
-    """Compute the logarithm of a normal density, without the constant that all share."""
-    return -0.5 * (off_deg / sigma_deg) ** 2 - float(np.log(sigma_deg))
+def _normal_density(off_deg: float, sigma_deg: float) -> float:
+    """Compute a normal density, per degree."""
+    return float(np.exp(-0.5 * (off_deg / sigma_deg) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_deg))
