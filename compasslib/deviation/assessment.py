@@ -7,7 +7,7 @@ four), the model is fitted without some of them and tried on those.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -389,7 +389,8 @@ def find_constant_offset(
     angle, sigma = measured
     if abs(angle) <= max(LEAST_DEG, LEAST_SIGMAS * sigma):
         return ConstantOffset(angle, sigma)
-    questioned, densities = [], Counter[str]()
+    questioned: list[tuple[float, str, str]] = []
+    densities: defaultdict[str, float] = defaultdict(float)
     ordinary = _normal_density(angle, np.hypot(sigma, ORDINARY_DEG))
     mistakes = [
         ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
@@ -408,7 +409,7 @@ def find_constant_offset(
     _, effect, _ = max(questioned)
     causes = "; or ".join(dict.fromkeys(cause for _, _, cause in questioned))
     # A mistake, each as likely, an ordinary constant, and an angle of any other cause have even odds beforehand.
-    probability = densities[effect] / (densities.total() + ordinary + 1.0 / 360.0)
+    probability = densities[effect] / (sum(densities.values()) + ordinary + 1.0 / 360.0)
     return ConstantOffset(angle, sigma, effect, causes, float(probability))
 
 
