@@ -145,6 +145,14 @@ def test_an_instrument_that_hardly_follows_the_flow_is_not_mirrored():
     assert not any("mirrored" in said for said in warnings)
 
 
+def test_a_sphere_that_spins_against_the_flow_is_not_mirrored():
+    record, rng = moored(), np.random.default_rng(2)
+    spun, shaken = 25.0 * np.arange(N), rng.normal(0.0, 25.0, N)
+    flow = 0.3 * angles.phasor(90.0 - (shaken - spun))[:, None] * np.ones((1, 3))
+    spinning = replace(record, heading_deg=angles.wrap360(spun + shaken).round(2), east=flow.real, north=flow.imag)
+    assert not any("mirrored" in said for said in headings.flag_altered(spinning).warnings)
+
+
 @pytest.mark.parametrize(
     ("turned_deg", "windows", "far"), [(79.0, 1, 0), (79.0, 2, 4), (120.0, 1, 3)], ids=["one", "two", "one by far"]
 )

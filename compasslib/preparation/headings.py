@@ -81,7 +81,10 @@ def flag_altered(record: Record) -> Record:
     towards = angles.direction(flow.real, flow.imag)
     vectors = (angles.phasor(sign * record.heading_deg - towards) for sign in (1.0, -1.0))
     direction, mirrored = (np.where(np.isfinite(vector), vector, 0.0) for vector in vectors)
-    if abs(_mean(mirrored, weight)) > max(FIRM, abs(_mean(direction, weight)) + MIRRORED):
+    turns, veers = (angles.sin_cos(np.diff(angle))[0] for angle in (record.heading_deg, towards))
+    # Velocities turned by a heading turn with it, also where a mooring spins against the flow.
+    against = np.nansum(turns * veers * np.minimum(weight[1:], weight[:-1])) < 0.0
+    if against and abs(_mean(mirrored, weight)) > max(FIRM, abs(_mean(direction, weight)) + MIRRORED):
         note = (
             "the recorded headings turn with the flow where they are mirrored (counted anticlockwise), and not as they "
             "are: all are flagged doubtful; check the column of headings"
