@@ -7,8 +7,8 @@ The demonstration cruise, the real record of ../shared/data/cruise_eh2 where it 
 calibration of each kind, a compass that several moorings and a bench share, and a cruise of other formats (Nortek,
 netCDF) with a mooring that stops are processed by both through Snakemake; this checkout's simulation writes raw files.
 Headings and velocities may differ by 1e-9, all other numbers by what is printed; verdicts and names must be equal.
-Sentences are counted and the new ones listed, and so are figures whose pixels differ. Exit status 1 where a number, a
-verdict, a name or the set of files differs.
+Sentences are counted and the new ones listed, so are figures whose pixels differ, and moorings whose corrected headings
+have other flags. Exit status 1 where a number, a verdict, a name or the set of files differs.
 """
 
 from __future__ import annotations
@@ -270,6 +270,35 @@ def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
     return counted, where
 
 
+def flags_changed(old: Path, new: Path) -> Iterator[str]:
+    """Yield, for each mooring whose corrected headings have other flags, how many, and the warnings that are new."""
+    for after in sorted(new.glob("*/corrected.nc")):
+        mooring, before = after.parent.name, old / after.relative_to(new)
+        if not before.exists():
+            continue
+        flags = {}
+        for path in (before, after):
+            with netCDF4.Dataset(path) as data:
+                seconds = np.rint(np.ma.filled(data["TIME"][:], np.nan) * 86400.0)
+                flags[path] = dict(zip(seconds, data["HEADING_CORRECTED_QC"][:].tolist(), strict=True))
+        pairs = Counter((flags[before][t], flags[after][t]) for t in flags[before].keys() & flags[after].keys())
+        changes = {f"{a} to {b}": n for (a, b), n in sorted(pairs.items()) if a != b}
+        if changes:
+            said = [set(_warnings(path.parent)) for path in (before, after)]
+            verdicts = [json.loads((path.parent / "diagnosis.json").read_text())["verdict"] for path in (before, after)]
+            yield f"{mooring}: {changes} of {len(flags[after])}; {' -> '.join(verdicts)}; " + "; ".join(
+                sorted(said[1] - said[0])
+            )
+
+
+def _warnings(folder: Path) -> Iterator[str]:
+    """Yield the warnings and doubts of a mooring's results."""
+    for path in folder.glob("*.json"):
+        for key, value in leaves(json.loads(path.read_text())):
+            if re.search(r"/(warnings|doubts)/\d+(/why)?$", key):
+                yield str(value)
+
+
 def _shown(old: Any, new: Any) -> str:
     if isinstance(old, np.ndarray):
         if old.shape != new.shape:
@@ -301,6 +330,8 @@ def main() -> None:
             print(f"{name}: " + ", ".join(f"{kind} {n}" for kind, n in sorted(counted.items())))
             for kind, places in sorted(where.items()):
                 print("\n".join(f"  {kind}: {place}" for place in sorted(places)[: asked.shown]))
+            for changed in flags_changed(folder / "earlier" / name / "results", folder / "later" / name / "results"):
+                print(f"  flags: {changed}")
             failed += counted["number"] + counted["name"] + counted["file"]
         if not asked.kept:
             subprocess.run(["git", "-C", PROJECT, "worktree", "remove", "--force", earlier], check=True)
