@@ -14,6 +14,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import browser
+import iaga_files
 import netCDF4
 import numpy as np
 import page
@@ -28,7 +29,7 @@ from two_heads_files import cast
 from compasslib import report
 from compasslib.archive import calibrations, files
 from compasslib.archive.files import write_json
-from compasslib.calibrations import result, two_heads
+from compasslib.calibrations import calibrate, result, tilt, two_heads
 from compasslib.effects import SIDES
 from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
@@ -37,6 +38,7 @@ from compasslib.inference.finding import Finding as Found
 from compasslib.plots import instruments
 from compasslib.report import chart, explanation, sections, words
 from compasslib.report.sections import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped_section
+from tests.world import iron
 from tests.world.package import Sea
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
@@ -340,6 +342,39 @@ def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
     (table,) = explanation.hypotheses_table({"hypotheses": tried})
     assert table.rows == (("current veer", "12.3", "0.50° rms", "0.01"),)
     assert explanation.hypotheses_table(diagnosis("consistent")) == ()
+
+
+def made_of(kind: str, folder: Path) -> result.Calibration:
+    """Calibrate by a small simulated log of that kind."""
+    rng, course = np.random.default_rng(1), np.arange(0.0, 360.0, 10.0)
+    if kind == "magnetometer":
+        log = iron.write(
+            folder / "log.csv", **dict(zip("xyz", iron.readings(rng, iron.some(rng), iron.tumble(rng, 600)).T))
+        )
+        return calibrate(kind, [log], {"latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0})
+    if kind == "declination":
+        return calibrate(kind, [iaga_files.write(folder / "a.hor", iaga_files.series(30))], {"declination": "auto"})
+    columns, settings = {
+        "swing": (
+            {"compass_deg": course, "cog_deg": course + rng.normal(0.0, 1.0, 36), "speed_kn": 0.0 * course + 6.0},
+            {"declination": 2.0},
+        ),
+        "tilt": (dict.fromkeys(tilt.ROLES, np.r_[-20.0:20.1:1.0]), {}),
+    }[kind]
+    np.savetxt(
+        folder / "log.csv", np.column_stack(list(columns.values())), "%.3f", ",", header=",".join(columns), comments=""
+    )
+    return calibrate(kind, [folder / "log.csv"], settings)
+
+
+@pytest.mark.parametrize("kind", ["magnetometer", "declination", "swing", "tilt"])
+def test_every_kind_of_calibration_has_its_section(tmp_path, kind):
+    made, there = made_of(kind, tmp_path), tmp_path / f"calibrations/{kind}"
+    files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
+    calibrations.write(page=result.to_json(kind, made, {}, {}), made=made, **files)
+    write_json(there / "diagnosis.json", diagnosis("consistent"))
+    (section,) = report.gather(tmp_path, attributes={}, moorings={}, calibrations=[kind]).calibrations.sections
+    assert made.why == "" and section.summary
 
 
 def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
