@@ -128,6 +128,31 @@ def test_readings_far_apart_in_time_are_a_bench(tmp_path):
     assert kinds.diagnose("swing", [path], {"declination": 5.0}, Options()).verdict == "consistent"
 
 
+def test_a_log_without_times_whose_neighbouring_readings_share_their_errors_is_refused(tmp_path):
+    """The search took them for independent and named a step of the iron at over 99 %, where none was."""
+    path = table(tmp_path / "swing.csv", replace(BOAT, iron=Iron()))
+    header, *rows = (line.split(",") for line in path.read_text().splitlines())
+    kept = [k for k, name in enumerate(header) if not name.startswith("time")]
+    path.write_text("\n".join(",".join(row[k] for k in kept) for row in (header, *rows)))
+    found = kinds.diagnose("swing", [path], {"declination": 5.0}, Options())
+    assert (found.verdict, found.findings) == ("insufficient", ()) and "share their errors" in found.why
+
+
+def test_many_independent_readings_are_searched(tmp_path):
+    rng, heading = np.random.default_rng(5), np.arange(0.0, 720.0, 3.0)
+    wrong = heading + 4.0 * np.sin(np.deg2rad(3.0 * heading)) + rng.normal(0.0, 1.0, len(heading))
+    path = tmp_path / "bench.csv"
+    np.savetxt(
+        path,
+        np.column_stack([heading % 360.0, wrong % 360.0]),
+        "%.2f",
+        ",",
+        header="reference_deg,recorded_deg",
+        comments="",
+    )
+    assert [one.effect for one in kinds.diagnose("platform", [path], {}, Options()).findings] == ["sextantal"]
+
+
 def test_the_real_log_shows_a_late_course_and_the_water():
     if not TAIOHAE.exists():
         pytest.skip(f"no real recording {TAIOHAE.name} beside the repository")

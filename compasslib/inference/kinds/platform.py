@@ -26,8 +26,10 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, HeldOut
 from compasslib.inference.short_fit import ShortComparison
+from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
+MANY = 120  # readings, more than are written by hand: a log, whose neighbours may share their errors
 FEWEST_HEADINGS = 12  # nine coefficients up to the fourth harmonic, and three degrees of freedom
 READOUT: tuple[type[Effect], ...] = (Sextantal, Octantal, HeadingSlip, CompassTrend)
 TERMS: tuple[type[Effect], ...] = (*READOUT, HardIronStep, HardIronTrend)
@@ -49,12 +51,21 @@ def diagnose_readings(
 ) -> Diagnosis:
     """Diagnose readings in the order in which they were taken.
 
+    A log whose neighbouring readings share their errors is refused: a change with time cannot be told from them.
+
     Args:
         correct_deg: directions of the bench, magnetic, (n,).
         recorded_deg: what the compass showed, (n,).
         field: the earth's field there, None where the place is unknown.
         why: why no curve could be fitted, empty where one could.
     """
+    shared = decorrelation_length(recorded_deg, correct_deg)
+    if shared > 1:
+        return diagnosis.insufficient(
+            f"about {shared} readings in a row share their errors, which look like changes of the compass; log the times "
+            "of a swing, every 10 s or more often, or give one mean reading a heading",
+            _untested(),
+        )
     headings = len(np.unique(np.round(angles.wrap360(correct_deg) / platform.SAME_HEADING_DEG)))
     points = curves.deviation_points(recorded_deg, correct_deg)
     if headings < FEWEST_HEADINGS:
@@ -68,6 +79,23 @@ def diagnose_readings(
     channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
     searched = short_search.build_outcome(short_search.search_effects(channel, options))
     return diagnosis.combine_outcomes([searched], options, extra=first, not_testable=_untested())
+
+
+def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
+    """Compute over how many readings of a log their errors are shared, 1 where they are independent.
+
+    Neither what six harmonics of the heading describe nor what changes between tenths of the log is an error of readings.
+    """
+    n = len(recorded_deg)
+    if n < MANY:
+        return 1
+    order = np.arange(n)
+    waves = (wave for k in range(1, 7) for wave in angles.sin_cos(k * recorded_deg))
+    tenths = order * 10 // n == np.arange(10)[:, None]
+    design = np.column_stack([*tenths.astype(float), *waves])
+    off = angles.difference(correct_deg, recorded_deg)
+    left = off - design @ np.linalg.lstsq(design, off, rcond=None)[0]
+    return round(n / effective_sample_size(left, order.astype(float), longest_s=n / 10))
 
 
 def _channel(
