@@ -62,8 +62,8 @@ def diagnose_readings(
     shared = decorrelation_length(recorded_deg, correct_deg)
     if shared > 1:
         return diagnosis.insufficient(
-            f"about {shared} readings in a row share their errors, which look like changes of the compass; log the times "
-            "of a swing, every 10 s or more often, or give one mean reading a heading",
+            f"about {shared} readings in a row share their errors, which look like changes of the compass; log the "
+            "times of a swing, every 10 s or more often, or give one mean reading a heading",
             _untested(),
         )
     headings = len(np.unique(np.round(angles.wrap360(correct_deg) / platform.SAME_HEADING_DEG)))
@@ -84,7 +84,7 @@ def diagnose_readings(
 def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
     """Compute over how many readings of a log their errors are shared, 1 where they are independent.
 
-    Neither what six harmonics of the heading describe nor what changes between tenths of the log is an error of readings.
+    What six harmonics of the heading describe, or what changes between tenths of the log, is no error of readings.
     """
     n = len(recorded_deg)
     if n < MANY:
