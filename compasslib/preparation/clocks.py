@@ -39,7 +39,8 @@ SEARCHED_H, DENSE_S = 6, 2 * HOUR_S  # what the search for unmodelled effects re
 SPAN = 5  # windows of ten days together
 CHANGE = 8.0  # what setting a clock costs, in the scatter of that many windows: two lags of 2000 gain less by chance
 FEWEST_SHARE = 0.3  # of hours that meet at a lag, below which its products count for less
-RELATED, RELATED_SIGMAS = 0.05, 3.0  # correlation of speeds and its score below which two records share nothing
+# Correlation of speeds without their slow part, and its score, below which two records share nothing; and of whole ones.
+RELATED, RELATED_SIGMAS, RELATED_WHOLE = 0.05, 3.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,7 @@ class LagWindows:
     first_s: float  # the first hour
     products: Floats  # (w, k), whose sum is the correlation
     lags: Hours  # (k,)
+    whole: float  # correlation of the speeds with their slow part, clocks as stated
 
     def along(self, path: LagPath) -> Floats:
         """Select each window's product at its lag, (w,)."""
@@ -147,8 +149,8 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
         fast = (mean - _running_mean(mean, present, SLOW_H)) * present
         whole = np.sum(fast**2) / max(float(present.sum()), 1.0)
         size = np.sqrt(np.maximum(_running_mean(fast**2, present, WEEK_H), QUIET**2 * whole))
-        parts.append((np.clip(fast / np.maximum(size, 1e-12), -CLIP, CLIP), present))
-    (x, measured), (y, there) = parts
+        parts.append((np.clip(fast / np.maximum(size, 1e-12), -CLIP, CLIP), present, mean))
+    (x, measured, upper_speed), (y, there, lower_speed) = parts
     if hours < SHORTEST_H or np.sum(measured * there) < MIN_COMMON_HOURS:
         return None
     reach = min(FARTHEST_H, hours // 3)
@@ -157,7 +159,9 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     products = np.array([_lagged(x, y, span, reach) for span in spans])
     counts = np.sum([_lagged(measured, there, span, reach) for span in spans], axis=0)
     scale = np.maximum(counts, FEWEST_SHARE * counts.max())
-    return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1))
+    both = measured * there > 0.0
+    whole = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
+    return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1), whole)
 
 
 def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
@@ -239,7 +243,9 @@ def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
 def _unrelated(windows: LagWindows, stated: LagPath) -> ClockOffset:
     """Say where months of speeds have nothing in common."""
     alike = float(windows.along(stated).sum())
-    if len(windows.upper) < LONG_H or (alike > RELATED and _score(windows, stated) > RELATED_SIGMAS):
+    both = np.flatnonzero(np.add.reduceat(windows.upper * windows.lower != 0.0, windows.edges[:-1]))
+    related = alike > RELATED and _score(windows, stated, part=both) > RELATED_SIGMAS
+    if related or windows.whole > RELATED_WHOLE or len(both) * WINDOW_H < LONG_H:
         return ClockOffset()
     why = (
         f"the speeds of the two instruments are uncorrelated ({alike:.2f}) at any clock offset within "
