@@ -103,7 +103,8 @@ def _write_formats(cruise: Path) -> None:
     top, deep = (readers.read("pd0", [raw / f"{role}.000"], {}) for role in ("top", "deep"))
     samples = [
         Sample(
-            round((top.time_s[k] - top.time_s[0]) / 3600.0), np.nan_to_num(np.stack([top.east[k], top.north[k], 0.0 * top.east[k]]), nan=-32.768),
+            round((top.time_s[k] - top.time_s[0]) / 3600.0),
+            np.nan_to_num(np.stack([top.east[k], top.north[k], 0.0 * top.east[k]]), nan=-32.768),
             heading=top.heading_deg[k], pitch=top.pitch_deg[k], roll=top.roll_deg[k], pressure=top.depth_m[k],
             begin=datetime.fromtimestamp(round(top.time_s[0]), UTC), minutes=60.0,
         )

@@ -10,7 +10,7 @@ from sea import SHARED
 from test_preparation_overlap import HOUR
 from test_preparation_overlap import record as steady
 
-from compasslib import angles, readers
+from compasslib import angles, compass, readers
 from compasslib.preparation import headings
 from compasslib.records import PROBABLY_BAD, Record, take
 from tests.world.pairs import red_from_rest as red_noise
@@ -163,11 +163,22 @@ def test_a_few_readings_astray_about_north_may_be_chance_where_others_are_astray
     assert not said and without
 
 
-def test_a_sphere_that_spins_against_the_flow_is_not_mirrored():
-    record, rng = moored(), np.random.default_rng(2)
-    spun, shaken = 25.0 * np.arange(N), rng.normal(0.0, 25.0, N)
-    flow = 0.3 * angles.phasor(90.0 - (shaken - spun))[:, None] * np.ones((1, 3))
-    spinning = replace(record, heading_deg=angles.wrap360(spun + shaken).round(2), east=flow.real, north=flow.imag)
+def test_bursts_and_readings_far_apart_keep_their_flags():
+    record = moored()
+    bursts = take(record, np.flatnonzero(np.arange(N) % 12 < 3))
+    assert headings.flag_altered(bursts).heading_quality.max() < PROBABLY_BAD
+    rng = np.random.default_rng(3)  # a sphere that turns as it likes, read every 6 hours
+    apart = replace(record, time_s=6 * HOUR * np.arange(N), heading_deg=rng.uniform(0.0, 360.0, N).round(2))
+    assert not any("in another order" in said for said in headings.flag_altered(apart).warnings)
+
+
+def test_a_spinning_sphere_near_strong_iron_is_not_mirrored():
+    """Its headings and the directions turned by them both crowd about one value, whichever way they are counted."""
+    record, rng, spun = moored(), np.random.default_rng(2), 25.37 * np.arange(N)
+    recorded = compass.recorded_heading((0.0, -0.45, -0.6, 0.0, 0.0), angles.wrap360(spun))
+    towards = 40.0 + rng.normal(0.0, 20.0, N) + recorded - spun
+    east, north = (np.repeat(x[:, None], 3, axis=1) for x in angles.components(0.3, towards))
+    spinning = replace(record, heading_deg=recorded.round(2), east=east, north=north)
     assert not any("mirrored" in said for said in headings.flag_altered(spinning).warnings)
 
 

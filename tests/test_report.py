@@ -348,9 +348,8 @@ def made_of(kind: str, folder: Path) -> result.Calibration:
     """Calibrate by a small simulated log of that kind."""
     rng, course = np.random.default_rng(1), np.arange(0.0, 360.0, 10.0)
     if kind == "magnetometer":
-        log = iron.write(
-            folder / "log.csv", **dict(zip("xyz", iron.readings(rng, iron.some(rng), iron.tumble(rng, 600)).T))
-        )
+        x, y, z = iron.readings(rng, iron.some(rng), iron.tumble(rng, 600)).T
+        log = iron.write(folder / "log.csv", x=x, y=y, z=z)
         return calibrate(kind, [log], {"latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0})
     if kind == "declination":
         return calibrate(kind, [iaga_files.write(folder / "a.hor", iaga_files.series(30))], {"declination": "auto"})

@@ -39,7 +39,7 @@ SEARCHED_H, DENSE_S = 6, 2 * HOUR_S  # what the search for unmodelled effects re
 SPAN = 5  # windows of ten days together
 CHANGE = 8.0  # what setting a clock costs, in the scatter of that many windows: two lags of 2000 gain less by chance
 FEWEST_SHARE = 0.3  # of hours that meet at a lag, below which its products count for less
-# Correlation of speeds without their slow part, and its score, below which two records share nothing; and of whole ones.
+# Correlation of speeds without their slow part, and its score, below which two records share nothing; of whole speeds.
 RELATED, RELATED_SIGMAS, RELATED_WHOLE = 0.05, 3.0, 0.5
 
 
