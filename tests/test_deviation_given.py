@@ -48,6 +48,14 @@ def test_given_coefficients_correct_as_they_are_and_no_pair_changes_them():
     assert verdict["after"]["n"] == len(SEEN) and verdict["after"]["rms_deg"] < verdict["before"]["rms_deg"]
 
 
+@pytest.mark.parametrize(("by", "contradicted"), [(0.0, False), (0.02, False), (0.3, True)])
+def test_coefficients_of_another_compass_are_contradicted_by_the_pairs(by, contradicted):
+    """Of a compass 6° off, directions agreed within 26° rms, before as after, and all headings stayed good."""
+    given = {**LETTERS, "B": LETTERS["B"] + by}
+    said = assess_correction(SEEN, compass_from_coefficients("exact", given, COVARIANCE, RECORD, SEEN))["refuted"]
+    assert ("from the given one" in said) is contradicted
+
+
 def test_without_their_covariance_all_headings_are_doubtful_and_sigma_says_that_nothing_is_known():
     fit = compass_from_coefficients("exact", LETTERS, None, RECORD, SEEN)
     again = fit_from_json(deviation_json(fit, RECORD))

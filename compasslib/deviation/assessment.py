@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, earthfield
+from compasslib import angles, compass, earthfield
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.exact import fit_exact, held_out_scores
@@ -48,6 +48,7 @@ READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north:
 # From this rms on directions of other days must agree less: where a mean flow rules, unrelated ones scatter by as much.
 SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
 SURE_SIGMAS = 2.0  # of a growth of the rms
+CONTRADICTED, LEAST_APART_DEG = 28.5, 3.0  # chi-squared of four coefficients, exceeded in 1 of 100,000; and rms
 SERIES = {
     "series_in_correct": "the Fourier series in correct heading",
     "series_in_recorded": "that in recorded heading",
@@ -148,7 +149,10 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
         },
         "rms_of_other_days_deg": others,
         "water_error_m_s": None if pairs.expected_m_s is None else dict(zip(WATER, pairs.expected_m_s, strict=True)),
-        "refuted": _refuted(after, others) or _worse(before, after) or _misread(pairs, fit, after),
+        "refuted": _refuted(after, others)
+        or _worse(before, after)
+        or _misread(pairs, fit, after)
+        or _contradicted(pairs, fit),
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
 
@@ -196,6 +200,28 @@ def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
         f"after the correction half the directions differ by {current:.0f}° or more, and by {best:.0f}° where the "
         "components of the reference are exchanged, turned by a right angle or signed otherwise, so that all "
         "headings are flagged doubtful; check its columns and signs"
+    )
+
+
+def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
+    """Say where the pairs show another compass than a given one, nothing where they do not."""
+    if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < FEWEST_FOR_FORMS:
+        return ""
+    if not (own := fit_exact(pairs)).fitted:
+        return ""
+    # A is left out: the mount and the mean veer of the water are in that of the pairs.
+    off = np.subtract(own.coefficients, fit.coefficients)[1:5]
+    score = float(off @ np.linalg.solve(own.covariance[1:5, 1:5] + fit.covariance[1:5, 1:5], off))
+    heading = np.arange(0.0, 360.0, 5.0)
+    curves = (compass.recorded_heading(each.coefficients, heading) for each in (own, fit))
+    apart = angles.difference(*curves)
+    size = angles.rms(angles.difference(apart, angles.mean(apart)))
+    if score < CONTRADICTED or size < LEAST_APART_DEG:
+        return ""
+    return (
+        f"the overlapping measurements show a deviation that differs by {size:.0f}° rms from the given one, more than "
+        "both uncertainties explain, so that all headings are flagged doubtful; check that it is of this compass and "
+        "its mounting, or fit the pairs (fit: {method: exact})"
     )
 
 
