@@ -10,6 +10,7 @@ import tables
 from compasslib.errors import InputError
 from compasslib.readers import delimited, plain, read
 from compasslib.readers.table import read_series
+from compasslib.records import PROBABLY_BAD
 
 ROLES = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
 
@@ -147,6 +148,14 @@ def test_fillers_of_nines_are_no_speeds(tmp_path, filler):
     rows = ROWS + "".join(f"2007-09-05T0{i}:00:00Z,100.5,{filler},{filler}\n" for i in range(3))
     record = read("table", table(tmp_path, rows), {"columns": ROLES})
     assert record.counts["fillers"] == 3 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
+
+
+def test_headings_in_another_unit_are_all_doubtful(tmp_path):
+    """Of gradians only those beyond 360 were dropped, and the others stayed good."""
+    rows = (f"2007-09-{k // 24 + 1:02d}T{k % 24:02d}:00:00Z,0.2,0.1,{(7.3 * k) % 400:.1f}" for k in range(300))
+    body = table(tmp_path, "\n".join(["t,x,y,h", *rows, ""]))
+    record = read("table", body, {"columns": {"time": "t", "x": "x", "y": "y", "heading": "h"}})
+    assert (record.heading_quality >= PROBABLY_BAD).all() and "not in degrees" in " ".join(record.warnings)
 
 
 def test_a_heading_that_is_no_angle_is_missing_and_so_is_its_current(tmp_path):

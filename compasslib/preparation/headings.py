@@ -34,7 +34,11 @@ MIRRORED = 0.15  # by which the mirrored headings are closer related to the flow
 NEAR_BINS = 3  # whose mean velocity is the flow
 # Headings equal to the extreme one, the same over those equal to each of the next values, and how many of these.
 AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
-HALF_END_DEG, HALF_END_COUNT = 2.0, 5  # of headings that fill half of the circle: how near to its ends, and how many
+HALF_END, HALF_END_COUNT = 1 / 90, 5  # of headings that fill a range: how near to its ends, and how many
+FILLED = {
+    180.0: "half of the circle was folded on the other (modulo 180, halved, or without a sign)",
+    6.29: "they are radians",
+}
 # Windows in a row whose changes of heading and of flow are compared. By how much the correlation at another lag exceeds
 # that at none: at most 0.26 in 24 sound records, real water included. A window beside such a one has at least half.
 TOGETHER, MAX_LAG, LAG_EXCESS, LAG_SIGMAS = 3, 24, 0.3, 5.5
@@ -401,20 +405,19 @@ def _flag_wrapped(record: Record) -> Record:
 
 
 def _flag_limits(record: Record) -> Record:
-    """Flag headings cut at the smallest or greatest recorded one, where many are equal to it, or folded between limits.
+    """Flag headings cut at the smallest or greatest recorded one, where many are equal to it, or between two limits.
 
-    Headings that fill exactly half of the circle were taken modulo 180, halved, or have lost their sign.
+    """Flag headings cut at the least or greatest recorded one, where many are equal to it, or between two limits.
+    0 to 6.28 are radians.
     """
     heading, known = record.heading_deg, _usable(record)
     if not known.any():
         return record
-    ends = [np.count_nonzero(np.abs(heading[known] - end) <= HALF_END_DEG) for end in (0.0, 180.0)]
-    if heading[known].max() <= 180.0 and min(ends) >= HALF_END_COUNT:
-        note = (
-            "all recorded headings lie between 0 and 180 degrees, up to both limits: half of the circle was folded on "
-            "the other (modulo 180, halved, or without a sign), all are doubtful; check the column of headings"
-        )
-        return flag_headings(record, known, note)
+    for full, said in FILLED.items():
+        ends = [np.count_nonzero(np.abs(heading[known] - end) <= HALF_END * full) for end in (0.0, full)]
+        if heading[known].max() <= full and min(ends) >= HALF_END_COUNT:
+            note = f"all recorded headings lie between 0 and {full:.4g}, up to both limits: {said}, all are doubtful"
+            return flag_headings(record, known, f"{note}; check the column of headings")
     for limit in (heading[known].min(), heading[known].max()):
         at = known & (heading == limit)
         values, counts = np.unique(heading[known & ~at], return_counts=True)
