@@ -407,8 +407,8 @@ def _flag_wrapped(record: Record) -> Record:
 def _flag_limits(record: Record) -> Record:
     """Flag headings cut at the least or greatest recorded one, where many are equal to it, or between two limits.
 
-    Headings that fill exactly half of the circle were taken modulo 180, halved, or have lost their sign; those that fill
-    0 to 6.28 are radians.
+    Headings that fill exactly half of the circle were taken modulo 180, halved, or have lost their sign; those that
+    fill 0 to 6.28 are radians.
     """
     heading, known = record.heading_deg, _usable(record)
     if not known.any():
