@@ -147,10 +147,10 @@ def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
 def test_headings_that_swing_widely_by_nature_keep_their_flags(seed):
     """As where a profiler turns freely in slow water; 20 % of a real record were flagged."""
     n, rng = 4000, np.random.default_rng(seed)
-    steps = np.where(rng.random(n) < 0.35, rng.normal(0.0, 100.0, n), rng.laplace(0.0, 18.0, n))
+    steps = rng.choice([-1.0, 1.0], n) * rng.lognormal(np.log(28.0), 1.7, n)  # of all sizes, as in that record
     heading, east = angles.wrap360(np.cumsum(steps)), rng.normal(0.0, 0.1, (n, 3))
     record = replace(one_record(HOUR * np.arange(n), ranges=(10.0, 14.0, 18.0)), heading_deg=heading, east=east)
-    assert (heading_outlier_flags(record, heading) > GOOD).mean() < 0.02
+    assert (heading_outlier_flags(record, heading) > GOOD).mean() < 0.03
 
 
 def test_headings_of_the_compass_to_correct_are_counted_said_and_left_to_the_correction():
