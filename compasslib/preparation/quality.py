@@ -53,7 +53,7 @@ NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes ro
 OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # times the median step off both neighbours; of a compass that hardly turns
 FREE_DEG = 135.0  # a compass whose ten steps reach this turns too freely for any heading to stand out
 # From this limit on a compass may swing so widely by nature, where the upper quartile of its steps is so many times
-# their median: 2.4 in one real record, hourly and thinned; 1.6 to 2.1 in simulated ones, up to 20 % of random ones or not.
+# their median: 2.4 in one real record, hourly and thinned; 1.6 to 2.1 in simulated ones, with random ones or without.
 WIDE_DEG, HEAVY = 90.0, 2.25
 LONGEST_OFF = 5  # samples in a row that stand off together and come back
 PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is taken to be wrong
