@@ -53,8 +53,9 @@ NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes ro
 OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # times the median step off both neighbours; of a compass that hardly turns
 FREE_DEG = 135.0  # a compass whose ten steps reach this turns too freely for any heading to stand out
 # From this limit on a compass may swing so widely by nature, where the upper quartile of its steps is so many times
-# their median: 2.4 in one real record, hourly and thinned; 1.6 to 2.1 in simulated ones, with random ones or without.
-WIDE_DEG, HEAVY = 90.0, 2.25
+# their median: 2.35 to 2.75 as a real record reads near iron, at least 2.1 corrected again, where so many times as
+# many stand off far as are sure; at most 2.3 in simulated ones with up to 20 % of random headings, and 3 times as many.
+WIDE_DEG, HEAVY, LESS_HEAVY, RARER = 90.0, 2.3, 2.1, 4.0
 LONGEST_OFF = 5  # samples in a row that stand off together and come back
 PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is taken to be wrong
 NEAR_BINS = 5  # whose mean tells fast water from slow
@@ -344,7 +345,8 @@ def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
     sure = _excursions(heading_deg, far) & fast
     flags[sure] = BAD
     median, quartile = np.quantile(off[fast], (0.5, 0.75)) if fast.any() else (1.0, 1.0)
-    natural = limit > WIDE_DEG and quartile > HEAVY * median
+    rare = sure.sum() * RARER < np.count_nonzero(_excursions(heading_deg, limit) & fast & ~sure)
+    natural = limit > WIDE_DEG and quartile > (LESS_HEAVY if rare else HEAVY) * median
     if natural or sure.sum() < max(PROOF, PROOF_SHARE * len(off)):
         return flags
     # Were they anywhere on the circle, this share of all would be wrong.
