@@ -147,7 +147,8 @@ def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
 def test_headings_that_swing_widely_by_nature_keep_their_flags(seed):
     """As where a profiler turns freely in slow water; 20 % of a real record were flagged."""
     n, rng = 4000, np.random.default_rng(seed)
-    steps = rng.choice([-1.0, 1.0], n) * rng.lognormal(np.log(28.0), 1.7, n)  # of all sizes, as in that record
+    small = rng.laplace(0.0, 36.0, n) * rng.uniform(0.0, 1.0, n)  # steps of all sizes, as in that record
+    steps = np.where(rng.random(n) < 0.5, rng.normal(0.0, 70.0, n), small)
     heading, east = angles.wrap360(np.cumsum(steps)), rng.normal(0.0, 0.1, (n, 3))
     record = replace(one_record(HOUR * np.arange(n), ranges=(10.0, 14.0, 18.0)), heading_deg=heading, east=east)
     assert (heading_outlier_flags(record, heading) > GOOD).mean() < 0.03

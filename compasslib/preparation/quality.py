@@ -52,10 +52,10 @@ NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes ro
 # degrees, none did so in fast water by half of what lies between ten median steps and a half turn.
 OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # times the median step off both neighbours; of a compass that hardly turns
 FREE_DEG = 135.0  # a compass whose ten steps reach this turns too freely for any heading to stand out
-# From this limit on a compass may swing so widely by nature, where the upper quartile of its steps is so many times
-# their median: 2.35 to 2.75 as a real record reads near iron, at least 2.1 corrected again, where so many times as
-# many stand off far as are sure; at most 2.3 in simulated ones with up to 20 % of random headings, and 3 times as many.
-WIDE_DEG, HEAVY, LESS_HEAVY, RARER = 90.0, 2.3, 2.1, 4.0
+# From this limit on a compass may swing so widely by nature, where the upper quartile of its right steps is so many
+# times their median: 2.05 to 2.6 of one real record, as compasses near iron read it; at most 2.02 of sound compasses in
+# simulated water, 5 to 20 % of whose headings were random.
+WIDE_DEG, HEAVY = 75.0, 2.04
 LONGEST_OFF = 5  # samples in a row that stand off together and come back
 PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is taken to be wrong
 NEAR_BINS = 5  # whose mean tells fast water from slow
@@ -344,13 +344,13 @@ def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
     far = (limit + 180.0) / 2.0
     sure = _excursions(heading_deg, far) & fast
     flags[sure] = BAD
-    median, quartile = np.quantile(off[fast], (0.5, 0.75)) if fast.any() else (1.0, 1.0)
-    rare = sure.sum() * RARER < np.count_nonzero(_excursions(heading_deg, limit) & fast & ~sure)
-    natural = limit > WIDE_DEG and quartile > (LESS_HEAVY if rare else HEAVY) * median
+    # Were they anywhere on the circle, this share of all would be wrong.
+    wrong = min(sure.sum() / max(fast.sum(), 1) * 180.0 / (180.0 - far), 0.4)
+    median, quartile = np.quantile(off[fast], (0.5 * (1.0 - wrong), 0.75 * (1.0 - wrong))) if fast.any() else (1.0, 1.0)
+    natural = limit > WIDE_DEG and quartile > HEAVY * median
     if natural or sure.sum() < max(PROOF, PROOF_SHARE * len(off)):
         return flags
-    # Were they anywhere on the circle, this share of all would be wrong.
-    limit = _limit(off, sure.sum() / fast.sum() * 180.0 / (180.0 - far))
+    limit = _limit(off, wrong)
     flags[_excursions(heading_deg, far) | (off > limit)] = BAD
     left = np.flatnonzero(flags == GOOD)
     flags[left[_off_both(heading_deg[left]) > limit / 2.0]] = PROBABLY_BAD
