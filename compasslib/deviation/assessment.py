@@ -152,7 +152,7 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
         "refuted": _refuted(after, others)
         or _worse(before, after)
         or _misread(pairs, fit, after)
-        or _contradicted(pairs, fit),
+        or _contradicted(plain, fit),
         "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
     }
 
@@ -204,7 +204,11 @@ def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
 
 
 def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
-    """Say where the pairs show another compass than a given one, nothing where they do not."""
+    """Say where the pairs show another compass than a given one, nothing where they do not.
+
+    Args:
+        pairs: freed of what else acted on the compass.
+    """
     if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < FEWEST_FOR_FORMS:
         return ""
     if not (own := fit_exact(pairs)).fitted:

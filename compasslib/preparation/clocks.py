@@ -160,7 +160,8 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     counts = np.sum([_lagged(measured, there, span, reach) for span in spans], axis=0)
     scale = np.maximum(counts, FEWEST_SHARE * counts.max())
     both = measured * there > 0.0
-    whole = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
+    with np.errstate(invalid="ignore", divide="ignore"):  # of one that is constant
+        whole = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
     return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1), whole)
 
 

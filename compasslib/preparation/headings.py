@@ -22,10 +22,8 @@ from compasslib.statistics.resampling import adjacent
 from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
 WINDOW_S, FEWEST, FEWEST_WINDOWS = 5 * DAY_S, 40, 6
-FIRM, TURNED_DEG = (
-    0.4,
-    60.0,
-)  # mean vector that has a direction, or a firm relation, and how far that of two windows in a row may be off
+# Mean vector that has a direction, or a firm relation; and how far that of two windows in a row may be off.
+FIRM, TURNED_DEG = 0.4, 60.0
 # A single window may be further off: of 553 of the demonstration cruise one is by 79 degrees and 0.81.
 ALONE, ALONE_DEG = 1.4, 110.0
 OFF, OFF_TIMES = 0.75, 5.0  # distance of a window's mean vector from the record's, and over the median distance
