@@ -3,6 +3,7 @@
     python benchmarks/growth.py                  a quarter of an hour on one core
     python benchmarks/growth.py --figure PNG     the curves as well
     python benchmarks/growth.py --plan           only what it takes to plan fleets, of up to 1000 moorings
+    python benchmarks/growth.py --plan 10000     of so many
 
 CPU seconds are user and system of all processes; peaks are those of the largest. Each stands beside its ratio in the
 same run: the workflow beside one process that does the same steps, the whole beside the published method alone.
@@ -81,10 +82,10 @@ def fleet(cruise: Path, count: int, years: float) -> list[str]:
     return sorted(path.stem for path in first.parent.glob("*.yaml"))
 
 
-def by_plan(folder: Path) -> None:
+def by_plan(folder: Path, fleets: Sequence[int] = FLEETS) -> None:
     """Measure what the workflow takes to plan ever larger fleets."""
     rows = []
-    for count in FLEETS:
+    for count in fleets:
         fleet(folder / f"fleet{count}", count, 0.02)
         command = runs.snakemake(folder / f"fleet{count}", "--dry-run", "--quiet", "all")
         took, whole = runs.cost(command), runs.cost([*command, "--config", "mooring_cores=1"])
@@ -143,11 +144,11 @@ def main() -> int:
     """Print the tables; 1 where a target is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--figure", type=Path)
-    parser.add_argument("--plan", action="store_true")
+    parser.add_argument("--plan", type=int, nargs="*", metavar="MOORINGS")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        by_plan(Path(name))
-        if asked.plan:
+        by_plan(Path(name), asked.plan or FLEETS)
+        if asked.plan is not None:
             return 0
         rows, lines = by_length(Path(name))
         lines += by_moorings(Path(name))
