@@ -130,6 +130,14 @@ def test_a_fill_value_among_headings_is_flagged_whole_and_nothing_else(share, va
     assert (found.quality[at] > GOOD).all()
 
 
+def test_a_fill_value_in_runs_is_flagged_and_a_frame_that_stands_there_is_not():
+    n = 2000
+    given, at, _ = wild(np.isin(np.arange(n) // 8, (60, 122, 152)), 327.67, n)
+    assert (flag_quality(given, 500.0).heading_quality[at] == BAD).all()
+    heading = np.random.default_rng(3).normal(327.67, 0.05, n).round(2)
+    assert (flag_quality(replace(given, heading_deg=heading), 500.0).heading_quality == GOOD).all()
+
+
 @pytest.mark.parametrize(("share", "kept_deg"), [(0.01, 1.0), (0.05, 3.0), (0.2, 6.0)])
 def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
     """What is left differs by less than the limit; it was 10, 23 and 47 degrees rms."""

@@ -154,6 +154,7 @@ def mirrored(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def wrong_scale(cruise: Cruise, rng: np.random.Generator) -> str:
+    cruise.table()  # only a table has a scale
     cruise.deep["columns"]["scale"] = float(rng.choice([1.0, 0.001, 0.0254, 0.5144]))
     return f"scale: {cruise.deep['columns']['scale']}"
 

@@ -61,6 +61,7 @@ PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other
 NEAR_BINS = 5  # whose mean tells fast water from slow
 FILLS, FILLS_MORE, FILLERS = 6, 3, 8  # a value that often, and that many times as often as those beside it
 NEIGHBOURS = 5  # distinct values on either side
+INTEGER_LIMITS, LIMIT_NEAR_DEG = (327.67, 327.68), 0.5  # of 16 bits, in hundredths of a degree
 FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the typical step, within these
 
 
@@ -308,7 +309,13 @@ def _fill_values(heading_deg: Floats) -> Floats:
         ends = [heading_deg[others[np.clip(at, 0, len(others) - 1)]] for at in (after - 1, after)]
         off = np.min([np.abs(angles.difference(end, distinct[k])) for end in ends], axis=0)
         fills += [distinct[k]] if np.median(off) > np.clip(2.0 * typical, *FILL_OFF_DEG) else []
-    return np.array(fills)
+    # These may come in runs; a frame that stands near one reads the values beside it as often.
+    total = np.bincount(place, minlength=len(distinct))
+    for limit in INTEGER_LIMITS:
+        at, beside = distinct == limit, np.abs(distinct - limit) < LIMIT_NEAR_DEG
+        if total[at].sum() >= FILLS and total[at].sum() > FILLS_MORE * total[beside & ~at].sum():
+            fills.append(limit)
+    return np.unique(fills)
 
 
 def _off_both(heading_deg: Floats) -> Floats:
