@@ -99,12 +99,6 @@ def gaps_of_reference(cruise: Cruise, rng: np.random.Generator) -> str:
     return f"three gaps of {hours} samples in the reference"
 
 
-def reference_stopped(cruise: Cruise, rng: np.random.Generator) -> str:
-    deep, share = cruise.record("deep"), float(rng.uniform(0.4, 0.7))
-    deep.take(np.arange(len(deep)) < share * len(deep))
-    return f"the reference stopped after {share:.0%} of the record"
-
-
 def one_gap(cruise: Cruise, rng: np.random.Generator) -> str:
     top, share = cruise.record(), float(rng.uniform(0.02, 0.08))
     begin = int(rng.uniform(0.1, 0.8) * len(top))
@@ -199,8 +193,7 @@ def tilt_noise(cruise: Cruise, rng: np.random.Generator) -> str:
 HARMLESS: tuple[Attack, ...] = (
     *FORMS,
     dates_written, whole_days, every_second_sample, every_second_of_both, noise_of_headings, headings_to_tenths,
-    headings_of_sign, depth_by_a_metre, bottom_by_metres, covariate, attributes, gaps_of_reference, reference_stopped,
-    one_gap, shorter,
+    headings_of_sign, depth_by_a_metre, bottom_by_metres, covariate, attributes, gaps_of_reference, one_gap, shorter,
     seconds_late, noise_of_velocities, noise_of_depths, declination_number, true_reference, right_calibration,
     second_reference, unused_instrument, tilt_noise,
 )  # fmt: skip
