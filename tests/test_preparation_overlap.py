@@ -197,6 +197,16 @@ def test_a_reference_that_stopped_after_two_weeks_is_of_the_same_water():
     assert estimate_clock_offset(upper, [take(lower, np.arange(24 * 14))], PairRules()) == ClockOffset()
 
 
+def test_speeds_alike_but_for_their_fast_part_are_of_the_same_water():
+    rng, n = np.random.default_rng(6), 6000
+    slow = 0.2 + 0.1 * np.sin(np.arange(n) / 200.0)[:, None]  # weeks
+    upper, lower = (
+        replace(one, east=slow + rng.normal(0.0, 0.02, (n, 1)) + 0.0 * one.east, north=0.0 * one.east)
+        for one in instruments(n)
+    )
+    assert not estimate_clock_offset(upper, [lower], PairRules()).uncorrelated
+
+
 def test_a_tide_alone_cannot_tell_its_own_periods_apart():
     upper, lower = instruments()
     tide = 0.3 * np.exp(2j * np.pi * upper.time_s / HOUR / 12.4206)

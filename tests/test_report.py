@@ -344,7 +344,7 @@ def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
     assert explanation.hypotheses_table(diagnosis("consistent")) == ()
 
 
-def made_of(kind: str, folder: Path) -> result.Calibration:
+def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.Calibration:
     """Calibrate by a small simulated log of that kind."""
     rng, course = np.random.default_rng(1), np.arange(0.0, 360.0, 10.0)
     if kind == "magnetometer":
@@ -358,7 +358,7 @@ def made_of(kind: str, folder: Path) -> result.Calibration:
             {"compass_deg": course, "cog_deg": course + rng.normal(0.0, 1.0, 36), "speed_kn": 0.0 * course + 6.0},
             {"declination": 2.0},
         ),
-        "tilt": (dict.fromkeys(tilt.ROLES, np.r_[-20.0:20.1:1.0]), {}),
+        "tilt": (dict.fromkeys(tilt.ROLES, tilt_deg), {}),
     }[kind]
     np.savetxt(
         folder / "log.csv", np.column_stack(list(columns.values())), "%.3f", ",", header=",".join(columns), comments=""
@@ -366,14 +366,24 @@ def made_of(kind: str, folder: Path) -> result.Calibration:
     return calibrate(kind, [folder / "log.csv"], settings)
 
 
-@pytest.mark.parametrize("kind", ["magnetometer", "declination", "swing", "tilt"])
-def test_every_kind_of_calibration_has_its_section(tmp_path, kind):
-    made, there = made_of(kind, tmp_path), tmp_path / f"calibrations/{kind}"
+def section_of(kind: str, made: result.Calibration, folder: Path) -> ReportSection:
+    there = folder / f"calibrations/{kind}"
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
     calibrations.write(page=result.to_json(kind, made, {}, {}), made=made, **files)
     write_json(there / "diagnosis.json", diagnosis("consistent"))
-    (section,) = report.gather(tmp_path, attributes={}, moorings={}, calibrations=[kind]).calibrations.sections
-    assert made.why == "" and section.summary
+    (section,) = report.gather(folder, attributes={}, moorings={}, calibrations=[kind]).calibrations.sections
+    return section
+
+
+@pytest.mark.parametrize("kind", ["magnetometer", "declination", "swing", "tilt"])
+def test_every_kind_of_calibration_has_its_section(tmp_path, kind):
+    made = made_of(kind, tmp_path)
+    assert made.why == "" and section_of(kind, made, tmp_path).summary
+
+
+def test_too_few_tilts_have_their_section(tmp_path):
+    made = made_of("tilt", tmp_path, tilt_deg=np.r_[0.0:2.0])
+    assert "2 coefficients need at least 3" in " ".join(section_of("tilt", made, tmp_path).summary)
 
 
 def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):

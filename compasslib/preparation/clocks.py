@@ -161,8 +161,8 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     scale = np.maximum(counts, FEWEST_SHARE * counts.max())
     both = measured * there > 0.0
     with np.errstate(invalid="ignore", divide="ignore"):  # of one that is constant
-        whole = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
-    return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1), whole)
+        correlation = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
+    return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1), correlation)
 
 
 def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
@@ -244,9 +244,9 @@ def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
 def _unrelated(windows: LagWindows, stated: LagPath) -> ClockOffset:
     """Say where months of speeds have nothing in common."""
     alike = float(windows.along(stated).sum())
-    both = np.flatnonzero(np.add.reduceat(windows.upper * windows.lower != 0.0, windows.edges[:-1]))
-    related = alike > RELATED and _score(windows, stated, part=both) > RELATED_SIGMAS
-    if related or windows.whole > RELATED_WHOLE or len(both) * WINDOW_H < LONG_H:
+    shared = np.flatnonzero(np.add.reduceat(windows.upper * windows.lower != 0.0, windows.edges[:-1]))
+    related = alike > RELATED and _score(windows, stated, part=shared) > RELATED_SIGMAS
+    if related or windows.whole > RELATED_WHOLE or len(shared) * WINDOW_H < LONG_H:
         return ClockOffset()
     why = (
         f"the speeds of the two instruments are uncorrelated ({alike:.2f}) at any clock offset within "

@@ -32,8 +32,9 @@ MIRRORED = 0.15  # by which the mirrored headings are closer related to the flow
 NEAR_BINS = 3  # whose mean velocity is the flow
 # Headings equal to the extreme one, the same over those equal to each of the next values, and how many of these.
 AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
-HALF_END, HALF_END_COUNT = 1 / 90, 5  # of headings that fill a range: how near to its ends, and how many
-FILLED = {
+# Headings that fill a range from 0: how near to its ends, as a share of it, and how many; the range, and what was done.
+RANGE_END, RANGE_END_COUNT = 1 / 90, 5
+RANGES = {
     180.0: "half of the circle was folded on the other (modulo 180, halved, or without a sign)",
     6.29: "they are radians",
 }
@@ -58,7 +59,7 @@ SECTION, MEANS, NOTCH, NOTCH_OF_DEGREES = 1024, range(4, 37), 0.75, 1.2
 UNRELATED, STEADY, RELATED_STEP_S = 0.11, 0.97, 3 * HOUR_S  # and the longest interval that tells
 # Steps in which compasses count, degrees, the least and greatest error of a bit, changes of the higher bits by which
 # it should have changed, and the least share of readings in each eighth of the sectors that are left.
-COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_FILLED = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
+COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_RANGES = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
 # Headings within so few degrees that jump across half of them: 1 in 4 of independent ones, 1 in 200 of a steady frame.
 WRAPPED_DEG, WRAPPED_JUMPS = 5.0, 0.12
 # Every k-th reading against the mean direction of its neighbours: the median turn of one k, and the median size of one
@@ -87,8 +88,8 @@ def flag_altered(record: Record) -> Record:
     towards = angles.direction(flow.real, flow.imag)
     direction = np.nan_to_num(angles.phasor(record.heading_deg - towards))
     flowing = direction != 0.0
-    heading, veer = angles.phasor(record.heading_deg[flowing]), angles.phasor(towards[flowing])
-    as_recorded, mirrored = (float(_relation(one, veer, weight[flowing])) for one in (heading, np.conj(heading)))
+    heading, current = angles.phasor(record.heading_deg[flowing]), angles.phasor(towards[flowing])
+    as_recorded, mirrored = (float(_relation(way, current, weight[flowing])) for way in (heading, np.conj(heading)))
     if mirrored > max(FIRM, as_recorded + MIRRORED):
         note = (
             "the recorded headings turn with the flow where they are mirrored (counted anticlockwise), and not as they "
@@ -380,7 +381,7 @@ def _flag_stuck_bits(record: Record) -> Record:
                 inside = slice(edges[run], edges[run + 1])
                 changes = np.count_nonzero(np.diff(count[inside] >> bit + 1))
                 eighths = np.bincount((count[inside] & 2**bit - 1) * 8 >> bit, minlength=8)
-                filled = eighths.min() >= BIT_FILLED * eighths.sum()
+                filled = eighths.min() >= BIT_RANGES * eighths.sum()
                 stuck[known[inside]] |= changes >= BIT_CHANGES and filled
     text = "leave out every other sector of the circle: a bit of the reading is stuck, and they are flagged doubtful"
     return _flag_some(record, stuck, text)
@@ -403,17 +404,17 @@ def _flag_wrapped(record: Record) -> Record:
 
 
 def _flag_limits(record: Record) -> Record:
-    """Flag headings cut at the least or greatest recorded one, where many are equal to it, or between two limits.
+    """Flag headings that were cut at a limit, which many equal, and those that fill a range other than the circle.
 
-    Headings that fill exactly half of the circle were taken modulo 180, halved, or have lost their sign; those that
+    Headings that fill exactly half of it were taken modulo 180, halved, or have lost their sign; those that
     fill 0 to 6.28 are radians.
     """
     heading, known = record.heading_deg, _usable(record)
     if not known.any():
         return record
-    for full, said in FILLED.items():
-        ends = [np.count_nonzero(np.abs(heading[known] - end) <= HALF_END * full) for end in (0.0, full)]
-        if heading[known].max() <= full and min(ends) >= HALF_END_COUNT:
+    for full, said in RANGES.items():
+        ends = [np.count_nonzero(np.abs(heading[known] - end) <= RANGE_END * full) for end in (0.0, full)]
+        if heading[known].max() <= full and min(ends) >= RANGE_END_COUNT:
             note = f"all recorded headings lie between 0 and {full:.4g}, up to both limits: {said}, all are doubtful"
             return flag_headings(record, known, f"{note}; check the column of headings")
     for limit in (heading[known].min(), heading[known].max()):

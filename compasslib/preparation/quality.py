@@ -309,7 +309,7 @@ def _fill_values(heading_deg: Floats) -> Floats:
         ends = [heading_deg[others[np.clip(at, 0, len(others) - 1)]] for at in (after - 1, after)]
         off = np.min([np.abs(angles.difference(end, distinct[k])) for end in ends], axis=0)
         fills += [distinct[k]] if np.median(off) > np.clip(2.0 * typical, *FILL_OFF_DEG) else []
-    # These may come in runs; a frame that stands near one reads the values beside it as often.
+    # The limits of 16 bits may come in runs; a frame that stands near one reads the values beside it as often.
     total = np.bincount(place, minlength=len(distinct))
     for limit in INTEGER_LIMITS:
         at, beside = distinct == limit, np.abs(distinct - limit) < LIMIT_NEAR_DEG
@@ -346,14 +346,14 @@ def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
     flags = np.full(len(heading_deg), GOOD, dtype=np.int8)
     off = _off_both(heading_deg)
     limit = _limit(off, 0.0)
-    if len(heading_deg) < ENOUGH or limit > FREE_DEG:
+    if len(heading_deg) < ENOUGH or limit > FREE_DEG or not fast.any():
         return flags
     far = (limit + 180.0) / 2.0
     sure = _excursions(heading_deg, far) & fast
     flags[sure] = BAD
     # Were they anywhere on the circle, this share of all would be wrong.
-    wrong = min(sure.sum() / max(fast.sum(), 1) * 180.0 / (180.0 - far), 0.4)
-    median, quartile = np.quantile(off[fast], (0.5 * (1.0 - wrong), 0.75 * (1.0 - wrong))) if fast.any() else (1.0, 1.0)
+    wrong = min(sure.sum() / fast.sum() * 180.0 / (180.0 - far), 0.4)
+    median, quartile = np.quantile(off[fast], (0.5 * (1.0 - wrong), 0.75 * (1.0 - wrong)))
     natural = limit > WIDE_DEG and quartile > HEAVY * median
     if natural or sure.sum() < max(PROOF, PROOF_SHARE * len(off)):
         return flags

@@ -28,13 +28,13 @@ FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as its neighbours, and chance: ro
 NEIGHBOURS = 8  # values on either side
 FROZEN_ROWS = 12  # of one value in a row, on average: a meter that is stuck, which the deployment flags
 FILLER_TIMES = 2.0  # a filler stands this far beyond all measured speeds, unless both components hold it
-OTHER_UNIT, OTHER_UNIT_VALUES = 0.05, 10  # share of headings beyond 360 degrees, and their different values
+OTHER_UNIT, OTHER_UNIT_VALUES = 0.05, 10  # share of headings that are no angles, and their different values
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
     "rows_repeated": "rows repeat time and depth of another and were left out",
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
-    "headings_beyond": "headings beyond 360, of many values: the column is not in degrees, and all are doubtful",
+    "headings_in_other_unit": "headings are no angles, of many values: the column is not in degrees; all are doubtful",
     "fillers": "fill values (speeds of nines only) count as missing",
     "rows_sorted": "rows are earlier than the one before; all were put in order: check the form of the times",
     "fill_values": "velocities are fill values (one value far more often than its neighbours) and count as missing",
@@ -96,7 +96,7 @@ def read(
         supply_voltage=empty,
         quality=np.where(np.isfinite(east + north), quality, MISSING).astype(np.int8),
         heading_quality=np.where(
-            np.isfinite(heading), PROBABLY_BAD if counts["headings_beyond"] else GOOD, MISSING
+            np.isfinite(heading), PROBABLY_BAD if counts["headings_in_other_unit"] else GOOD, MISSING
         ).astype(np.int8),
         looks_up=False,
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
@@ -111,8 +111,8 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
     with np.errstate(invalid="ignore"):
         directions = {role: table[role] for role in ("heading", "direction") if role in table}
         wrong = {role: (degrees < -180.0) | (degrees > 360.0) for role, degrees in directions.items()}
-    beyond = directions["heading"][wrong["heading"]] if "heading" in wrong else np.empty(0)
-    other_unit = len(beyond) > OTHER_UNIT * len(table["time"]) and len(np.unique(beyond)) >= OTHER_UNIT_VALUES
+    no_angles = directions["heading"][wrong["heading"]] if "heading" in wrong else np.empty(0)
+    other_unit = len(no_angles) > OTHER_UNIT * len(table["time"]) and len(np.unique(no_angles)) >= OTHER_UNIT_VALUES
     blank = {role: filled for role in CURRENTS if role in table} | wrong
     table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
     keep, repeated, contradict = _first_of_repeated(table)
@@ -121,7 +121,7 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
         "rows_repeated": repeated,
         "rows_contradict": contradict,
         "directions_impossible": int(sum(where.sum() for where in wrong.values())),
-        "headings_beyond": len(beyond) * other_unit,
+        "headings_in_other_unit": len(no_angles) * other_unit,
         "fillers": int(nines.sum()),
         "fill_values": int((filled & ~nines).sum()),
     }

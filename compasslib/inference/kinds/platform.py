@@ -29,7 +29,7 @@ from compasslib.inference.short_fit import ShortComparison
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
-MANY = 120  # readings, more than are written by hand: a log, whose neighbours may share their errors
+FEWEST_OF_LOG = 120  # readings; a table written by hand has fewer, and independent ones
 FEWEST_HEADINGS = 12  # nine coefficients up to the fourth harmonic, and three degrees of freedom
 READOUT: tuple[type[Effect], ...] = (Sextantal, Octantal, HeadingSlip, CompassTrend)
 TERMS: tuple[type[Effect], ...] = (*READOUT, HardIronStep, HardIronTrend)
@@ -87,7 +87,7 @@ def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
     What six harmonics of the heading describe, or what changes between tenths of the log, is no error of readings.
     """
     n = len(recorded_deg)
-    if n < MANY:
+    if n < FEWEST_OF_LOG:
         return 1
     order = np.arange(n)
     waves = (wave for k in range(1, 7) for wave in angles.sin_cos(k * recorded_deg))
