@@ -171,10 +171,10 @@ def test_a_perfect_tool_scores_perfectly_and_who_does_not_look_badly():
     diagnoses = {str(k): said(("heeling",)) for k in range(len(TRUTHS))}
     truths = {str(k): one for k, one in enumerate(TRUTHS)}
     mean = {name: one["all"] for name, one in tally.points(truths, diagnoses).items()}
-    assert mean["knows the truth"] == 1.0
+    assert mean[score.PERFECT] == 1.0
     assert all(score.judge(one, score.perfect(one)) in ("right", "in the set") for one in TRUTHS)
-    assert mean["always lists the whole catalogue"] < 0.1
-    assert max(value for name, value in mean.items() if name.startswith(("always", "never"))) < 0.5
+    assert mean[score.WHOLE] < 0.1
+    assert max(value for name, value in mean.items() if name.startswith(("always", "no "))) < 0.5
 
 
 @pytest.mark.parametrize(
@@ -225,22 +225,23 @@ def test_who_lists_everything_loses_on_real_recordings_too():
         assert score.points(true, score.said(list(score.CATALOGUE))) < 0.1
 
 
-def test_probabilities_that_come_true_score_better_than_the_mere_share():
+def test_probabilities_that_come_true_score_better_than_the_base_rate():
     rng = np.random.default_rng(1)
     stated = rng.uniform(size=400)
     came = (rng.uniform(size=400) < stated).astype(float)
     rows = [
-        {"place": "made water", "of_compass": [p, y], "of_names": [[p, y]]} for p, y in zip(stated, came, strict=True)
+        {"place": tally.PLACES[1], "of_compass": [p, y], "of_names": [[p, y]]}
+        for p, y in zip(stated, came, strict=True)
     ]
-    good = tally.probabilities(rows)["a name that is given"]
+    good = tally.probabilities(rows)[tally.NAMED]
     assert good["brier"]["better"][0] > 0.0 and good["log"]["better"][0] > 0.0
     assert good["brier"]["own"] == pytest.approx(np.mean((stated - came) ** 2))
     assert sum(one["count"] for one in good["bins"]) == 400
-    assert tally.probabilities([*rows, rows[0] | {"place": tally.PLACES[-1]}])["a name that is given"]["count"] == 400
-    rare = tally.probabilities(rows)["compass or clock at fault, weighted to a share of 0.1"]
+    assert tally.probabilities([*rows, rows[0] | {"place": tally.PLACES[-1]}])[tally.NAMED]["count"] == 400
+    rare = tally.probabilities(rows)[f"{tally.FAULT}, reweighted to a base rate of 0.1"]
     assert rare["share"] == 0.1 and rare["log"]["share"] == pytest.approx(-0.1 * np.log(0.1) - 0.9 * np.log(0.9))
     swapped = [row | {"of_names": [[1.0 - p, y] for p, y in row["of_names"]]} for row in rows]
-    assert tally.probabilities(swapped)["a name that is given"]["brier"]["better"][1] < 0.0
+    assert tally.probabilities(swapped)[tally.NAMED]["brier"]["better"][1] < 0.0
 
 
 def test_a_stated_name_counts_as_right_where_what_was_planted_is_said_by_it():
@@ -437,4 +438,4 @@ def test_recordings_say_why_they_are_not_there(tmp_path):
 def test_a_recording_is_put_through_the_workflow(tmp_path):
     recordings.run(tmp_path, tmp_path / "no data", cores=1)  # of all but one the file is absent
     made = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path / "no data")}["eight_headings"]
-    assert made["outcome"] == "right" and made["points"]["this pipeline"] == 1.0, made["said"]
+    assert made["outcome"] == "right" and made["points"][score.OWN] == 1.0, made["said"]

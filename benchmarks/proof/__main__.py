@@ -1,4 +1,4 @@
-"""The command: draw, seal, run, open, score, write. A run that was cut goes on where it was."""
+"""Draw moorings, seal their truth, process and score them. A run that was interrupted resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -20,21 +20,25 @@ def main(given: Sequence[str] | None = None) -> int:
         given: arguments; those of the command line where absent.
     """
     parser = argparse.ArgumentParser(prog="python -m benchmarks.proof", description=__doc__)
-    parser.add_argument("--commit", nargs="?", const="HEAD", metavar="REV", help="say which seed a commit has, no more")
-    parser.add_argument("--card", action="store_true", help="say of which engine the cards of record are, no more")
-    parser.add_argument("--frozen", default="HEAD", metavar="REV", help="commit whose seed is used (HEAD)")
-    parser.add_argument("--seed", type=int, help="another seed, chosen by hand; the card says so")
-    parser.add_argument("--count", type=int, default=16, help="moorings in made water (16)")
+    parser.add_argument("--commit", nargs="?", const="HEAD", metavar="REV", help="print the seed of a commit, and exit")
+    parser.add_argument(
+        "--card", action="store_true", help="print which engine the published scorecards are of, and exit"
+    )
+    parser.add_argument("--frozen", default="HEAD", metavar="REV", help="commit that gives the seed (HEAD)")
+    parser.add_argument("--seed", type=int, help="another seed, chosen by hand; the scorecard says so")
+    parser.add_argument("--count", type=int, default=16, help="moorings in simulated water (16)")
     parser.add_argument("--real", type=int, help="moorings in the water of real records (half as many)")
-    parser.add_argument("--hours", type=int, default=8800, help="of each record in made water (8800)")
-    parser.add_argument("--second", action="store_true", help="internal waves and a string that leans, no real water")
+    parser.add_argument("--hours", type=int, default=8800, help="of each record in simulated water (8800)")
+    parser.add_argument(
+        "--second", action="store_true", help="the second world: internal waves, a leaning string, no real water"
+    )
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--data", type=Path, default=DATA, help="folder of recordings (../shared/data)")
     parser.add_argument("--records", type=Path, help="folder with descriptions of more real records")
-    parser.add_argument("--work", type=Path, default=Path("build/proof"), help="where moorings and truth stand")
-    parser.add_argument("--out", type=Path, default=Path("results/proof"), help="where the scorecard is written")
-    parser.add_argument("--no-published", dest="published", action="store_false", help="leave the paper's case out")
-    parser.add_argument("--no-recordings", dest="recordings", action="store_false", help="leave recordings out")
+    parser.add_argument("--work", type=Path, default=Path("build/proof"), help="folder of moorings and truth")
+    parser.add_argument("--out", type=Path, default=Path("results/proof"), help="folder of the scorecard")
+    parser.add_argument("--no-published", dest="published", action="store_false", help="without the published case")
+    parser.add_argument("--no-recordings", dest="recordings", action="store_false", help="without real recordings")
     asked = parser.parse_args(given)
     try:
         if asked.commit or asked.card:

@@ -1,4 +1,4 @@
-"""Writes the scorecard: as JSON, as Markdown, and as one page that needs nothing else."""
+"""Write the scorecard: as JSON, as Markdown, and as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -10,21 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import targets
-from benchmarks.proof import tally
+from benchmarks.proof import score, tally
 
 DEFINITIONS = (
-    "Visible size: rms of what five coefficients, fitted to the true headings, leave of an effect. "
-    "Points: 1 for what a perfect tool says, 1/n for a right name in a set of n, 0 for what is wrong or refused; a "
-    "composed description counts as the listed effect that acts at the same place by the same cause. Where nothing is "
-    "wrong with the compass, its water may be named. "
-    "Before: the configured fit alone, on the right branch. After: the product. Published: the published series on the "
-    "same pairs, where it gives a heading. Oracle: five coefficients fitted to the true headings with every effect "
-    "known; what is left is the compass's own noise. Five: the same without the effects known. Sampled: what the "
-    "configured fit, made again, leaves where every effect but a wrong clock was taken out of readings and water: what "
-    "the water's own scatter makes. Brackets are 95 % intervals: of shares by Clopper and Pearson, else by resampling "
-    "the moorings."
+    "No fault: nothing is wrong with the compass; its current may be named. Listed effects stand in the catalogue, "
+    "unlisted ones do not. Visible size: rms of what remains of an effect after five coefficients are fitted to the "
+    "true headings. Score: 1 for the diagnosis of a tool that knows the truth, 1/n for a correct name in a set of n, 0 "
+    "for what is wrong or refused; a composed effect counts as the listed one with the same action and driver. Fit: "
+    "the configured fit alone, on the correct branch. Product: corrected.nc. Published: von Appen's series on the same "
+    "pairs, where it gives a heading. Five: five coefficients fitted to the true headings. Oracle: the same with every "
+    "effect known, so that the noise of the compass remains. Sampled: the configured fit, repeated on pairs from which "
+    "every effect but a wrong clock was taken out, so that the scatter of the current remains. Brackets are 95 % "
+    "intervals: Clopper and Pearson's of rates, else by resampling the moorings."
 )
-EVERYTHING = "always lists the whole catalogue"
 Table = tuple[str, list[str], list[list[str]]]
 
 
@@ -43,30 +41,33 @@ def write(out: Path, made: dict[str, Any]) -> None:
 
 def _heading(made: dict[str, Any]) -> str:
     seal = made["seal"]
-    title = f"# Sealed proof, seed {seal['seed']}: {seal['count']} moorings in made water, {seal['real']} in real"
+    title = f"# Sealed proof, seed {seal['seed']}: {seal['count']} moorings in simulated water, {seal['real']} in real"
     sealed = f"Truth sealed as {seal['sha256']}, before the pipeline ran. Seed: {seal['seed_of']}. "
     sealed += f"Families of effects {seal['families']}. Engine {seal['engine']}. "
-    sealed += f"Made records last {seal['hours']} hours; real ones: {', '.join(seal['records']) or 'none was there'}."
+    sealed += f"Simulated records last {seal['hours']} hours; real ones: {', '.join(seal['records']) or 'none'}."
     return f"{title}\n\n{sealed}"
 
 
 def _tables(made: dict[str, Any]) -> list[Table]:
-    of_headings = ["moorings", "n", *tally.HEADINGS, "after ≤ sampled + 0.3°", "worse than before by 0.1°"]
-    of_headings += ["within stated 95 %"]
-    of_moorings = ["mooring", "kind", "water", "planted (visible)", "named", "unexplained", "outcome", "points"]
-    of_moorings += ["heading before, after, sampled, oracle", "why not named"]
+    of_headings = ["moorings", "n", "fit", "product", *tally.HEADINGS[2:]]
+    of_headings += ["product ≤ sampled + 0.3°", "worse than fit by 0.1°", "within 95 % interval"]
+    of_moorings = ["mooring", "kind", "water", "planted (visible)", "named", "unexplained", "outcome", "score"]
+    of_moorings += ["heading errors: fit, product, sampled, oracle", "why not named"]
+    sizes = ["visible", "water", "n", "detected", "named"]
     named = [[name, ", ".join(f"{x} {n}" for x, n in said.items())] for name, said in made["confusion"].items()]
-    scores = ["probability", "n", "share", "Brier score", "of the mere share", "better by", "log score", "of it", "by"]
-    concealed = ["recording", "withheld", "true", "said", "points", "best of those who do not look"]
+    scores = ["probability of", "n", "base rate"]
+    for rule in ("Brier score", "log score"):
+        scores += [rule, "base rate's", "improvement"]
+    concealed = ["recording", "withheld", "truth", "diagnosis", "score", "best tool that ignores the data"]
     return [
         ("Targets", ["measure", "value", "target"], [_goal(one) for one in made["goals"]]),
-        ("Points", ["tool", *tally.PLACES, "this pipeline is ahead by"], _points(made["points"])),
-        ("Shares", ["measure", *tally.PLACES], [_share(one) for one in made["measures"]]),
-        ("Probabilities", scores, _scores(made["probabilities"])),
-        ("Stated and came", ["probability", "stated", "came"], _came(made["probabilities"])),
+        ("Scores", ["tool", *tally.PLACES, "this pipeline minus tool"], _points(made["points"])),
+        ("Rates", ["measure", *tally.PLACES], [_share(one) for one in made["measures"]]),
+        ("Scores of stated probabilities", scores, _scores(made["probabilities"])),
+        ("Reliability of stated probabilities", ["probability of", "stated", "observed"], _came(made["probabilities"])),
         ("Errors of the heading, rms", of_headings, _headings(made["headings"])),
-        ("Single effects by visible size", ["visible", "water", "n", "seen", "named"], list(map(_size, made["power"]))),
-        ("What was named first", ["planted", "said"], named),
+        ("Single effects by visible size", sizes, list(map(_size, made["power"]))),
+        ("First name by planted effect", ["planted", "named first"], named),
         ("The case of the paper, fitted by its method", ["measure", "value"], _paper(made["published"])),
         ("Real recordings with a cause withheld", concealed, _recordings(made["recordings"])),
         ("Every mooring", of_moorings, [_mooring(row) for row in made["moorings"]]),
@@ -109,7 +110,7 @@ def _came(stated: dict[str, Any]) -> list[list[str]]:
 
 
 def _size(one: dict[str, Any]) -> list[str]:
-    counted = (str(one[key]) for key in ("place", "count", "seen", "named"))
+    counted = (str(one[key]) for key in ("place", "count", "detected", "named"))
     return [f"{one['from_deg']:g} to {one['to_deg']:g}°", *counted]
 
 
@@ -146,20 +147,20 @@ def _errors(one: dict[str, Any]) -> str:
 def _recordings(found: Sequence[dict[str, Any]]) -> list[list[str]]:
     lines = []
     for one in found:
-        own = _text(one["points"].get("this pipeline"))
+        own = _text(one["points"].get(score.OWN))
         lines.append([one["name"], one["concealed"], one["known"], one["said"], own, *_blind([one])])
     for cause, what in ((True, "with a cause withheld"), (False, "with nothing withheld")):
         some = [one for one in found if one["points"] and one["cause"] == cause]
         if some:
-            own = _text(_over(some, "this pipeline"))
-            listed = f"; {_text(_over(some, EVERYTHING))} ({EVERYTHING})"
+            own = _text(_over(some, score.OWN))
+            listed = f"; {_text(_over(some, score.WHOLE))} ({score.WHOLE})"
             lines.append([f"{len(some)} {what}", "", "", "", own, _blind(some)[0] + listed])
     return lines
 
 
 def _blind(found: Sequence[dict[str, Any]]) -> list[str]:
-    """Say what the best of those scores that do not look."""
-    names = [name for name in found[0]["points"] if name.startswith(("never", "always"))]
+    """Give the best score of the tools that ignore the data."""
+    names = [name for name in found[0]["points"] if name.startswith(("no ", "always"))]
     best = max(names, key=lambda name: _over(found, name), default="")
     return [f"{_text(_over(found, best))} ({best})" if best else "–"]
 

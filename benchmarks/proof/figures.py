@@ -1,4 +1,4 @@
-"""Draws the scorecard: what was named, how large an effect must be, and what it does to the heading."""
+"""Draw the scorecard: what was named, how large an effect must be, and errors of the heading."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def write(folder: Path, made: dict[str, Any]) -> None:
 
 
 def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
-    """Draw what was said first against what was planted; compositions by what they act on alone.
+    """Draw the first name against the planted effect; compositions by what they act on alone.
 
     Args:
         confusion: counts by planted and said.
@@ -37,31 +37,29 @@ def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
     said = sorted({name for own in counts.values() for name in own})
     table = np.array([[counts[a][b] for b in said] for a in planted])
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
-    with page(
-        path, 1.8 + 0.24 * len(planted), width_in=WIDE_IN, title="What was named first, by what was planted"
-    ) as figure:
+    with page(path, 1.8 + 0.24 * len(planted), width_in=WIDE_IN, title="First name by planted effect") as figure:
         axes = figure.subplots()
         axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
         for i, j in zip(*np.nonzero(table), strict=True):
             axes.text(j, i, str(table[i, j]), ha="center", va="center")
         axes.set_xticks(range(len(said)), [_words(name) for name in said], rotation=90)
         axes.set_yticks(range(len(planted)), [_words(name) for name in planted])
-        axes.set(xlabel="Said first", ylabel="Planted")
+        axes.set(xlabel="Named first", ylabel="Planted")
 
 
 def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
-    """Draw the share of single effects that were seen and named against their visible size.
+    """Draw the share of single effects that were detected and named against their visible size.
 
     Args:
         bins: counts by size and water.
     """
-    title = "Single effects seen and named, by visible size\n"
+    title = "Single effects detected and named, by visible size\n"
     title += "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
     with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         for axes, place in zip(panels, ("made", "real"), strict=True):
             some = [one for one in bins if one["place"] == place]
-            for key, colour, shift in (("seen", GREY, -0.08), ("named", BLUE, 0.08)):
+            for key, colour, shift in (("detected", GREY, -0.08), ("named", BLUE, 0.08)):
                 _bars(axes, np.arange(len(some)) + shift, [(one[key], one["count"]) for one in some], colour, key)
             axes.set_xticks(range(len(some)), [f"{_range(one)}\nn = {one['count']}" for one in some])
             axes.set(xlabel=f"Visible size, {place} water, rms (°)", ylim=(-0.03, 1.03))
@@ -70,9 +68,9 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
 
 
 def reliability(path: Path, stated: dict[str, Any]) -> None:
-    """Draw how often came true what was stated with some probability."""
-    title = "Stated probabilities and what came\n"
-    title += "Bars are 95 % intervals (Clopper and Pearson), beside them n. On the line what is stated comes true."
+    """Draw the observed frequency against the stated probability."""
+    title = "Reliability of stated probabilities\n"
+    title += "Bars are 95 % intervals (Clopper and Pearson), beside them n. On the line, stated and observed agree."
     drawn = {what: one for what, one in stated.items() if not one.get("weighted")}
     with page(path, 3.4, width_in=WIDE_IN, title=title) as figure:
         panels = figure.subplots(1, 2, sharey=True)
@@ -86,7 +84,7 @@ def reliability(path: Path, stated: dict[str, Any]) -> None:
                 side = {"ha": "left", "x": 0.02} if x < 0.9 else {"ha": "right", "x": -0.02}
                 axes.text(x + float(side["x"]), up, f"{each['count']}", ha=str(side["ha"]), va="bottom", fontsize=6)
             axes.set(xlabel=f"Stated probability: {what}", xlim=(-0.04, 1.04), ylim=(-0.04, 1.04))
-        panels[0].set_ylabel("Share that came true")
+        panels[0].set_ylabel("Observed frequency")
 
 
 def _bars(axes: Any, at: np.ndarray, counts: Sequence[tuple[int, int]], colour: str, label: str) -> None:
@@ -97,19 +95,19 @@ def _bars(axes: Any, at: np.ndarray, counts: Sequence[tuple[int, int]], colour: 
 
 
 def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Draw the true error of the heading of every mooring, before, after and of the oracle."""
+    """Draw the true error of the heading of every mooring: fit, product and oracle."""
     some = [row for row in rows if row["before_deg"] is not None and row["after_deg"] is not None]
     some = sorted(some, key=lambda row: (row["kind"] not in score.KNOWN, row["before_deg"]))
     known = sum(row["kind"] in score.KNOWN for row in some)
     at = np.arange(len(some))
-    title = "True error of the heading\nLeft of the line effects of the catalogue, right of it all others; each by the "
-    title += "error before.\nWhere no orange dot is seen nothing was applied."
+    title = "True error of the heading\nLeft of the line listed effects, right of it all others; in order of the "
+    title += "fit's error.\nWhere no orange dot is seen the product is the fit."
     with page(path, 3.3, width_in=WIDE_IN, title=title) as figure:
         axes = figure.subplots()
         before, after, oracle = (np.array([row[k] for row in some]) for k in ("before_deg", "after_deg", "oracle_deg"))
         axes.vlines(at, np.minimum(before, after), np.maximum(before, after), color=GREY, linewidth=0.6)
-        axes.plot(at, before, "o", color=ORANGE, markersize=4, label="before: the fit alone")
-        axes.plot(at, after, "o", color=BLUE, markersize=4, label="after: the product")
+        axes.plot(at, before, "o", color=ORANGE, markersize=4, label="fit")
+        axes.plot(at, after, "o", color=BLUE, markersize=4, label="product")
         axes.plot(at, oracle, "_", color=GREEN, markersize=7, label="oracle")
         axes.axvline(known - 0.5, color=GREY, linewidth=0.6)
         axes.set(xlabel="Mooring", ylabel="Error, rms (°)", ylim=(0.0, None))

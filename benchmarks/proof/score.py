@@ -39,6 +39,7 @@ DRIVERS = {
     "fine_teeth": "heading", "lost_chain": "time",
     "stuck_tilt": "tilt time", "clock_offset": "time", "clock_drift": "time",
 }  # fmt: skip
+OWN, PERFECT, WHOLE = "this pipeline", "perfect knowledge", "always the whole catalogue"  # tools that are scored
 FEWEST_NAMES = 2  # in a set that doubts
 WORST = 1e-4  # probability below which a forecast is not punished further
 
@@ -178,8 +179,8 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
 def place(truth: dict[str, Any]) -> str:
     """Return what water a mooring is in, and whether its reference is a real one."""
     if not truth["real"]:
-        return "made water"
-    return "reference stands in" if truth["stands_in"] else "real records"
+        return "simulated water"
+    return "stand-in reference" if truth["stands_in"] else "real records"
 
 
 def at_fault(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[float] | None:
@@ -304,12 +305,12 @@ def tools(truths: Sequence[dict[str, Any]]) -> dict[str, Tool]:
     common = Counter(name for each in effects for name in each["right"])
     name = common.most_common(1)[0][0] if common else CATALOGUE[0]
     return {
-        "never names anything (so does the published method)": lambda truth, own: said(),
-        "always says unexplained": lambda truth, own: said(left=True),
-        f"always names the commonest effect, {name}": lambda truth, own: said([name]),
-        "always lists the whole catalogue": lambda truth, own: said(list(CATALOGUE)),
-        "sees what this pipeline sees, names nothing": lambda truth, own: said(left=seen(own)),
-        "sees what this pipeline sees, names the commonest": lambda truth, own: said(*[[name]] * seen(own)),
-        "this pipeline": lambda truth, own: own,
-        "knows the truth": lambda truth, own: perfect(truth),
+        "no attribution (as the published method)": lambda truth, own: said(),
+        "always unexplained": lambda truth, own: said(left=True),
+        f"always the commonest effect, {name}": lambda truth, own: said([name]),
+        WHOLE: lambda truth, own: said(list(CATALOGUE)),
+        "same detections, no attribution": lambda truth, own: said(left=seen(own)),
+        "same detections, the commonest effect": lambda truth, own: said(*[[name]] * seen(own)),
+        OWN: lambda truth, own: own,
+        PERFECT: lambda truth, own: perfect(truth),
     }

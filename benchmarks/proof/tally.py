@@ -1,10 +1,11 @@
-"""Counts the rows of a proof: shares with their intervals, points, probabilities, errors of headings, targets."""
+"""Count the rows of a proof: rates with intervals, scores, probabilities, errors of headings, targets."""
 
 from __future__ import annotations
 
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,80 +24,136 @@ HEADINGS = ("before", "after", "published", "sampled", "five", "oracle")
 SURE = 0.95  # probability from which something is stated
 EASY_DEG = 2.0  # visible size of an effect that most records show
 SHARES_AT_FAULT = (0.1, 0.3, 0.75)  # to which the score of faults is weighted
-PLACES = ("all", "made water", "real records", "reference stands in")
+FAULT, NAMED = "fault of compass or clock", "effect named"  # what probabilities are stated of
+PLACES = ("all", "simulated water", "real records", "stand-in reference")
 
 
-def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return the table of shares: what, and of all, made and real moorings how many of how many."""
+@dataclass(frozen=True)
+class Rate:
+    """How many of some cases hold, and the target of this share where there is one."""
+
+    what: str
+    cases: list[Row]
+    holds: Callable[[Row], bool]
+    target: dict[str, float] = field(default_factory=dict)
+
+
+def rates(rows: Sequence[Row]) -> list[Rate]:
+    """List every rate of the scorecard with its cases."""
+    no_fault, listed = _of(rows, *score.QUIET), _of(rows, *score.KNOWN)
+    single, unlisted, shifted, undecidable = (
+        _of(rows, kind) for kind in ("single", "strange", "shifted", "undecidable")
+    )
+    named = [row for row in listed if row["sets"]]
+    lone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
+    names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
+    stated = sum(one["probability"] for one in names) / max(len(names), 1)
+    large = [row for row in single if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
+    detectable = _detectable_effects(rows)
+    corrected = [row for row in rows if _whole(row)]
     return [
-        {"what": what} | {place: [int(sum(map(holds, some))), len(some)] for place, some in _places(chosen).items()}
-        for what, chosen, holds in _questions(rows)
-        if chosen
+        Rate("no fault: attributed to compass or clock", no_fault, falsely, {"most": 0.02}),
+        Rate(
+            "no fault, real records: attributed to compass or clock",
+            [row for row in no_fault if row["place"] == PLACES[2]],
+            falsely,
+            {"most": 0.02},
+        ),
+        Rate("no fault: unexplained", no_fault, lambda row: row["outcome"] == "false alarm", {"most": 0.02}),
+        Rate("no fault: attributed to the current", no_fault, lambda row: "water" in row["found_sides"]),
+        *(Rate(f"{QUIET[kind]}: attributed to compass or clock", _of(rows, kind), falsely) for kind in score.QUIET),
+        Rate("listed effects: detected", listed, seen),
+        Rate("listed effects: all among the names", listed, covered),
+        Rate("listed effects, any named: all among the names", named, covered),
+        Rate("listed effects, each finding of one name: all correct", lone, covered),
+        Rate("listed effects, any named: a finding unrelated to them", named, unrelated),
+        Rate(
+            "one listed effect, one name: correct",
+            [row for row in single if [len(one) for one in row["sets"]] == [1]],
+            covered,
+            {"least": 0.92},
+        ),
+        Rate(
+            f"effects stated at {SURE:g} ({stated:.3f} on average): correct",
+            names,
+            lambda one: one["right"],
+            {"least": max(0.93, round(stated - 0.02, 3))},
+        ),
+        Rate(
+            f"drivers of the compass stated at {SURE:g}: correct",
+            driven,
+            lambda one: one["driver_right"],
+            {"least": 0.96},
+        ),
+        Rate(f"one effect of {EASY_DEG:g}° or more on the compass: stated", large, _by_name),
+        Rate(f"one effect of {EASY_DEG:g}° or more on the compass: its driver stated", large, _by_driver),
+        Rate(
+            "one effect above its stated detection limit: named",
+            [one for one in detectable if one["alone"]],
+            lambda one: one["named"],
+        ),
+        Rate(
+            "one of two effects above its stated detection limit: named",
+            [one for one in detectable if not one["alone"]],
+            lambda one: one["named"],
+        ),
+        Rate(
+            f"effect of {EASY_DEG:g}° or more on the current: stated",
+            list(filter(_veered, listed)),
+            lambda row: bool(row["current"]),
+            {"least": 0.8},
+        ),
+        Rate("unlisted effects: unexplained or composed", unlisted, lambda row: row["outcome"] in UNLISTED_RIGHT),
+        Rate("unlisted effects: attributed to a listed one", unlisted, _by_bare_name, {"most": 0.07}),
+        Rate("unlisted effects: wrong drivers only", unlisted, _misled, {"most": 0.07}),
+        Rate("unlisted effects, detected: correct driver first", list(filter(seen, unlisted)), _driver_first),
+        Rate(
+            "temperature logged at wrong times: temperature first",
+            shifted,
+            lambda row: "temperature" in _first(row),
+            {"most": 0.05},
+        ),
+        Rate("temperature logged at wrong times: attributed to a listed effect", shifted, _by_bare_name),
+        Rate("undecidable: the true effect among several names", undecidable, lambda row: row["outcome"] == "right"),
+        Rate(
+            "undecidable: attributed to one effect",
+            undecidable,
+            lambda row: row["outcome"] in ("guessed", "wrong name"),
+            {"most": 0.1},
+        ),
+        Rate("all: diagnosis entirely correct", list(rows), lambda row: row["points"] == 1.0, {"least": 0.58}),
+        Rate("all: too few data for a diagnosis", list(rows), lambda row: row["outcome"] == "refused"),
+        Rate(f"all: headings improved by over {WORSE_DEG}° on the fit", corrected, better),
+        Rate(f"all: headings worsened by over {WORSE_DEG}° from the fit", corrected, worse, {"most": 0.04}),
     ]
 
 
-def _questions(rows: Sequence[Row]) -> list[tuple[str, list[Row], Callable[[Row], bool]]]:
-    known = _of(rows, *score.KNOWN)
-    strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
-    named = [row for row in known if row["sets"]]
-    alone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
-    quiet = [(f"{QUIET[kind]}: compass or clock named", _of(rows, kind), falsely) for kind in score.QUIET]
-    told = ("right", "name beside")
-    names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
-    large = [row for row in _of(rows, "single") if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
-    planted = _single_effects(rows)
-    veered, whole = [row for row in known if _veered(row)], [row for row in rows if _whole(row)]
+def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Count every rate: of all, simulated and real moorings how many of how many."""
     return [
-        ("nothing wrong with the compass, all kinds: compass or clock named", _of(rows, *score.QUIET), falsely),
-        ("the same: unexplained, nothing named", _of(rows, *score.QUIET), lambda row: row["outcome"] == "false alarm"),
-        ("the same: the water named", _of(rows, *score.QUIET), lambda row: "water" in row["found_sides"]),
-        *quiet,
-        ("effects with a name: seen", known, seen),
-        ("all that was planted is among the names", known, covered),
-        ("the same, of those where anything is named", named, covered),
-        ("the same, of those where every name stands alone", alone, covered),
-        (f"names stated at {SURE:g}: right", names, lambda one: one["right"]),
-        (f"compass's drivers stated at {SURE:g}: right", driven, lambda one: one["driver_right"]),
-        (f"single effect of {EASY_DEG:g}° and more on the compass: stated by name", large, _by_name),
-        ("the same: its driver stated", large, _by_driver),
-        (
-            "each effect above the limit that its record states, alone: among the names",
-            [one for one in planted if one["alone"]],
-            lambda one: one["named"],
-        ),
-        ("the same, one of two", [one for one in planted if not one["alone"]], lambda one: one["named"]),
-        (f"current of {EASY_DEG:g}° and more: stated", veered, lambda row: bool(row["current"])),
-        ("a finding that has nothing to do with it", named, lambda row: row["outcome"] == "one too many" or wrong(row)),
-        ("nobody listed it: unexplained or composed", strange, lambda row: row["outcome"] in told),
-        ("nobody listed it: a bare name", strange, lambda row: row["outcome"] == "bare name"),
-        ("nobody listed it: findings, all with a wrong driver", strange, _misled),
-        ("nobody listed it, seen: the right driver first", list(filter(seen, strange)), _driver_first),
-        ("temperature shifted in time: temperature named first", shifted, lambda row: "temperature" in _first(row)),
-        ("temperature shifted in time: a bare name", shifted, lambda row: row["outcome"] == "bare name"),
-        ("undecidable: doubt, with the truth in it", doubt, lambda row: row["outcome"] == "right"),
-        ("undecidable: guessed", doubt, lambda row: row["outcome"] in ("guessed", "wrong name")),
-        ("all: as a perfect tool would say", list(rows), lambda row: row["points"] == 1.0),
-        (f"heading better than by the fit alone, by over {WORSE_DEG}°", whole, better),
-        (f"heading worse than by the fit alone, by over {WORSE_DEG}°", whole, worse),
-        ("all: refused", list(rows), lambda row: row["outcome"] == "refused"),
+        {"what": rate.what}
+        | {place: [int(sum(map(rate.holds, some))), len(some)] for place, some in _places(rate.cases).items()}
+        for rate in rates(rows)
+        if rate.cases
     ]
 
 
 QUIET = {
-    "null": "nothing planted", "noisy": "doubled noise", "turned": "sphere that turns by itself",
-    "veering": "water that veers slowly, 2 to 4°", "reference": "trusted compass bent by 1 to 2°",
-    "rolled": "real record, its log shifted in time", "mirrored": "real record in a mirror",
+    "null": "no effect", "noisy": "doubled noise", "turned": "sphere that turns by itself",
+    "veering": "slow directional shear of 2 to 4°", "reference": "reference with a deviation of 1 to 2°",
+    "rolled": "real record, covariates shifted in time", "mirrored": "real record in mirror image",
 }  # fmt: skip
+UNLISTED_RIGHT = ("right", "name beside")
 
 
 def points(truths: Truths, diagnoses: Truths) -> dict[str, Any]:
-    """Return the mean points of every tool by place, and by how much this one is ahead, with its 95 % interval."""
+    """Compute the mean score of every tool by place, and the lead of this one with its 95 % interval."""
     made = {}
     for name, tool in score.tools(list(truths.values())).items():
         each = np.array([score.points(truths[k], tool(truths[k], diagnoses[k])) for k in truths])
         where = np.array([score.place(one) for one in truths.values()])
         made[name] = {"each": each, "all": _mean(each)} | {one: _mean(each[where == one]) for one in PLACES[1:]}
-    own = made["this pipeline"]["each"]
+    own = made[score.OWN]["each"]
     for one in made.values():
         each = one.pop("each")
         one["ahead"] = targets.resampled(own - each, lambda some: some.mean(axis=-1))
@@ -104,22 +161,22 @@ def points(truths: Truths, diagnoses: Truths) -> dict[str, Any]:
 
 
 def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return how good stated probabilities are: Brier and log score beside those of the mere share, and the diagram.
+    """Score stated probabilities beside the base rate (Brier and log score), and bin them for a reliability diagram.
 
-    Where a reference only stands in they are left out, as of all shares that have a target.
+    Moorings with a stand-in reference are left out, as for all rates with a target.
     """
     rows = [row for row in rows if row["place"] != PLACES[-1]]
     compass = [[row["of_compass"]] for row in rows if row["of_compass"]]
     mixed = len({came for ((_, came),) in compass}) > 1
     at_fault = {
-        f"compass or clock at fault, weighted to a share of {share:g}": _forecast(compass, share)
+        f"{FAULT}, reweighted to a base rate of {share:g}": _forecast(compass, share)
         for share in SHARES_AT_FAULT
         if mixed
     }
     return {
-        "compass or clock at fault": _forecast(compass),
+        FAULT: _forecast(compass),
         **at_fault,
-        "a name that is given": _forecast([row["of_names"] for row in rows if row["of_names"]]),
+        NAMED: _forecast([row["of_names"] for row in rows if row["of_names"]]),
     }
 
 
@@ -127,7 +184,7 @@ def _forecast(groups: Sequence[Sequence[Sequence[float]]], share: float | None =
     """Score forecasts, those of one mooring together in an interval (Brier 1950; Good 1952).
 
     Args:
-        share: of what came, to which the moorings are weighted; as it is where None.
+        share: base rate to which the moorings are reweighted; as observed where None.
     """
     if not groups:
         return {"count": 0}
@@ -144,7 +201,7 @@ def _forecast(groups: Sequence[Sequence[Sequence[float]]], share: float | None =
 
 
 def _scores(p: float, came: float, base: float, weight: float) -> tuple[float, ...]:
-    """Score one forecast and the mere share by Brier's and the logarithmic rule, times a weight, which is last."""
+    """Score one forecast and the base rate by Brier's and the logarithmic rule, times a weight, which is last."""
     scores = ((p - came) ** 2, (base - came) ** 2, _surprise(p, came), _surprise(base, came), 1.0)
     return tuple(weight * one for one in scores)
 
@@ -154,7 +211,7 @@ def _surprise(stated: float, came: float) -> float:
 
 
 def _ratio(pairs: np.ndarray, counts: np.ndarray) -> dict[str, Any]:
-    """Return a mean score, that of the share alone, and by how much it is better, with its 95 % interval."""
+    """Compute a mean score, that of the base rate, and the improvement with its 95 % interval."""
     own, base = pairs.T
     gained = np.arange(len(own))
     better = targets.resampled(gained, lambda some: (base - own)[some].sum(axis=-1) / counts[some].sum(axis=-1))
@@ -174,13 +231,13 @@ def _bins(every: np.ndarray) -> list[dict[str, Any]]:
 
 
 def headings(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return pooled errors of the heading: by the fit alone, of the product, by the published series, at best."""
+    """Pool the errors of the heading: of the fit, the product, the published series, and at best."""
     known = _of(rows, *score.KNOWN)
     groups = {
-        "nothing wrong with the compass": _of(rows, *score.QUIET),
-        "effects with a name": known,
-        "of these, seen": [row for row in known if seen(row)],
-        "nobody listed it": _of(rows, *score.UNNAMED),
+        "no fault": _of(rows, *score.QUIET),
+        "listed effects": known,
+        "of these, detected": [row for row in known if seen(row)],
+        "unlisted effects, mistimed temperature": _of(rows, *score.UNNAMED),
         **{place: some for place, some in _places(rows).items() if place in PLACES[1:]},
     }
     return {name: _pooled([row for row in some if _whole(row)]) for name, some in groups.items()}
@@ -197,7 +254,7 @@ def _pooled(some: Sequence[Row]) -> dict[str, Any]:
 
 
 def power(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return how many single effects were seen and named, by their visible size."""
+    """Count how many single effects were detected and named, by visible size."""
     single = _of(rows, "single")
     result = []
     for low, high in itertools.pairwise(BINS_DEG):
@@ -205,12 +262,12 @@ def power(rows: Sequence[Row]) -> list[dict[str, Any]]:
             some = [row for row in single if low <= row["visible_deg"][0] < high and row["real"] == real]
             if some:
                 part = {"from_deg": low, "to_deg": high, "place": place, "count": len(some)}
-                result.append(part | {"seen": sum(map(seen, some)), "named": sum(map(covered, some))})
+                result.append(part | {"detected": sum(map(seen, some)), "named": sum(map(covered, some))})
     return result
 
 
 def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
-    """Return by what was planted alone how often each name came first."""
+    """Count how often each name came first, by planted effect, in moorings with one."""
     result: dict[str, Counter[str]] = {}
     for row in rows:
         if row["kind"] != "pair":
@@ -222,68 +279,36 @@ def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
 
 
 def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -> list[Measured]:
-    """Return what is asked of the search, each beside what was measured.
-
-    Where a reference only stands in, its water is none that two instruments could measure: targets leave it out.
+    """Compare what was measured with every target, moorings with a stand-in reference left out.
 
     Args:
         scored: of ``points``.
         stated: of ``probabilities``.
     """
-    rows = [row for row in rows if row["place"] != "reference stands in"]
-    quiet, known = _of(rows, *score.QUIET), _of(rows, *score.KNOWN)
-    lone = [row for row in _of(rows, "single") if [len(one) for one in row["sets"]] == [1]]
-    strange, shifted, doubt = (_of(rows, kind) for kind in ("strange", "shifted", "undecidable"))
-    whole = [row for row in rows if _whole(row)]
-    names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
-    mean_stated = sum(one["probability"] for one in names) / max(len(names), 1)
-    shares = [
-        ("nothing wrong with the compass: compass or clock named", map(falsely, quiet), {"most": 0.02}),
-        (
-            "the same, real records alone",
-            (falsely(row) for row in quiet if row["place"] == "real records"),
-            {"most": 0.02},
-        ),
-        ("the same: unexplained", (row["outcome"] == "false alarm" for row in quiet), {"most": 0.02}),
-        (
-            f"names stated at {SURE:g}, {100 * mean_stated:.1f} % on the mean: right",
-            (one["right"] for one in names),
-            {"least": max(0.93, round(mean_stated - 0.02, 3))},
-        ),
-        (f"compass's drivers stated at {SURE:g}: right", (one["driver_right"] for one in driven), {"least": 0.96}),
-        ("all: as a perfect tool would say", (row["points"] == 1.0 for row in rows), {"least": 0.58}),
-        ("one effect planted, one name alone: right", map(covered, lone), {"least": 0.92}),
-        ("nobody listed it: a bare name", (row["outcome"] == "bare name" for row in strange), {"most": 0.07}),
-        ("nobody listed it: findings, all with a wrong driver", map(_misled, strange), {"most": 0.07}),
-        (
-            f"current of {EASY_DEG:g}° and more: stated",
-            (bool(row["current"]) for row in known if _veered(row)),
-            {"least": 0.8},
-        ),
-        ("temperature shifted in time: named first", ("temperature" in _first(row) for row in shifted), {"most": 0.05}),
-        ("undecidable: guessed", (row["outcome"] in ("guessed", "wrong name") for row in doubt), {"most": 0.1}),
-        (f"heading worse than by the fit alone, by over {WORSE_DEG}°", map(worse, whole), {"most": 0.04}),
+    rows = [row for row in rows if row["place"] != PLACES[-1]]
+    found = [
+        targets.share(rate.what, map(rate.holds, rate.cases), **rate.target) for rate in rates(rows) if rate.target
     ]
-    found = [targets.share(what, values, **goal) for what, values, goal in shares]
-    for what, some, goal in (
-        ("nothing wrong with the compass", quiet, {"least": 0.95, "most": 0.95}),
-        ("listed effects", known, {"least": 0.95, "most": 0.95}),
-        ("nobody listed it", strange, {"least": 0.9}),
+    for what, kinds, target in (
+        ("no fault", score.QUIET, {"least": 0.95, "most": 0.95}),
+        ("listed effects", score.KNOWN, {"least": 0.95, "most": 0.95}),
+        ("unlisted effects", ("strange",), {"least": 0.9}),
     ):
-        covers = [row["covered_95"] for row in some if row["covered_95"] is not None]
+        covers = [row["covered_95"] for row in _of(rows, *kinds) if row["covered_95"] is not None]
         if covers:
-            found.append(targets.mean(f"headings within their 95 %: {what}", covers, **goal, unit=" %", times=100.0))
+            what = f"headings within their 95 % interval: {what}"
+            found.append(targets.mean(what, covers, **target, unit=" %", times=100.0))
     found += [
-        _ahead(f"points ahead of: {tool}", one["ahead"])
+        _ahead(f"score above that of: {tool}", one["ahead"])
         for tool, one in scored.items()
-        if tool not in ("this pipeline", "knows the truth") and one["ahead"]
+        if tool not in (score.OWN, score.PERFECT) and one["ahead"]
     ]
     found += [
-        _ahead(f"{what}: {rule} score better than the mere share's", one[rule]["better"])
+        _ahead(f"{what}: {name} better than the base rate's", one[rule]["better"])
         for what, one in stated.items()
         if one["count"]
-        for rule in (("log",) if one["weighted"] else ("brier", "log"))
-        if one[rule]["better"]
+        for rule, name in (("brier", "Brier score"), ("log", "log score"))
+        if one[rule]["better"] and not (rule == "brier" and one["weighted"])
     ]
     return [one for one in found if one.value != "–"]
 
@@ -294,7 +319,7 @@ def _ahead(what: str, interval: Sequence[float]) -> Measured:
 
 
 def _statements(rows: Sequence[Row], *levels: str, side: str | None = None) -> list[Row]:
-    """Return what is stated of findings at some levels, on one side or on any, with the place of each mooring."""
+    """Select the statements of findings at some levels, on one side or any, with the place of each mooring."""
     return [
         one | {"place": row["place"]}
         for row in rows
@@ -303,8 +328,8 @@ def _statements(rows: Sequence[Row], *levels: str, side: str | None = None) -> l
     ]
 
 
-def _single_effects(rows: Sequence[Row]) -> list[Row]:
-    """Return every planted effect above the limit that its own record states: whether alone, and among the names."""
+def _detectable_effects(rows: Sequence[Row]) -> list[Row]:
+    """List every planted effect above the detection limit that its record states: whether alone, and whether named."""
     found = []
     for row in _of(rows, *score.KNOWN):
         for names, size, limit in zip(row["right"], row["visible_deg"], row["limits_deg"], strict=True):
@@ -336,6 +361,10 @@ def _misled(row: Row) -> bool:
     return bool(row["stated"]) and row["unexplained"] is None and not any(one["driver_right"] for one in row["stated"])
 
 
+def _by_bare_name(row: Row) -> bool:
+    return bool(row["outcome"] == "bare name")
+
+
 def _driver_first(row: Row) -> bool:
     return bool(row["stated"]) and row["stated"][0]["driver_right"]
 
@@ -355,10 +384,12 @@ def covered(row: Row) -> bool:
     return row["outcome"] in ("right", "in the set", "one too many")
 
 
-def wrong(row: Row) -> bool:
-    """Tell whether a finding holds nothing of what was planted."""
+def unrelated(row: Row) -> bool:
+    """Tell whether a finding has none of the planted effects among its names."""
     effects = [{"right": names} for names in row["right"]]
-    return any(not any(score.right(name, one) for one in effects for name in each) for each in row["sets"])
+    return row["outcome"] == "one too many" or any(
+        not any(score.right(name, one) for one in effects for name in each) for each in row["sets"]
+    )
 
 
 def worse(row: Row) -> bool:

@@ -51,10 +51,10 @@ def draw(
     """Return the moorings of one proof, made and real, in an order that tells nothing.
 
     Args:
-        counts: of moorings in made water, and in that of records as they are.
-        hours: of each record in made water.
+        counts: of moorings in simulated water, and in that of records as they are.
+        hours: of each record in simulated water.
         there: names of the real records, and whether the trusted instrument of each only stands in.
-        second: whether those in made water are of the second world.
+        second: whether those in simulated water are of the second world.
     """
     rng = np.random.default_rng([seed, 1])
     turns = rng.integers(0, 1000, 2)
