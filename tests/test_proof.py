@@ -20,7 +20,7 @@ from benchmarks.proof.world.scene import Acts
 from compasslib.effects import CATALOGUE
 
 HOURS, SEED = 1300, 3
-FILES = ("scorecard.json", "scorecard.md", "scorecard.html", "seal.json", "left.json")
+FILES = ("scorecard.json", "scorecard.md", "seal.json", "left.json")
 
 
 def truth(kind: str, *names: str, rivals: tuple[str, ...] = (), real: bool = False) -> dict:

@@ -1,9 +1,7 @@
-"""Write the scorecard: as JSON, as Markdown, and as one self-contained HTML page."""
+"""Write the scorecard, as JSON and as a page in Markdown that shows the figures."""
 
 from __future__ import annotations
 
-import base64
-import html
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +25,7 @@ Table = tuple[str, list[str], list[list[str]]]
 
 
 def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json, .md and .html.
+    """Write scorecard.json and scorecard.md.
 
     Args:
         made: all that the card says.
@@ -35,8 +33,9 @@ def write(out: Path, made: dict[str, Any]) -> None:
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
     tables = [table for table in _tables(made) if table[2]]
-    (out / "scorecard.md").write_text("\n\n".join([_heading(made), DEFINITIONS, *map(_markdown, tables)]) + "\n")
-    (out / "scorecard.html").write_text(_page(out / "figures", made, tables))
+    figures = [f"![{path.stem}](figures/{path.name})" for path in sorted((out / "figures").glob("*.png"))]
+    parts = [_heading(made), DEFINITIONS, _markdown(tables[0]), *figures, *map(_markdown, tables[1:])]
+    (out / "scorecard.md").write_text("\n\n".join(parts) + "\n")
 
 
 def _heading(made: dict[str, Any]) -> str:
@@ -196,22 +195,3 @@ def _markdown(table: Table) -> str:
     title, head, rows = table
     lines = [f"## {title}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
-
-
-def _page(figures: Path, made: dict[str, Any], tables: Sequence[Table]) -> str:
-    title, *sealed = _heading(made).removeprefix("# ").split("\n\n")
-    images = [base64.b64encode(path.read_bytes()).decode() for path in sorted(figures.glob("*.png"))]
-    parts = [f"<h1>{html.escape(title)}</h1>", *(f"<p>{html.escape(text)}</p>" for text in (*sealed, DEFINITIONS))]
-    parts += [f'<p><img alt="figure" src="data:image/png;base64,{image}"></p>' for image in images]
-    parts += [_html(table) for table in tables]
-    style = "body{font:15px sans-serif;max-width:75em;margin:2em auto}table{border-collapse:collapse}"
-    style += "td,th{border-bottom:1px solid #ccc;padding:.2em .6em;text-align:left;vertical-align:top}img{width:48em}"
-    begin = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
-    return f"{begin}<style>{style}</style><body>{''.join(parts)}</body></html>\n"
-
-
-def _html(table: Table) -> str:
-    title, head, rows = table
-    top = "".join(f"<th>{html.escape(one)}</th>" for one in head)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<h2>{html.escape(title)}</h2><table><tr>{top}</tr>{body}</table>"
