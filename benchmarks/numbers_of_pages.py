@@ -144,7 +144,8 @@ def goals(folder: str = "../proof/", *, missed_only: bool = False) -> str:
     some = [goal for goal in made["goals"] if goal["missed"] or not missed_only]
     rows = [[goal["what"], goal["value"], goal["target"] + ", missed" * goal["missed"]] for goal in some]
     shown = table(rows, ("measure", "value (95 % interval)", "wanted"))
-    return f"[Scorecard]({folder}{CARD.name}/scorecard.md) of {_moorings(made)}:\n\n{shown}\n"
+    figure = "" if missed_only else f"\n![True errors of headings]({folder}{CARD.name}/figures/headings.png)\n"
+    return f"[Scorecard]({folder}{CARD.name}/scorecard.md) of {_moorings(made)}:\n\n{shown}\n{figure}"
 
 
 def _moorings(made: dict[str, Any]) -> str:

@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FixedLocator, NullLocator
 
 from benchmarks import targets
 from benchmarks.proof import score, tally
-from compasslib.plots.page import BLUE, GREEN, GREY, ORANGE, WIDE_IN, page
+from compasslib.plots.page import BLUE, GREY, WIDE_IN, page
+
+TICKS_DEG = (0.2, 0.5, 1, 2, 5, 10, 20, 50)
 
 
 def write(folder: Path, made: dict[str, Any]) -> None:
@@ -57,12 +60,12 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
     title += "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
     with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
         panels = figure.subplots(1, 2, sharey=True)
-        for axes, place in zip(panels, ("made", "real"), strict=True):
+        for axes, (place, water) in zip(panels, {"made": "simulated", "real": "real"}.items(), strict=True):
             some = [one for one in bins if one["place"] == place]
             for key, colour, shift in (("detected", GREY, -0.08), ("named", BLUE, 0.08)):
                 _bars(axes, np.arange(len(some)) + shift, [(one[key], one["count"]) for one in some], colour, key)
             axes.set_xticks(range(len(some)), [f"{_range(one)}\nn = {one['count']}" for one in some])
-            axes.set(xlabel=f"Visible size, {place} water, rms (°)", ylim=(-0.03, 1.03))
+            axes.set(xlabel=f"Visible size, {water} water, rms (°)", ylim=(-0.03, 1.03))
         panels[0].set_ylabel("Share")
         panels[0].legend(loc="upper left", ncols=2, bbox_to_anchor=(0.08, 1.15))
 
@@ -95,28 +98,28 @@ def _bars(axes: Any, at: np.ndarray, counts: Sequence[tuple[int, int]], colour: 
 
 
 def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Draw the true error of the heading of every mooring: fit, product and oracle."""
-    some = [row for row in rows if row["before_deg"] is not None and row["after_deg"] is not None]
-    some = sorted(some, key=lambda row: (row["kind"] not in score.KNOWN, row["before_deg"]))
-    known = sum(row["kind"] in score.KNOWN for row in some)
-    at = np.arange(len(some))
-    title = "True error of the heading\nLeft of the line listed effects, right of it all others; in order of the "
-    title += "fit's error.\nWhere no orange dot is seen the product is the fit."
-    with page(path, 3.3, width_in=WIDE_IN, title=title) as figure:
-        axes = figure.subplots()
-        before, after, oracle = (np.array([row[k] for row in some]) for k in ("before_deg", "after_deg", "oracle_deg"))
-        axes.vlines(at, np.minimum(before, after), np.maximum(before, after), color=GREY, linewidth=0.6)
-        axes.plot(at, before, "o", color=ORANGE, markersize=4, label="fit")
-        axes.plot(at, after, "o", color=BLUE, markersize=4, label="product")
-        axes.plot(at, oracle, "_", color=GREEN, markersize=7, label="oracle")
-        axes.axvline(known - 0.5, color=GREY, linewidth=0.6)
-        axes.set(xlabel="Mooring", ylabel="Error, rms (°)", ylim=(0.0, None))
-        axes.set_xticks(at[:: max(1, len(some) // 12)], [row["name"] for row in some][:: max(1, len(some) // 12)])
-        axes.legend(loc="upper left", ncols=3, bbox_to_anchor=(0.0, 1.13))
+    """Draw the true error of every mooring's headings by the product against that by the fit."""
+    title = "True error of the heading, rms, a dot for each mooring\n"
+    title += "Below the line the product is better than the fit."
+    groups = {"No fault": score.QUIET, "Listed effects": score.KNOWN, "Unlisted effects": score.UNNAMED}
+    with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
+        panels = figure.subplots(1, len(groups), sharex=True, sharey=True)
+        for axes, (what, kinds) in zip(panels, groups.items(), strict=True):
+            some = [row for row in rows if row["kind"] in kinds and row["before_deg"] and row["after_deg"]]
+            axes.axline((1.0, 1.0), (2.0, 2.0), color=GREY, linewidth=0.6)
+            axes.plot([row["before_deg"] for row in some], [row["after_deg"] for row in some], "o", color=BLUE,
+                      markersize=3, alpha=0.5, markeredgewidth=0.0)  # fmt: skip
+            axes.set(xscale="log", yscale="log", title=f"{what}, n = {len(some)}", xlabel="Fit (°)")
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(FixedLocator(TICKS_DEG))
+                axis.set_major_formatter("{x:g}")
+                axis.set_minor_locator(NullLocator())
+        panels[0].set_ylabel("Product (°)")
 
 
 def _words(name: str) -> str:
-    return name.replace("_", " ")
+    kind = name.strip("()")
+    return f"({tally.QUIET[kind]})" if kind in tally.QUIET else name.replace("_", " ")
 
 
 def _range(one: dict[str, Any]) -> str:

@@ -49,7 +49,7 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
     stated = sum(one["probability"] for one in names) / max(len(names), 1)
     large = [row for row in single if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
-    detectable = _detectable_effects(rows)
+    detectable = _detectable_effects(rows, "single")
     corrected = [row for row in rows if _whole(row)]
     return [
         Rate("no fault: attributed to compass or clock", no_fault, falsely, {"most": 0.02}),
@@ -87,15 +87,13 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         ),
         Rate(f"one effect of {EASY_DEG:g}° or more on the compass: stated", large, _by_name),
         Rate(f"one effect of {EASY_DEG:g}° or more on the compass: its driver stated", large, _by_driver),
-        Rate(
-            "one effect above its stated detection limit: named",
-            [one for one in detectable if one["alone"]],
-            lambda one: one["named"],
-        ),
+        Rate("one effect above its stated detection limit: named", detectable, lambda row: row["named"]),
+        Rate("one effect above its stated detection limit: stated", detectable, _by_name, {"least": 0.6}),
+        Rate("one effect above its stated detection limit: its driver stated", detectable, _by_driver, {"least": 0.85}),
         Rate(
             "one of two effects above its stated detection limit: named",
-            [one for one in detectable if not one["alone"]],
-            lambda one: one["named"],
+            _detectable_effects(rows, "pair"),
+            lambda row: row["named"],
         ),
         Rate(
             f"effect of {EASY_DEG:g}° or more on the current: stated",
@@ -328,14 +326,14 @@ def _statements(rows: Sequence[Row], *levels: str, side: str | None = None) -> l
     ]
 
 
-def _detectable_effects(rows: Sequence[Row]) -> list[Row]:
-    """List every planted effect above the detection limit that its record states: whether alone, and whether named."""
+def _detectable_effects(rows: Sequence[Row], kind: str) -> list[Row]:
+    """List, for every planted effect above the detection limit of its record, the row and whether it is named."""
     found = []
-    for row in _of(rows, *score.KNOWN):
+    for row in _of(rows, kind):
         for names, size, limit in zip(row["right"], row["visible_deg"], row["limits_deg"], strict=True):
             if limit is not None and size > limit:
                 named = any(score.right(name, {"right": names}) for each in row["sets"] for name in each)
-                found.append({"place": row["place"], "alone": row["kind"] == "single", "named": named})
+                found.append(row | {"named": named})
     return found
 
 
