@@ -391,6 +391,7 @@ def test_a_proof_is_drawn_in_the_promised_shares():
     waters = [{one.water for one in drawn if one.real is real} for real in (False, True)]
     assert waters == [{"made", "eh2", "papa"}, {"eh2", "papa", "aqd"}]  # what only stands in is never made longer
     assert draw.draw(1, (200, 100), 8800, there) == drawn != draw.draw(2, (200, 100), 8800, there)
+    assert {one.kind for one in draw.draw(1, (9, 3), 8800, there, kind="undecidable")} == {"undecidable"}
 
 
 def test_a_reading_is_turned_back_by_the_coefficients_that_made_it():

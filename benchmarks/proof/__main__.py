@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.proof import recordings, run, seal, standing, steps
+from benchmarks.proof.world import draw
 
 DATA = standing.PROJECT.parent / "shared" / "data"
 
@@ -32,6 +33,7 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--second", action="store_true", help="the second world: internal waves, a leaning string, no real water"
     )
+    parser.add_argument("--kind", choices=sorted({*draw.MADE, *draw.REAL}), help="moorings of one kind only")
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--data", type=Path, default=DATA, help="folder of recordings (../shared/data)")
     parser.add_argument("--records", type=Path, help="folder with descriptions of more real records")

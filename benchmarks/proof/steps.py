@@ -27,6 +27,7 @@ def said(asked: argparse.Namespace) -> dict[str, Any]:
         "seed_of": "chosen by hand" if by_hand else f"commit {standing.commit(asked.frozen)} and the sealed families",
         "count": asked.count, "real": real, "hours": asked.hours, "records": there, "published": asked.published,
         "second": asked.second, "families": families, "engine": standing.engine(),
+        **({"kind": asked.kind} if asked.kind else {}),
     }  # fmt: skip
 
 
@@ -43,7 +44,7 @@ def make(asked: argparse.Namespace, publish: dict[str, Any], work: Path) -> list
     begun.write_text(json.dumps(publish, indent=1) + "\n")
     (work / "locked").mkdir(exist_ok=True)
     drawn = draw.draw(publish["seed"], (publish["count"], publish["real"]), publish["hours"], publish["records"],
-                      second=publish["second"])  # fmt: skip
+                      second=publish["second"], kind=publish.get("kind"))  # fmt: skip
     if not published.exists() or not (work / "sealed").exists():
         wanted = [one.name for one in drawn if not (work / "locked" / f"{one.name}.json").exists()]
         run.each(partial(_make, {one.name: one for one in drawn}, work, asked.data, asked.records), wanted, asked.cores,

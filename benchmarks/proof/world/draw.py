@@ -46,22 +46,31 @@ class Drawn:
 
 
 def draw(
-    seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool], *, second: bool = False
+    seed: int,
+    counts: tuple[int, int],
+    hours: int,
+    there: dict[str, bool],
+    *,
+    second: bool = False,
+    kind: str | None = None,
 ) -> list[Drawn]:
-    """Return the moorings of one proof, made and real, in an order that tells nothing.
+    """Draw the moorings of one proof, in simulated and in real water, in random order.
 
     Args:
         counts: of moorings in simulated water, and in that of records as they are.
         hours: of each record in simulated water.
         there: names of the real records, and whether the trusted instrument of each only stands in.
         second: whether those in simulated water are of the second world.
+        kind: of all moorings; where None, kinds have the shares of MADE and REAL.
     """
     rng = np.random.default_rng([seed, 1])
     turns = rng.integers(0, 1000, 2)
     made = [
-        _one(seed, f"{letter}{place + 1:03d}", kind, int(turn) + k, (hours, there, letter == "R"))
+        _one(seed, f"{letter}{place + 1:03d}", each, int(turn) + k, (hours, there, letter == "R"))
         for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True)
-        for k, (place, kind) in enumerate(zip(rng.permutation(count), _kinds(shares, count), strict=True))
+        for k, (place, each) in enumerate(
+            zip(rng.permutation(count), _kinds({kind: 1.0} if kind else shares, count), strict=True)
+        )
     ]
     if second:
         made = [one if one.real else replace(one, water=waves.WATER) for one in made]
