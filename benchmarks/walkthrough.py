@@ -87,46 +87,45 @@ def page(figures: dict[str, Any]) -> str:
         for name, value in found["parameters"].items()
         if (meaning := meanings(found["effect"])[name])
     )
-    return f"""# Concealed, located, named, modelled, shown
+    return f"""# A concealed error, step by step
 
-Where a simulation and a recording differ, this software locates the mismatch, names the physics that was left out, models it
-and shows that the fit improves; where it cannot, it says so. Four demonstration moorings test that: `make run` simulates them,
-draws the faults of each at random, by a seed, and no stage but the page that compares ever reads them. C1 is followed here from the
-raw file to the truth, and then what was missed.
+Where a simulation and a recording differ, the search locates the mismatch, names the physics that was left out, models it
+and shows that the fit improves; where the record does not allow this, it says so. Four demonstration moorings test it: `make run`
+simulates them with faults drawn at random by a seed, which only the page that compares results with the truth reads. This page follows
+C1 from the raw file to the truth, and lists what was missed.
 
 *Written by `benchmarks/walkthrough.py` from the results of {figures["version"]}, {figures["date"]}, seed {figures["seed"]}.
-`results/concealed.html` has the same for your own run, and `make concealed SEED=n` draws other causes.*
+`results/concealed.html` has the same comparison for your own run, and `make concealed SEED=n` draws other causes.*
 
 ## Concealed
 
 `raw/C1/top.000` ({mooring["files"]["top.000"] / 1000:.0f} kB, RDI PD0) is the affected profiler, `raw/C1/deep.000` the reference below it. The
-{mooring["samples"]} recorded headings are wrong by {mooring["error"]["recorded"]} rms (95 % interval). Iron is one cause, which the five
-coefficients of every compass near iron take up. Two more were planted, sizes being what those coefficients leave of them:
+{mooring["samples"]} recorded headings are wrong by {mooring["error"]["recorded"]} rms (95 % interval). One cause is constant iron, which the five
+coefficients of a compass near iron describe. Two more were planted; their sizes are the rms that remains after fitting these coefficients:
 
 {_planted(mooring)}
 
 ## Located
 
-The pipeline compares the directions of both instruments on {mooring["pairs"]} pairs and fits the five coefficients. In truth the headings are
-still wrong by {mooring["error"]["fit"]}: one set of coefficients stands for the compass before and after
-the change, and for its heeling. Each way the record may differ
-from that fit is then tried along time, temperature, tilt, speed and the other covariates. From even odds, those that compass or clock are at
-fault rise by a factor of {_factor(mooring["bayes_factor"])}, and the date that fits best is **{_minute(found["when"]["from"])}**
+The pipeline compares the directions of both instruments on {mooring["pairs"]} pairs and fits the five coefficients. The true error of the
+headings is then still {mooring["error"]["fit"]}: one set of coefficients cannot describe the compass before and after the change, nor its
+heeling. The search tests how the record differs from that fit along time, temperature, tilt, speed and the other covariates. The Bayes
+factor for a fault of compass or clock is {_factor(mooring["bayes_factor"])}, and the most probable date is **{_minute(found["when"]["from"])}**
 (panel c, dotted).
 
 ## Named
 
 **{words.plain(found["effect"]).capitalize()}**, probability {words.chance(found["probability"])}; alternatives in
 the catalogue: {", ".join(map(words.plain, found["alternatives"])) or "none"}. The verdict is `{mooring["verdict"]}`,
-which does not say that nothing else is wrong.
+which does not exclude further errors.
 
 ![The diagnosis of C1](../diagnosis.png)
 
-*The diagnosis of C1. (a) Left-out days alone, in bins of the turn by the step that a fit to the other days predicts for them: their residual
-without the prediction (orange) and with it (blue). Were prediction and residual equal, the orange points would lie on the black line; the
-blue line is the slope that they have. (b) The residual of all days by recorded heading. (c) How much of the step the residual of each week
-has: without correction it jumps at the date, with correction it does not. (d) Along {words.plain(mooring["along"][-1])}: of the other
-quantities logged, where most is left. (e) The size of the step. Grey: 95 % range of noise.*
+*The diagnosis of C1. (a) Held-out days, binned by the turn that a fit to the other days predicts for them: their residual before
+(orange) and after (blue) subtracting the prediction. If prediction and residual were equal, the orange points would lie on the black line;
+the blue line has the fitted slope. (b) The residual of all days by recorded heading. (c) The share of the step in the residual of each
+week: it jumps at the date without the correction, not with it. (d) The residual along {words.plain(mooring["along"][-1])}, of the other
+logged quantities the one where it is largest. (e) The size of the step on held-out days. Grey: 95 % range of noise.*
 
 ## Modelled
 
@@ -136,26 +135,26 @@ The step enters the equations of the compass as a field in the instrument's fram
 |---|---|---|
 {values}
 
-Its visible size is {found["rms_effect_deg"]:.1f}° rms. On left-out days the largest residual of a point in panel (a) falls from
+Its visible size is {found["rms_effect_deg"]:.1f}° rms. On held-out days the largest residual of a point in panel (a) falls from
 {bins[0]:.1f}° to {bins[1]:.1f}° with the prediction of the other days.
 
 ## Shown
 
-* **On days that were left out**, with effect, driver, date and size chosen anew without them, the step is
-  {amplitude["held_out"]:.1f}° ({amplitude["low"]:.1f} to {amplitude["high"]:.1f}°) where the other days predict {amplitude["fitted_elsewhere"]:.1f}°. These days gain
-  {gain["value"]:.0f} ({gain["low"]:.0f} to {gain["high"]:.0f}) in log score; of {placebo["n"]} records simulated without the effect
-  {round(placebo["rank_p"] * (placebo["n"] + 1)) - 1} gain as much. {_slope(proof["slope"])}
-* **In degrees of heading**: without the step, the software says, headings would be wrong by {without:.1f}° rms. The truth:
-  {off["fit"]:.1f}° by the coefficients alone, {off["corrected"]:.1f}° as corrected, √({off["fit"]:.1f}² − {off["corrected"]:.1f}²) = {removed:.1f}°.
+* **On held-out days**, with effect, driver, date and size selected again without them, the step is
+  {amplitude["held_out"]:.1f}° ({amplitude["low"]:.1f} to {amplitude["high"]:.1f}°) where the other days predict {amplitude["fitted_elsewhere"]:.1f}°. The log score of these days
+  improves by {gain["value"]:.0f} ({gain["low"]:.0f} to {gain["high"]:.0f}); it improves as much in
+  {round(placebo["rank_p"] * (placebo["n"] + 1)) - 1} of {placebo["n"]} records simulated without the effect. {_slope(proof["slope"])}
+* **In degrees of heading**: the error without the step is stated as {without:.1f}° rms. True errors are
+  {off["fit"]:.1f}° with the coefficients alone and {off["corrected"]:.1f}° as corrected, and √({off["fit"]:.1f}² − {off["corrected"]:.1f}²) = {removed:.1f}°.
 * **Stated uncertainty**: {mooring["sigma_rms_deg"]:.1f}° (1σ, rms); {_share(mooring)} of the headings lie within their 95 % range.
 
 ![Heading errors of C1](../concealed_errors.png)
 
-*The error of each heading, corrected minus true; the software never saw the truth. (a) By the coefficients alone, (b) as corrected, with the
+*The error of each heading, corrected minus true; the truth was not available to the pipeline. (a) With the coefficients alone, (b) as corrected, with the
 95 % range that `corrected.nc` states for single headings. Dotted: when the iron changed.*
 
 The raw difference of directions ({mooring["difference_deg"][0]:.1f}° rms before, {mooring["difference_deg"][1]:.1f}° after all corrections) says
-little about the headings: most of it is the currents' own difference between the two depths, and noise.
+little about the headings: most of it is the difference of the currents between the two depths, and noise.
 
 ## What it missed
 
@@ -168,20 +167,15 @@ Rms heading error, with its 95 % interval.
 {_missed(moorings)}
 
 {_judgement(moorings)} Four moorings are
-no statistic. [The sealed proof](proof.md) has 450, with [what is missed and why](../proof/known-misses.md), and
-says how to repeat it.
+no statistics. The [sealed proof](proof.md) has 450, and the [known misses](../proof/known-misses.md) say what is missed and why.
 """
 
 
 def _slope(slope: dict[str, float] | None) -> str:
-    """State whether the left-out days agree with the prediction in size and form."""
+    """State whether the held-out days agree with the prediction in size and form."""
     if slope is None:
         return "The step is too small for a slope."
-    agrees = (
-        "agree with each other to within chance"
-        if slope["low"] <= 1.0 <= slope["high"]
-        else "differ by more than chance does"
-    )
+    agrees = "agree to within chance" if slope["low"] <= 1.0 <= slope["high"] else "differ by more than chance"
     return f"The slope in panel (a) is {slope['value']:.2f} ({slope['low']:.2f} to {slope['high']:.2f}): the parts of the record {agrees}."
 
 
@@ -224,7 +218,7 @@ def _judgement(moorings: dict[str, Any]) -> str:
         for cause in m["planted"]
         if cause["driver"] not in {finding["driver"] for finding in m["findings"]} and (limits := _limits(cause, m))
     ]
-    wrong = f"; in {' and '.join(off)} they do not, and the diagnosis did not notice" if off else ""
+    wrong = f"; in {' and '.join(off)} they do not, which the diagnosis did not detect" if off else ""
     return f"The stated uncertainties hold in {', '.join(held)}{wrong}. Of the causes not detected, {sum(missed)} of {len(missed)} are larger than the smallest limit stated for their driver: `consistent` is no proof."
 
 
@@ -250,10 +244,10 @@ def _missed(moorings: dict[str, Any]) -> str:
         wrong = [
             finding for driver, finding in found.items() if driver not in {cause["driver"] for cause in m["planted"]}
         ]
-        lines += [f"* **{name}: not there**, {words.plain(finding['effect'])}." for finding in wrong]
+        lines += [f"* **{name}: false finding**, {words.plain(finding['effect'])}." for finding in wrong]
         if m["understated"]:
             lines.append(
-                f"* **{name}: uncertainty too small.** Of the headings {_share(m)} lie within their 95 % range. It states {m['sigma_rms_deg']:.1f}° (1σ, rms) where headings are wrong by "
+                f"* **{name}: uncertainty too small.** Of the headings {_share(m)} lie within their 95 % range. The stated 1σ is {m['sigma_rms_deg']:.1f}° rms, the true error "
                 f"{m['error_rms_deg']['corrected']:.1f}°."
             )
     return "\n".join(lines)
@@ -268,9 +262,9 @@ def _limits(cause: dict[str, Any], mooring: dict[str, Any]) -> dict[str, float]:
 def _doubt(finding: dict[str, Any]) -> str:
     size, placebo = finding["heldout"]["amplitude_deg"], finding["heldout"]["placebo"]
     return (
-        f"{words.plain(finding['effect']).capitalize()} has probability {words.chance(finding['probability'])}, but on left-out days its size is "
+        f"{words.plain(finding['effect']).capitalize()} has probability {words.chance(finding['probability'])}, but on held-out days its size is "
         f"{size['held_out']:.1f}° ({words.number(size['low'])} to {size['high']:.1f}°) where the others predict {size['fitted_elsewhere']:.1f}°, and "
-        f"{round(placebo['rank_p'] * (placebo['n'] + 1)) - 1} of {placebo['n']} records simulated without it gain as much."
+        f"{round(placebo['rank_p'] * (placebo['n'] + 1)) - 1} of {placebo['n']} records simulated without it improve as much."
     )
 
 
