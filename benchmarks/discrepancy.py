@@ -342,7 +342,10 @@ def reliability(rows: list[dict]) -> None:
         some = [(p, right) for p, right in told if low <= p < high]
         if some:
             mean = np.mean([p for p, _ in some])
-            line(f"names given {100 * mean:.0f} % on average: right", targets.share_of(right for _, right in some))
+            line(
+                f"effects named with {100 * mean:.0f} % on average: correct",
+                targets.share_of(right for _, right in some),
+            )
 
 
 def oracle(rows: list[dict], what: str) -> bool:

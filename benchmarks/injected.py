@@ -264,7 +264,7 @@ def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float =
     good = bench.told(targets.grouped(plain, values, [row["water"] for row in rows]))
     for record in dict.fromkeys(row["record"] for row in rows):
         own = [row for row in rows if row["record"] == record]
-        note = "set on nothing" if record == LEFT_OUT else ""
+        note = "used for no choice" if record == LEFT_OUT else ""
         bench.line(f"- {record}", targets.share_of(told(row) for row in own), note)
     return good
 
@@ -283,20 +283,22 @@ def report(rows: list[dict]) -> bool:
     targets.head("measure", "value", "target")
     of = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
     good = [
-        held("nulls: a name on the compass's side", of["null"], named, most=0.02),
-        held("nulls: P(compass) + P(clock) at least 1/2", of["null"], bench.accused, most=0.02),
-        held("nulls called unexplained", of["null"], lambda row: row["left"] is not None),
-        held("nulls with any name", of["null"], lambda row: bool(row["sets"])),
+        held("no effect: attributed to compass or clock", of["null"], named, most=0.02),
+        held("no effect: P(compass) + P(clock) at least 1/2", of["null"], bench.accused, most=0.02),
+        held("no effect: unexplained", of["null"], lambda row: row["left"] is not None),
+        held("no effect: attributed to anything", of["null"], lambda row: bool(row["sets"])),
     ]
     for logged in LOGGED:
         some = [row for row in of["null"] if row["case"]["logged"] == logged]
-        bench.line(f"nulls, covariates {logged}: named on the compass's side", targets.share_of(map(named, some)))
+        bench.line(
+            f"no effect, covariates {logged}: attributed to compass or clock", targets.share_of(map(named, some))
+        )
     for size in bench.SIZES["single"]:
         some = [row for row in of["single"] if row["size"] == size]
         got = [row for row in some if bench.detected(row)]
         alone = [row for row in got if len(row["sets"]) == 1 and len(row["sets"][0]) == 1 and row["left"] is None]
         good += [
-            held(f"single {size}: the true side at least as probable as not", some, bench.detected),
+            held(f"single {size}: true side with a probability of at least 1/2", some, bench.detected),
             held(f"single {size}: truth in the set, where detected", got, bench.covered, least=0.97),
             held(f"single {size}: right where one name is given", alone, bench.covered, least=0.97),
         ]
@@ -305,7 +307,7 @@ def report(rows: list[dict]) -> bool:
         headings(kind, of[kind])
     if rows:
         seconds = [row["seconds"] for row in rows]
-        bench.line("seconds a recording: median, 95 %", f"{np.median(seconds):.1f}, {np.quantile(seconds, 0.95):.1f}")
+        bench.line("seconds per recording: median, 95 %", f"{np.median(seconds):.1f}, {np.quantile(seconds, 0.95):.1f}")
     return all(good)
 
 
@@ -317,18 +319,16 @@ def headings(kind: str, rows: list[dict]) -> None:
     ways = ("recorded", "published", "plain", "after", "level")
     for record in dict.fromkeys(row["record"] for row in rows):
         own = [row["refuted"] for row in rows if row["record"] == record]
-        bench.line(f"{kind}, {record}: refuted by held-out pairs, all headings flagged", targets.share_of(own))
+        bench.line(f"{kind}, {record}: refuted by held-out pairs, all headings doubtful", targets.share_of(own))
     rows = [row for row in rows if not row["refuted"]]
     for record in (*dict.fromkeys(row["record"] for row in rows), "all") if rows else ():
         own = [row for row in rows if record in ("all", row["record"])]
         each = {way: np.array([row[f"error_{way}"] for row in own], dtype=float) for way in ways}
         text = ", ".join(f"{np.sqrt(np.nanmean(one**2)):.2f}" for one in each.values())
-        bench.line(
-            f"{kind}, {record}: error as recorded, by the published method ({np.isfinite(each['published']).sum()} of "
-            f"{len(own)} fitted), by the fit alone, after the search, by the best level compass, rms",
-            text,
-        )
-        bench.line(f"{kind}, {record}: worse than by the fit alone by over 0.1 degree",
+        fitted = f"published method ({np.isfinite(each['published']).sum()} of {len(own)} fitted)"
+        what = f"{kind}, {record}: rms error in degrees: recorded, {fitted}, fit, product, best five coefficients"
+        bench.line(what, text)
+        bench.line(f"{kind}, {record}: worse than the fit by over 0.1 degree",
                    targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own))  # fmt: skip
         both = [100.0 * np.array([row[name] for row in own]) for name in ("covered", "centred")]
         told = f"{targets.middle(both[0], np.mean, unit=' %', fewest=5)}; {both[1].mean():.1f} %"
