@@ -33,7 +33,7 @@ def test_the_threshold_is_that_of_many_normals():
     assert threshold == pytest.approx(3.72, abs=0.05)
 
 
-@pytest.mark.parametrize("ahead_h", [-0.8, 0.5, 2.3])
+@pytest.mark.parametrize("ahead_h", [-0.8, 1.0, 2.3])
 def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
     seen, _ = pairs(n=4000, seed=5)
     wrong = mooring.repair_pairs(seen, mooring.ClockError(-ahead_h, 0.0, 0.01, 0.01, True, False))
@@ -52,6 +52,18 @@ def test_a_clock_drift_is_told_from_an_offset():
     assert found.drift_named and not found.offset_named
     assert found.drift_h_year == pytest.approx(2.0, abs=4 * found.drift_sigma_h_year)
     assert found.ahead_s(wrong.time_s)[-1] == pytest.approx(7200.0 * np.ptp(wrong.time_s) / YEAR_S, rel=0.2)
+
+
+def test_water_that_arrives_late_at_one_depth_is_no_clock_error():
+    years = np.linspace(0.03, 0.97, 16)
+    scatter = np.random.default_rng(2).normal(0.0, 0.03, 16)
+    late = mooring._select_clock(years, -0.35 + scatter, 1.0)
+    assert not late.named and abs(late.offset_h + 0.35) < 0.02 and late.offset_sigma_h >= mooring.DELAY_SIGMA_H
+    assert mooring._select_clock(years, -1.0 + scatter, 1.0).offset_named
+    # What a delay adds to a drift is taken from its rate.
+    drift = mooring._select_clock(years, 0.2 + 0.9 * years + scatter, 1.0)
+    assert drift.drift_named and not drift.offset_named
+    assert abs(drift.drift_h_year - 0.9) < 3.0 * drift.drift_sigma_h_year < 0.5
 
 
 def test_good_clocks_and_sparse_pairs_are_not_named():

@@ -44,10 +44,10 @@ WINDOWS, FEWEST_IN_WINDOW = 16, 100  # in which the clocks are compared
 LONGEST_HOURS = 12.0  # time zones; beyond, tides repeat
 SLOW_HOURS = 12.0  # half of the running mean that is taken off
 CLOCK_SIGMAS = 4.0  # normal score of what is named
-NEARLY_AS_GOOD = 10.0
-# Delay between the instruments that is no clock: water that arrives at one depth later (0.21 h in a real record of one
-# instrument with one clock), stamps at the begin, middle or end of an average. Assumed.
-DELAY_SIGMA_H = 0.1  # delay of real water itself, over a whole record
+NEARLY_AS_GOOD = 10.0  # difference of chi squared below which an offset and a drift are not distinguished
+# Delay between the instruments that is no clock: water that arrives at one depth later, stamps at the begin, middle or
+# end of an average. Between depths of one real record (eh2) it is 0.2 h, between stretches of it 0.3 h.
+DELAY_SIGMA_H = 0.15  # of a whole record
 CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
 
 MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
@@ -113,44 +113,39 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
 
 
 def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockError:
-    """Select the simplest clock that fits the windows: an offset, a drift from zero, or both."""
+    """Select the simplest clock that fits the windows beside a delay of the water: an offset, a drift, or both."""
     ones = np.ones(len(years))
-    (mean, mean_sigma, _), (rate, rate_sigma, _) = (_fit(x[:, None], ahead_h) for x in (ones, years))
-    square = [_fit(x, ahead_h)[2] for x in (ones[:, None], years[:, None], np.column_stack([ones, years]))]
-    line, line_sigma, _ = _fit(np.column_stack([ones, years]), ahead_h)
-    large = abs(line[0]) >= LEAST_CLOCK_H and abs(line[1]) * span_years >= LEAST_CLOCK_H
-    both = min(square[:2]) / square[2] - 1.0 > CLOCK_SIGMAS**2 / (len(years) - 2)
-    if (
-        both
-        and large
-        and all(_is_significant(*estimate, len(years) - 2) for estimate in zip(line, line_sigma, strict=True))
-    ):
-        return ClockError(line[0], line[1], np.hypot(line_sigma[0], DELAY_SIGMA_H), line_sigma[1], True, True)
-    if square[1] < square[0]:
-        named = _is_significant(rate[0], rate_sigma[0], len(years) - 1) and abs(rate[0]) * span_years >= LEAST_CLOCK_H
-        # A drift that begins at zero takes a constant delay for 1.5 of it over the whole span.
-        sigma = np.hypot(rate_sigma[0], 1.5 * DELAY_SIGMA_H / span_years)
-        return ClockError(
-            0.0, rate[0], line_sigma[0], sigma, False, named, _nearly_as_good(square[0], square[1], len(years))
-        )
-    named = _is_significant(mean[0], mean_sigma[0], len(years) - 1) and abs(mean[0]) >= LEAST_CLOCK_H
-    sigma = np.hypot(mean_sigma[0], DELAY_SIGMA_H)
-    return ClockError(
-        mean[0], 0.0, sigma, line_sigma[1], named, False, _nearly_as_good(square[1], square[0], len(years))
-    )
+    scatter = float(np.std(ahead_h - np.polynomial.Polynomial.fit(years, ahead_h, 1)(years), ddof=2))
+    line, line_sigma, least = _fit(np.column_stack([ones, years]), ahead_h, scatter)
+    (mean,), (mean_sigma,), without_drift = _fit(ones[:, None], ahead_h, scatter)
+    (rate,), (rate_sigma,), without_offset = _fit(years[:, None], ahead_h, scatter)
+    freedom = len(years) - 2
+
+    def proven(value_h: float, sigma_h: float) -> bool:
+        return _is_significant(value_h, sigma_h, freedom) and abs(value_h) >= LEAST_CLOCK_H
+
+    both = proven(line[0], line_sigma[0]) and proven(line[1] * span_years, line_sigma[1] * span_years)
+    if both and min(without_drift, without_offset) - least > CLOCK_SIGMAS**2:
+        return ClockError(*line, *line_sigma, True, True)
+    ambiguous = abs(without_drift - without_offset) < NEARLY_AS_GOOD
+    if without_offset < without_drift:
+        named = proven(rate * span_years, rate_sigma * span_years)
+        return ClockError(0.0, rate, line_sigma[0], rate_sigma, False, named, ambiguous)
+    return ClockError(mean, 0.0, mean_sigma, line_sigma[1], proven(mean, mean_sigma), False, ambiguous)
 
 
-def _fit(design: Floats, ahead_h: Floats) -> tuple[list[float], list[float], float]:
-    """Fit by least squares: values, standard errors and the sum of squares."""
-    values, *_ = np.linalg.lstsq(design, ahead_h, rcond=None)
-    square = float(np.sum((ahead_h - design @ values) ** 2))
-    variance = square / (len(ahead_h) - design.shape[1])
-    return values.tolist(), np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * variance).tolist(), square
+def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[float], list[float], float]:
+    """Fit the windows by generalized least squares: values, standard errors and chi squared.
 
-
-def _nearly_as_good(other: float, best: float, windows: int) -> bool:
-    """Tell whether another clock fits nearly as well: twice the log-likelihood by less than ten."""
-    return windows * np.log(other / best) < NEARLY_AS_GOOD
+    Args:
+        scatter_h: of a window; all share the delay of the water.
+    """
+    noise = np.eye(len(ahead_h)) * max(scatter_h, 0.01) ** 2 + DELAY_SIGMA_H**2
+    whitener = np.linalg.inv(np.linalg.cholesky(noise))
+    columns, wanted = whitener @ design, whitener @ ahead_h
+    values, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
+    sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+    return values.tolist(), sigma.tolist(), float(np.sum((wanted - columns @ values) ** 2))
 
 
 def _is_significant(value: float, sigma: float, freedom: int) -> bool:
