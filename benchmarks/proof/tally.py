@@ -368,8 +368,8 @@ def _driver_first(row: Row) -> bool:
 
 
 def seen(row: Row) -> bool:
-    """Tell whether anything was found."""
-    return bool(row["sets"]) or row["unexplained"] is not None
+    """Tell whether anything was found, in the current too where the effect acts on it."""
+    return bool(row["sets"]) or row["unexplained"] is not None or covered(row)
 
 
 def falsely(row: Row) -> bool:
