@@ -126,7 +126,7 @@ def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockErr
 
     both = proven(line[0], line_sigma[0]) and proven(line[1] * span_years, line_sigma[1] * span_years)
     if both and min(without_drift, without_offset) - least > CLOCK_SIGMAS**2:
-        return ClockError(*line, *line_sigma, True, True)
+        return ClockError(line[0], line[1], line_sigma[0], line_sigma[1], True, True)
     ambiguous = abs(without_drift - without_offset) < NEARLY_AS_GOOD
     if without_offset < without_drift:
         named = proven(rate * span_years, rate_sigma * span_years)
