@@ -109,19 +109,14 @@ def _warnings(
     )
     pairs = netcdf.read_pairs(folder / "overlap.nc").warnings
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
-    first = [*refuted, *reasons, *diagnosis.get("warnings", ()), *_unexplained(diagnosis), *pairs]
+    unexplained = []
+    if left := diagnosis["unexplained"]:  # the verdict alone does not tell how large it is
+        unexplained = [
+            f"a mismatch of {left['rms_effect_deg']:.1f}° rms {left['where']['text']} is unexplained and not "
+            "corrected; it is included in the uncertainty"
+        ]
+    first = [*refuted, *reasons, *diagnosis.get("warnings", ()), *unexplained, *pairs]
     return [*first, *fit["warnings"], *field["warnings"]]
-
-
-def _unexplained(diagnosis: Mapping[str, Any]) -> list[str]:
-    """Say what the search saw and nothing predicts: the verdict alone does not tell how large it is."""
-    left = diagnosis["unexplained"]
-    if not left:
-        return []
-    return [
-        f"a mismatch of {left['rms_effect_deg']:.1f}° rms {left['where']['text']} is unexplained and not "
-        "corrected; it is included in the uncertainty"
-    ]
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

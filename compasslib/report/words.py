@@ -150,7 +150,8 @@ FILTERS = (
 )  # fmt: skip
 
 
-def _sigma(covariance: Any, k: int) -> float | None:
+def standard_error(covariance: Any, k: int) -> float | None:
+    """Compute the standard error of the k-th coefficient; None where its covariance is unknown."""
     return math.sqrt(covariance[k][k]) if covariance and covariance[k][k] is not None else None
 
 
@@ -166,7 +167,7 @@ def _template(name: str) -> Any:
         finalize=lambda value: re.sub(r"[\n|]+", " ", value) if isinstance(value, str) else value,
     )
     made.filters |= {each.__name__: each for each in FILTERS}
-    made.globals |= {"unknown": UNKNOWN, "models": MODELS, "position": position, "sigma": _sigma}
+    made.globals |= {"unknown": UNKNOWN, "models": MODELS, "position": position, "sigma": standard_error}
     made.globals["wrap360"] = angles.wrap360
     return made.get_template(f"{name}.txt").module
 
