@@ -101,7 +101,7 @@ def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Draw the true error of every mooring's headings by the product against that by the fit."""
     title = "True error of the heading, rms, a dot for each mooring\n"
     title += "Below the line the product is better than the fit."
-    groups = {"No fault": score.QUIET, "Listed effects": score.KNOWN, "Unlisted effects": score.UNNAMED}
+    groups = {"No fault": score.QUIET, "Listed effects": score.KNOWN, "Unlisted effects": ("strange",)}
     with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
         panels = figure.subplots(1, len(groups), sharex=True, sharey=True)
         for axes, (what, kinds) in zip(panels, groups.items(), strict=True):
