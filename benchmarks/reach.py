@@ -4,7 +4,7 @@
     python benchmarks/reach.py 110 71 --red           the same where the water of the two depths differs for seasons
     python benchmarks/reach.py 110 71 --red --kind single --rows REACH --engine ROWS
                                                       beside what the engine detected, by effect and size of the veer
-    python benchmarks/reach.py 120 71 --heldout ROWS      do left-out days follow what the others predict? 120 effects
+    python benchmarks/reach.py 120 71 --heldout ROWS      do held-out days follow what the others predict? 120 effects
                                                       of 4 to 8 standard errors, 200 without one, 100 days each
 
 Every effect is tested as if all but its size were known: its pattern, the other effect, its date, the water's noise and
@@ -170,7 +170,7 @@ def compared(what: str, joined: list[tuple[dict, dict]]) -> bool:
 
 
 def held_out(kind: str, index: int, seed: int) -> dict:
-    """Return what left-out days show of one effect that the search names, or the rank of their gain where none is.
+    """Return what held-out days show of one effect that the search names, or the rank of their gain where none is.
 
     Half of the records are in slow water. Where there is no effect days are left out though the search names none.
     """
@@ -250,7 +250,7 @@ def main() -> None:
     parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
     parser.add_argument("--rows", type=Path, help="file with a line of JSON a mooring; what is in it is not made again")
     parser.add_argument("--engine", type=Path, help="rows of discrepancy.py, by the same seed")
-    parser.add_argument("--heldout", type=Path, help="file for rows of the trial of left-out days, as of --rows")
+    parser.add_argument("--heldout", type=Path, help="file for rows of the trial of held-out days, as of --rows")
     asked = parser.parse_args()
     if asked.heldout:
         wanted = [("planted", k) for k in range(asked.count)] + [("null", k) for k in range(NULLS)]

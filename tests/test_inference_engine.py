@@ -8,7 +8,9 @@ from sea import pairs
 
 from compasslib import angles
 from compasslib.deviation.model import observed_deviation
+from compasslib.effects.composed import compose_effect, place_effect
 from compasslib.effects.effect import YEAR_S
+from compasslib.effects.iron import TemperatureOfField, TemperatureOfReading
 from compasslib.inference import comparison, covariates, finding, omnibus, wording
 from compasslib.inference.kinds import mooring
 from compasslib.records import take
@@ -52,6 +54,24 @@ def test_a_clock_drift_is_told_from_an_offset():
     assert found.drift_named and not found.offset_named
     assert found.drift_h_year == pytest.approx(2.0, abs=4 * found.drift_sigma_h_year)
     assert found.ahead_s(wrong.time_s)[-1] == pytest.approx(7200.0 * np.ptp(wrong.time_s) / YEAR_S, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("beside", "level"),
+    [
+        (place_effect(compose_effect("reading", "temperature", "lagged"), 26_000.0), "driver"),
+        (place_effect(compose_effect("reading", "depth", "quadratic")), "effect"),
+        (TemperatureOfField(200.0, 0.0), "effect"),
+    ],
+)
+def test_of_two_terms_of_one_driver_that_only_together_fit_only_the_driver_is_stated(beside, level):
+    """A reading that follows the rate of the temperature is fitted as a linear less a lagged response."""
+    of_mooring = comparison.Comparison(time_s=TIME_S, terms=(), covariates={})
+    built = comparison.build_finding(
+        of_mooring, TemperatureOfReading(25.0), {"temperature": 0.99}, {}, size_deg=26.0, proof=finding.UNTESTED,
+        place=finding.CovariateRange("temperature", 3.0, 7.0, "along temperature"), others=[beside],
+    )  # fmt: skip
+    assert built.level == level and ("neither has the right form" in built.text) == (level == "driver")
 
 
 def test_water_that_arrives_late_at_one_depth_is_no_clock_error():
@@ -129,11 +149,11 @@ def test_left_out_days_are_stated_with_their_rank_and_what_they_do_not_confirm()
     weak = replace(shown, amplitude=finding.Amplitude(2.3, 0.5, -0.1, 1.1), placebo=finding.Placebo(19, 1.0))
     sure = replace(shown, amplitude=finding.Amplitude(3.7, 2.8, 2.0, 3.6), placebo=finding.Placebo(19, 0.05))
     assert "0.5° (-0.1 to 1.1°, 95 %), where the other days predict 2.3°, better predicted than 0 of 19" in (
-        told := comparison.left_out_text(weak, 3.5)
+        told := comparison.held_out_text(weak, 3.5)
     )
     assert "do not confirm it. Without it headings would be wrong by 3.5° rms." in told
-    assert "than 19 of 19 records" in (told := comparison.left_out_text(sure, None)) and "confirm" not in told
-    assert comparison.left_out_text(shown, None) == ""
+    assert "than 19 of 19 records" in (told := comparison.held_out_text(sure, None)) and "confirm" not in told
+    assert comparison.held_out_text(shown, None) == ""
     assert "by 2°/K" in wording.tilt_zero_text(1815.0, 52000.0)  # 1815 / 52000 rad
 
 

@@ -316,7 +316,7 @@ def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
     assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed, by\ndepth", "composed, by tilt"]
     assert held_out.get_xlabel() == "Size (° rms)"
     said = diagnosis_caption(content)
-    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "on left-out data" in said
+    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "on held-out days" in said
 
 
 def test_a_diagnosis_sets_the_slope_of_left_out_days_against_the_fitted_line(tmp_path):
@@ -334,7 +334,7 @@ def test_a_diagnosis_sets_the_slope_of_left_out_days_against_the_fitted_line(tmp
     assert sized.get_title("left") == "(c) temperature" and "date of the change" in words(page)
     assert "outside are 25 of 36 bins without, 0 with correction" in diagnosis_caption(content).replace(SPACE, " ")
     title = turn.get_title("left").replace("\n", " ")
-    slope_title = "(a) left-out days: slope 0.50 (−0.25 to 1.25), better predicted than 17 of 19 simulations without it"
+    slope_title = "(a) held-out days: slope 0.50 (−0.25 to 1.25), better predicted than 17 of 19 simulations without it"
     assert title == slope_title and heading.get_title("left") == "(b)"
     (wedge,) = turn.collections[0].get_paths()
     assert {(-2.0, 0.5), (-2.0, -2.5), (4.0, -1.0), (4.0, 5.0)} <= {tuple(point) for point in wedge.vertices.round(9)}

@@ -321,17 +321,17 @@ def tide_waves(time_s: Floats) -> Floats:
     return np.column_stack(angles.sin_cos(360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDE_PERIODS_H)))
 
 
-def left_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
-    """State the size on left-out days beside the prediction, its rank, and the heading error without the effect."""
+def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
+    """State the size on held-out days beside the prediction, its rank, and the heading error without the effect."""
     texts = []
     if proof.amplitude is not None:
         size = (
-            " On left-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
+            " On held-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
             "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
         )
         rank = wording.rank_text(vars(proof.placebo)) if proof.placebo else ""
         texts.append(size + (f", {rank} records simulated without it." if rank else "."))
-        texts += [] if proof.confirmed else [" So left-out days do not confirm it."]
+        texts += [] if proof.confirmed else [" So held-out days do not confirm it."]
     if heading_error_deg is not None:
         texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")
     return "".join(texts)
@@ -348,6 +348,7 @@ def build_finding(
     place: CovariateRange,
     span_s: tuple[float, float] | None = None,
     heading_error_deg: float | None = None,
+    others: Sequence[Effect] = (),
 ) -> Finding:
     """Build the finding of one term of the likeliest hypothesis.
 
@@ -358,8 +359,10 @@ def build_finding(
         place: where it shows; of a term with a date, since then.
         span_s: when it acts, where that is not always.
         heading_error_deg: rms error that headings would have without it.
+        others: the other terms of the hypothesis. A composed term that shares its driver with another one means that
+            neither has the right form: only the driver is established.
     """
-    probability, others = next(iter(chances.values())), dict(list(chances.items())[1:])
+    probability, alternatives = next(iter(chances.values())), dict(list(chances.items())[1:])
     effect, composition = _name_and_composition(term)
     begin, end = span_s or comparison.span_s
     if term.dated():
@@ -367,7 +370,7 @@ def build_finding(
     physics = " changes ".join(wording.describe_composition(*composition.values())) if composition else term.words
     text = wording.finding_text(
         term.name,
-        tuple(others),
+        tuple(alternatives),
         where=place.text,
         parameters={name: (parameter.value, parameter.sigma, parameter.unit) for name, parameter in parameters.items()},
         size_deg=size_deg,
@@ -379,7 +382,7 @@ def build_finding(
         effect=effect,
         side=term.side,
         driver=term.driver,
-        alternatives=tuple(others),
+        alternatives=tuple(alternatives),
         where=place,
         when_s=(begin, end) if comparison.clocked else None,
         parameters=parameters,
@@ -387,12 +390,15 @@ def build_finding(
         held_out=proof,
         text=text,
         probability=probability,
-        alternatives_probability=others,
+        alternatives_probability=alternatives,
         composition=composition,
         heading_error_deg=heading_error_deg,
+        shares_driver=any(_share_driver(term, other) for other in others),
     )
     stated = made.statement
-    text += left_out_text(proof, heading_error_deg)
+    text += held_out_text(proof, heading_error_deg)
+    if made.shares_driver:
+        text += " Another term with the same driver is fitted beside it: neither has the right form by itself."
     text += wording.level_text(stated.level, stated.probability, stated.side, stated.driver)
     return replace(made, text=text)
 
@@ -403,6 +409,12 @@ def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") 
     shown = (proof.rms_before_deg, proof.rms_after_deg, proof.p_value)
     text = wording.finding_text(effect, (), where=place.text, parameters={}, size_deg=size_deg, proof=shown, what=what)
     return Finding(effect, "compass", (), place, None, {"share": Parameter(1.0, 0.0, "1")}, size_deg, proof, text)
+
+
+def _share_driver(term: Effect, other: Effect) -> bool:
+    drivers = {findings.TILTS.get(each.driver, each.driver) for each in (term, other)}
+    composed = [_name_and_composition(each)[1] for each in (term, other)]
+    return term.side == other.side and len(drivers) == 1 and any(composed)
 
 
 def _name_and_composition(term: Effect) -> tuple[str, dict[str, str] | None]:

@@ -95,7 +95,7 @@ class CurrentStatement:
             "unit": "degrees",
             "low": self.low_deg,
             "high": self.high_deg,
-            "heldout": None,  # the current is not tested on left-out days
+            "heldout": None,  # the current is not tested on held-out days
             "text": self.text,
         }
 

@@ -62,10 +62,10 @@ class Interval:
 
 @dataclass(frozen=True)
 class Amplitude:
-    """The size of an effect, rms degrees, as other days have it and as the left-out days do with its 95 % interval."""
+    """The size of an effect, rms degrees, as other days have it and as the held-out days do with its 95 % interval."""
 
     fitted_elsewhere: float  #: by the days that were fitted
-    held_out: float  #: by the left-out days
+    held_out: float  #: by the held-out days
     low: float  #: lower end of 95 % of ``held_out``
     high: float  #: upper end of 95 % of ``held_out``
 
@@ -79,10 +79,10 @@ class Placebo:
 
 
 def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
-    """Judge whether left-out days show an effect and chance hardly does.
+    """Judge whether held-out days show an effect and chance hardly does.
 
     Args:
-        low_deg: lower end of the 95 % interval of its size on left-out days.
+        low_deg: lower end of the 95 % interval of its size on held-out days.
         rank_p: rank of its gain among surrogates, as a probability; None where there are none.
     """
     return low_deg > 0.0 and rank_p is not None and rank_p <= CONFIRMED_P
@@ -106,7 +106,7 @@ class HeldOut:
 
     @property
     def confirmed(self) -> bool:
-        """Whether left-out days show it and chance hardly does."""
+        """Whether held-out days show it and chance hardly does."""
         if self.placebo is None or self.amplitude is None:
             return True
         return is_confirmed(self.amplitude.low, self.placebo.rank_p)
@@ -211,6 +211,7 @@ class Finding:
     driver: str = ""  #: on what its size depends
     heading_error_deg: float | None = None  #: rms error of corrected headings were it left out, degrees
     composition: Mapping[str, str] | None = None  #: what it acts on, its driver and its form, where it is no listed one
+    shares_driver: bool = False  #: whether it is one of two terms of a driver, which only together have the right form
 
     @property
     def named(self) -> str:
@@ -222,7 +223,7 @@ class Finding:
         """The deepest statement that the probabilities of its names hold."""
         from compasslib.effects import driver_of, side_of  # only where something was found, as below
 
-        if self.probability >= SURE:
+        if self.probability >= SURE and not self.shares_driver:
             return Statement("effect", self.probability, self.side, self.driver)
         names = {self.named: self.probability, **self.alternatives_probability}
         places = {name: (side_of(name), driver_of(name)) for name in self.alternatives_probability}

@@ -2,7 +2,7 @@
 
 For each part that is left out the effect, its driver, its date and its sizes are chosen from the other parts, all
 compositions included; compass, nuisances, slow water and the current are free beside it. What the part then adds to
-the log score is the gain; the amplitude is that of the left-out days along the predicted turn. Surrogates are records
+the log score is the gain; the amplitude is that of the held-out days along the predicted turn. Surrogates are records
 of the fitted noise beside the real covariates, through all of the same: the rank of the gain among theirs is what
 chance does. Every part is predicted by the others and predicts them: were slope and interval those of a regression on
 given predictions, the slope would be 1 - 1.25/z^2 of five equal parts whatever the noise, and the interval cover 1
@@ -103,7 +103,7 @@ class _Marginal(NamedTuple):
 
 @dataclass(frozen=True)
 class _Prediction:
-    """How left-out days follow what the others predict, summed over folds; r targets."""
+    """How held-out days follow what the others predict, summed over folds; r targets."""
 
     gain: Floats  # (r,) log score
     predicted: Floats  # (r,) square of the predicted turn
@@ -171,9 +171,9 @@ class _PartitionedRecord:
         return _Prediction(gain, predicted, followed, values, chosen)
 
     def bin_left_out(self, turns: Floats, residual: Floats) -> BinnedResidual:
-        """Bin the turn that the other days predict, and compute what the left-out days show in each bin.
+        """Bin the turn that the other days predict, and compute what the held-out days show in each bin.
 
-        Bins are weighed with the covariance of the noise: the slope through them is that of all left-out days.
+        Bins are weighed with the covariance of the noise: the slope through them is that of all held-out days.
 
         Args:
             turns: as predicted without each part, (n, f) degrees.

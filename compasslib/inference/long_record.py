@@ -251,6 +251,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
         place=case.where(case.main_covariate(term)) if span == case.span_s else case.where("time", span),
         span_s=span,
         heading_error_deg=angles.rms(off[np.isfinite(off)]),
+        others=without.simulation.terms,
     )
     text = built.text
     if isinstance(term, TemperatureOfField):

@@ -367,6 +367,7 @@ def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
         size_deg=short_fit.visible_size_deg(fitted, k),
         proof=held_out(fitted, k),
         place=channel.outside(residual_curve(named.before, named.before, channel.main_covariate(term))),
+        others=[other for j, other in enumerate(fitted.terms) if j != k],
     )
 
 

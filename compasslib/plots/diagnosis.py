@@ -1,6 +1,6 @@
 """The diagnosis of a mooring or of a calibration: the residual by covariate, without and with the identified effects.
 
-Below it the size of each effect on days that were left out beside what the other days predict, and the heading error
+Below it the size of each effect on held-out days beside what the other days predict, and the heading error
 without it; for a calibration the residual on held-out data and the log evidence of each effect alone.
 """
 
@@ -62,7 +62,7 @@ AFTER: dict[str, Any] = {"color": CORRECTED, "marker": "s", "markersize": 3.0, "
 EFFECT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
 DATE: dict[str, Any] = {"color": BLACK, "linestyle": ":", "linewidth": 1.0}
 SIZES: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"color": BLACK, "marker": "|", "markersize": 7.0, "linestyle": ""}, "size on left-out days, 95 %"),
+    ({"color": BLACK, "marker": "|", "markersize": 7.0, "linestyle": ""}, "size on held-out days, 95 %"),
     ({"color": BLACK, "marker": "o", "markersize": 5.0, "mfc": "none", "linestyle": ""}, "as other days predict"),
     ({"color": VERMILION, "marker": "D", "markersize": 4.0, "linestyle": ""}, "heading error without it"),
 )
@@ -135,7 +135,7 @@ def _draw(
         handles += [Line2D([], [], **DATE, label="date of the change")] if marked else []
         noise = [Patch(**BAND, label="95 % range of noise")] if curves else []
         if any(entry["heldout"].get("slope") for entry in proven):
-            noise.append(Patch(**LEFT_OUT, label="slope of left-out days, 95 %"))
+            noise.append(Patch(**LEFT_OUT, label="slope of held-out days, 95 %"))
         of_sizes = [Line2D([], [], **look, label=label) for look, label in SIZES] if proven and sized == proven else []
         legend(figure, [*handles, *noise, *of_sizes] if curves or proven else [])
 
@@ -178,7 +178,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
 
 
 def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, Any]]) -> None:
-    """Draw the slope at which left-out days follow the turn that the others predict, and head the panel with it."""
+    """Draw the slope at which held-out days follow the turn that the others predict, and head the panel with it."""
     of_it = [entry for entry in proven if curve["covariate"] == f"{TURN_PREFIX}{entry['effect']}"]
     if len(of_it) != 1:  # two composed effects have one name
         return
@@ -191,7 +191,7 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
     if (proof.get("placebo") or {}).get("rank_p") is not None:
         texts.append(f"{rank_text(proof['placebo'])} simulations without it")
     if any(texts):
-        axes.set_title(f"left-out days: {', '.join(texts)}")
+        axes.set_title(f"held-out days: {', '.join(texts)}")
 
 
 def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> list[Line2D]:
@@ -228,7 +228,7 @@ def _band_sigmas(curves: Sequence[Mapping[str, Any]]) -> float:
 
 
 def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
-    """Draw what other days predict of each effect, what left-out days show, and the heading error without it."""
+    """Draw what other days predict of each effect, what held-out days show, and the heading error without it."""
     sizes = [entry["heldout"]["amplitude_deg"] for entry in findings]
     axes.hlines(rows.places, [x["low"] for x in sizes], [x["high"] for x in sizes], color=BLACK, linewidth=1.3)
     without = [entry.get("heading_error_without_deg") for entry in findings]

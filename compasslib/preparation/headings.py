@@ -59,7 +59,7 @@ SECTION, MEANS, NOTCH, NOTCH_OF_DEGREES = 1024, range(4, 37), 0.75, 1.2
 UNRELATED, STEADY, RELATED_STEP_S = 0.11, 0.97, 3 * HOUR_S  # and the longest interval that tells
 # Steps in which compasses count, degrees, the least and greatest error of a bit, changes of the higher bits by which
 # it should have changed, and the least share of readings in each eighth of the sectors that are left.
-COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_RANGES = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
+COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_FILLED = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
 # Headings within so few degrees that jump across half of them: 1 in 4 of independent ones, 1 in 200 of a steady frame.
 WRAPPED_DEG, WRAPPED_JUMPS = 5.0, 0.12
 # Every k-th reading against the mean direction of its neighbours: the median turn of one k, and the median size of one
@@ -381,7 +381,7 @@ def _flag_stuck_bits(record: Record) -> Record:
                 inside = slice(edges[run], edges[run + 1])
                 changes = np.count_nonzero(np.diff(count[inside] >> bit + 1))
                 eighths = np.bincount((count[inside] & 2**bit - 1) * 8 >> bit, minlength=8)
-                filled = eighths.min() >= BIT_RANGES * eighths.sum()
+                filled = eighths.min() >= BIT_FILLED * eighths.sum()
                 stuck[known[inside]] |= changes >= BIT_CHANGES and filled
     text = "leave out every other sector of the circle: a bit of the reading is stuck, and they are flagged doubtful"
     return _flag_some(record, stuck, text)

@@ -74,7 +74,7 @@ def describe_findings(diagnosis: Mapping[str, Any]) -> str:
         names = candidate_names(entry)
         more = len(names) - MAX_NAMES
         clause = " or ".join([*names[:MAX_NAMES], *([f"one of {more} others"] if more > 1 else names[MAX_NAMES:])])
-        clauses.append(clause + ("" if words.confirmed(entry) else ", not confirmed on left-out days"))
+        clauses.append(clause + ("" if words.confirmed(entry) else ", not confirmed on held-out days"))
     return words.paragraphs("diagnosis", "findings", d=diagnosis, clauses=clauses)[0]
 
 

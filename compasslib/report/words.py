@@ -130,7 +130,7 @@ def sentence(text: str) -> str:
 
 
 def confirmed(finding: Mapping[str, Any]) -> bool:
-    """Judge whether left-out days show a finding and chance hardly does; true where they are not asked."""
+    """Judge whether held-out days show a finding and chance hardly does; true where they are not asked."""
     proof = finding.get("heldout") or {}
     size, placebo = proof.get("amplitude_deg"), proof.get("placebo")
     return not (size and placebo) or is_confirmed(size["low"], placebo["rank_p"])

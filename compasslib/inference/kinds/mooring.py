@@ -46,7 +46,8 @@ SLOW_HOURS = 12.0  # half of the running mean that is taken off
 CLOCK_SIGMAS = 4.0  # normal score of what is named
 NEARLY_AS_GOOD = 10.0  # difference of chi squared below which an offset and a drift are not distinguished
 # Delay between the instruments that is no clock: water that arrives at one depth later, stamps at the begin, middle or
-# end of an average. Between depths of one real record (eh2) it is 0.2 h, between stretches of it 0.3 h.
+# end of an average. Between depths of one real record (eh2) it is 0.2 h, in years simulated
+# from that record 0.3 h.
 DELAY_SIGMA_H = 0.15  # of a whole record
 CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
 
