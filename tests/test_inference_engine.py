@@ -80,6 +80,8 @@ def test_water_that_arrives_late_at_one_depth_is_no_clock_error():
     late = mooring._select_clock(years, -0.35 + scatter, 1.0)
     assert not late.named and abs(late.offset_h + 0.35) < 0.02 and late.offset_sigma_h >= mooring.DELAY_SIGMA_H
     assert mooring._select_clock(years, -1.0 + scatter, 1.0).offset_named
+    # Of a short record the few windows are compared beside a delay whose variance is given.
+    assert mooring._select_clock(years[:6] / 15.0, 2.9 + 10.0 * scatter[:6], 0.07).offset_named
     # What a delay adds to a drift is taken from its rate.
     drift = mooring._select_clock(years, 0.2 + 0.9 * years + scatter, 1.0)
     assert drift.drift_named and not drift.offset_named

@@ -117,43 +117,52 @@ def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockErr
     """Select the simplest clock that fits the windows beside a delay of the water: an offset, a drift, or both."""
     ones = np.ones(len(years))
     scatter = float(np.std(ahead_h - np.polynomial.Polynomial.fit(years, ahead_h, 1)(years), ddof=2))
-    line, line_sigma, least = _fit(np.column_stack([ones, years]), ahead_h, scatter)
-    (mean,), (mean_sigma,), without_drift = _fit(ones[:, None], ahead_h, scatter)
-    (rate,), (rate_sigma,), without_offset = _fit(years[:, None], ahead_h, scatter)
-    freedom = len(years) - 2
+    (offset, slope), least = _fit(np.column_stack([ones, years]), ahead_h, scatter)
+    (mean,), without_drift = _fit(ones[:, None], ahead_h, scatter)
+    (rate,), without_offset = _fit(years[:, None], ahead_h, scatter)
 
-    def proven(value_h: float, sigma_h: float) -> bool:
-        return _is_significant(value_h, sigma_h, freedom) and abs(value_h) >= LEAST_CLOCK_H
+    def proven(estimate: _Estimate, years: float = 1.0) -> bool:
+        return estimate.is_significant and abs(estimate.value) * years >= LEAST_CLOCK_H
 
-    both = proven(line[0], line_sigma[0]) and proven(line[1] * span_years, line_sigma[1] * span_years)
+    both = proven(offset) and proven(slope, span_years)
     if both and min(without_drift, without_offset) - least > CLOCK_SIGMAS**2:
-        return ClockError(line[0], line[1], line_sigma[0], line_sigma[1], True, True)
+        return ClockError(offset.value, slope.value, offset.sigma, slope.sigma, True, True)
     ambiguous = abs(without_drift - without_offset) < NEARLY_AS_GOOD
     if without_offset < without_drift:
-        named = proven(rate * span_years, rate_sigma * span_years)
-        return ClockError(0.0, rate, line_sigma[0], rate_sigma, False, named, ambiguous)
-    return ClockError(mean, 0.0, mean_sigma, line_sigma[1], proven(mean, mean_sigma), False, ambiguous)
+        return ClockError(0.0, rate.value, offset.sigma, rate.sigma, False, proven(rate, span_years), ambiguous)
+    return ClockError(mean.value, 0.0, mean.sigma, slope.sigma, proven(mean), False, ambiguous)
 
 
-def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[float], list[float], float]:
-    """Fit the windows by generalized least squares: values, standard errors and chi squared.
+@dataclass(frozen=True)
+class _Estimate:
+    value: float
+    sigma: float
+    freedom: float  # effective degrees of freedom of ``sigma``
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether it is proven: few windows give Student's law (its normal score by Wallace 1959)."""
+        t, n = self.value / max(self.sigma, 1e-6), self.freedom
+        return bool((8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t**2 / n)) > CLOCK_SIGMAS)
+
+
+def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:
+    """Fit the windows by generalized least squares: each coefficient, and chi squared.
+
+    The variance of the delay is given and that of the windows estimated: degrees of freedom by Welch and Satterthwaite.
 
     Args:
         scatter_h: of a window; all share the delay of the water.
     """
-    noise = np.eye(len(ahead_h)) * max(scatter_h, 0.01) ** 2 + DELAY_SIGMA_H**2
-    whitener = np.linalg.inv(np.linalg.cholesky(noise))
-    columns, wanted = whitener @ design, whitener @ ahead_h
-    values, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
-    sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
-    return values.tolist(), sigma.tolist(), float(np.sum((wanted - columns @ values) ** 2))
-
-
-def _is_significant(value: float, sigma: float, freedom: int) -> bool:
-    """Tell whether a value is proven: few windows give Student's law (its normal score by Wallace 1959)."""
-    t = value / max(sigma, 1e-6)
-    score = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * np.sqrt(freedom * np.log1p(t**2 / freedom))
-    return bool(score > CLOCK_SIGMAS)
+    variance = max(scatter_h, 0.01) ** 2
+    whitener = np.linalg.inv(np.linalg.cholesky(np.eye(len(ahead_h)) * variance + DELAY_SIGMA_H**2))
+    estimator = np.linalg.pinv(whitener @ design) @ whitener
+    values = estimator @ ahead_h
+    of_windows = variance * np.sum(estimator**2, axis=1)
+    total = of_windows + DELAY_SIGMA_H**2 * estimator.sum(axis=1) ** 2
+    freedom = (len(ahead_h) - 2) * (total / of_windows) ** 2
+    chi2 = float(np.sum((whitener @ (ahead_h - design @ values)) ** 2))
+    return [_Estimate(*row) for row in np.column_stack([values, np.sqrt(total), freedom]).tolist()], chi2
 
 
 def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
