@@ -12,7 +12,6 @@ sea needs ../shared/data.
 from __future__ import annotations
 
 import argparse
-import ast
 import hashlib
 import json
 import os
@@ -23,11 +22,14 @@ import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
 
 PROJECT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(PROJECT))
+
+from benchmarks.proof.seal import statements  # noqa: E402
+
 DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
 CURRENTS = ("sticks", "progressive", "roses")
 DRAWN = ("page",)  # modules of plots behind every figure of a mooring
@@ -152,24 +154,6 @@ def code(patterns: Iterable[str]) -> str:
         for path in files:
             whole.update(statements(path.read_text()).encode() if path.suffix == ".py" else path.read_bytes())
     return whole.hexdigest()
-
-
-def statements(text: str) -> str:
-    """Return what a Python file does, without comments and docstrings."""
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
-    return repr(_content(tree))
-
-
-def _content(node: Any) -> Any:
-    """Return a syntax tree as lists without empty fields: newer versions of Python add some."""
-    if isinstance(node, ast.AST):
-        fields = [(name, _content(value)) for name, value in ast.iter_fields(node)]
-        return [type(node).__name__, *((name, value) for name, value in fields if value not in (None, []))]
-    return [_content(part) for part in node] if isinstance(node, list) else node
 
 
 def record(maker: Maker) -> dict[str, dict[str, str]]:

@@ -30,6 +30,7 @@ from sea import cruise
 from test_architecture import APART, ROOMS
 
 import compasslib
+from benchmarks.proof import seal
 from compasslib import angles
 from compasslib.cli import _parser
 from compasslib.config.cruise import load_cruise
@@ -168,7 +169,7 @@ def test_the_gallery_is_the_page_of_all_pictures():
 
 def test_only_what_a_file_does_makes_a_picture_old():
     before, after = '"""A."""\nx = 1  # one\n', '"""B."""\n\nx = (1)\n'
-    assert pictures.statements(before) == pictures.statements(after) != pictures.statements("x = 2\n")
+    assert seal.statements(before) == seal.statements(after) != seal.statements("x = 2\n")
     with pytest.raises(FileNotFoundError, match=r"no file compasslib/plots/gone\.py"):
         pictures.code(["compasslib/plots/gone.py"])
 

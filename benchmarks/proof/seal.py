@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 TRUTH_CHANGED = "the truth is not the one that was sealed before the run"
 RESULTS_CHANGED = "a result is not the one that the pipeline left"
@@ -31,6 +33,24 @@ def whole(parts: dict[str, str]) -> str:
         parts: hash by path.
     """
     return hashlib.sha256("".join(f"{name} {code}\n" for name, code in sorted(parts.items())).encode()).hexdigest()
+
+
+def statements(text: str) -> str:
+    """Return what a Python file does, without comments and docstrings."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
+    return repr(_content(tree))
+
+
+def _content(node: Any) -> Any:
+    """Return a syntax tree as lists without empty fields: newer versions of Python add some."""
+    if isinstance(node, ast.AST):
+        fields = [(name, _content(value)) for name, value in ast.iter_fields(node)]
+        return [type(node).__name__, *((name, value) for name, value in fields if value not in (None, []))]
+    return [_content(part) for part in node] if isinstance(node, list) else node
 
 
 def publish(path: Path, folder: Path, files: Iterable[Path], **said: object) -> None:
