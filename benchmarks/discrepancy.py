@@ -209,7 +209,7 @@ def side_by_side(rows: list[dict], listed: list[dict]) -> bool:
 
 
 def alone(row: dict) -> bool:
-    """Tell whether the truth is the only name."""
+    """Return whether the truth is the only name."""
     return [list(row["truth"])] == row["sets"] and row["left"] is None
 
 
@@ -314,22 +314,22 @@ def report(rows: list[dict]) -> bool:
 
 
 def strange(row: dict) -> bool:
-    """Tell whether something was seen that no listed effect does."""
+    """Return whether something was seen that no listed effect does."""
     return row["left"] is not None or any(name.startswith("composed") for one in row["sets"] for name in one[:1])
 
 
 def bare_name(row: dict) -> bool:
-    """Tell whether listed effects alone were named."""
+    """Return whether listed effects alone were named."""
     return bool(row["sets"]) and not strange(row)
 
 
 def accused(row: dict) -> bool:
-    """Tell whether the compass or a clock is more probably at fault than not."""
+    """Return whether the compass or a clock is more probably at fault than not."""
     return row["sides"].get("compass", 0.0) + row["sides"].get("clock", 0.0) >= 0.5
 
 
 def detected(row: dict) -> bool:
-    """Tell whether the true side is more probable than not."""
+    """Return whether the true side is more probable than not."""
     return any(row["sides"].get(SIDES[name], 0.0) >= 0.5 for name in row["truth"])
 
 

@@ -270,7 +270,7 @@ def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float =
 
 
 def named(row: dict) -> bool:
-    """Tell whether the first name of a finding is on the compass's or the clock's side."""
+    """Return whether the first name of a finding is on the compass's or the clock's side."""
     return any(side_of(names[0]) in ("compass", "clock") for names in row["sets"])
 
 

@@ -73,7 +73,7 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str] = HEADINGS) -> str:
 
 
 def measured(kept: dict[str, Any]) -> str:
-    """Say by which version and when something was measured, and whether its engine has changed since."""
+    """Report by which version and when something was measured, and whether its engine has changed since."""
     day = date.fromisoformat(kept["date"])
     older = "" if kept["engine"] == standing.engine() else ", an older engine"
     commit = f" ({kept['commit']})" if kept["commit"] else ""

@@ -116,7 +116,7 @@ def measure(kind, days, step_s, size, count, seed):
 
 
 def constants():
-    """Hold the constants of parts of real years against the whole year's."""
+    """Compare the constants of parts of real years with the whole year's."""
     from compasslib.readers import iaga2002
 
     targets.head("year", "days", "rms error", "stated 1 sigma", "within 95 %, parts that overlap")

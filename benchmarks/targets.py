@@ -208,7 +208,7 @@ def resumed(
 
 
 def progress(text: str) -> None:
-    """Say how far a run is, over what was said before."""
+    """Report how far a run is, over what was said before."""
     print(f"\r{text}", end="", file=sys.stderr, flush=True)
 
 

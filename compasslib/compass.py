@@ -80,7 +80,7 @@ def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
 
 
 def turns_full_circle(coefficients: ArrayLike) -> bool:
-    """Tell whether the compass turns once when the instrument does; then every heading has one inverse."""
+    """Return whether the compass turns once when the instrument does; then every heading has one inverse."""
     u, p, v = (complex(np.asarray(z)) for z in _complex(coefficients))
     return abs(np.conj(u) * p - v * np.conj(p)) < abs(u) ** 2 - abs(v) ** 2
 

@@ -155,7 +155,7 @@ def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats
 
 
 def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float) -> list[str]:
-    """Say where a number is not the model's declination, and which mistake it looks like."""
+    """Report where a number is not the model's declination, and which mistake it looks like."""
     off = angles.difference(degrees, model)
     worst = float(off[np.argmax(np.abs(off))])
     if abs(worst) <= tolerance_deg:
@@ -167,7 +167,7 @@ def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float
 
 
 def recognize_mistake(degrees: float, model: float) -> str:
-    """Say which mistake makes the one number of the other, or nothing."""
+    """Report which mistake makes the one number of the other, or nothing."""
     mistakes = {
         ", which has the other sign": -model,
         ", which it looks like in minutes of arc": 60.0 * model,

@@ -126,7 +126,7 @@ class Cruise:
         return np.where(np.abs(known[at] - time_s) < 2.0, self.heading_deg[order][at], np.nan)
 
     def set_truth(self, heading_deg: np.ndarray) -> None:
-        """Say how the affected instrument really stood at its samples."""
+        """Report how the affected instrument really stood at its samples."""
         self.time_s, self.heading_deg = self.record().time_s, heading_deg
 
     def cut_truth(self, within: tuple[float, float], *, keep: bool) -> None:

@@ -66,7 +66,7 @@ def first(finding: dict[str, Any]) -> str:
 
 
 def says(name: str, wanted: str) -> bool:
-    """Tell whether a name, perhaps a composed one, says what is wanted."""
+    """Return whether a name, perhaps a composed one, says what is wanted."""
     if not name.startswith("composed:"):
         return wanted in (name, LIKE.get(name))
     acts, driver, _ = name.removeprefix("composed:").split("/")
@@ -75,7 +75,7 @@ def says(name: str, wanted: str) -> bool:
 
 
 def right(name: str, effect: dict[str, Any]) -> bool:
-    """Tell whether a name is right for what was planted."""
+    """Return whether a name is right for what was planted."""
     return any(says(name, wanted) for wanted in effect["right"])
 
 
@@ -98,7 +98,7 @@ def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
 
 
 def _accused(truth: dict[str, Any], diagnosis: dict[str, Any]) -> bool:
-    """Tell whether compass or clock were blamed; water is never still, and a bent reference may be named."""
+    """Return whether compass or clock were blamed; water is never still, and a bent reference may be named."""
     spared = {"water", "reference"} if truth["kind"] == "reference" else {"water"}
     return any(one.get("side", "compass") not in spared for one in diagnosis["findings"])
 
@@ -280,7 +280,7 @@ def said(*findings: list[str], left: bool = False) -> dict[str, Any]:
 
 
 def seen(diagnosis: dict[str, Any]) -> bool:
-    """Tell whether anything was found."""
+    """Return whether anything was found."""
     return bool(diagnosis["findings"]) or diagnosis["unexplained"] is not None
 
 

@@ -66,7 +66,7 @@ def publish(path: Path, folder: Path, files: Iterable[Path], **said: object) -> 
 
 
 def check(path: Path, folder: Path, why: str) -> None:
-    """Hold files against their published hashes.
+    """Compare files with their published hashes.
 
     Args:
         path: JSON that was published.

@@ -50,7 +50,7 @@ def commit(revision: str = "HEAD") -> str:
 
 
 def check_out(revision: str) -> None:
-    """Hold the engine that would run against that of a commit.
+    """Check that the engine that would run is that of a commit.
 
     Raises:
         seal.Broken: they differ.

@@ -355,7 +355,7 @@ def _by_driver(row: Row) -> bool:
 
 
 def _misled(row: Row) -> bool:
-    """Tell whether there are findings, none of which has a right driver, and nothing is left unexplained."""
+    """Return whether there are findings, none of which has a right driver, and nothing is left unexplained."""
     return bool(row["stated"]) and row["unexplained"] is None and not any(one["driver_right"] for one in row["stated"])
 
 
@@ -368,22 +368,22 @@ def _driver_first(row: Row) -> bool:
 
 
 def seen(row: Row) -> bool:
-    """Tell whether anything was found, in the current too where the effect acts on it."""
+    """Return whether anything was found, in the current too where the effect acts on it."""
     return bool(row["sets"]) or row["unexplained"] is not None or covered(row)
 
 
 def falsely(row: Row) -> bool:
-    """Tell whether compass or clock were blamed where nothing was wrong with them."""
+    """Return whether compass or clock were blamed where nothing was wrong with them."""
     return row["outcome"] == "false name"
 
 
 def covered(row: Row) -> bool:
-    """Tell whether all that was planted is among the names."""
+    """Return whether all that was planted is among the names."""
     return row["outcome"] in ("right", "in the set", "one too many")
 
 
 def unrelated(row: Row) -> bool:
-    """Tell whether a finding has none of the planted effects among its names."""
+    """Return whether a finding has none of the planted effects among its names."""
     effects = [{"right": names} for names in row["right"]]
     return row["outcome"] == "one too many" or any(
         not any(score.right(name, one) for one in effects for name in each) for each in row["sets"]
@@ -391,12 +391,12 @@ def unrelated(row: Row) -> bool:
 
 
 def worse(row: Row) -> bool:
-    """Tell whether the product's headings are worse than those of the fit alone."""
+    """Return whether the product's headings are worse than those of the fit alone."""
     return row["after_deg"] > row["before_deg"] + WORSE_DEG
 
 
 def better(row: Row) -> bool:
-    """Tell whether the product's headings are better than those of the fit alone."""
+    """Return whether the product's headings are better than those of the fit alone."""
     return row["after_deg"] < row["before_deg"] - WORSE_DEG
 
 

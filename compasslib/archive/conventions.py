@@ -31,7 +31,7 @@ UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_na
 
 
 def installed() -> bool:
-    """Tell whether the checker of CF and ACDD is installed; it comes with the test environment alone."""
+    """Return whether the checker of CF and ACDD is installed; it comes with the test environment alone."""
     return importlib.util.find_spec(CHECKER) is not None
 
 
@@ -89,7 +89,7 @@ def checked(path: str | Path, checker: str) -> list[str]:
 
 
 def report_remarks(paths: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """Say what stands against files, a line each; return what they were held against and what may still be given.
+    """Report what stands against files, a line each; return what they were held against and what may still be given.
 
     Raises:
         InputError: something does.

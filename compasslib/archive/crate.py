@@ -141,7 +141,7 @@ def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
 
 
 def has_failures(page: Mapping[str, Any]) -> bool:
-    """Tell whether moorings or calibrations were stopped in the run of a crate."""
+    """Return whether moorings or calibrations were stopped in the run of a crate."""
     return any(action["actionStatus"].endswith("FailedActionStatus") for action in _actions(page))
 
 

@@ -233,7 +233,7 @@ def _references(identifiers: Iterable[str]) -> list[Entity]:
 
 
 def _ends(root: Path) -> Iterator[tuple[str, str]]:
-    """Tell when each job ended, by the date of its record, and the name of its action."""
+    """Return when each job ended, by the date of its record, and the name of its action."""
     for path in (root / crate.FOLDER).glob("**/logs/*.json"):
         name = "/".join(part for part in path.relative_to(root / crate.FOLDER).with_suffix("").parts if part != "logs")
         yield quote(name), datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")

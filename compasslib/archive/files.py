@@ -176,7 +176,7 @@ def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
 
 
 def _from_netcdf(error: Exception) -> bool:
-    """Tell an error of the file from one of the code that reads it."""
+    """Distinguish an error of the file from one of the code that reads it."""
     if isinstance(error, IndexError):  # of a missing variable
         return " not found in " in str(error)
     if isinstance(error, AttributeError):  # of a missing attribute

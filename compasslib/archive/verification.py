@@ -144,7 +144,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
 
 
 def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable[[str], None]) -> None:
-    """Say what differs from the manifest, or that nothing does.
+    """Report what differs from the manifest, or that nothing does.
 
     Args:
         configured: as for ``differences``.

@@ -74,7 +74,7 @@ def carry_to_mooring(
 
 
 def other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> str:
-    """Say where a compass was calibrated among other parts than it is moored with; empty where none are stated."""
+    """Report where a compass was calibrated among other parts than it is moored with; empty where none are stated."""
     there, here = ({part.casefold() for part in parts} for parts in (calibrated, moored))
     if there == here:
         return ""
@@ -146,7 +146,7 @@ def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> Devia
 
 
 def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
-    """Say why a calibration cannot be of the compass that the pairs show; empty where it can.
+    """Explain why a calibration cannot be of the compass that the pairs show; empty where it can.
 
     A constant between the two is no reason: mounts and mean veers make one.
     """

@@ -265,7 +265,7 @@ def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[flo
 
 
 def too_short_reason(series: FieldSeries) -> str:
-    """Say why a series is too short to be compared with a model; empty where it is not."""
+    """Explain why a series is too short to be compared with a model; empty where it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
     if hours >= MIN_HOURS:
         return ""

@@ -163,7 +163,7 @@ def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg:
 
 
 def _even(heading_deg: Floats) -> bool:
-    """Tell whether headings were set: all round, in even steps."""
+    """Return whether headings were set: all round, in even steps."""
     at = np.unique(np.round(angles.wrap360(heading_deg), 2))
     apart = angles.wrap360(np.roll(at, -1) - at)
     return len(at) >= MIN_EVEN and bool(np.ptp(apart) <= EVEN * np.mean(apart))

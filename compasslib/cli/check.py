@@ -104,7 +104,7 @@ def check(asked: Namespace) -> int:
 
 
 def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection], n: int) -> str:
-    """Say what a run would use: nothing where the configuration has mistakes, else all whose files can be read."""
+    """Report what a run would use: nothing where the configuration has mistakes, else all whose files can be read."""
     problems = _plural(n, "problem")
     names = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
     if refused:

@@ -139,7 +139,7 @@ def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[s
 
 
 def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = MOORING_FILES) -> str:
-    """Say why two results cannot be compared, nothing where they can.
+    """Explain why two results cannot be compared, nothing where they can.
 
     Args:
         old: one folder, None where there is none.

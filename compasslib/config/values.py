@@ -304,7 +304,7 @@ def attributes(value: Any) -> dict[str, str | int | float]:
 
 
 def stated(attribute: str) -> bool:
-    """Tell whether the product states an attribute itself; in whatever case, as two that differ by it mislead."""
+    """Return whether the product states an attribute itself; in whatever case, as two that differ by it mislead."""
     return attribute.lower() in _STATED
 
 

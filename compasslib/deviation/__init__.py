@@ -85,7 +85,7 @@ def correctable_fraction(fit: DeviationFit, record: Record) -> float:
 
 
 def find_implausibility(fit: DeviationFit, record: Record) -> str:
-    """Say why a model cannot be that of the instrument, nothing where it can.
+    """Explain why a model cannot be that of the instrument, nothing where it can.
 
     A reference whose components were exchanged or signed wrongly, or that is turned by a right angle, is water that no
     compass agrees with. What is fitted to it has soft iron without measure, or cannot record what was recorded.

@@ -158,7 +158,7 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
 
 
 def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
-    """Say why held-out pairs deny the correction, nothing where they do not."""
+    """Explain why held-out pairs deny the correction, nothing where they do not."""
     if after["n"] < FEWEST_TO_REFUTE:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
@@ -171,7 +171,7 @@ def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
 
 
 def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
-    """Say where held-out pairs agree less after the correction than before, by more than chance."""
+    """Report where held-out pairs agree less after the correction than before, by more than chance."""
     if not after["n"]:
         return ""
     sigma = float(np.hypot(before["rms_deg_sigma"], after["rms_deg_sigma"]))
@@ -185,7 +185,7 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
 
 
 def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
-    """Say where another reading of the reference's components agrees far better, nothing where none does."""
+    """Report where another reading of the reference's components agrees far better, nothing where none does."""
     if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
         return ""
     subset = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
@@ -204,7 +204,7 @@ def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
 
 
 def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
-    """Say where the pairs show another compass than a given one, nothing where they do not.
+    """Report where the pairs show another compass than a given one, nothing where they do not.
 
     Args:
         pairs: freed of what else acted on the compass.

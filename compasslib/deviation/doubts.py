@@ -227,7 +227,7 @@ def _features(selected: NDArray[np.intp], residuals: Residuals) -> tuple[list[fl
 
 
 def _far_windows(windows: Windows) -> Bools:
-    """Tell which windows lie far outside the others and differ by an amount that matters, (k,)."""
+    """Find the windows that lie far outside the others and differ by an amount that matters, (k,)."""
     features = windows.features
     if len(features) < MIN_WINDOWS:
         return np.zeros(len(features), dtype=bool)

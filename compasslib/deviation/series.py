@@ -82,7 +82,7 @@ def series_range(coefficients: Floats) -> tuple[tuple[float, float], bool]:
 
 
 def series_folds(coefficients: ArrayLike) -> bool:
-    """Tell whether d gamma / d beta turns negative somewhere, so that beta(gamma) is many-valued."""
+    """Return whether d gamma / d beta turns negative somewhere, so that beta(gamma) is many-valued."""
     return bool(np.min(series_slope(coefficients, np.arange(0.0, 360.0, STEP_DEG))) < 0.0)
 
 

@@ -274,7 +274,7 @@ class ComposedEffect(Effect):
         return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > MIN_SLOPE
 
     def single(self, scene: Scene) -> bool:
-        """Tell whether every reading has one heading: it always turns with the field."""
+        """Return whether every reading has one heading: it always turns with the field."""
         acted = self.composition[0]
         if acted in LOBES:
             size = np.hypot(*self.amplitudes(scene).T)

@@ -132,7 +132,7 @@ class Effect(ABC):
 
     @classmethod
     def dated(cls) -> bool:
-        """Tell whether the effect has a date."""
+        """Return whether the effect has a date."""
         return any(f.name == "date_s" for f in fields(cls))
 
     @property

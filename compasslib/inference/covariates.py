@@ -183,7 +183,7 @@ def running_mean(column: Floats, time_s: Floats, span_s: float) -> Floats:
 
 
 def varies(column: Floats) -> bool:
-    """Tell whether most samples of a covariate are there and take more than a few values."""
+    """Return whether most samples of a covariate are there and take more than a few values."""
     known = column[np.isfinite(column)]
     return 2 * len(known) > len(column) and len(np.unique(known)) >= FEWEST_VALUES
 

@@ -249,7 +249,7 @@ class JointEvidence:
         return Mode(before, information, score, evidence)
 
     def possible(self, hypothesis: Hypothesis, mode: Mode) -> bool:
-        """Tell whether a compass with the amplitudes of a hypothesis has an inverse."""
+        """Return whether a compass with the amplitudes of a hypothesis has an inverse."""
         at = 0
         for k in hypothesis:
             part = self.parts[k]

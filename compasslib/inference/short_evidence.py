@@ -178,7 +178,7 @@ class LocalOffset(Effect):
 
     @classmethod
     def fits(cls, channel: ShortComparison) -> bool:
-        """Tell whether a comparison shows a reading along one of the covariates."""
+        """Return whether a comparison shows a reading along one of the covariates."""
         return channel.reads and any(name in channel.covariates for name in cls.along)
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:

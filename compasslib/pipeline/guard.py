@@ -282,7 +282,7 @@ def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
 
 
 def _foreign(file: str, digest: str, ours: Sequence[str] | set[str]) -> bool:
-    """Tell whether a name is taken by what the simulation did not write: a file, a link, or another case of it."""
+    """Return whether a name is taken by what the simulation did not write: a file, a link, or another case of it."""
     path = Path(file)
     folders = [folder for folder in path.parents if folder.name]
     if any(folder.is_symlink() for folder in folders):

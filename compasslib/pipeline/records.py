@@ -161,7 +161,7 @@ def write(path: Path, record: Record) -> None:
 
 
 def holds(earlier: Record, now: Record, writes: Sequence[str]) -> bool:
-    """Say whether the results of a job are still valid: unchanged, as are its inputs, settings and code.
+    """Return whether the results of a job are still valid: unchanged, as are its inputs, settings and code.
 
     Args:
         earlier: the record of the job, empty where there is none.
@@ -188,7 +188,7 @@ def load(path: str | Path) -> Record:
 
 
 def is_record(path: str) -> bool:
-    """Say whether a path is that of a record."""
+    """Return whether a path is that of a record."""
     return path.startswith(f"{RESULTS}/") and path.endswith(".json") and Path(path).parent.name == "logs"
 
 
@@ -211,7 +211,7 @@ def made(files: Mapping[str, str | Sequence[str]], known: Mapping[str, str]) -> 
 
 
 def is_transient(error: BaseException) -> bool:
-    """Say whether an error is one of disk or memory, or of a file that the next run makes again."""
+    """Return whether an error is one of disk or memory, or of a file that the next run makes again."""
     return isinstance(error, (TransientError, MemoryError)) or (isinstance(error, OSError) and error.errno in _MACHINE)
 
 
@@ -245,7 +245,7 @@ def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] 
 
 
 def joins_parts(before: Sequence[Record], name: str) -> bool:
-    """Say whether a job joins the parts of a mooring, NAME/ROLE: it does without those that are stopped."""
+    """Return whether a job joins the parts of a mooring, NAME/ROLE: it does without those that are stopped."""
     return any(_owner(record).startswith(f"{name}/") for record in before)
 
 
@@ -316,7 +316,7 @@ def restore_times(paths: Iterable[str], known: KnownHashes, now: float) -> list[
 
 
 def is_future(path: str, now: float) -> bool:
-    """Say whether a file is dated after the present, ``now``."""
+    """Return whether a file is dated after the present, ``now``."""
     with suppress(OSError):
         return os.stat(path).st_mtime > now
     return False

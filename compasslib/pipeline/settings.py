@@ -197,7 +197,7 @@ class Moorings:
         return [f"results/{wildcards.mooring}/{file}" for file in files]
 
     def is_whole(self, wildcards: Any) -> bool:
-        """Say whether it is a mooring, not one affected instrument of several."""
+        """Return whether it is a mooring, not one affected instrument of several."""
         return wildcards.mooring in self.cruise.whole
 
     def figures(self, wildcards: Any) -> list[str]:

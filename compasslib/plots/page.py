@@ -243,7 +243,7 @@ def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:
 
 
 def empty(axes: Axes, words: str = "no data") -> None:
-    """Say in a word or two that a panel has nothing to show, and take its ticks away."""
+    """State in a word or two that a panel has nothing to show, and take its ticks away."""
     axes.tick_params(left=False, labelleft=False, bottom=False, labelbottom=False)
     axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color="#444444")
 

@@ -36,7 +36,7 @@ class ExplainedShare:
 
     @property
     def significant(self) -> bool:
-        """Tell whether the share is neither small nor chance."""
+        """Return whether the share is neither small nor chance."""
         return self.share > max(LEAST_SHARE, LEAST_SIGMAS * self.sigma)
 
 
@@ -57,7 +57,7 @@ def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, Exp
 
 
 def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> bool:
-    """Tell whether a compass is the affected one of two."""
+    """Return whether a compass is the affected one of two."""
     return explained.significant and explained.share > DISTINCT * max(other_explained.share, 0.0)
 
 

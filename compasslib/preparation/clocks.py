@@ -230,7 +230,7 @@ def _score(windows: LagWindows, path: LagPath, other: LagPath | None = None, par
 
 
 def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
-    """Tell whether no other lag beyond a peak's shoulders, tidal aliases among them, does nearly as well anywhere."""
+    """Return whether no other lag beyond a peak's shoulders, tidal aliases among them, does nearly as well anywhere."""
     changes = np.flatnonzero(np.diff(path.hours) * path.set_at) + 1
     shifted = [replace(path, hours=path.hours + lag) for lag in windows.lags if abs(lag) > NEAR_H]
     sums = np.array([windows.along(other) for other in shifted])
@@ -242,7 +242,7 @@ def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
 
 
 def _unrelated(windows: LagWindows, stated: LagPath) -> ClockOffset:
-    """Say where months of speeds have nothing in common."""
+    """Report where months of speeds have nothing in common."""
     alike = float(windows.along(stated).sum())
     shared = np.flatnonzero(np.add.reduceat(windows.upper * windows.lower != 0.0, windows.edges[:-1]))
     related = alike > RELATED and _score(windows, stated, part=shared) > RELATED_SIGMAS
@@ -341,7 +341,7 @@ def _slack(time_s: Floats) -> float:
 
 
 def _outlying(time_s: Floats) -> Bools:
-    """Tell single times that stand far from both neighbours, which follow each other."""
+    """Find single times that are far from both neighbours, which follow each other."""
     outlying = np.zeros(time_s.shape, dtype=bool)
     if len(time_s) < MIN_RUN:
         return outlying
@@ -354,7 +354,7 @@ def _outlying(time_s: Floats) -> Bools:
 
 
 def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record: Record) -> bool:
-    """Tell whether a run stands in time that runs before it have filled with other values."""
+    """Return whether a run stands in time that runs before it have filled with other values."""
     if k == 0:
         return False
     before = np.sort(np.concatenate(runs[:k]))
@@ -369,7 +369,7 @@ def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record
 
 
 def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) -> Bools:
-    """Tell whether heading and velocities of some samples are those of others, (k,)."""
+    """Return whether heading and velocities of some samples are those of others, (k,)."""
     same = np.ones(len(first), dtype=bool)
     for values in (record.heading_deg, record.east, record.north):
         a, b = values[first], values[second]

@@ -239,7 +239,7 @@ def _flag_boundaries(record: Record, water_depth: float, *, side_lobe: bool) -> 
 
 
 def _echo_at(boundary: Floats, room: Floats, record: Record) -> Bools:
-    """Tell samples whose boundary stands where this one should."""
+    """Find samples whose boundary lies where this one should."""
     steps = np.diff(record.bin_range_m[:: 1 + len(room) // RANGE_ROWS])
     cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
     with np.errstate(invalid="ignore"):

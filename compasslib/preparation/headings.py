@@ -245,7 +245,7 @@ def _notches(values: Complexes | Floats) -> Floats:
 
 
 def _usable(record: Record) -> Bools:
-    """Tell which headings are there and not flagged, (n,)."""
+    """Select the headings that exist and are not flagged, (n,)."""
     return np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
 
 

@@ -199,7 +199,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
 
 
 def find_identical_velocities(pairs: Pairs) -> str:
-    """Say why the two instruments of pairs are one, nothing where their velocities are not the same."""
+    """Explain why the two instruments of pairs are one, nothing where their velocities are not the same."""
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < EQUAL_M_S) <= MOST_IDENTICAL:
         return ""
@@ -311,7 +311,7 @@ def _to_true(velocity: Complexes, record: Record, declination: Floats) -> Comple
 
 
 def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
-    """Say why there is no pair."""
+    """Explain why there is no pair."""
     if not trusted:
         return []
     whys = {"affected": _unusable(upper, heading=True), "reference": _unusable(trusted[0], heading=False)}

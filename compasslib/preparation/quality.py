@@ -195,7 +195,7 @@ def _impossible(record: Record, water_depth: float, thresholds: Thresholds) -> R
 
 
 def _at_limit(component: Floats) -> Bools:
-    """Tell which values are exactly the smallest or greatest one, where far more are than of the values next to it."""
+    """Find values that are exactly the smallest or greatest, where far more are than of the values next to it."""
     cut = np.zeros(component.shape, dtype=bool)
     if not np.isfinite(component).any():
         return cut
@@ -327,7 +327,7 @@ def _off_both(heading_deg: Floats) -> Floats:
 
 
 def _excursions(heading_deg: Floats, limit: float) -> Bools:
-    """Tell headings that stand off both neighbours by more than a limit, or a few in a row that do and come back."""
+    """Find headings that differ from both neighbours by more than a limit, or a few in a row that do and come back."""
     off, steps = _off_both(heading_deg) > limit, np.abs(angles.difference(heading_deg[1:], heading_deg[:-1])) > limit
     for length in range(2, LONGEST_OFF + 1):
         begin = np.arange(1, len(heading_deg) - length)
@@ -373,7 +373,7 @@ def _limit(off_both_deg: Floats, wrong: float) -> float:
 
 
 def _fast_water(record: Record) -> Bools:
-    """Tell samples at which the water runs faster than in the median, by the first bins, (n,)."""
+    """Find the samples at which the water runs faster than in the median, by the first bins, (n,)."""
     good = record.quality[:, :NEAR_BINS] <= GOOD
     count = good.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -384,7 +384,7 @@ def _fast_water(record: Record) -> Bools:
 
 
 def _stuck_velocity(record: Record) -> Bools:
-    """Tell samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at.
+    """Find samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at.
 
     Where one component alone never changes, all samples are.
     """
@@ -407,7 +407,7 @@ def _stuck_velocity(record: Record) -> Bools:
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:
-    """Tell samples that repeat the one before, (n - 1,), so often and long that the others make it no chance."""
+    """Find samples that repeat the one before, (n - 1,), so often and long that the others make it no chance."""
     edge = np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))
     runs = np.column_stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)])  # first and last sample of each
     lasts = time_s[runs[:, 1]] - time_s[runs[:, 0]] >= FROZEN_S

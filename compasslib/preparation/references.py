@@ -189,7 +189,7 @@ def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
 
 
 def _at_once(sums: Complexes, begin_s: float) -> tuple[str, float] | None:
-    """Say by how much directions differ from a date on, degrees, where a step is there."""
+    """Report by how much directions differ from a date on, degrees, where a step is there."""
     angle = -np.angle(sums * np.conj(sums.sum())) / angles.DEGREE
     weight = np.abs(sums)
     best: tuple[float, float, float, int] | None = None
@@ -241,7 +241,7 @@ class MatchedVelocities:
 
 
 def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
-    """Say why the reference's record is the affected one's own, gridded as pairs are; nothing where it is not."""
+    """Explain why the reference's record is the affected one's own, gridded as pairs are; nothing where it is not."""
     if len(upper.time_s) < MIN_COMPARED or len(lower.time_s) < MIN_COMPARED:
         return ""
     for trusted in _near(upper, lower, bins):
@@ -297,7 +297,7 @@ def _combinations(velocity: Complexes, depth_m: Floats, met: MatchedVelocities) 
 
 
 def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
-    """Tell whether two series have the same speeds, but for a factor, at one lag for all."""
+    """Return whether two series have the same speeds, but for a factor, at one lag for all."""
     speed, wanted = np.abs(cells.velocity), np.abs(met.velocity)
     near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
     columns = np.where(met.there[:, near], speed[met.place[:, near]], np.nan)
@@ -305,7 +305,7 @@ def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
 
 
 def _equal(first: NDArray, second: NDArray, least: float) -> bool:
-    """Tell whether two series are alike but for a factor to what no two instruments keep under."""
+    """Return whether two series are alike but for a factor to what no two instruments keep under."""
     known = np.isfinite(first)
     if known.sum() < MIN_COMPARED:
         return False
@@ -319,7 +319,7 @@ def _equal(first: NDArray, second: NDArray, least: float) -> bool:
 
 
 def _averaged(cells: CellSeries, met: MatchedVelocities) -> bool:
-    """Tell whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
+    """Return whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
     columns = cells.velocity[met.place]
     whole = met.there.all(axis=1) & np.isfinite(columns).all(axis=1)
     if whole.sum() < MIN_COMPARED:

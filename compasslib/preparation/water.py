@@ -78,7 +78,7 @@ class WaterPrediction:
 
 
 def usable_velocities(record: Record) -> Bools:
-    """Tell which velocities may be used, (n, m)."""
+    """Select the velocities that may be used, (n, m)."""
     flagged = np.isin(record.quality, (NOT_CHECKED, GOOD, PROBABLY_GOOD))
     return flagged & np.isfinite(record.east) & np.isfinite(record.north)
 
@@ -185,7 +185,7 @@ def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> 
 
 
 def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
-    """Tell whether the reference's speeds agree clearly less with the prediction than with the published mean.
+    """Return whether the reference's speeds agree clearly less with the prediction than with the published mean.
 
     Speeds do not turn: where a depth is wrong or the layers are not alike, they show it without any heading.
     """

@@ -220,7 +220,7 @@ def parse_table(
 
 
 def _advise_on_word(cell: str) -> str:
-    """Say what to do about a cell that is no number: what holds digits may be one, and is not to be left out."""
+    """Report what to do about a cell that is no number: what holds digits may be one, and is not to be left out."""
     if _WITH_THOUSANDS.fullmatch(cell):
         return "export numbers without marks between thousands"
     word = len(cell) <= LONGEST_MISSING_WORD and (NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))

@@ -186,7 +186,7 @@ def format_hints(
 
 
 def _copied_as_text(path: str | Path) -> bool:
-    """Tell a file in which a carriage return stands before every line feed, of which bytes hold many by chance."""
+    """Recognize a file in which a carriage return stands before every line feed, of which bytes hold many by chance."""
     try:
         data = read_bytes(path)
     except InputError:
@@ -332,7 +332,7 @@ def guess_columns(path: Path) -> GuessedTable | None:
 
 
 def _is_delimited(path: Path) -> bool:
-    """Tell whether a character other than a blank separates the cells of most lines, the same number in each."""
+    """Return whether a character other than a blank separates the cells of most lines, the same number in each."""
 
     def names_columns(names: Sequence[str]) -> bool:
         return len(names) > 1 and all(re.search(r"[^\W\d_]", name) for name in names)

@@ -167,7 +167,7 @@ def unescape(data: bytes) -> bytes:
 
 
 def looks_escaped(data: bytes) -> bool:
-    """Tell bytes in which most of 18 and 2B are escapes; whether records are whole without them decides."""
+    """Find bytes in which most of 18 and 2B are escapes; whether records are whole without them decides."""
     sample = data[:ESCAPE_SAMPLE]
     pairs = sum(sample.count(pair) for pair, _ in ESCAPE_PAIRS)
     return pairs > sample.count(ESCAPE) - pairs + sample.count(b"\x2b")

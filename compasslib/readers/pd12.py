@@ -148,7 +148,7 @@ def _whole(data: bytes) -> bytes:
 
 
 def _declares(data: bytes) -> bool:
-    """Tell whether an ensemble's head stands at the beginning, and as many bytes as it says."""
+    """Return whether an ensemble's head stands at the beginning, and as many bytes as it says."""
     size = int.from_bytes(data[2:4], "little")
     if not HEADER.itemsize <= size <= len(data) - 2:
         return False

@@ -108,7 +108,7 @@ def parse_times(
 
 
 def is_iso(cell: str, zone: str | None) -> bool:
-    """Tell whether a time is an ISO time in UTC, for which no form and no note is needed."""
+    """Return whether a time is an ISO time in UTC, for which no form and no note is needed."""
     return zone in (None, "UTC") and _ISO.fullmatch(cell) is not None
 
 
@@ -284,7 +284,7 @@ def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
 
 
 def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
-    """Tell days from months in dates in figures, describe which row settles it; refuse what stays open."""
+    """Distinguish days from months in dates in figures, describe which row settles it; refuse what stays open."""
     first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
     expected = "dates in which day and month can be told apart"
     if len(first) and len(second):

@@ -89,7 +89,7 @@ def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
 
 
 def verify(*, configured: Sequence[str], say: Callable[[str], None]) -> None:
-    """Say what differs from the manifest of the working folder, a line each.
+    """Report what differs from the manifest of the working folder, a line each.
 
     Args:
         configured: files that the rules make.

@@ -104,7 +104,7 @@ MAX_DISTINCT = 0.4  # distinct values among them; of one that steps by 1 degree 
 
 
 def adjacent(windows: Bools) -> Bools:
-    """Tell which windows have a selected one before or after them, (w,)."""
+    """Find the windows that have a selected one before or after them, (w,)."""
     return np.append(windows[1:], False) | np.append(False, windows[:-1])
 
 

@@ -163,7 +163,7 @@ def _wanted(
 
 
 def _needs_more(family: Family) -> bool:
-    """Tell whether a real record as it is lacks what a family needs: a storm's observatory, another battery, a knee."""
+    """Return whether a real record lacks what a family needs: a storm's observatory, another battery, a knee."""
     return bool(family.needs) or family.name == "supply_loop"
 
 
@@ -186,5 +186,5 @@ def _part(scene: Scene, some: slice) -> Scene:
 
 
 def _wide(scene: Scene) -> bool:
-    """Tell whether the headings go round the circle."""
+    """Return whether the headings go round the circle."""
     return bool(np.abs(np.exp(1j * np.deg2rad(scene.heading_deg)).mean()) < 0.6)

@@ -385,7 +385,7 @@ def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
 
 
 def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
-    """Say why a circle through the readings means nothing; empty where it does."""
+    """Explain why a circle through the readings means nothing; empty where it does."""
     if noise > MAX_SCATTER:
         return _scattered(noise, "circle or ellipse")
     towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))

@@ -165,13 +165,13 @@ def _needed(column: str) -> InputError:
 
 
 def are_direction_cosines(log: Log) -> bool:
-    """Tell whether the readings are direction cosines: of one modulus, 1, whichever way they point."""
+    """Return whether the readings are direction cosines: of one modulus, 1, whichever way they point."""
     length = np.linalg.norm(log.raw, axis=1)
     return log.has_z and bool(np.all(np.abs(length - 1.0) < COSINE_TOLERANCE))
 
 
 def unusable_reason(log: Log) -> str:
-    """Say why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be."""
+    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be."""
     raw = log.raw
     if len(raw) < MIN_READINGS:
         return f"{len(raw)} readings, at least {MIN_READINGS} are needed."
@@ -185,7 +185,7 @@ def unusable_reason(log: Log) -> str:
 
 
 def _gravity_reason(log: Log) -> str:
-    """Say why the columns hold gravity: its modulus, or axes that follow the tilts and not the heading."""
+    """Explain why the columns hold gravity: its modulus, or axes that follow the tilts and not the heading."""
     length = np.linalg.norm(log.raw, axis=1)
     mean = float(length.mean())
     if not log.has_z or mean == 0.0:

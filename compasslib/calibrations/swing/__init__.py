@@ -296,7 +296,7 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
 
 
 def _refusal(swing: Swing) -> str:
-    """Say why the five-term series cannot be fitted; empty where it can."""
+    """Explain why the five-term series cannot be fitted; empty where it can."""
     observed = swing.observed
     if not len(observed):
         lost = "; ".join(f"{n} {why}" for why, n in observed.left_out.items())

@@ -126,7 +126,7 @@ def setting(settings: Mapping[str, Any], key: str, default: float) -> Any:
 
 
 def overlap_in_time(a: Motion, b: Motion, max_offset_s: float) -> bool:
-    """Tell whether two heads measured at the same time, their clocks at most so far apart, seconds."""
+    """Return whether two heads measured at the same time, their clocks at most so far apart, seconds."""
     return bool(max(a.time_s[0], b.time_s[0] - max_offset_s) < min(a.time_s[-1], b.time_s[-1] + max_offset_s))
 
 

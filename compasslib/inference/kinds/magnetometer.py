@@ -281,7 +281,7 @@ def freed(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
 
 
 def warmed(log: Log) -> bool:
-    """Tell whether a temperature that varies was logged."""
+    """Return whether a temperature that varies was logged."""
     return log.temperature_c is not None and bool(np.isfinite(log.temperature_c).any() and np.nanstd(log.temperature_c))
 
 

@@ -193,7 +193,7 @@ def _held_out(points: Points, scale_deg: float) -> HeldOut:
 
 
 def series_fits_better(points: Points) -> bool:
-    """Tell whether the series stands for the compass better than the exact one does."""
+    """Return whether the series stands for the compass better than the exact one does."""
     left = _residuals(points)
     return left is None or _ratio(points, left) < -CLEARLY
 

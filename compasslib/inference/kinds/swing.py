@@ -151,7 +151,7 @@ class BySpeed:
 
 
 def _of_course(term: Effect) -> bool:
-    """Tell whether a term acts on the heading that the course follows."""
+    """Return whether a term acts on the heading that the course follows."""
     return term.acts_on == "reading" and term.side == "reference"
 
 
@@ -193,7 +193,7 @@ class Track:
 
     @property
     def has_speed(self) -> bool:
-        """Tell whether the courses are over ground and have speeds."""
+        """Return whether the courses are over ground and have speeds."""
         return self.observations.over_ground and bool(np.isfinite(self.observations.speed_kn).all())
 
     @property
@@ -253,7 +253,7 @@ SPEED = "the speed over ground against that through the water"
 
 
 def along_time(time_s: Floats) -> bool:
-    """Tell whether observations are a log, not readings at headings; times are NaN without a clock."""
+    """Return whether observations are a log, not readings at headings; times are NaN without a clock."""
     return bool(len(time_s) > 1 and np.isfinite(time_s).all() and np.median(np.diff(time_s)) <= OFTEN_S)
 
 

@@ -65,7 +65,7 @@ class HeadingComparison:
 
     @property
     def agrees(self) -> bool:
-        """Tell whether most headings are the magnetometer's."""
+        """Return whether most headings are the magnetometer's."""
         return int(self.off.sum()) <= MOST_OFF * self.known
 
     def warnings(self) -> list[str]:

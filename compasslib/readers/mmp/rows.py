@@ -220,7 +220,7 @@ def number_in_name(path: Path) -> int:
 
 
 def has_statements(text: Text) -> bool:
-    """Tell whether any line is one that an unpacker writes."""
+    """Return whether any line is one that an unpacker writes."""
     return bool(_statements(text)[0])
 
 

@@ -100,7 +100,7 @@ def read_scans(paths: Sequence[Path]) -> Scans:
 
 
 def is_text(data: bytes) -> bool:
-    """Tell whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
+    """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
     sample = data[:65536].rstrip(b"\x00\xff")
     return not data or files.count_unprintable(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
@@ -256,7 +256,7 @@ def _concatenate(parts: Sequence[Scans]) -> Scans:
 
 
 def _precedes_record(data: bytes, end: int) -> bool:
-    """Tell whether in front of this place stands the length of a profile and behind it a record."""
+    """Return whether in front of this place stands the length of a profile and behind it a record."""
     length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
     first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
     good = bool(_record_times(first)[1][0])
@@ -328,7 +328,7 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
 
 
 def _ends_in_switch_times(data: bytes, begin: int, tail: int) -> bool:
-    """Tell whether times of switching on and off stand there, near the record that stands first."""
+    """Return whether times of switching on and off stand there, near the record that stands first."""
     first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
     on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)
     return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + LONGEST_S
@@ -378,7 +378,7 @@ def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats
 
 
 def follows_previous(clock_s: Floats, profile: Ints, place: Ints, rate_hz: Floats) -> Bools:
-    """Tell whether each scan follows the one before without a gap, (r - 1,); arguments as for ``sample_rates``."""
+    """Return whether each scan follows the one before without a gap, (r - 1,); arguments as for ``sample_rates``."""
     step = np.diff(clock_s)
     with np.errstate(invalid="ignore", divide="ignore"):
         # Whole seconds hide up to one of them.

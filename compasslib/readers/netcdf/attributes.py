@@ -133,7 +133,7 @@ def _decode(file: File, quality: netCDF4.Variable) -> Flags:
 
 
 def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
-    """Tell a value that nobody wrote: a blank, NaN, or a fill value to which no meaning is given."""
+    """Return whether a value was never written: a blank, NaN, or a fill value to which no meaning is given."""
     if value == "" or value != value:
         return True
     # Of a byte every value may be meant.

@@ -238,7 +238,7 @@ def summarize_counts(
 
 
 def mostly_looks_up(leaders: Ensembles, settings: Settings) -> bool:
-    """Tell whether the instrument looks up: by the metadata, else by most of its ensembles."""
+    """Return whether the instrument looks up: by the metadata, else by most of its ensembles."""
     return bool(np.mean(looks_up(leaders, settings)) > 0.5)
 
 

@@ -149,7 +149,7 @@ def decode_leaders(run: EnsembleRun) -> Leaders:
 
 
 def has_velocities(layout: Layout) -> bool:
-    """Tell whether its ensembles hold velocities of four beams or components, and nothing else where these stand."""
+    """Return whether its ensembles hold velocities of four beams or components, and nothing else where these stand."""
     return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
 
 
@@ -277,7 +277,7 @@ def _has_profile(layout: Layout, identifier: int) -> bool:
 
 
 def _of_four_beams(layout: Layout) -> bool:
-    """Tell whether no block has room for a fifth column or a further cell, which nothing here understands."""
+    """Return whether no block has room for a fifth column or a further cell, which nothing here understands."""
     for identifier in layout.blocks.keys() & _PER_CELL.keys():
         spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
         last = layout.blocks[identifier][1] == layout.length

@@ -134,7 +134,7 @@ def _scan_file(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[li
 
 
 def is_escaped(path: str | PathLike[str]) -> bool:
-    """Tell whether the file came with a modem's escapes: without them more of its first ensembles are whole."""
+    """Return whether the file came with a modem's escapes: without them more of its first ensembles are whole."""
     with _opened(path) as file:
         sample = _read(file, path, files.ESCAPE_SAMPLE)
     return files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
