@@ -287,9 +287,11 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
     found = [
         targets.share(rate.what, map(rate.holds, rate.cases), **rate.target) for rate in rates(rows) if rate.target
     ]
+    exactly = {"least": 0.95, "most": 0.95}
     for what, kinds, target in (
-        ("no fault", score.QUIET, {"least": 0.95, "most": 0.95}),
-        ("listed effects", score.KNOWN, {"least": 0.95, "most": 0.95}),
+        ("all", {row["kind"] for row in rows}, exactly),
+        ("no fault", score.QUIET, exactly),
+        ("listed effects", score.KNOWN, exactly),
         ("unlisted effects", ("strange",), {"least": 0.9}),
     ):
         covers = [row["covered_95"] for row in _of(rows, *kinds) if row["covered_95"] is not None]
