@@ -4,7 +4,7 @@
 include: "workflow/Snakefile"
 
 
-# Snakemake takes no target from the included file by itself.
+# Snakemake takes no default target from an included file.
 rule default:
     default_target: True
     input:

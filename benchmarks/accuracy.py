@@ -1,12 +1,12 @@
-"""Corrected headings against known ones, for both methods: the tables of README and docs/background/accuracy.md.
+"""Heading errors of both methods with known truth: the tables of README and docs/background/accuracy.md.
 
     python benchmarks/accuracy.py            the demonstration cruise, after make run
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
-    python benchmarks/accuracy.py --product  what stands in the cruise's results, search included, and nothing else:
-                                             headings, and currents at fixed depths beside a mean per bin
+    python benchmarks/accuracy.py --product  only the existing results of the cruise, including the search:
+                                             headings, and currents at fixed depths compared with a mean per bin
 
-The cruise is run with every mooring by ``exact``, by ``exact`` with tilt and by ``von_appen``, beside the original,
-which stays as it is. Where a mooring has no truth its own recorded headings are taken for it (it was right).
+Copies of the cruise are run with all moorings by ``exact``, by ``exact`` with tilt and by ``von_appen``; the original
+is not changed. Without a truth file, the recorded headings of a mooring are taken as the truth.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ HEAD_OF_CURRENTS = "| mooring | cells | rms of U and V, gridded | a corrected me
 
 
 def run(source: Path, folder: Path, method: str) -> None:
-    """Run a copy of the cruise by one method; raw files are linked, never written to."""
+    """Run a copy of the cruise by one method; raw files are linked and not modified."""
     shutil.copytree(source / "config", folder / "config", copy_function=shutil.copyfile)
     (folder / "raw").symlink_to((source / "raw").resolve())
     for path in [folder / "config/config.yaml", *(folder / "config/moorings").glob("*.yaml")]:
         text = re.sub(r"fit:\s*\{?\s*method: [^}\n]+\}?", f"fit: {{method: {method}}}", path.read_text())
         path.write_text(text.replace("demonstration: true", "demonstration: false"))
     settings = yaml.safe_load((folder / "config/config.yaml").read_text()) | {"diagnose": {"enabled": False}}
-    (folder / "config/config.yaml").write_text(yaml.safe_dump(settings))  # the methods by themselves
+    (folder / "config/config.yaml").write_text(yaml.safe_dump(settings))  # the methods without the diagnosis
     cost(snakemake(folder, "--quiet", "all", "--until", "correct"))
 
 
 def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> np.ndarray:
-    """Return the correct magnetic heading of each sample."""
+    """Read the correct magnetic heading of each sample, degrees, NaN if unknown."""
     concealed = source / f"concealed/{name}.json"
     if concealed.exists():
         told = json.loads(concealed.read_text())
@@ -68,7 +68,7 @@ def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> 
 
 
 def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
-    """Return the cells of ``numbers_of_pages.HEADINGS``; the published method by eye has no uncertainty of its own."""
+    """Compute the cells of ``numbers_of_pages.HEADINGS``; the published method by eye has no stated uncertainty."""
     with netCDF4.Dataset(folder / "results" / name / "corrected.nc") as nc:
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "BRANCH_PROBABILITY")
         days, recorded, corrected, sigma, probability = (np.ma.filled(nc[v][:].astype(float), np.nan) for v in names)
@@ -98,7 +98,7 @@ def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
 
 
 def product(source: Path) -> None:
-    """Print the tables of the results that are there."""
+    """Print the tables of existing results."""
     rows = [row(source, source, path.stem, "product") for path in sorted((source / "config/moorings").glob("*.yaml"))]
     print(numbers.table(rows))
     print(f"\n{HEAD_OF_CURRENTS}\n" + "|---" * HEAD_OF_CURRENTS.count(" |") + "|")
@@ -107,7 +107,7 @@ def product(source: Path) -> None:
 
 
 def currents(source: Path, name: str) -> str:
-    """Compare the affected instrument's part of gridded.nc with its own cells turned by the true heading."""
+    """Compare gridded.nc, as far as from the affected instrument, with its cells rotated by the true heading."""
     folder = source / "results" / name
     with netCDF4.Dataset(folder / "corrected.nc") as nc:
         read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731

@@ -1,10 +1,10 @@
-"""Stated uncertainties of a bench's calibration against what is true, over many simulated benches.
+"""Coverage of the stated uncertainties of bench calibrations, over many simulated benches.
 
     python benchmarks/calibrations.py             1000 benches of each design
     python benchmarks/calibrations.py 200 7       200 of each by seed 7
 
-Of each design: the share of coefficients and of the table's deviations whose true value lies within 1.96 stated
-standard uncertainties. It is to be 93 to 97 %. Exit status 1 where it is not.
+For each design: the share of coefficients and of the table's deviations whose true value lies within 1.96 stated
+standard uncertainties. The target is 93 to 97 %; the exit status is 1 if it is missed.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.tilt import AxisReadings
 from compasslib.deviation.series import series_deviation
 
-GRADUATION_DEG, READING_DEG = 0.26, 0.4  # error of each setting of the bench; of each reading
-TILT_DEG = 0.15  # of a tilt and its reading
+GRADUATION_DEG, READING_DEG = 0.26, 0.4  # standard errors of each setting of the bench, and of each reading
+TILT_DEG = 0.15  # standard error of a tilt and its reading
 ALLOWED = {"least": 0.93, "most": 0.97}
 
 
 @dataclass(frozen=True)
 class Design:
-    """Where the bench is set, and what makes the deviation."""
+    """Settings of the bench, and type and size of the deviation."""
 
     name: str
     settings_deg: np.ndarray
     truth: str  # smith | exact
-    strength: float  # of the semicircular part: degrees, or over the horizontal field
+    strength: float  # of the semicircular part: degrees, or relative to the horizontal field
     repeats: int = 1
-    quadrantal: float = 0.15  # of the strength
+    quadrantal: float = 0.15  # relative to the strength
 
 
 def ring(n: int) -> np.ndarray:
-    """Return n settings all round."""
+    """Compute n equidistant settings over the full circle, degrees."""
     return 360.0 / n * np.arange(n)
 
 
@@ -67,7 +67,7 @@ DESIGNS = (
 
 
 def bench(design: Design, rng: np.random.Generator) -> tuple[np.ndarray, BenchReadings]:
-    """Return true coefficients, and what was read."""
+    """Simulate a bench; return true coefficients and readings."""
     direction = rng.uniform(0.0, 360.0)
     semicircular = design.strength * np.array(angles.sin_cos(direction))
     rest = design.strength * design.quadrantal * rng.normal(size=3)
@@ -88,7 +88,7 @@ def _recorded(truth: str, true: np.ndarray, correct_deg: np.ndarray) -> np.ndarr
 
 
 def deviation(truth: str, true: np.ndarray, recorded_deg: np.ndarray) -> np.ndarray:
-    """Return the true deviation at recorded headings, NaN where it is not a single one."""
+    """Compute the true deviation at recorded headings, degrees, NaN where it is not unique."""
     if truth == "smith":
         return series_deviation(true, recorded_deg)
     roots = compass.inverse(true, recorded_deg)
@@ -96,7 +96,7 @@ def deviation(truth: str, true: np.ndarray, recorded_deg: np.ndarray) -> np.ndar
 
 
 def misses(design: Design, true: np.ndarray, made: Calibration) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors of coefficients and of the table over their stated standard uncertainties."""
+    """Compute errors of coefficients and of the table over their stated standard uncertainties."""
     found = (made.coefficients, made.covariance) if design.truth == "smith" else (made.exact, made.exact_covariance)
     coefficients = (found[0] - true) / np.sqrt(np.diag(found[1])) if found[0].size else np.full(5, np.nan)
     if made.table is None:
@@ -106,7 +106,7 @@ def misses(design: Design, true: np.ndarray, made: Calibration) -> tuple[np.ndar
 
 
 def run(design: Design, benches: int, seed: int) -> list[Measured]:
-    """Try one design and print which models were used; return the shares beside their target."""
+    """Simulate one design and print the models that were used; return coverage with its target."""
     rng = np.random.default_rng([seed, DESIGNS.index(design)])
     found: dict[str, list[float]] = {"coefficients": [], "table": []}
     models = Counter[str]()
@@ -115,7 +115,7 @@ def run(design: Design, benches: int, seed: int) -> list[Measured]:
         made = platform.calibrate_readings("platform", readings)
         for shares, z in zip(found.values(), misses(design, true, made), strict=True):
             known = np.abs(z[np.isfinite(z)])
-            shares += [float(np.mean(known <= 1.96))] if known.size else []  # of one bench they belong together
+            shares += [float(np.mean(known <= 1.96))] if known.size else []  # values of one bench are dependent
         models[made.model] += 1
     targets.line(design.name, ", ".join(f"{name} {n / benches:.0%}" for name, n in sorted(models.items())))
     return [
@@ -126,7 +126,7 @@ def run(design: Design, benches: int, seed: int) -> list[Measured]:
 
 
 def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
-    """Try a tilt sensor on so many tilts of each axis; offset, gain and a bend are drawn."""
+    """Simulate a tilt sensor with random offset, gain and curvature at a number of tilts of each axis."""
     rng, reference, shares = np.random.default_rng([seed, steps]), np.linspace(-20.0, 20.0, steps), []
     for _ in range(platforms):
         true = rng.normal(size=(2, 3)) * [0.5, 0.02, rng.choice([0.0, 0.001])]
@@ -144,7 +144,7 @@ def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
 
 
 def main(benches: int = 1000, seed: int = 2007) -> int:
-    """Print the tables of all designs; 1 where one of them misses."""
+    """Print the tables of all designs; return 1 if any target is missed."""
     targets.head("headings", "model used")
     lines = [one for design in DESIGNS for one in run(design, benches, seed)]
     return targets.report([*lines, *(run_tilts(steps, benches, seed) for steps in (9, 17))])

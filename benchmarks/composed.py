@@ -1,11 +1,11 @@
-"""Effects that nobody listed, of families in a file of their own: what is said of them.
+"""Score of the search on effects outside the catalogue, defined in a separate file.
 
-    python benchmarks/composed.py 54 1                   families.py; a third of 54 moorings of 1.5 degrees, else 3
+    python benchmarks/composed.py 54 1                   families.py; 54 moorings, a third of 1.5 and the rest of 3°
     python benchmarks/composed.py 54 1 --families PATH   families of another file
-    python benchmarks/composed.py 54 1 --red             in water that veers slowly
+    python benchmarks/composed.py 54 1 --red             in slowly veering water
 
-The file defines FAMILIES: name -> function of a World that returns an Effect and the descriptions that are right for
-it, (acts_on, driver, form) each. Its hash is printed: a file that was written before the search is the same as then.
+The file defines FAMILIES: name -> function of a World that returns an Effect and its correct descriptions, (acts_on,
+driver, form) each. Its hash is printed to prove that a file written before the search was not changed.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def families(path: Path) -> dict:
 
 
 def described(name: str) -> tuple[str, ...] | None:
-    """Return acts_on, driver and form of a name, None for a listed one."""
+    """Return acts_on, driver and form of a composed name or one in ``LISTED``, None for other names."""
     return tuple(name.removeprefix(COMPOSED).split("/")) if name.startswith(COMPOSED) else LISTED.get(name)
 
 
 def measure(every: dict, index: int, seed: int, *, red: bool) -> dict:
-    """Return one row: what was put in, what is said."""
+    """Simulate and diagnose one mooring; return its row of planted effect and findings."""
     own = 100_000 * seed + 77_000 + index
     name, size = list(every)[index % len(every)], SIZES[index % len(SIZES)]
     slow = sea.some_slow_water(np.random.default_rng(own)) if red else None

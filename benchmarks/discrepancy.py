@@ -1,12 +1,12 @@
-"""The search for left-out physics scored on fresh simulated moorings, year-long and hourly.
+"""Score of the search for unmodelled effects on new simulated moorings of one year, hourly.
 
     python benchmarks/discrepancy.py 100 1                 100 moorings of each kind by seed 1
     python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock
-    python benchmarks/discrepancy.py 100 1 --rows PATH     also one line of JSON a mooring; a cut run goes on
+    python benchmarks/discrepancy.py 100 1 --rows PATH     with one line of JSON per mooring; an interrupted run resumes
     python benchmarks/discrepancy.py 110 1 --kind single --rows A --listed B
-                           the same again without compositions (rows in B), side by side: what the larger search costs
+                           also without composed effects (rows in B), to compare the power of both searches
 
-The world is tests/world/pairs.py; visible sizes are what five refitted coefficients leave there. One core.
+The simulation is tests/world/pairs.py; visible sizes are residuals after a fit of five coefficients. It uses one core.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import EarthField, Pairs
 from tests.world import pairs as sea
 
-WATER = ("current_shear_slow",)  # right where nothing was put in
+WATER = ("current_shear_slow",)  # correct finding if no effect was planted
 KINDS = ("null", "single", "two", "unknown", "control", "clock")
 SIZES = {
     "single": (1.5, 3.0),
@@ -42,7 +42,7 @@ SIZES = {
     "clock": (0.0,),
     "null": (0.0,),
 }
-LOST = 0.03  # share of listed effects that the search for compositions may cost
+LOST = 0.03  # largest loss in detected catalogue effects due to the search for composed effects
 SINGLES = tuple(x for x in sea.SINGLES if sea.FAMILIES[x] != "clock")
 PRODUCT = (
     "heeling",
@@ -59,10 +59,10 @@ PRODUCT = (
 
 
 def draw(kind: str, index: int, seed: int, *, red: bool = False) -> tuple[sea.Drawn, dict[str, float]]:
-    """Return one mooring and the effects that were asked for.
+    """Draw one mooring and its requested effects with their sizes, degrees.
 
     Args:
-        red: whether the water of the two depths differs for days to seasons, by any size and memory.
+        red: whether the currents at the two depths differ for days to seasons, with random size and memory.
     """
     own = 100_000 * seed + 1000 * KINDS.index(kind) + index
     size = SIZES[kind][index % len(SIZES[kind])]
@@ -82,7 +82,7 @@ def draw(kind: str, index: int, seed: int, *, red: bool = False) -> tuple[sea.Dr
     elif kind == "control" and size:
         wanted = {"temperature": size}
     drawn = sea.planted(world, wanted)
-    if kind == "control" and size:  # the cause was not the temperature that was logged
+    if kind == "control" and size:  # the logged temperature is not the cause
         drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 24 * world.rng.integers(50, 110))
     return drawn, wanted
 
@@ -104,21 +104,21 @@ def field_of(drawn: sea.Drawn) -> EarthField:
 
 
 def fitted(drawn: sea.Drawn) -> DeviationFit:
-    """Return the house's fit, started near the truth: the search for the right fold is not on trial here."""
+    """Fit the deviation, starting near the truth, as the search for the correct branch is not tested here."""
     _, coefficients = sea.five_term_residual(drawn.pairs.heading_deg, drawn.heading)
     near = DeviationFit("exact", len(drawn.pairs), coefficients, heading_density=np.full(120, 1 / 120))
     return fit_deviation("exact", drawn.pairs, near)
 
 
 def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
-    """Return one row of the score."""
+    """Diagnose one mooring and return its row of the score."""
     drawn, wanted = draw(kind, index, seed, red=red)
     fit, field = fitted(drawn), field_of(drawn)
     begin = time.perf_counter()
     found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options())
     seconds = time.perf_counter() - begin
     sets = [[one.named, *one.alternatives] for one in found.findings]
-    if found.current and "current_veer" in drawn.truth:  # else it is said of water that always differs
+    if found.current and "current_veer" in drawn.truth:  # otherwise it describes the slow shear of the simulation
         sets.append(["current_veer"])
     row = {
         "kind": kind, "index": index, "truth": drawn.truth, "size": max(wanted.values(), default=0.0),
@@ -138,7 +138,7 @@ def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
 
 
 def against_oracle(drawn, fit, field, found) -> dict:
-    """Return heading errors, held-out gains and parameter errors beside those of the true model fitted."""
+    """Compute heading errors, coverage and parameter errors, and the heading error of the true model after a fit."""
     case = compare_pairs(drawn.pairs, drawn.covariates, fit, field)
     empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
     terms = [true_term(name, values) for name, values in drawn.truth.items()]
@@ -163,7 +163,7 @@ def against_oracle(drawn, fit, field, found) -> dict:
 
 
 def corrected(drawn, fit, field, found) -> tuple:
-    """Return the headings as the search has them corrected, and by the fit alone."""
+    """Correct the headings by the diagnosed product, and by the fit alone."""
     pairs, zero = drawn.pairs, np.zeros(len(drawn.pairs))
     readings = readings_at_pairs(pairs)
     record = SimpleNamespace(
@@ -178,7 +178,7 @@ def corrected(drawn, fit, field, found) -> tuple:
 
 
 def without_compositions(measure, *asked, **options) -> dict:
-    """Return a row of the search that knows the catalogue only."""
+    """Compute a row by a search that is restricted to the catalogue."""
     screen, grammar.screen = grammar.screen, lambda state, drivers=(): []
     try:
         return measure(*asked, **options)
@@ -187,7 +187,7 @@ def without_compositions(measure, *asked, **options) -> dict:
 
 
 def side_by_side(rows: list[dict], listed: list[dict]) -> bool:
-    """Print what the search for compositions costs listed effects; False where the interval excludes 3 points."""
+    """Print the loss of the search for composed effects; return False if the interval excludes 3 points."""
     good, both = True, {(row["kind"], row["index"]): row for row in listed}
     targets.head("one effect", "listed only, %", "with compositions, %", "lost, points", "target")
     pairs = [(row, both[row["kind"], row["index"]]) for row in rows if row["kind"] == "single"]
@@ -209,7 +209,7 @@ def side_by_side(rows: list[dict], listed: list[dict]) -> bool:
 
 
 def alone(row: dict) -> bool:
-    """Return whether the truth is the only name."""
+    """Return whether the true effect is the only one named."""
     return [list(row["truth"])] == row["sets"] and row["left"] is None
 
 
@@ -223,12 +223,12 @@ def error(heading, drawn) -> float:
 
 
 def held(what: str, values, *, most: float = 1.0, least: float = 0.0) -> bool:
-    """Print a share beside its target; False where the interval excludes it."""
+    """Print a share with its target; return False if the interval excludes the target."""
     return told(targets.share(what, values, least=least, most=most))
 
 
 def told(one: targets.Measured) -> bool:
-    """Print one line where there is something to tell; False where its target is missed."""
+    """Print a measure unless it has no data; return False if its target is missed."""
     line(one.what, one.value, one.verdict)
     return one.held
 
@@ -248,8 +248,8 @@ def line(what: str, value: str, target: str = "") -> None:
 
 
 def report(rows: list[dict]) -> bool:
-    """Print the score; False where a target is outside its interval."""
-    # Some effects stop at what is believable: what stays smaller than asked for is in no row for its size.
+    """Print the score; return False if any target is outside its interval."""
+    # Some effects are limited to plausible sizes; moorings whose effect is smaller than requested are left out.
     rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x in sea.STRONGEST)]
     kind = {name: [row for row in rows if row["kind"] == name] for name in KINDS}
     targets.head("measure", "value", "target")
@@ -282,7 +282,7 @@ def report(rows: list[dict]) -> bool:
             f"- {name}: detected at {SIZES['single']}",
             ", ".join(targets.share_of(map(detected, e)) for e in each),
         )
-    limited = [r for r in kind["single"] if "detectable" in r]  # what was named has no limit any more
+    limited = [r for r in kind["single"] if "detectable" in r]  # named effects have no detection limit
     over = [r for r in limited if all(size >= r["detectable"].get(x, 0.0) for x, size in r["visible"].items())]
     good.append(held("at or above the stated limit, or named: named", map(covered, over), least=0.9))
     clock = kind["clock"]
@@ -314,27 +314,27 @@ def report(rows: list[dict]) -> bool:
 
 
 def strange(row: dict) -> bool:
-    """Return whether something was seen that no listed effect does."""
+    """Return whether a mismatch outside the catalogue was found, unexplained or composed."""
     return row["left"] is not None or any(name.startswith("composed") for one in row["sets"] for name in one[:1])
 
 
 def bare_name(row: dict) -> bool:
-    """Return whether listed effects alone were named."""
+    """Return whether only effects of the catalogue were named."""
     return bool(row["sets"]) and not strange(row)
 
 
 def accused(row: dict) -> bool:
-    """Return whether the compass or a clock is more probably at fault than not."""
+    """Return whether the probability of a fault of the compass or a clock is at least 1/2."""
     return row["sides"].get("compass", 0.0) + row["sides"].get("clock", 0.0) >= 0.5
 
 
 def detected(row: dict) -> bool:
-    """Return whether the true side is more probable than not."""
+    """Return whether the probability of the true side is at least 1/2."""
     return any(row["sides"].get(SIDES[name], 0.0) >= 0.5 for name in row["truth"])
 
 
 def reliability(rows: list[dict]) -> None:
-    """Print how often names are right that are given with some probability, first or alternative."""
+    """Print the share of correct names, first or alternative, by their stated probability."""
     told = [(p, name in r["truth"]) for r in rows for one in r["probability"] for name, p in one.items() if r["truth"]]
     told += [(p, name in WATER) for r in rows for one in r["probability"] for name, p in one.items() if not r["truth"]]
     edges = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.01)

@@ -1,12 +1,12 @@
-"""What to measure next: stated chances that an observation leaves one name, and what came of it.
+"""Calibration of the stated probabilities that an additional observation leaves a single finding.
 
-    python benchmarks/experiments.py 40 1 ROWS     40 ambiguous moorings by seed 1, in water that veers slowly
+    python benchmarks/experiments.py 40 1 ROWS     40 ambiguous moorings by seed 1, in slowly veering water
 
-Moorings with one effect are drawn until as many are ambiguous. Of each, half a year is judged; then, each apart, its
-second half is added, and a second reference at another depth: both simulated and judged by the whole search. The swing
-of all headings after recovery and the log of the field's strength are simulated by the formulae of the world, which the
-engine does not use; the hypotheses of the recording are weighed anew with them. A name counts as left where the verdict
-has one, or where nothing is there by 95 %. ROWS gets one line of JSON a mooring, from which a cut run goes on.
+Moorings with one effect are drawn until enough are ambiguous. Half a year of each is diagnosed; then its second half,
+or a second reference at another depth, is simulated and added, and the search is repeated. A swing of all headings
+after recovery and a log of the field strength are simulated by formulae independent of the engine, and the hypotheses
+of the recording are weighted again with them. A single finding counts as left if the verdict is ``explained``, or if
+the probability of no effect is 95 %. ROWS gets one line of JSON per mooring, from which an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from tests.world import pairs as sea
 HALF, MOST = 4000, 1000
 SWING, STRENGTH = "a swing", "the strength"
 OBSERVED = ("another", "a second", SWING, STRENGTH)
-STAYS = ("heading_slip", "compass_drift", "hard_iron_step", "hard_iron_drift")  # on deck as at the end of the record
+STAYS = ("heading_slip", "compass_drift", "hard_iron_step", "hard_iron_drift")  # remain on deck as at the record's end
 NONE_ON_DECK = ("compass_lag", "current_veer")
-INFERRED: list[Inference] = []  # of the recording that was judged last
+INFERRED: list[Inference] = []  # of the recording that was diagnosed last
 
 
 def judged(drawn: sea.Drawn, pairs: Pairs) -> Diagnosis:
@@ -57,7 +57,7 @@ def remembered(found: Inference) -> tuple[tuple[str, float], ...]:
 STATED, experiments.rank_observations = (
     experiments.rank_observations,
     remembered,
-)  # the search tells its posterior to nobody else
+)  # the search does not return its posterior otherwise
 
 
 def settled(found: Diagnosis) -> float:
@@ -69,7 +69,7 @@ def left(after: experiments.Prospects, begin: str, seen: np.ndarray) -> float:
 
 
 def swung(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.ndarray:
-    """Return what a swing on a level deck shows beyond the compass without terms, in units of its noise."""
+    """Simulate the residual of a swing on a level deck from the compass without terms, in units of its noise."""
     heading = np.arange(experiments.COURSES) * 360.0 / experiments.COURSES
     none = np.zeros((2, len(heading)))
     deck = replace(drawn.world, heading=heading, tilt=none, sensed=none)
@@ -89,7 +89,7 @@ def swung(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.nd
 
     mark, noise = rng.normal(0.0, 3.0), rng.normal(0.0, experiments.SWUNG_DEG, len(heading))
     recorded = sea.compass(deck, extra=extra, offset=offset)
-    bare = design.refit(found.state, []).simulation  # what the hypotheses' terms are counted beside
+    bare = design.refit(found.state, []).simulation  # to which the terms of hypotheses are added
     h, z = (np.full(len(heading), nT) for nT in (drawn.horizontal, drawn.vertical))
     scene = Scene(0.0 * heading, h, z, *none, 0.0)
     foretold = nearest_root(invert_heading(bare, scene, recorded), heading)
@@ -100,12 +100,12 @@ LOBES = ("sextantal", "octantal")
 
 
 def at_deck(series: np.ndarray, name: str) -> np.ndarray:
-    """Return an effect's series as it is on deck: as at the end, or at the middle of what was logged."""
+    """Compute an effect's value on deck: that at the end of the record, or its mean over the record."""
     return series[..., HALF - 1] if name in STAYS else series[..., :HALF].mean(axis=-1)
 
 
 def strength(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.ndarray:
-    """Return what a log of the field's strength shows beyond the compass without terms, in units of its noise."""
+    """Simulate the residual of a log of the field strength from the compass without terms, in units of its noise."""
     extra = sum((size * part.extra for part, size in drawn.parts if part.extra is not None), np.zeros((3, 2 * HALF)))
     noise = sea.red(rng, HALF, experiments.STRENGTH_S / sea.HOUR_S, experiments.STRENGTH_NT)
     logged = np.linalg.norm(sea.in_body(drawn.world, extra), axis=0)[:HALF] + noise
@@ -116,9 +116,9 @@ def strength(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np
 
 
 def beside(world: sea.World, pairs: Pairs, rng: np.random.Generator) -> Pairs:
-    """Return pairs with a second reference, in water and with noise of its own."""
+    """Add a second reference, with currents and noise of its own, to pairs."""
     (slow, memory, white), n = world.noise, len(world.time_s)
-    # The affected instrument has half of the first pair's red noise; with its own the second makes as much.
+    # Half of the red noise of the first pairs is that of the affected instrument; noise of the second adds as much.
     noise = np.sqrt(0.75) * (sea.red(rng, n, memory, slow) + 1j * sea.red(rng, n, memory, slow))
     noise = noise + np.sqrt(0.5) * white * (rng.normal(size=n) + 1j * rng.normal(size=n))
     lower = (world.water + noise + world.slow_water.beside(rng, world.water))[: len(pairs)]
@@ -127,7 +127,7 @@ def beside(world: sea.World, pairs: Pairs, rng: np.random.Generator) -> Pairs:
 
 
 def measure(index: int, seed: int) -> dict:
-    """Return what was stated of a mooring and what came, nothing stated where it is not ambiguous."""
+    """Compute stated probabilities and outcomes for a mooring; none are stated if it is not ambiguous."""
     own = 100_000 * seed + 55_000 + index
     slow = sea.some_slow_water(np.random.default_rng(own))
     world = sea.make(own, wide=index % 3 == 2, slow_water=slow, n=2 * HALF)
@@ -178,7 +178,7 @@ def main() -> None:
 
 
 def calibrated(rows: list[dict], begin: str) -> bool:
-    """Print stated chances beside what came; tell whether chance allows their difference."""
+    """Print stated probabilities and frequencies; return whether their difference is compatible with chance."""
     own = [(chance, came) for row in rows for b, chance, came in row["stated"] if b == begin]
     good = True
     for low, high in ((0.0, 1.0), (0.0, 0.2), (0.2, 0.8), (0.8, 1.0)):

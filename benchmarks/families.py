@@ -1,7 +1,7 @@
-"""Effects that nobody listed, with the descriptions that are right for each (acts_on, driver, form).
+"""Effects outside the catalogue, with the correct descriptions of each (acts_on, driver, form).
 
-Written after the grammar and by the same hand: they show that it works, not what it does with what nobody foresaw.
-Shapes are smoother than the grammar's where physics is: soft thresholds, exponentials, backlash.
+They were written after the grammar by the same author: they test its function, not its response to unforeseen effects.
+Functional forms are smoother than in the grammar where physics is: soft thresholds, exponentials, backlash.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""Do two versions of this software give the same numbers? Every number of six cruises, this checkout against a commit.
+"""Comparison of all results of six cruises between this checkout and another commit.
 
     python benchmarks/frozen.py e368bdf                  against that commit, in a checkout of its own
-    python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and goes on from what is there
+    python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and resumes from existing ones
 
-The demonstration cruise, the real record of ../shared/data/cruise_eh2 where it is there, a sealed cruise of 24, a
-calibration of each kind, a compass that several moorings and a bench share, and a cruise of other formats (Nortek,
-netCDF) with a mooring that stops are processed by both through Snakemake; this checkout's simulation writes raw files.
-Headings and velocities may differ by 1e-9, all other numbers by what is printed; verdicts and names must be equal.
-Sentences are counted and the new ones listed, so are figures whose pixels differ, and moorings whose corrected headings
-have other flags. Exit status 1 where a number, a verdict, a name or the set of files differs.
+Both versions process, through Snakemake, the demonstration cruise, the real record ../shared/data/cruise_eh2 if it
+exists, a sealed cruise of 24 moorings, a calibration of each kind, a compass shared by several moorings and a bench,
+and a cruise of other formats (Nortek, netCDF) with a mooring that stops; raw files are simulated by this checkout.
+Headings and velocities may differ by 1e-9, other numbers by ``DIGITS`` significant digits; verdicts and names must be
+equal. Changed sentences and figures are counted and listed, as are moorings with changed flags of corrected headings.
+The exit status is 1 if a number, a verdict, a name or the set of files differs.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from tests.world import draw as paper
 from tests.world import observatory, package, redeployed, swing
 
 NEAR = 1e-9
-DIGITS = 6  # of numbers that are no heading and no velocity
+DIGITS = 6  # significant digits of numbers other than headings and velocities
 EXACT = re.compile(r"HEADING|DEVIATION|[UV]CUR|BRANCH|corrected_deg")
 NAMES = re.compile(r"(^|/)(verdict|effect|side|alternatives|method|kind|model|name|folded|effects)(/|$)")
 OF_THE_RUN = re.compile(r"(^|/)(software.*|history|date_.*|source_files|metadata_link|.*sha256.*|conventions)(/|$)")
@@ -54,7 +54,7 @@ SKIPPED = ("ro-crate-metadata.json", "report.html", "pictures.json")
 
 
 def worktree(commit: str, folder: Path) -> Path:
-    """Return a checkout of the commit."""
+    """Create a checkout of the commit in a folder."""
     if not folder.is_dir():
         subprocess.run(["git", "-C", PROJECT, "worktree", "prune"], check=True)
         subprocess.run(["git", "-C", PROJECT, "worktree", "add", "--detach", "--quiet", folder, commit], check=True)
@@ -62,7 +62,7 @@ def worktree(commit: str, folder: Path) -> Path:
 
 
 def write_raw(into: Path) -> list[str]:
-    """Write the cruises that are processed by both, by this checkout's simulation; return their names."""
+    """Write the cruises that both versions process, by this checkout's simulation; return their names."""
     names = ["demonstration", "sealed", "calibrations", "shared", "formats"] + (
         ["eh2"] if (DATA / "cruise_eh2").is_dir() else []
     )
@@ -94,7 +94,7 @@ def write_raw(into: Path) -> list[str]:
 
 
 def _write_formats(cruise: Path) -> None:
-    """Write a mooring whose affected instrument is an AWAC and whose reference is netCDF, and one that stops."""
+    """Write a mooring with an AWAC as the affected instrument and a netCDF reference, and one that stops."""
     (cruise / "truth").mkdir(parents=True, exist_ok=True)
     for name in ("AWAC", "STOPS"):
         paper.write(paper.Sealed(name, wish=Wish(hours=2000, wide=True), seed=11), cruise, cruise / "truth")
@@ -202,7 +202,7 @@ def leaves(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def content(path: Path) -> dict[str, Any]:
-    """Return what a file holds by name: numbers, arrays and texts."""
+    """Read the content of a file by name: numbers, arrays and texts."""
     if path.suffix == ".png":
         found = {"/figure": hashlib.sha256(image.imread(path).tobytes()).hexdigest()}
     elif path.suffix == ".json":
@@ -230,7 +230,7 @@ def _value(text: str) -> Any:
 
 
 def differs(key: str, old: Any, new: Any) -> str:
-    """Return in what way two values differ: ``number``, ``name``, ``sentence``, ``figure``, or nothing."""
+    """Classify the difference of two values: ``number``, ``name``, ``sentence``, ``figure``, or empty if equal."""
     if key == "/figure":
         return "" if old == new else "figure"
     if isinstance(old, str) or isinstance(new, str):
@@ -248,7 +248,7 @@ def differs(key: str, old: Any, new: Any) -> str:
 
 
 def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
-    """Return how many values are the same or differ in which way, and where they differ."""
+    """Count equal and different values by kind of difference, and list the places where they differ."""
     counted: Counter[str] = Counter()
     where: dict[str, list[str]] = defaultdict(list)
     files = {p.relative_to(old) for p in old.rglob("*")} | {p.relative_to(new) for p in new.rglob("*")}
@@ -272,7 +272,7 @@ def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
 
 
 def flags_changed(old: Path, new: Path) -> Iterator[str]:
-    """Yield, for each mooring whose corrected headings have other flags, how many, and the warnings that are new."""
+    """Describe, for each mooring with changed flags of corrected headings, their number and the new warnings."""
     for after in sorted(new.glob("*/corrected.nc")):
         mooring, before = after.parent.name, old / after.relative_to(new)
         if not before.exists():
@@ -316,7 +316,7 @@ def main() -> None:
     parser.add_argument("--kept", type=Path, help="folder that is kept")
     parser.add_argument("--shown", type=int, default=12, help="differences that are listed of each way")
     asked = parser.parse_args()
-    os.environ["SOURCE_DATE_EPOCH"] = "0"  # of both, whatever their commits
+    os.environ["SOURCE_DATE_EPOCH"] = "0"  # the same date for both commits
     with tempfile.TemporaryDirectory() as scratch:
         folder = (asked.kept or Path(scratch)).absolute()
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,9 @@
-"""The gridded product against the true sea at fixed depths: errors beside a mean per bin, coverage, gaps, cost.
+"""Gridded product compared with the true currents at fixed depths: errors, coverage, gaps and cost.
 
     python benchmarks/gridding.py [MOORINGS_A_KIND] [SEED]
 
-Moorings of plain and structured sea, with a sphere that dives, with a profiler as reference, with a two-valued compass.
-Each has an error of the reference's compass (2 degrees) and of the declination, drawn anew. Intervals are by moorings.
+Moorings in plain and structured water, with a diving sphere, with a profiler as reference, with a two-valued compass.
+Each has a random error of the reference's compass (2 degrees) and of the declination. Intervals are over moorings.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from tests.world import draw
 KINDS = ("plain", "structured", "diving", "profiler", "two-valued")
 STRENGTH = {"two-valued": 1.3}
 HOURS, CELLS, CELL_M, REFERENCE_DEG, DAY_S = 1200, 16, 4.0, 2.0, 86400.0
-PLAIN_SHEAR, WEAK = 0.25, 0.3  # of the sea's layers; of the buoyancy
+PLAIN_SHEAR, WEAK = 0.25, 0.3  # factors of the layers in plain water, and of the buoyancy of a diving sphere
 TOP = Setup(kilohertz=300, looks_up=True, cells=CELLS, cell_m=CELL_M, blank_m=1.76, first_bin_m=6.0, pings=4,
             coordinates="earth", serial=9001)  # fmt: skip
 
 
 def ground_of(kind: str, seed: int) -> Ground:
-    """Return a mooring of a kind."""
+    """Simulate a mooring of a kind."""
     ground = sealed.make(seed, "M", Wish(wide=True, hours=HOURS))
     _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
     strength = STRENGTH.get(kind, float(np.random.default_rng(seed).choice([0.1, 0.2, 0.35])))
@@ -68,7 +68,7 @@ def write(kind: str, ground: Ground, folder: Path) -> None:
     wrong = float(np.random.default_rng(ground.seed + 1).normal(0.0, REFERENCE_DEG))
     effects = [Effect("reference", trusted=lambda heading: np.full(heading.shape, wrong))]
     raw = folder / "raw/M"
-    sealed._top = lambda coordinates: Adcp(TOP, noise_m_s=0.014)  # with more bins than its own
+    sealed._top = lambda coordinates: Adcp(TOP, noise_m_s=0.014)  # with more bins than the default
     sealed.write(ground, effects, raw, export)
     settings = draw._described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
     if kind == "profiler":
@@ -79,7 +79,7 @@ def write(kind: str, ground: Ground, folder: Path) -> None:
 
 
 def write_profiles(ground: Ground, wrong_deg: float, path: Path) -> dict[str, object]:
-    """Write a profiler's scans, every 30 s on its way up at 25 cm/s each four hours; they end under the sphere."""
+    """Write scans of a profiler, every 30 s of an ascent at 25 cm/s to below the sphere, every four hours."""
     ends = ground.stamp_s[::4]
     time_s = (ends[:, None] - 30.0 * np.arange(12)[::-1]).ravel()
     sphere = np.interp(time_s, ground.motion.time_s, ground.motion.sphere_depth_m)
@@ -102,7 +102,7 @@ def measure(kind: str, seed: int, folder: Path) -> dict[str, float]:
     results, spent = folder / "results/M", []
     make = stage.grid
 
-    @functools.wraps(make)  # the stage is called by its signature
+    @functools.wraps(make)  # the stage is called with arguments by its signature
     def timed(*args: object, **named: object) -> None:
         begin = time.process_time()
         make(*args, **named)  # type: ignore[arg-type]
@@ -129,7 +129,7 @@ def measure(kind: str, seed: int, folder: Path) -> dict[str, float]:
 
 
 class Grid:
-    """A gridded file and the truth at its cells."""
+    """A gridded file and the true currents at its cells."""
 
     def __init__(self, nc: netCDF4.Dataset, truth: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
         self.grid = open_gridded(Path(nc.filepath()))
@@ -139,11 +139,11 @@ class Grid:
         self.truth = truth(self.time_s, self.depth_m)
 
     def of_days(self, noon_s: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
-        """Return the true means of days by the hours of this file."""
+        """Compute true daily means from the hours of this file."""
         return np.array([self.truth[np.abs(self.time_s + 1.0 - noon) <= DAY_S / 2].mean(axis=0) for noon in noon_s])
 
     def compare(self) -> dict[str, float]:
-        """Return rms and coverage of both components."""
+        """Compute rms error and coverage of both components."""
         off, good = self.flow - self.truth, np.isfinite(self.flow) & np.isfinite(self.sigma[0])
         cover = [
             np.mean(np.abs(x[good]) < 1.96 * s[good]) for x, s in zip((off.real, off.imag), self.sigma, strict=True)
@@ -155,7 +155,7 @@ class Grid:
         }
 
     def section(self, angle: float) -> dict[str, float]:
-        """Return whether the mean transport over all cells lies within 1.96 of its standard deviation."""
+        """Compute coverage and squared z of the mean of all cells in a given direction, radians from east."""
         good = np.isfinite(self.flow) & np.isfinite(self.sigma[0])
         weight = np.where(good, 1.0 / good.sum(), 0.0)
         east, north = weight * np.cos(angle), weight * np.sin(angle)
@@ -165,7 +165,7 @@ class Grid:
 
 
 def beside_bins(nc: netCDF4.Dataset, g: Grid) -> dict[str, float]:
-    """Compare with a mean per bin, and hold what is filled against what usable bins and the default gaps allow."""
+    """Compare with a mean per bin, and filled cells with those that usable bins and the default gaps allow."""
     read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731
     flow, depth, quality = read("UCUR") + 1j * read("VCUR"), read("DEPTH"), read("UCUR_QC")
     usable = np.isfinite(flow) & (quality <= 2)
@@ -193,7 +193,7 @@ def report(count: int, seed: int) -> None:
     """Print means over the moorings of each kind; the rows of single moorings go to standard error."""
     rows: dict[str, list[dict[str, float]]] = {}
     for k in range(count):
-        for n, kind in enumerate(KINDS):  # a sea, an iron and a reference of its own for each
+        for n, kind in enumerate(KINDS):  # each with its own currents, iron and reference
             with tempfile.TemporaryDirectory() as folder:
                 made = measure(kind, 1000 * seed + 10 * k + n, Path(folder))
             rows.setdefault(kind, []).append(made)
@@ -215,7 +215,7 @@ def report(count: int, seed: int) -> None:
 
 
 def mean(rows: list[dict[str, float]], name: str, times: float = 1.0) -> str:
-    """Return a mean over moorings with its 95 % interval."""
+    """Format a mean over moorings with its 95 % interval."""
     values = times * np.array([row[name] for row in rows])
     return f"{values.mean():.2f} ± {1.96 * values.std(ddof=1) / np.sqrt(len(values)):.2f}"
 

@@ -1,12 +1,12 @@
-"""How time and memory grow: with the length of a record, the moorings of a cruise, and what there is to find.
+"""Scaling of time and memory with the length of a record, the number of moorings, and the number of effects.
 
     python benchmarks/growth.py                  a quarter of an hour on one core
-    python benchmarks/growth.py --figure PNG     the curves as well
-    python benchmarks/growth.py --plan           only what it takes to plan fleets, of up to 1000 moorings
-    python benchmarks/growth.py --plan 10000     of so many
+    python benchmarks/growth.py --figure PNG     also draws the curves
+    python benchmarks/growth.py --plan           only the planning of fleets of up to 1000 moorings
+    python benchmarks/growth.py --plan 10000     of a fleet of this size
 
-CPU seconds are user and system of all processes; peaks are those of the largest. Each stands beside its ratio in the
-same run: the workflow beside one process that does the same steps, the whole beside the published method alone.
+CPU seconds are user and system of all processes; peaks are those of the largest process. Ratios within the same run
+are those of the workflow to one process with the same steps, and of the whole to the published method alone.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tests.world import draw
 
 YEARS, MOORINGS, FLEETS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), (10, 100, 1000), 4000
 EFFECTS = ((), ("heeling",), ("heeling", "temperature"))
-MOST_RATIO, STEEPEST = 1.5, 1.2  # workflow over one process; power of the length that time and memory grow by
+MOST_RATIO, STEEPEST = 1.5, 1.2  # limits of workflow over one process, and of the exponent of growth with length
 ONE_PROCESS = "import sys; from compasslib.pipeline.process import process_mooring; process_mooring(*sys.argv[1:])"
 
 
@@ -42,7 +42,7 @@ def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[fl
     """Correct a mooring in one process; return CPU seconds and peak MB.
 
     Args:
-        published: the published method alone, without diagnosis.
+        published: whether to use the published method alone, without diagnosis.
     """
     if published:
         plain = {"fit": {"method": "von_appen"}, "diagnose": {"enabled": False}, "name": f"{name}P"}
@@ -56,7 +56,7 @@ def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[fl
 
 
 def by_length(folder: Path) -> tuple[list[tuple[float, ...]], list[Measured]]:
-    """Measure ever longer records of ten minutes and forty bins."""
+    """Measure records of increasing length, of 10-minute ensembles of 40 bins."""
     rows = []
     for years in YEARS:
         cruise = folder / f"years{years:g}"
@@ -74,7 +74,7 @@ def by_length(folder: Path) -> tuple[list[tuple[float, ...]], list[Measured]]:
 
 
 def fleet(cruise: Path, count: int, years: float) -> list[str]:
-    """Write a cruise of equal moorings and return their names."""
+    """Write a cruise of identical moorings and return their names."""
     memory.write_cruise(cruise, years, np.random.default_rng(1))
     first = cruise / "config/moorings/M.yaml"
     for k in range(1, count):
@@ -83,7 +83,7 @@ def fleet(cruise: Path, count: int, years: float) -> list[str]:
 
 
 def by_plan(folder: Path, fleets: Sequence[int] = FLEETS) -> None:
-    """Measure what the workflow takes to plan ever larger fleets."""
+    """Measure the planning of the workflow for fleets of increasing size."""
     rows = []
     for count in fleets:
         fleet(folder / f"fleet{count}", count, 0.02)
@@ -94,7 +94,7 @@ def by_plan(folder: Path, fleets: Sequence[int] = FLEETS) -> None:
 
 
 def by_moorings(folder: Path) -> list[Measured]:
-    """Measure cruises of ever more moorings by the workflow, beside one process a mooring."""
+    """Measure cruises of increasing size by the workflow, and by one process per mooring."""
     rows = []
     for count in MOORINGS:
         cruise = folder / f"moorings{count}"
@@ -141,7 +141,7 @@ def plot(rows: Sequence[tuple[float, ...]], path: Path) -> None:
 
 
 def main() -> int:
-    """Print the tables; 1 where a target is missed."""
+    """Print the tables; return 1 if a target is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--plan", type=int, nargs="*", metavar="MOORINGS")

@@ -1,13 +1,13 @@
-"""Corrected headings over many simulated year-long moorings, against what they truly were.
+"""Errors of corrected headings over many simulated moorings of one year.
 
     python benchmarks/headings.py                     120 moorings: the tables, each with its target
     python benchmarks/headings.py 400 7               400 moorings by seed 7
     python benchmarks/headings.py --heeling           with tilt and vertical iron
-    python benchmarks/headings.py --heeling --tilt    the same, tilt in the fit as well
+    python benchmarks/headings.py --heeling --tilt    the same, with tilt in the fit
 
-Currents, shear across the sphere and headings locked to the wake are those of compasslib.demo; iron of random
-direction and up to twice the earth's horizontal field stands beside the compass. The trusted instrument overlaps hourly
-or twice a day; every hour is to be corrected. The same seed draws the same moorings.
+Currents, shear across the sphere and headings aligned by the wake are those of compasslib.demo; iron near the compass
+has random direction and up to twice the earth's horizontal field. The reference gives pairs hourly or twice a day;
+headings are corrected every hour. The same seed draws the same moorings.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ from compasslib.records import Pairs, Readings, take
 STRENGTHS = (0.0, 0.1, 0.2, 0.35, 0.6, 0.85, 1.1, 1.3, 1.6, 2.0)  # hard iron over the earth's horizontal field
 SPREADS, OVERLAPS = ("narrow", "wide"), ("hourly", "twice a day")
 GRID = tuple(itertools.product(STRENGTHS, SPREADS, OVERLAPS))
-SPECS = {"narrow": demonstration.MOORINGS[2:], "wide": demonstration.MOORINGS}  # on the shelf no heading stays narrow
+SPECS = {"narrow": demonstration.MOORINGS[2:], "wide": demonstration.MOORINGS}  # on the shelf all headings are wide
 WOBBLE_DEG, MEAN_FLOW = {"narrow": (16.0, 26.0), "wide": (25.0, 35.0)}, {"narrow": 1.0, "wide": 0.5}
 FIELD_NT = (11980.0, 52078.0)  # horizontal and vertical at 65.3 N 33 W in 2007
 UPPER_M, LOWER_M = -7.1, 11.6  # means of the two nearest bins of either instrument, below the sphere
 METER_M_S = 0.008  # noise of their mean, each component
-RATIO, SURE = 0.45, 0.95  # of errors that should be reached; probability from which a branch is called sure
+RATIO, SURE = 0.45, 0.95  # target of the ratio of errors; probability from which a branch counts as sure
 BINS = (*itertools.pairwise((0.5, 0.7, 0.9, 0.94, 0.96, 0.98, 0.99, 1.01)), (0.94, 0.96))
 
 
 def draw(index: int, seed: int, heeling: bool) -> Mooring:
-    """Return one mooring as the methods see it, and what was true."""
+    """Simulate one mooring: the input of the methods, and the truth."""
     strength, spread, overlap = GRID[index % len(GRID)]
     rng = stream(seed, name := f"M{index:04d}", "benchmark")
     spec = SPECS[spread][rng.integers(len(SPECS[spread]))]
@@ -86,7 +86,7 @@ def draw(index: int, seed: int, heeling: bool) -> Mooring:
 
 
 def draw_iron(rng: np.random.Generator, strength: float, heeling: bool) -> needle.Iron:
-    """Return hard iron of random direction and soft iron of a few percent; none at all at strength 0."""
+    """Draw hard iron of random direction and soft iron of a few percent; no iron at strength 0."""
     towards = np.exp(2j * np.pi * rng.uniform())
     if strength == 0.0:
         return needle.Iron()
@@ -97,7 +97,7 @@ def draw_iron(rng: np.random.Generator, strength: float, heeling: bool) -> needl
         vertical = float(rng.normal(0.0, 0.3)) * FIELD_NT[0]
         soft[2] += rng.normal(0.0, [0.005, 0.005, 0.01])
         soft[:2, 2] += rng.normal(0.0, 0.003, 2)
-        hard -= FIELD_NT[1] * (soft[0, 2] + 1j * soft[1, 2])  # so that the strength stays what it is
+        hard -= FIELD_NT[1] * (soft[0, 2] + 1j * soft[1, 2])  # keeps the total strength unchanged
     return needle.Iron((hard.real, hard.imag, vertical), tuple(map(tuple, soft.tolist())))
 
 
@@ -133,7 +133,7 @@ def measure(task: tuple[int, int, bool, bool]) -> Mooring:
     )
 
 
-def rms(x) -> float:  # of what is finite, as the median
+def rms(x) -> float:  # of finite values, as is the median
     return share(np.square(x)[np.isfinite(x)] / 100.0) ** 0.5
 
 
@@ -146,7 +146,7 @@ def share(values) -> float:
 
 
 def those(told: list[Mooring], *names, least: float = 0.0, most: float = 9.0) -> list[Mooring]:
-    """Return the moorings of a strength within bounds that have all the names: strength, spread, overlap or all."""
+    """Select moorings by bounds of the strength and by names (strength, spread, overlap or all)."""
     return [x for x in told if {"all", *x.key}.issuperset(names) and least <= x.key[0] <= most]
 
 
@@ -208,7 +208,7 @@ def strong_iron(told: list[Mooring]) -> list[Measured]:
 
 
 def strong_targets(number: int, some: list[Mooring]) -> list[Measured]:
-    """Return shares and errors of folded compasses beside their targets: every heading, or those that are sure."""
+    """Compute shares and errors of two-valued compasses with their targets: all headings, or only sure ones."""
     if not some:
         return []
     if number == 2:

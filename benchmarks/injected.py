@@ -1,18 +1,18 @@
-"""The search for left-out physics on real water: three records, pairs of their bins, windows, compasses near iron.
+"""Score of the search for unmodelled effects on real currents: bins of three records, with a simulated compass.
 
-    python benchmarks/injected.py 210 1 --kind null --rows ROWS     210 recordings that hold nothing, by seed 1
+    python benchmarks/injected.py 210 1 --kind null --rows ROWS     210 recordings without an effect, by seed 1
     python benchmarks/injected.py 120 1 --kind single --rows ROWS   the same with one effect of 1.5 or 3 degrees
     python benchmarks/injected.py 60 1 --record papa                every kind of one record
 
-The bins of one profile share their compass: what two differ by is water, and any name of a compass is false. One
-bin is the trusted instrument, those beyond a gap the affected one, whose headings an iron compass of
-tests/world/pairs.py reads again, with an effect or without. Records: eh2 (2 m cells, hourly), papa (20 m
-cells, every 2 to 8 hours) and aqd9330, a point meter, of which the mean of the hours 3 h before and after stands for a
-second one; the tide is not in that mean. Windows are the whole record and its halves, quarters of aqd9330. In two nulls
-of three what was logged runs backwards, or is that of other weeks: it cannot be a cause. Where ROWS is given a line of
-JSON is added for each recording, and a cut run goes on. Of what is set on records, eh2 and papa set the layers of the
-simulated sea (docs/sea.md), eh2 how late water may be (clocks.py); aqd9330 set nothing: it is the one left out. Needs
-../shared/data.
+The bins of one profile share their compass: they differ by the water only, and any finding on a compass is false. One
+bin serves as the reference, those beyond a gap as the affected instrument, whose headings are re-read by a compass near
+iron (tests/world/pairs.py), with or without an effect. Records: eh2 (2 m cells, hourly), papa (20 m cells, every 2 to 8
+hours) and aqd9330, a point meter, for which the mean of the hours 3 h before and after serves as the second instrument;
+that mean contains no tide. Windows are the whole record and its halves, quarters of aqd9330. In two of three nulls the
+logged covariates are reversed in time or shifted by weeks and cannot be a cause. If ROWS is given, a line of JSON is
+added for each recording, from which an interrupted run resumes. eh2 and papa were used to tune the layers of the
+simulated currents (docs/sea.md), and eh2 the largest lag of the water (clocks.py); aqd9330 was used for no choice.
+Needs ../shared/data.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from tests.world import pairs as sea
 
 KINDS = ("null", "single", "two", "unknown")
 HOUR_S, DAY_S = 3600.0, 86400.0
-SIDE_H = 3  # hours before and after, whose mean stands in for a second meter
+SIDE_H = 3  # hours before and after, whose mean serves as the second instrument
 DEEP_DBAR = 200.0
-GAPS = {"eh2": (2, 4), "papa": (1, 2), "aqd9330": (0,)}  # cells between the trusted bin and the nearest of the others
+GAPS = {"eh2": (2, 4), "papa": (1, 2), "aqd9330": (0,)}  # cells between the reference bin and the nearest other
 PARTS = {"eh2": (1, 2), "papa": (1, 2), "aqd9330": (4,)}  # windows: the whole, halves, quarters
 LOGGED = ("as logged", "backwards", "of other weeks")
 LEFT_OUT = "aqd9330"
@@ -56,7 +56,7 @@ EARTH_NT = (18900.0, 49800.0)
 
 @dataclass(frozen=True)
 class Seen:
-    """A real overlap, what was logged beside it, and the same overlap by the mean of two bins."""
+    """Pairs of a real record, logged covariates, and the same pairs by the mean of two bins."""
 
     pairs: Pairs
     logged: dict[str, np.ndarray]
@@ -70,18 +70,18 @@ class Seen:
 
 @dataclass(frozen=True)
 class Case:
-    """One overlap of one record in one window."""
+    """One pair of bins of one record in one window."""
 
     record: str
     depth: int
     gap: int
-    part: int  # of as many windows
+    part: int  # index of the window among ``of``
     of: int
     logged: str
 
     @property
     def water(self) -> str:
-        """What shares its water."""
+        """Name of the window, whose cases share their water."""
         return f"{self.record} {self.part + 1}/{self.of}"
 
 
@@ -92,7 +92,7 @@ def profile(record: str):
 
 @cache
 def whole(record: str, depth: int, gap: int) -> Seen:
-    """Return the overlap of one bin with those beyond it, ``gap`` cells away; of a point meter with its neighbours."""
+    """Compute pairs of one bin with those beyond a gap of ``gap`` cells; of a point meter with neighbours in time."""
     if record == LEFT_OUT:
         return stood_in()
     own = profile(record)
@@ -104,7 +104,7 @@ def whole(record: str, depth: int, gap: int) -> Seen:
 
 
 def stood_in() -> Seen:
-    """Return hourly means of the point meter in the water beside the mean of those some hours before and after."""
+    """Compute pairs of hourly means of the point meter with the mean of those ``SIDE_H`` hours before and after."""
     file = np.load(AQUADOPP)
     deep = file["pressure"] > DEEP_DBAR
     time_s = file["time"].astype("datetime64[s]").astype(float)[deep]
@@ -131,7 +131,7 @@ def stood_in() -> Seen:
 
 @cache
 def cases(record: str) -> list[Case]:
-    """Return every case of a record in an order that chance made."""
+    """List all cases of a record in random order."""
     depths = (0,) if record == LEFT_OUT else tuple(water.DEPTHS)
     windows = [(part, of) for of in PARTS[record] for part in range(of)]
     every = [
@@ -142,7 +142,7 @@ def cases(record: str) -> list[Case]:
 
 
 def seen(case: Case) -> Seen:
-    """Return the overlap of a case, what was logged as the case has it."""
+    """Select the pairs of a case, with covariates as logged, reversed or shifted."""
     every = whole(case.record, case.depth, case.gap)
     edges = np.linspace(every.pairs.time_s[0], every.pairs.time_s[-1] + 1.0, case.of + 1)
     own = every.between(*edges[case.part : case.part + 2])
@@ -158,7 +158,7 @@ def seen(case: Case) -> Seen:
 
 
 def world(own: Seen, seed: int) -> sea.World:
-    """Return the real record as a world that a compass can be put into."""
+    """Convert the real record to a simulated world with a compass near iron."""
     pairs, rng = own.pairs, np.random.default_rng(seed)
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     tilt, none = np.nan_to_num(np.stack([pairs.pitch_deg, pairs.roll_deg])), np.zeros(len(pairs))
@@ -172,7 +172,7 @@ def world(own: Seen, seed: int) -> sea.World:
 
 
 def draw(case: Case, own: Seen, kind: str, turn: int, seed: int) -> tuple[sea.Drawn, float]:
-    """Return one recording with the effects of its turn, and their wanted size."""
+    """Simulate one recording with the effects of its turn; return it with their requested size, degrees."""
     here = world(own, seed)
     sizes = bench.SIZES[kind]
     size, turn = sizes[turn % len(sizes)], turn // len(sizes)
@@ -196,7 +196,7 @@ def draw(case: Case, own: Seen, kind: str, turn: int, seed: int) -> tuple[sea.Dr
 
 
 def errors(drawn: sea.Drawn, own: Seen, fit, field, found) -> dict[str, float]:
-    """Return the error of the headings as recorded, by each way to correct them, and by the best level compass, rms."""
+    """Compute rms heading errors as recorded, by each method of correction, and of the best level compass."""
     made, bare = bench.corrected(drawn, fit, field, found)
     off = angles.difference(made.heading_deg, drawn.heading)
     recorded = drawn.pairs.heading_deg
@@ -214,7 +214,7 @@ def errors(drawn: sea.Drawn, own: Seen, fit, field, found) -> dict[str, float]:
 
 
 def published(drawn: sea.Drawn, own: Seen) -> float:
-    """Return the error of the headings by von Appen's series through the mean of two bins, rms degrees."""
+    """Compute the rms heading error of von Appen's series fitted to the mean of two bins, degrees."""
     _, one, other = np.intersect1d(drawn.pairs.time_s, own.published.time_s, return_indices=True)
     pairs = take(own.published, other)
     recorded = drawn.pairs.heading_deg[one]
@@ -229,7 +229,7 @@ def published(drawn: sea.Drawn, own: Seen) -> float:
 
 
 def measure(kind: str, index: int, seed: int, records: list[str], gap: int | None) -> dict:
-    """Return one row of the score."""
+    """Simulate and diagnose one recording and return its row of the score."""
     record, k = records[index % len(records)], index // len(records)
     some = [one for one in cases(record) if gap in (None, one.gap) and (kind == "null" or one.logged == LOGGED[0])]
     case = some[k % len(some)]
@@ -253,9 +253,9 @@ def measure(kind: str, index: int, seed: int, records: list[str], gap: int | Non
 
 
 def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float = 0.0) -> bool:
-    """Print a share beside its target, of all and of each record; False where the interval of all excludes it.
+    """Print a share of all and of each record; return False if the interval of all excludes the target.
 
-    The interval is the wider of Clopper and Pearson's and that of resampling windows, which share their water.
+    The interval is the wider of that of Clopper and Pearson and that by resampling windows, which share their water.
     """
     if not rows:
         return True
@@ -270,12 +270,12 @@ def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float =
 
 
 def named(row: dict) -> bool:
-    """Return whether the first name of a finding is on the compass's or the clock's side."""
+    """Return whether the first name of any finding is an effect on the compass or a clock."""
     return any(side_of(names[0]) in ("compass", "clock") for names in row["sets"])
 
 
 def report(rows: list[dict]) -> bool:
-    """Print the score; False where a target is outside its interval."""
+    """Print the score; return False if any target is outside its interval."""
     short = [row for row in rows if row["verdict"] == "insufficient"]
     rows = [row for row in rows if row["verdict"] != "insufficient"]
     rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x in sea.STRONGEST)]
@@ -312,9 +312,9 @@ def report(rows: list[dict]) -> bool:
 
 
 def headings(kind: str, rows: list[dict]) -> None:
-    """Print the errors of the headings, and how often they lie within 95 %.
+    """Print heading errors and the coverage of their 95 % intervals.
 
-    Where held-out pairs refute the fit the product flags every heading doubtful: those are counted, and left out.
+    If held-out pairs refute the fit, the product flags all headings doubtful: these are counted and left out.
     """
     ways = ("recorded", "published", "plain", "after", "level")
     for record in dict.fromkeys(row["record"] for row in rows):

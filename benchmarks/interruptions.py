@@ -1,10 +1,10 @@
-"""Runs killed by SIGKILL at random moments, then started again plainly: are the results those of an undisturbed run?
+"""Comparison of runs that were killed by SIGKILL at random times and restarted with an undisturbed run.
 
     python benchmarks/interruptions.py [KILLS] [SEED]
 
-Every run is killed with its jobs at a moment drawn between nothing and the time that a whole run takes, again and again
-until it ends by itself or was killed eight times (a late job would else take most of the kills of a busy machine); it
-is started plainly then, and a new cruise begins. Logs and benchmarks, which hold times, are not compared.
+Each run is killed with its jobs after a random time up to the duration of a whole run, repeatedly until it ends by
+itself or was killed eight times (otherwise a late job would take most of the kills on a busy machine); it is then
+restarted and left to finish, and a new cruise begins. Logs and benchmarks, which contain times, are not compared.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ def started(folder: Path) -> subprocess.Popen:
 
 
 def left(folder: Path) -> dict[str, str]:
-    """Return the hashes of what does not hold times."""
+    """Compute the hashes of all files except logs and benchmarks, which contain times."""
     return hashes(folder, "logs", "benchmarks")
 
 
 def killed(folder: Path, after_s: float) -> bool:
-    """Return whether a run was still going when it was killed."""
+    """Start a run and kill it after a time; return False if it had ended before."""
     run = started(folder)
     try:
         assert run.wait(after_s) == 0, f"a restart ended with {run.returncode}"

@@ -1,8 +1,8 @@
-"""Magnetometers with known iron, and two real ones: what the calibration finds, whether its intervals hold the truth.
+"""Coverage of magnetometer calibrations with known iron, and results of two real logs.
 
-    python benchmarks/magnetometer.py [DRAWS]     400 draws a scenario where absent; about six minutes
+    python benchmarks/magnetometer.py [DRAWS]     400 draws per scenario by default; about six minutes
 
-Real logs are read from ../shared/data/magnetometer, where they are there.
+Real logs are read from ../shared/data/magnetometer, if available.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ SCENARIOS = {
 
 
 def calibrated(rng, folder: Path, *, n, noise=0.01, memory=0.0, level=False, tilts=False, tilt_deg=4.0):
-    """Return truth and calibration of one simulated log."""
+    """Simulate and calibrate one log; return truth and calibration."""
     true = iron.some(rng)
-    if level:  # a vertical iron that tilts cannot show is left out: the budget has a line for it
+    if level:  # without vertical iron, which cannot be determined and has a row of its own in the budget
         true = iron.Iron(true.soft, true.hard * [1.0, 1.0, 0.0], true.dip_deg)
         true.soft[2, :] = true.soft[:, 2] = [0.0, 0.0, np.mean(np.diag(true.soft)[:2])]
     motion = iron.level_motion(rng, n, tilt_deg=tilt_deg) if level else iron.tumble(rng, n)
@@ -54,7 +54,7 @@ def wrapped(angle_deg):
 
 
 def errors(true, found):
-    """Return error over stated sigma of each kind of number."""
+    """Compute errors over stated sigma for each kind of parameter."""
     k = 2 if found.details["field_is"] == "horizontal" else 3
     upper = np.triu_indices(k)
     soft = true.soft / np.mean(np.diag(true.soft)[:k])
@@ -74,10 +74,10 @@ def errors(true, found):
 
 
 def within(what: str, *z: np.ndarray) -> targets.Measured:
-    """Return the share inside the 95 % interval beside its target, what belongs together counted together.
+    """Compute the share inside the 95 % interval with its target, with an interval over draws.
 
     Args:
-        z: errors in their own standard errors, one array a draw; of a single array each is a draw.
+        z: errors in their own standard errors, one array per draw; in a single array each value is a draw.
     """
     draws = z[0] if len(z) == 1 else z
     shares = [float(np.mean(np.abs(one) < 1.96)) for one in draws]
@@ -85,7 +85,7 @@ def within(what: str, *z: np.ndarray) -> targets.Measured:
 
 
 def coverage(draws: int) -> list[targets.Measured]:
-    """Print coverage by scenario, and return it beside its targets."""
+    """Print coverage by scenario, and return it with its targets."""
     lines: list[targets.Measured] = []
     print(f"\nShare of truths inside the 95 % interval, {draws} draws")
     targets.head("scenario", "hard iron", "soft iron", "heading every 10°", "B to E", "model", "refused")
@@ -106,7 +106,7 @@ def coverage(draws: int) -> list[targets.Measured]:
 
 
 def mounting(draws: int) -> list[targets.Measured]:
-    """Print coverage of the three angles from magnetometer to instrument, with tilts and a correct heading logged."""
+    """Compute coverage of the three mounting angles of a magnetometer, with tilts and a correct heading logged."""
     rng, z = np.random.default_rng(8), []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(draws):
@@ -125,7 +125,7 @@ def mounting(draws: int) -> list[targets.Measured]:
 
 
 def bias(draws: int) -> None:
-    """Print the mean error over its standard error with and without the adjustment for the noise."""
+    """Print the mean error over its standard error, with and without adjustment for the noise."""
     print(
         "\nMean error over its standard error, 9 parameters of the ellipsoid: rms and largest; 1 and about 2.5 expected"
     )
@@ -151,7 +151,7 @@ def bias(draws: int) -> None:
 
 
 def _symmetric(root: np.ndarray) -> np.ndarray:
-    """Return the symmetric root of G^T G, which is all that an ellipsoid shows."""
+    """Compute the symmetric root of G^T G, which is all that an ellipsoid determines."""
     values, vectors = np.linalg.eigh(root.T @ root)
     return (vectors * np.sqrt(values)) @ vectors.T
 

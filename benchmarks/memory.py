@@ -1,8 +1,8 @@
-"""Peak memory and CPU of each job of one long record: years of 10-minute ensembles of 40 bins, by stage.
+"""Peak memory and CPU time of each stage for one long record: years of 10-minute ensembles of 40 bins.
 
     python benchmarks/memory.py [YEARS] [FOLDER]
 
-The record is simple (a tide and a slow current, mild iron): only its length counts. Ten years may take 1.5 GB a job.
+Only the length of the record matters: it is simple (tide, slow current, weak iron). Ten years may take 1.5 GB per job.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def write_cruise(folder: Path, years: float, rng: np.random.Generator) -> None:
 
 
 def mooring(years: float) -> dict[str, object]:
-    """Return the mooring's YAML."""
+    """Compose the settings of the mooring's YAML file."""
     deep = {"format": "table", "files": "raw/deep.csv", "depth": 105, "direction_reference": "true"}
     deep["columns"] = {"time": "time_utc", "depth": "depth_m", "east": "east", "north": "north", "scale": 1.0}
     top = {"format": "pd0", "files": "raw/top.000", "depth": 100, "orientation": "up"}
@@ -64,14 +64,14 @@ def mooring(years: float) -> dict[str, object]:
 
 
 def water(time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return true east and north, m/s: a rotary tide and currents of weeks."""
+    """Simulate true east and north velocities, m/s: a rotary tide and currents that vary over weeks."""
     tide, slow = 360.0 * time_s / 44_712.0, 360.0 * time_s / (17.3 * 86_400.0)
     flow = 0.15 * angles.phasor(-tide) + 0.2 * angles.phasor(slow) + 0.1 * angles.phasor(2.7 * slow)
     return flow.real, flow.imag
 
 
 def ensembles(time_s: np.ndarray, east: np.ndarray, north: np.ndarray, rng: np.random.Generator) -> adcp.Ensembles:
-    """Return what a profiler records that turns with the water and sits near iron; declination 0."""
+    """Simulate the record of a profiler near iron that turns with the current; declination 0."""
     n = len(time_s)
     heading = angles.direction(east, north) + rng.normal(0.0, 5.0, n)
     recorded = angles.wrap360(compass.recorded_heading(IRON, heading) + rng.normal(0.0, 0.5, n))
@@ -88,7 +88,7 @@ def ensembles(time_s: np.ndarray, east: np.ndarray, north: np.ndarray, rng: np.r
 
 
 def main(years: float, folder: Path) -> int:
-    """Write the record, run it stage by stage, print the table; 1 where a stage takes more than ten years may."""
+    """Write the record, run it stage by stage, print the table; return 1 if a stage exceeds ``LIMIT_MB``."""
     if not (folder / "raw").exists():
         write_cruise(folder, years, np.random.default_rng(1))
     size = (folder / "raw/top.000").stat().st_size / 1e6

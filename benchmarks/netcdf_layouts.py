@@ -1,11 +1,11 @@
-"""NetCDF layouts drawn by seed, read by the reader and independently of it.
+"""Random netCDF layouts, read by the netCDF reader and by independent code.
 
     python benchmarks/netcdf_layouts.py SEED [COUNT=60]
 
-A layout draws the form, the vocabulary and the dimensions of its flags, the unit of its time, how its velocities are
-packed and the order of its dimensions. Three readings are compared by value: what was drawn, a plain reading with
-netCDF4, the standard library and the rules of CF 3.5 written down once more below, and ours. The status is 1 where one
-of them differs.
+Each layout draws format, vocabulary and dimensions of its flags, unit of its time, packing of its velocities, and the
+order of its dimensions. Three versions are compared by value: the values drawn, a plain reading (with netCDF4, the
+standard library and an independent implementation of CF 3.5 below), and that of the reader. The exit status is 1 if
+any of them differ.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from compasslib.records import Record  # noqa: E402
 COUNT = 60
 Values = NDArray[Any]
 
-# Value, word and OceanSITES flag of each vocabulary, by hand from their documents; 3 where nobody can know.
+# Value, word and OceanSITES flag of each vocabulary, by hand from their documents; 3 if the meaning is unknown.
 MANUAL_14 = "0 unknown 0,1 good_data 1,2 probably_good_data 2,3 potentially_correctable_bad_data 3,4 bad_data 4"
 MANUAL_12 = (
     "0 no_qc_performed 0,1 good_data 1,2 probably_good_data 2,3 bad_data_that_are_potentially_correctable 3,"
@@ -85,20 +85,20 @@ NAMES = (("UCUR", "VCUR"), ("EWCT", "NSCT"), ("u_1205", "v_1206"), ("u", "v"), (
 
 @dataclass(frozen=True)
 class Drawn:
-    """What a file was made to hold."""
+    """Content of a file as drawn."""
 
-    kinds: Mapping[str, str]  # what was drawn of each choice
-    settings: Mapping[str, Any]  # of the reader
+    kinds: Mapping[str, str]  # the option drawn of each choice
+    settings: Mapping[str, Any]  # for the reader
     time_s: Values
     range_m: Values  # nearest first
     east: Values  # (n, m), NaN where missing
     north: Values
-    flags: Values  # (n, m) OceanSITES'
-    unknown: frozenset[str]  # meanings that have to be named
+    flags: Values  # (n, m) OceanSITES
+    unknown: frozenset[str]  # meanings that the reader must report as unknown
 
 
 def draw(path: Path, rng: np.random.Generator) -> Drawn:
-    """Write one layout and return what it was made to hold."""
+    """Draw one layout, write it, and return its content."""
     n, m = int(rng.integers(8, 40)), int(rng.integers(2, 9))
     one_of = {"form": FORMS, "vocabulary": list(VOCABULARIES), "flags along": PLACES, "packing": PACKINGS}
     kinds = {name: str(rng.choice(choices)) for name, choices in one_of.items()}
@@ -143,7 +143,7 @@ def _write_time(nc: netCDF4.Dataset, rng: np.random.Generator, n: int) -> tuple[
     clock_s, clock = CLOCKS[rng.integers(len(CLOCKS))]
     minutes, zone = ZONES[rng.integers(len(ZONES))] if clock else (0, "")
     if clock == " 2" and zone[:2] in (" 0", " 1"):
-        minutes, zone = 0, ""  # an hour and an offset without a sign: nobody writes that
+        minutes, zone = 0, ""  # an hour and an offset without a sign do not occur in practice
     unit = str(rng.choice(list(UNITS)))
     time_s = 1.25e9 + 600.0 * np.cumsum(rng.integers(1, 5, n))
     time = nc.createVariable("time", "f8", ("time",))
@@ -190,7 +190,7 @@ def _write_flow(
 def _write_flags(
     nc: netCDF4.Dataset, rng: np.random.Generator, quality: str, kinds: Mapping[str, str], shape: tuple[int, int]
 ) -> tuple[Values, set[str]]:
-    """Write one variable of flags; return them by time and bin, and the words that nobody can know."""
+    """Write one variable of flags; return them by time and bin, and the words of unknown meaning."""
     along = {
         "time, bin": ("time", "bin"),
         "bin, time": ("bin", "time"),
@@ -258,7 +258,7 @@ def _write_masks(
     entries: Sequence[tuple[str, ...]],
     kinds: Mapping[str, str],
 ) -> tuple[Values, set[str]]:
-    """Write one bit a word, or two fields of three bits with a state each."""
+    """Write one bit per word, or two fields of three bits with one state each."""
     sizes = [nc.dimensions[dimension].size for dimension in along]
     variable = nc.createVariable(quality, "i2", along)
     raw, codes, used = np.zeros(sizes, "i2"), np.zeros(sizes, "i8"), set[str]()
@@ -288,7 +288,7 @@ def _write_masks(
 
 
 def plain(path: Path, drawn: Drawn) -> dict[str, Values]:
-    """Return velocities and flags of a layout read with netCDF4 alone, by its attributes."""
+    """Read velocities and flags of a layout with netCDF4 only, by its attributes."""
     with netCDF4.Dataset(path) as nc:
         names = [name for name in nc.variables if str(getattr(nc[name], "standard_name", "")).endswith("velocity")]
         flows, flags = [], []
@@ -328,7 +328,7 @@ def _plain_flags(quality: netCDF4.Variable, drawn: Drawn, shape: tuple[int, int]
 
 
 def differences(drawn: Drawn, other: Mapping[str, Values], record: Record) -> list[str]:
-    """Return what differs between the drawn layout, its plain reading and ours."""
+    """List the differences between the drawn layout, its plain reading and that of the reader."""
     ours = {"time_s": record.time_s, "east": record.east, "north": record.north, "flags": record.quality}
     ours |= {"range_m": record.bin_range_m[0]}
     found = []
@@ -349,7 +349,7 @@ def differences(drawn: Drawn, other: Mapping[str, Values], record: Record) -> li
 
 
 def layouts(seed: int, count: int, folder: Path) -> Iterator[tuple[Drawn, list[str]]]:
-    """Give drawn layouts, and what differs between the readings of each."""
+    """Yield drawn layouts and the differences between the readings of each."""
     for k in range(count):
         path = folder / f"{k}.nc"
         drawn = draw(path, np.random.default_rng([seed, k]))
@@ -362,7 +362,7 @@ def layouts(seed: int, count: int, folder: Path) -> Iterator[tuple[Drawn, list[s
 
 
 def main(seed: int, count: int = COUNT) -> int:
-    """Print by what was drawn how many layouts agree, and every difference."""
+    """Print every difference, and how many layouts agree by option drawn; return 1 if any differ."""
     agree, drawn_of, missed = Counter[tuple[str, str]](), Counter[tuple[str, str]](), 0
     with tempfile.TemporaryDirectory() as folder:
         for k, (drawn, found) in enumerate(layouts(seed, count, Path(folder))):

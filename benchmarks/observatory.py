@@ -1,7 +1,7 @@
-"""Simulated observatory series with known disturbance: false names, names found, dates; and the constant's interval.
+"""Diagnosis of simulated observatory series: false names, names found and dates; and coverage of the constant.
 
-The simulation has its own formulae and shares none with the analysis but the record that both use. With real series at
-hand (../shared/data/observatory) single days, weeks and months of a year are held against that year's constant.
+The simulation shares no formulae with the analysis, only the record type. If real series are available
+(../shared/data/observatory), constants of days, weeks and months are compared with that of their year.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from compasslib.records import FieldSeries
 HOUR_S, DAY_S = 3600.0, 86400.0
 PLACES = ((55.3, -3.2), (48.0, 2.3), (65.4, 26.6), (40.1, -105.2), (-35.3, 149.4))
 REAL = DATA / "observatory"
-QUIET_DEG = 0.3  # largest three-hourly disturbance of a null; what is larger is no null
+QUIET_DEG = 0.3  # largest three-hourly disturbance of a null
 KINDS = ("null", "null_gaps", "storm", "trend", "jump", "swing", "constant")
 
 
@@ -34,7 +34,7 @@ def red(rng, n, memory, deviation):
 
 
 def quiet(rng, days, step_s, latitude, longitude):
-    """Return a quiet series: secular variation, rocks, daily variation that differs by day, small disturbances."""
+    """Simulate a quiet series: secular variation, local rocks, a varying daily cycle, and small disturbances."""
     start = 1.0e9 + DAY_S * rng.integers(3000)
     times = start + step_s * np.arange(int(days * DAY_S / step_s))
     field = earthfield.field_along(latitude, longitude, times[0], times[-1])
@@ -54,7 +54,7 @@ def quiet(rng, days, step_s, latitude, longitude):
 
 
 def storm(rng, times, worst_deg):
-    """Return a storm: an onset, a main phase of substorms, a recovery; its worst three hours have the size asked."""
+    """Simulate a storm with onset, main phase of substorms and recovery, scaled by its worst three hours."""
     begin = times[0] + rng.uniform(0.25, 0.55) * (times[-1] - times[0])
     hours = (times - begin) / HOUR_S
     shape = np.where(hours > 0, np.exp(-np.maximum(hours, 0) / rng.uniform(8, 20)), 0.0)
@@ -69,7 +69,7 @@ def three_hourly(x, step_s):
 
 
 def drawn(rng, kind, days, step_s, size):
-    """Return a series, the model, the effect that is in it and its date."""
+    """Simulate a series; return it with the field model, its effect and the date of the effect."""
     series, field = quiet(rng, days, step_s, *PLACES[rng.integers(len(PLACES))])
     d, times, date, name = series.declination_deg.copy(), series.time_s, None, None
     if kind == "storm":
@@ -89,7 +89,7 @@ def drawn(rng, kind, days, step_s, size):
     elif kind == "null_gaps":
         for begin in rng.uniform(times[0], times[-1], 6):
             d[(times > begin) & (times < begin + rng.uniform(0.02, 0.1) * days * DAY_S)] = np.nan
-        d[rng.integers(len(d), size=3)] += rng.normal(0, 4, 3)  # single wild values
+        d[rng.integers(len(d), size=3)] += rng.normal(0, 4, 3)  # single outliers
     return replace(series, declination_deg=d), field, name, date
 
 

@@ -1,10 +1,10 @@
-"""The quick measurements on one page, each with its ratio in the same run: results/bench/README.md.
+"""Write the quick measurements to one page, results/bench/README.md, each with a ratio within the same run.
 
     python benchmarks/page.py [OUTPUT]
-    python benchmarks/page.py --older CHECKOUT    only the seven moorings of the demonstration, beside another version
+    python benchmarks/page.py --older CHECKOUT    only the seven moorings of the demonstration, and another version
 
-Times are CPU seconds (user and system, of all processes) where nothing else is said: other work on the machine moves
-them less than the clock. The cruise is the demonstration's, simulated anew in a temporary folder.
+Times are CPU seconds (user and system, of all processes) unless stated otherwise, as they depend less on other work of
+the machine than wall time. The demonstration cruise is simulated again in a temporary folder.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
 
 
 def fresh(folder: Path) -> Path:
-    """Return the demonstration cruise without results."""
+    """Copy the demonstration cruise without results."""
     shutil.copytree(PROJECT / "config", folder / "config")
     return folder
 
@@ -58,12 +58,12 @@ def change(path: Path, **keys: object) -> None:
 
 
 def took(folder: Path, *options: str) -> tuple[float, float]:
-    """Run the workflow; return seconds by the clock and CPU seconds."""
+    """Run the workflow; return wall time and CPU time, seconds."""
     return runs.cost(runs.snakemake(folder, *options))[:2]
 
 
 def cpu_of(code: str) -> float:
-    """Return the CPU seconds that a fresh interpreter takes for some code."""
+    """Measure the CPU seconds that a new interpreter takes for some code."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PROJECT)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -71,13 +71,13 @@ def cpu_of(code: str) -> float:
 
 
 def imports_of(script: Path) -> str:
-    """Return the import lines of a script."""
+    """Extract the import statements of a script."""
     lines = [ast.unparse(n) for n in ast.parse(script.read_text()).body if isinstance(n, ast.Import | ast.ImportFrom)]
     return "\n".join(lines)
 
 
 def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
-    """Time the whole cruise, a job a mooring, without diagnosis and figures, an edit, and nothing to do."""
+    """Time the whole cruise, one job per mooring, no diagnosis and figures, an edit, and an up-to-date cruise."""
     whole, joined, bare = (fresh(temporary / name) for name in ("whole", "joined", "bare"))
     change(bare / "config/config.yaml", diagnose={"enabled": False})
     rows = [("whole cruise, diagnosis and figures", *took(whole), LIMITS["whole"])]
@@ -94,7 +94,7 @@ def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
 
 
 def of_seven(temporary: Path, older: Path) -> str:
-    """Time the seven published moorings by another version and here, what was added since left out in turn."""
+    """Time the seven published moorings by another version and by this one, with and without parts added since."""
     rows = []
 
     def seven(name: str, command: Callable[[Path], list[str]], project: Path = PROJECT, **options: object) -> None:
@@ -125,7 +125,7 @@ def of_seven(temporary: Path, older: Path) -> str:
 
 
 def of_imports() -> str:
-    """Time what each job imports, in fresh interpreters."""
+    """Time the imports of each job in new interpreters."""
     bare = min(cpu_of("pass") for _ in range(3))
     lines = ["| job | imports, CPU s | of numpy's |", "|---|---|---|"]
     numpy = min(cpu_of("import numpy") for _ in range(3)) - bare
@@ -136,7 +136,7 @@ def of_imports() -> str:
 
 
 def of_fits() -> str:
-    """Fit the published series by SciPy's curve_fit and by this library, on curves that are known."""
+    """Compare fits of the published series to known curves by SciPy's curve_fit and by this library."""
     from scipy.optimize import curve_fit
 
     rng, n = np.random.default_rng(1), 9000
@@ -165,7 +165,7 @@ def of_fits() -> str:
 
 
 def timed(action: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    """Return the least CPU seconds of some repetitions, and what came out."""
+    """Measure the minimum CPU seconds of some repetitions, and return them with the result."""
     fastest = float("inf")
     for _ in range(5):
         begun = time.process_time()
@@ -175,7 +175,7 @@ def timed(action: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
 
 
 def of_fleets(temporary: Path) -> str:
-    """Time the planning of ever more moorings by a dry run."""
+    """Time the planning of fleets of moorings by dry runs."""
     lines = ["| moorings | jobs | planning, CPU s | ms a job |", "|---|---|---|---|"]
     for count in FLEETS:
         folder = fleet(temporary / f"fleet{count}", count)
@@ -187,7 +187,7 @@ def of_fleets(temporary: Path) -> str:
 
 
 def fleet(folder: Path, count: int) -> Path:
-    """Write a cruise of as many moorings as are asked, all with the same two empty raw files."""
+    """Write a cruise of a given number of moorings, all with the same two empty raw files."""
     (folder / "config/moorings").mkdir(parents=True)
     (folder / "raw").mkdir()
     (folder / "config/config.yaml").write_text("moorings: config/moorings\n")
@@ -201,14 +201,14 @@ def fleet(folder: Path, count: int) -> Path:
 
 
 def said_by(*command: str) -> str:
-    """Return what another benchmark prints, as it stands."""
+    """Run another benchmark and return its output."""
     run = [sys.executable, *command]
     done = subprocess.run(run, capture_output=True, text=True, check=False, env=runs.environment(), cwd=PROJECT)
     return done.stdout or f"Not measured: {(done.stderr.splitlines() or ['no reason'])[-1]}\n"
 
 
 def main(output: Path) -> int:
-    """Measure and write the page; 1 where a budget is passed."""
+    """Measure and write the page; return 1 if a budget is exceeded."""
     with tempfile.TemporaryDirectory() as name:
         cruise, budgets = of_cruise(Path(name))
         sections = {

@@ -1,11 +1,11 @@
-"""Every method, table and number of the three papers: where it is, what holds it, printed beside ours.
+"""All methods, tables and numbers of the three papers: where they are implemented and tested, and numbers compared.
 
-    python benchmarks/papers.py > docs/background/papers.md      the page, made anew
+    python benchmarks/papers.py > docs/background/papers.md      writes the page
 
-A row with a printed number computes ours here. Where the two differ, or nothing of the paper is done, the row says why.
+A row with a printed number computes ours here. If the two differ, or a method is not implemented, the row says why.
 """
 
-# ruff: noqa: E501, RUF100 - a row's texts stand as they are printed
+# ruff: noqa: E501, RUF100 - texts of a row are not wrapped
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ class Row:
 
     place: str  # equation, table, figure or section
     what: str
-    code: str = ""  # module[:name] of compasslib, or a path; nothing where it is not done
+    code: str = ""  # module[:name] of compasslib, or a path; empty if it is not implemented
     test: str = ""  # file::test below tests/
     printed: str = ""
     ours: str = ""
-    why: str = ""  # of a difference, or of what is not done
+    why: str = ""  # reason of a difference, or why it is not implemented
 
 
 LE_MENN = [

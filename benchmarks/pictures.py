@@ -1,12 +1,12 @@
-"""Make the pictures of README and docs anew, each by the code that draws it.
+"""Redraw the pictures of README and docs.
 
-    python benchmarks/pictures.py                  all of them, some ten minutes
+    python benchmarks/pictures.py                  all of them, about ten minutes
     python benchmarks/pictures.py sea papers    those of these makers
-    python benchmarks/pictures.py --from CRUISE demonstration    of a cruise that has been run already
+    python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 
-docs/pictures.json records of each picture its SHA-256 and that of the code that draws it; tests/test_docs.py compares
-both. Some stand apart: docs/report.png needs Chromium; the tutorial needs its own cruise, --from CRUISE tutorial. The
-sea needs ../shared/data.
+docs/pictures.json contains the SHA-256 of each picture and of the code that draws it; tests/test_docs.py compares both.
+docs/report.png needs Chromium; the tutorial needs its own cruise, --from CRUISE tutorial; the sea needs
+../shared/data.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from benchmarks.proof.seal import statements  # noqa: E402
 
 DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
 CURRENTS = ("sticks", "progressive", "roses")
-DRAWN = ("page",)  # modules of plots behind every figure of a mooring
+DRAWN = ("page",)  # modules of plots used by all figures of a mooring
 
 
 @dataclass(frozen=True)
 class Maker:
-    """What makes some of the pictures."""
+    """Function that draws some of the pictures, and what it depends on."""
 
-    make: Callable[[Path], None]  # from the folder of a cruise once run, or an empty one
-    pictures: Sequence[str]  # below docs
-    code: Sequence[str]  # files that draw them, below the project; patterns
-    cruise: str = ""  # folder of the cruise to run first, below the project
+    make: Callable[[Path], None]  # draws from the folder of a cruise that was run, or from an empty one
+    pictures: Sequence[str]  # relative to docs
+    code: Sequence[str]  # patterns of the files that draw them, relative to the project
+    cruise: str = ""  # folder of the cruise to run first, relative to the project
 
 
 def demonstration(cruise: Path) -> None:
@@ -102,7 +102,7 @@ BY_HAND = {"tutorial": f"{COMMAND}--from CRUISE tutorial    # the cruise of the 
 
 
 def plots(*names: str) -> list[str]:
-    """Return modules of plots that draw figures of a mooring."""
+    """List the modules of plots that draw figures of a mooring."""
     return [f"compasslib/plots/{name}.py" for name in (*DRAWN, *names)]
 
 
@@ -141,10 +141,10 @@ MAKERS = {
 
 
 def code(patterns: Iterable[str]) -> str:
-    """Return one SHA-256 of files; comments, docstrings and the form of Python files do not count.
+    """Compute one SHA-256 of files, regardless of comments, docstrings and formatting of Python files.
 
     Raises:
-        FileNotFoundError: a pattern finds no file.
+        FileNotFoundError: if a pattern matches no file.
     """
     whole = hashlib.sha256()
     for pattern in patterns:
@@ -157,7 +157,7 @@ def code(patterns: Iterable[str]) -> str:
 
 
 def record(maker: Maker) -> dict[str, dict[str, str]]:
-    """Return the hashes of a maker's pictures and of the code that draws them."""
+    """Compute the hashes of a maker's pictures and of the code that draws them."""
     drawn = code(maker.code)
     return {
         name: {"picture": hashlib.sha256((DOCS / name).read_bytes()).hexdigest(), "code": drawn}
@@ -180,7 +180,7 @@ def run(cruise: str, folder: Path) -> Path:
 
 
 def beside(path: Path, figures: Sequence[Path]) -> None:
-    """Put figures side by side into one."""
+    """Combine figures side by side into one."""
     images = [Image.open(figure) for figure in figures]
     whole = Image.new("RGB", (sum(one.width for one in images), max(one.height for one in images)), "white")
     for k, one in enumerate(images):
@@ -199,7 +199,7 @@ def gallery() -> str:
 
 
 def main() -> None:
-    """Make pictures, and record them."""
+    """Draw pictures and record their hashes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("makers", nargs="*", help=f"of {', '.join(MAKERS)}; all where none is named")
     parser.add_argument("--from", dest="cruise", type=Path, help="a cruise that has been run already, of one maker")

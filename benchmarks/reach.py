@@ -1,18 +1,18 @@
-"""How many planted effects the noise itself leaves within reach, whoever looks for them.
+"""Upper bound, set by the noise, of the share of planted effects that any search can detect.
 
     python benchmarks/reach.py 110 71                 110 moorings with one and 110 with two effects by seed 71
-    python benchmarks/reach.py 110 71 --red           the same where the water of the two depths differs for seasons
+    python benchmarks/reach.py 110 71 --red           the same with slow differences of the currents at the two depths
     python benchmarks/reach.py 110 71 --red --kind single --rows REACH --engine ROWS
-                                                      beside what the engine detected, by effect and size of the veer
-    python benchmarks/reach.py 120 71 --heldout ROWS      do held-out days follow what the others predict? 120 effects
-                                                      of 4 to 8 standard errors, 200 without one, 100 days each
+                                                      compared with the engine's detections, by effect and slow veer
+    python benchmarks/reach.py 120 71 --heldout ROWS      test of held-out days against the prediction of the others:
+                                                      120 effects of 4 to 8 standard errors, 200 nulls, 100 days each
 
-Every effect is tested as if all but its size were known: its pattern, the other effect, its date, the water's noise and
-that noise's memory. The five coefficients and the other effect's size are refitted. No search that knows less can do
-better. The moorings are those of benchmarks/discrepancy.py, and nothing of the engine is used; ROWS are the rows of
-such a run by the same seed. REACH gets one line of JSON a mooring, from which a cut run goes on.
-Exits 1 where the interval of the engine's shortfall lies above 5 points, or where held-out slopes, their intervals or
-the ranks of records without an effect miss their targets.
+Each effect is tested with everything known except its size: its pattern and date, the other effect, and variance and
+memory of the noise of the water. The five coefficients and the size of the other effect are refitted. No search with
+less knowledge can have more power. The moorings are those of benchmarks/discrepancy.py, without use of the engine; ROWS
+are the rows of such a run by the same seed. REACH gets one line of JSON per mooring, to resume an interrupted run.
+The exit status is 1 if the interval of the engine's shortfall lies above 5 points, or if held-out slopes, their
+intervals or the ranks of records without an effect miss their targets.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from compasslib.inference.comparison import compare_pairs
 from compasslib.statistics.resampling import blocks_by_count
 from tests.world import pairs as sea
 
-INDEPENDENT = 17  # scores that the highest of a search of the catalogue amounts to, as its draws of the noise tell
+INDEPENDENT = 17  # effective number of independent scores in a search of the catalogue, by draws of the noise
 VEERS_DEG = (0.0, 1.0, 2.0, 4.0, 8.1)  # edges of the sizes of slow veer
-MISSED = 0.05  # share of the singles that the engine may miss beyond what any search does
-HELD_OUT_HOURS, SMALLEST_Z, LARGEST_Z = 2400, 4.0, 8.0  # records and effects whose days are left out
+MISSED = 0.05  # largest shortfall of the engine's detected share of singles below the upper bound
+HELD_OUT_HOURS, SMALLEST_Z, LARGEST_Z = 2400, 4.0, 8.0  # records and effects in the test of held-out days
 NULLS, SURROGATES = 200, 19  # records without an effect, and surrogates of each
 KNOWN, SEARCHED = norm.isf(0.01), norm.isf(1.0 - 0.99 ** (1.0 / INDEPENDENT))  # for 1 % of false alarms
 
 
 def whitened(world: sea.World, columns: np.ndarray) -> np.ndarray:
-    """Return columns in degrees freed of the noise's memory and divided by its width: the innovations of Kalman.
+    """Whiten columns, degrees, by the innovations of a Kalman filter of the noise.
 
-    Its state is the water's red difference, east and north, and where there is slow water its shear and its veer.
+    Its state is the red-noise velocity difference, east and north, and in slow water also its shear and veer.
     """
     red, memory, white = world.noise
     size, hours, flow = [red, red], [memory, memory], world.between
@@ -66,7 +66,7 @@ def whitened(world: sea.World, columns: np.ndarray) -> np.ndarray:
 
 
 def signals(drawn: sea.Drawn) -> tuple[np.ndarray, np.ndarray]:
-    """Return what each effect does beside the others, and the columns of the five coefficients, degrees."""
+    """Compute the residual signal of each effect given the others, and the columns of five coefficients, degrees."""
     world, parts = drawn.world, drawn.parts
 
     def left(some):
@@ -83,7 +83,7 @@ def signals(drawn: sea.Drawn) -> tuple[np.ndarray, np.ndarray]:
 
 
 def noncentrality(drawn: sea.Drawn) -> dict[str, float]:
-    """Return for each effect the square of its size in standard errors, the others and the coefficients refitted."""
+    """Compute the squared size of each effect in standard errors, with the others and the coefficients refitted."""
     each, five = signals(drawn)
     white = whitened(drawn.world, np.column_stack([each, five]))
     squares = {}
@@ -95,12 +95,12 @@ def noncentrality(drawn: sea.Drawn) -> dict[str, float]:
 
 
 def power(square: float, freedom: int, score: float) -> float:
-    """Return the probability that an effect's statistic passes a normal score."""
+    """Compute the probability that the statistic of an effect exceeds the threshold of a normal score."""
     return float(ncx2.sf(chi2.isf(norm.sf(score), freedom), freedom, max(square, 1e-9)))
 
 
 def row(kind: str, index: int, seed: int, *, red: bool) -> dict:
-    """Return the size asked for, and the power for each effect, of a known and of a searched hypothesis."""
+    """Compute the power for each effect of one mooring, as a hypothesis that is known or found by a search."""
     drawn, wanted = bench.draw(kind, index, seed, red=red)
     freedom = {name: len(set(values) - {"date_s"}) for name, values in drawn.truth.items()}
     slow = drawn.world.slow_water
@@ -130,11 +130,11 @@ def text(share) -> str:
     return " | ".join(f"{100 * x:.0f} %" for x in share)
 
 
-# Beside the engine.
+# Comparison with the engine.
 
 
 def beside(rows: list[dict], found: list[dict]) -> bool:
-    """Print the engine's detections beside the reach of any search; False where it falls short by too much."""
+    """Print the engine's detections and the upper bound; return False if the shortfall is too large."""
     engine = {row["index"]: row for row in found if row["kind"] == "single"}
     joined = [(row, engine[row["index"]]) for row in rows if row["kind"] == "single" and row["index"] in engine]
     for row, own in joined:
@@ -156,7 +156,7 @@ def beside(rows: list[dict], found: list[dict]) -> bool:
 
 
 def compared(what: str, joined: list[tuple[dict, dict]]) -> bool:
-    """Print one line; False where the interval of what the engine misses beyond any search lies above the target."""
+    """Print one line; return False if the interval of the engine's shortfall lies above the target."""
     if not joined:
         return True
     reach = np.array([next(iter(row["power"].values())) for row, _ in joined])
@@ -166,18 +166,18 @@ def compared(what: str, joined: list[tuple[dict, dict]]) -> bool:
     return short.held
 
 
-# Days that are left out.
+# Held-out days.
 
 
 def held_out(kind: str, index: int, seed: int) -> dict:
-    """Return what held-out days show of one effect that the search names, or the rank of their gain where none is.
+    """Compute size and slope of one named effect on held-out days, or the rank of their gain without an effect.
 
-    Half of the records are in slow water. Where there is no effect days are left out though the search names none.
+    Half of the records are in slow water. In records without an effect, days are held out although none is named.
     """
     own = 100_000 * seed + 70_000 + 10_000 * (kind == "null") + index
     rng = np.random.default_rng(own)
     slow, z = sea.some_slow_water(rng) if index % 2 else None, rng.uniform(SMALLEST_Z, LARGEST_Z)
-    names = [name for name in bench.SINGLES if name != "current_veer"]  # of the current nothing is left out
+    names = [name for name in bench.SINGLES if name != "current_veer"]  # no days are held out for the current
     name, size, row = names[index // 2 % len(names)], 2.0, {"kind": kind, "index": index}
 
     def drawn(wanted: dict[str, float]) -> sea.Drawn:
@@ -208,7 +208,7 @@ def held_out(kind: str, index: int, seed: int) -> dict:
 
 
 def left_out(rows: list[dict]) -> int:
-    """Print how slopes and ranks behave, and return the exit status."""
+    """Print the statistics of slopes and ranks, and return the exit status."""
     planted, nulls = ([row for row in rows if row["kind"] == kind] for kind in ("planted", "null"))
     within = [row for row in planted if SMALLEST_Z <= row["z"] <= LARGEST_Z]
     given = [row for row in within if row["slope"]]
@@ -224,7 +224,7 @@ def left_out(rows: list[dict]) -> int:
     ranks = np.array([row["rank_p"] for row in nulls])
     spread = ranks - np.random.default_rng(0).uniform(size=len(ranks)) / (
         1 + SURROGATES
-    )  # a rank is a step, not a point
+    )  # ranks are discrete, hence they are spread uniformly
     print(f"\n{len(within)} of {len(planted)} effects are of 4 to 8 standard errors; a slope is given for {len(given)}")
     tested = kstest(spread, "uniform")
     print(

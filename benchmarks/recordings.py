@@ -1,11 +1,11 @@
-"""Does the diagnosis of recordings name what is there, and nothing where nothing is?
+"""Detection and false alarms of the diagnosis of calibration recordings.
 
     PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads|swing]
 
-Nulls and recordings with one known effect are drawn anew (tests.world.recordings). A null that gets a name or
-is called unexplained is a false alarm; at most 1 % is the target. A set is right where it holds the truth; parameters
-are right where their errors over their own standard errors have an rms of 0.9 to 1.1. Declinations are drawn in
-observatory.py; real recordings with a concealed effect are among those of the sealed proof.
+Nulls and recordings with one known effect are simulated (tests.world.recordings). A null that is attributed to an
+effect or called unexplained is a false alarm; the target is at most 1 %. A set is right if it contains the truth;
+parameters are right if the rms of their errors over their standard errors is 0.9 to 1.1. Declinations are simulated in
+observatory.py; real recordings with a concealed effect are part of the sealed proof.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ Made = tuple[Diagnosis, Truth]
 
 
 def bench(rng: np.random.Generator, effect: str) -> Made:
-    """Return the diagnosis of a bench."""
+    """Simulate and diagnose a bench calibration."""
     made = drawn.bench(rng, effect)
     return platform.diagnose_readings(made.correct_deg, made.recorded_deg, field=None, options=OPTIONS), made.truth
 
 
 def log(rng: np.random.Generator, effect: str) -> Made:
-    """Return the diagnosis of a magnetometer's log."""
+    """Simulate and diagnose the log of a magnetometer."""
     made = drawn.log(rng, effect)
     axes = Log(
         made.field_nt, True, made.pitch_deg, made.roll_deg, made.heading_deg, made.time_s, 0, (), made.temperature_c
@@ -56,7 +56,7 @@ def log(rng: np.random.Generator, effect: str) -> Made:
 
 
 def swung(rng: np.random.Generator, effect: str) -> Made:
-    """Return the diagnosis of a swing's log, through the table that a ship would write."""
+    """Simulate the log of a swing, write it as a table, and diagnose it."""
     sailed, truth = drawn.boat(rng, effect)
     declination = float(rng.uniform(-10.0, 10.0))
     with tempfile.TemporaryDirectory() as folder:
@@ -65,7 +65,7 @@ def swung(rng: np.random.Generator, effect: str) -> Made:
 
 
 def heads(rng: np.random.Generator, effect: str) -> Made:
-    """Return the diagnosis of two heads in the simulated sea, through PD0 bytes."""
+    """Simulate two heads on a lowered frame, write their PD0 files, and diagnose them."""
     noise, slow = rng.uniform(0.2, 0.8), {"slow_deg": rng.uniform(0.0, 0.8), "slow_s": rng.uniform(5.0, 60.0)}
     sea = Sea(turns=rng.uniform(-8.0, 8.0), wander_deg=rng.uniform(40.0, 90.0), swell_s=rng.uniform(6.0, 14.0))
     a = Head(noise_deg=noise, **slow)
@@ -93,7 +93,7 @@ def heads(rng: np.random.Generator, effect: str) -> Made:
     return two_heads.diagnose_motion(*moved, farthest_s=600.0, field=None, options=OPTIONS), truth
 
 
-NULLS_EACH = 10  # nulls for each recording with an effect
+NULLS_EACH = 10  # number of nulls per recording with an effect
 KINDS: dict[str, tuple[Callable[[np.random.Generator, str], Made], tuple[str, ...]]] = {
     "platform": (bench, ("sextantal", "octantal", "heading_slip", "large_deviation")),
     "magnetometer": (
@@ -125,18 +125,18 @@ HEAD = (
 
 
 def said(found: Diagnosis) -> set[str]:
-    """Return all effects that a diagnosis holds for possible."""
+    """List all effects that a diagnosis considers possible."""
     return {name for one in found.findings for name in (one.effect, *one.alternatives)}
 
 
 def errors(found: Diagnosis, effect: str, truth: dict[str, float]) -> list[float]:
-    """Return the errors of an effect's parameters in their own standard errors."""
+    """Compute the errors of an effect's parameters in their own standard errors."""
     own = [one for one in found.findings if one.effect == effect]
     return [(one.parameters[k].value - truth[k]) / one.parameters[k].sigma for one in own for k in truth]
 
 
 def row(kind: str, case: str, count: int, first: int) -> list[bool]:
-    """Print what is said of recordings with one effect; return for which of them something false was said."""
+    """Print the rates of recordings with one effect; return whether each has a wrong name or is unexplained."""
     make, effect = KINDS[kind][0], case.split(",")[0]
     tally, off, begin = Counter[str](), list[float](), time.process_time()
     false = []

@@ -1,4 +1,4 @@
-"""Real recordings whose cause is known, concealed by withholding a channel or a log: what is concluded, a line each.
+"""Diagnoses of real recordings with a known cause that is concealed by withholding a channel or log, one line each.
 
 python benchmarks/recordings_real.py
 """
@@ -43,7 +43,7 @@ EIGHT = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123]) 
 
 
 def table() -> str:
-    """Return the table: recording, what is concealed, verdict, findings, unexplained mismatch."""
+    """Compose the table: recording, what is concealed, verdict, findings, unexplained mismatch."""
     lines = ["| recording | concealed | verdict | findings | unexplained |", "|---|---|---|---|---|"]
     for concealed, kind, name, settings in CASES:
         if (DATA / name).exists():

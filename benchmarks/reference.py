@@ -1,11 +1,11 @@
-"""Faults of the trusted instrument: are they put on the affected compass?
+"""False attribution of faults of the reference to the affected compass.
 
     python benchmarks/reference.py 40 1             moorings, seed
     python benchmarks/reference.py 40 1 --cores 1
 
-Simulated years with one fault of the trusted instrument each: a deviation of its compass, a step of about 6 degrees and
-one of 15, beams of unequal gain, a constant velocity. Exit 1 where a fault is named as one of the affected
-compass alone in more cases than the target allows.
+Simulated years with one fault of the reference each: a deviation of its compass, a step of about 6 degrees or of 15
+degrees, beams of unequal gain, a constant velocity. The exit status is 1 if more faults than the target allows are
+attributed to the affected compass alone.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ FAULTS = (
     ("reference_deviation", 3.0), ("reference_slip", 3.0), ("reference_slip", 7.5), ("reference_beams", 2.0),
     ("reference_bias", 2.0),
 )  # fmt: skip
-MOST = 0.05  # share of moorings whose fault may be put on the affected compass alone
+MOST = 0.05  # largest share of moorings whose fault is attributed to the affected compass alone
 
 
 def measured(job: tuple[int, int]) -> dict:
-    """Return what was said of one mooring, and the errors of its headings."""
+    """Process one mooring; return its attribution and the errors of its headings."""
     seed, k = job
     effect, size = FAULTS[k % len(FAULTS)]
     with tempfile.TemporaryDirectory() as folder:
@@ -62,7 +62,7 @@ def measured(job: tuple[int, int]) -> dict:
 
 
 def report(rows: Sequence[dict]) -> int:
-    """Print the table, and return the exit status."""
+    """Print the table and return the exit status."""
     targets.head("fault", "seen", "named with its side", "on the affected compass alone", "heading, rms", "within 95 %")
     for fault in [*dict.fromkeys(row["fault"] for row in rows), "all"]:
         some = [row for row in rows if fault in (row["fault"], "all")]

@@ -1,9 +1,9 @@
-"""How large the report is, and how soon a browser shows it, for few and for many moorings.
+"""Size of the report and its loading time in a browser, for few and for many moorings.
 
-    python benchmarks/report.py                      after make run; Chromium is needed
+    python benchmarks/report.py                      after make run; needs Chromium
     python benchmarks/report.py --picture docs/report.png
 
-The moorings of the demonstration cruise are repeated until there are enough. Times are medians of five openings.
+The moorings of the demonstration cruise are repeated to reach the number. Times are medians of five page loads.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PAINTED = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
 
 
 def repeated(made: report.Report, count: int) -> report.Report:
-    """Return a report with its moorings again and again, each a little to the east of the last."""
+    """Repeat the moorings of a report up to a number, each repetition 0.1 degrees farther east."""
     rounds = zip(islice(cycle(made.moorings.sections), count), range(count), strict=False)
     sections = [replace(one, name=f"{one.name}.{k}", anchor=f"{one.anchor}.{k}") for one, k in rounds]
     stations = [
@@ -44,7 +44,7 @@ def repeated(made: report.Report, count: int) -> report.Report:
 
 
 def main() -> None:
-    """Print a line a count, or write the picture of the page's top."""
+    """Print a line per number of moorings, or write a picture of the top of the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--picture", type=Path, help="write a picture of the page instead")
     asked = parser.parse_args()
@@ -59,7 +59,7 @@ def main() -> None:
 
 
 def measured(chromium: browser.Page, path: Path, count: int) -> str:
-    """Return the line of one count."""
+    """Measure the report of a number of moorings and format the line of the table."""
     sections.MAX_SECTIONS, most = (0 if count > sections.MAX_SECTIONS else sections.MAX_SECTIONS), sections.MAX_SECTIONS
     begin = time.perf_counter()
     described = Moorings(load_cruise(PROJECT)).described()
@@ -73,7 +73,7 @@ def measured(chromium: browser.Page, path: Path, count: int) -> str:
 
 
 def opened(chromium: browser.Page, path: Path) -> tuple[float, float]:
-    """Return when a page was painted first, and when it was whole, milliseconds."""
+    """Load a page and return the times of first paint and of complete loading, milliseconds."""
     chromium.open(path)
     chromium.ask("new Promise(done => requestAnimationFrame(() => setTimeout(done, 50)))")
     return chromium.ask(PAINTED), chromium.ask("performance.timing.loadEventEnd - performance.timing.navigationStart")

@@ -1,4 +1,4 @@
-"""Runs of the workflow that benchmarks time, kill and compare: what they cost, and the hashes of what they left."""
+"""Runs of the workflow for benchmarks: commands, their cost, and hashes of their results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PROJECT = Path(__file__).resolve().parent.parent
 sys.path.append(str(PROJECT))  # for tests/world
 DATA = PROJECT.parent / "shared/data"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-# In a process of its own, whose only child's resources are those of the command.
+# Run in a separate process, whose only child is the command, to measure its resources.
 MEASURED = """
 import json, resource, subprocess, sys, time
 begun = time.monotonic()
@@ -27,7 +27,7 @@ print(json.dumps([done.returncode, done.stdout + done.stderr, *took]))
 
 
 class Cost(NamedTuple):
-    """What a command took: seconds by the clock, CPU seconds and the peak of its largest process, MB; what it said."""
+    """Cost of a command: wall time, CPU seconds and peak memory of its largest process, MB; and its output."""
 
     wall_s: float
     cpu_s: float
@@ -36,19 +36,19 @@ class Cost(NamedTuple):
 
 
 def environment(project: Path = PROJECT) -> dict[str, str]:
-    """Return the environment in which jobs import one project's library and date results alike."""
+    """Compose the environment in which jobs import one project's library and use a fixed date."""
     path = os.pathsep.join(filter(None, (str(project), os.environ.get("PYTHONPATH"))))
     return {"SOURCE_DATE_EPOCH": "0"} | os.environ | ONE_THREAD | {"PYTHONPATH": path}
 
 
 def snakemake(folder: Path, *options: object, cores: int | None = 2, project: Path = PROJECT) -> list[str]:
-    """Return the command that runs the workflow on a cruise; without ``cores`` options say where."""
+    """Compose the command that runs the workflow on a cruise; without ``cores``, options must define the resources."""
     where = ("--snakefile", project / "Snakefile", "--directory", folder, *(("--cores", cores) if cores else ()))
     return [sys.executable, "-m", "snakemake", *map(str, (*where, *options))]
 
 
 def cost(command: Sequence[str], project: Path = PROJECT) -> Cost:
-    """Run a command; a run that fails ends the benchmark with what it said."""
+    """Run a command and measure its cost; if it fails, the benchmark ends with its output."""
     run = [sys.executable, "-c", MEASURED, *command]
     done = subprocess.run(run, capture_output=True, text=True, check=True, env=environment(project), cwd=project)
     code, said, *took = json.loads(done.stdout)
@@ -58,7 +58,7 @@ def cost(command: Sequence[str], project: Path = PROJECT) -> Cost:
 
 
 def hashes(folder: Path, *without: str) -> dict[str, str]:
-    """Return the SHA-256 of all files, those below a folder of a given name left out."""
+    """Compute the SHA-256 of all files, except those in folders of given names."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     kept = [path for path in files if not {*without} & set(path.relative_to(folder).parts)]
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in kept}

@@ -1,9 +1,9 @@
-"""Is the simulated sea like real ones? Bins of one profile against each other: no compass is between them.
+"""Comparison of simulated with real currents, by differences between the bins of one profile.
 
     python benchmarks/sea.py --figure docs/sea.png      and the numbers as a table
 
-Two genuine moored profiles (../shared/data; said where they are absent) and EG4 of the demonstration, whose profile is
-taken as it comes out of the raw file. The bins of one instrument share its compass: what they differ by is water.
+Two real moored profiles (../shared/data; reported if absent) and EG4 of the demonstration, whose profile is read from
+its raw file. The bins of one instrument share its compass, so they differ by the water only.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from compasslib.preparation.water import usable_velocities
 from compasslib.records import Record
 
 COLOURS = {"eh2 (real, 2 m)": BLUE, "papa (real, 20 m)": GREEN, "EG4 (simulated, 4 m)": VERMILION}
-APART = 2  # cells between the two bins whose difference is looked at by speed and by period
-FIRST, MOST = 2, 10  # bins that distances are counted from; cells to the farthest
+APART = 2  # cells between the two bins whose difference is analysed by speed and by period
+FIRST, MOST = 2, 10  # bin from which distances are counted; cells to the farthest bin
 BANDS = {"tides": (10.0, 14.0), "days to weeks": (48.0, 400.0)}  # hours
 SLOW_DAYS, FEWEST = 20.0, 20
 SEGMENT = 512  # hours
-PERIODS, BANDS_SHOWN = (2.0, 256.0), 8  # of which the gain is shown, hours
+PERIODS, BANDS_SHOWN = (2.0, 256.0), 8  # range and number of bands for the gain by period, hours
 
 
 def simulated() -> Record:
-    """Return the profile of EG4 inside its deployment."""
+    """Simulate the profile of EG4 during its deployment."""
     with tempfile.TemporaryDirectory() as folder:
         demonstration.write_mooring("EG4", Path(folder) / "raw", Path(folder) / "truth.csv")
         record = readers.read("pd0", [Path(folder) / "raw/EG4/top.000"], {})
@@ -47,7 +47,7 @@ def simulated() -> Record:
 
 
 def profiles() -> dict[str, Record]:
-    """Return the profiles that are there, by name."""
+    """Read the available profiles, by name."""
     found = {}
     for name in COLOURS:
         short = name.split()[0]
@@ -61,19 +61,19 @@ def profiles() -> dict[str, Record]:
 
 
 def flow(record: Record, bin_: int) -> np.ndarray:
-    """Return the currents in one bin, east + i north, m/s, NaN where bad."""
+    """Select the currents in one bin, east + i north, m/s, NaN if bad."""
     good = usable_velocities(record)[:, bin_]
     return np.where(good, record.east[:, bin_] + 1j * record.north[:, bin_], np.nan)
 
 
 def across(near: np.ndarray, far: np.ndarray) -> np.ndarray:
-    """Return the difference across the flow, m/s, NaN where either is bad."""
+    """Compute the cross-flow component of a difference, m/s, NaN if either is bad."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.imag((near - far) * np.conj(far) / np.abs(far))
 
 
 def by_distance(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances, m, and the rms difference across the flow, cm/s."""
+    """Compute the rms cross-flow difference, cm/s, by distance, m."""
     last = min(FIRST + MOST, record.east.shape[1] - 1)
     range_m = np.median(np.abs(record.bin_range_m), axis=0)
     pairs = [
@@ -83,7 +83,7 @@ def by_distance(record: Record) -> tuple[np.ndarray, np.ndarray]:
 
 
 def by_speed(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Return speeds, cm/s, and the median difference of directions of two bins at them, degrees."""
+    """Compute the median difference of directions of two bins, degrees, by speed, cm/s."""
     one, other = flow(record, FIRST), flow(record, FIRST + APART)
     known = np.isfinite(one * other) & (np.abs(one) > 0.0) & (np.abs(other) > 0.0)
     speed, off = 100.0 * np.abs(one[known]), np.abs(np.angle(one[known] * np.conj(other[known]))) / angles.DEGREE
@@ -95,7 +95,7 @@ def by_speed(record: Record) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slow_share(record: Record) -> float:
-    """Return the share of the variance of the difference of two bins that means of SLOW_DAYS hold."""
+    """Compute the share of the variance of the difference of two bins in means over ``SLOW_DAYS``."""
     off = flow(record, FIRST) - flow(record, FIRST + APART)
     known = np.isfinite(off)
     block = np.floor((record.time_s[known] - record.time_s[0]) / (SLOW_DAYS * 86400.0)).astype(int)
@@ -105,7 +105,7 @@ def slow_share(record: Record) -> float:
 
 
 def hourly(series: np.ndarray, time_s: np.ndarray) -> np.ndarray | None:
-    """Return a complex series every hour, gaps bridged; None for one that was sampled more rarely."""
+    """Interpolate a complex series to every hour, including gaps; None if it was sampled less often."""
     if np.median(np.diff(time_s)) > 3700.0:
         return None
     known = np.isfinite(series)
@@ -114,7 +114,7 @@ def hourly(series: np.ndarray, time_s: np.ndarray) -> np.ndarray | None:
 
 
 def spectrum(record: Record) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return periods, hours, and the spectrum of the difference across the flow, (cm/s)^2 a cycle a day."""
+    """Compute the spectrum of the cross-flow difference, (cm/s)^2 per cycle per day, by period, hours."""
     series = hourly(100.0 * across(flow(record, FIRST), flow(record, FIRST + APART)) + 0j, record.time_s)
     if series is None:
         return None
@@ -123,7 +123,7 @@ def spectrum(record: Record) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def coherences(record: Record, band: tuple[float, float]) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return distances, m, and the coherence of the eastward currents of two bins in a band of periods."""
+    """Compute the coherence of the eastward currents of two bins in a band of periods, by distance, m."""
     first = hourly(flow(record, FIRST), record.time_s)
     if first is None:
         return None
@@ -140,14 +140,14 @@ def coherences(record: Record, band: tuple[float, float]) -> tuple[np.ndarray, n
 
 
 def gain(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Return gaps in cells and by how much the noise falls by the prediction, percent, median of depths."""
+    """Compute the reduction of the noise by the prediction, percent, median over depths, by gap in cells."""
     gaps = np.array([1, 2, 3, 4])
     depths = range(min(8, record.east.shape[1] - 9))
     return gaps, np.array([np.median([water.fall(record, depth, int(gap))[0] for depth in depths]) for gap in gaps])
 
 
 def gain_by_period(record: Record, gap: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return periods, hours, and by how much the noise of these periods falls by the prediction, percent."""
+    """Compute the reduction of the noise by the prediction, percent, by period, hours."""
     power = []
     for depth in range(min(8, record.east.shape[1] - 9)):
         series = [hourly(100.0 * x + 0j, record.time_s) for x in water.across(record, depth, gap)[:2]]
@@ -163,7 +163,7 @@ def gain_by_period(record: Record, gap: int) -> tuple[np.ndarray, np.ndarray] | 
 
 
 def draw(found: dict[str, Record], path: Path) -> None:
-    """Draw the page."""
+    """Draw the figure."""
     with page(path, 5.2, width_in=WIDE_IN) as figure:
         panels = figure.subplots(2, 3)
         for name, record in found.items():
@@ -205,7 +205,7 @@ def draw(found: dict[str, Record], path: Path) -> None:
 
 
 def main() -> None:
-    """Print the table, and draw the figure where one is asked for."""
+    """Print the table, and draw the figure if requested."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--figure", type=Path)
     asked = parser.parse_args()

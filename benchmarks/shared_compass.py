@@ -1,11 +1,11 @@
-"""Several records of one compass, scored on simulated redeployments: what they share, who is odd, what short ones gain.
+"""Score of the joint analysis of several records of one compass: shared effects, outliers, and gain of short records.
 
     python benchmarks/shared_compass.py 40 1              40 sets of three deployments of each kind by seed 1
     python benchmarks/shared_compass.py 40 1 --kind null  one kind: shared, null, season, siblings, short
-    python benchmarks/shared_compass.py 40 1 --every 2    a sample every 2 hours; 4 where absent
+    python benchmarks/shared_compass.py 40 1 --every 2    a sample every 2 hours; the default is 4
 
-The world is tests/world/redeployed.py; sets of ``siblings`` and ``short`` are fitted, not searched. One core,
-and the exit status is 1 where a 95 % interval excludes its target. Seeds are to be drawn after the code is frozen.
+The simulation is tests/world/redeployed.py; sets of ``siblings`` and ``short`` are fitted without a search. It uses one
+core; the exit status is 1 if a 95 % interval excludes its target. Draw the seed after the code is frozen.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def thinned(drawn: Drawn, every: int) -> Drawn:
 
 
 def searched(name: str, drawn: Drawn) -> tuple[Member, list[str]]:
-    """Return what a record tells, and the effects that it names alone."""
+    """Diagnose a record; return its information on the compass, and the effects that it names alone."""
     fit, field = fitted(drawn), field_of(drawn)
     found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(share=True))
     names = [one.effect for one in found.findings if one.probability >= 0.5 and one.side == "compass"]
@@ -67,7 +67,7 @@ def fitted_only(name: str, drawn: Drawn) -> Member:
 
 
 def of_shared(index: int, seed: int, kind: str, every: int) -> dict:
-    """Return one set of three records that share an effect, nothing, or a season of the water."""
+    """Analyse one set of three records that share an effect, nothing, or a season of the water."""
     name = EFFECTS[index % len(EFFECTS)]
     keys = {"shared": {"shared": (name, SIZE_DEG)}, "season": {"season_deg": SEASON_DEG}, "null": {}}[kind]
     drawn = redeployed.deployments(own(seed, kind, index), **keys)
@@ -91,7 +91,7 @@ def of_shared(index: int, seed: int, kind: str, every: int) -> dict:
 
 
 def truth(drawn: Drawn) -> np.ndarray:
-    """Return B..E of a level compass with the iron of the world."""
+    """Compute the coefficients B to E of a level compass with the simulated iron."""
     world = drawn.world
     soft, (h, z) = world.soft, world.earth
     scale = (soft[0, 0] + soft[1, 1]) / 2.0
@@ -100,7 +100,7 @@ def truth(drawn: Drawn) -> np.ndarray:
 
 
 def of_siblings(index: int, seed: int, every: int) -> dict:
-    """Return one set of three: who is rejected, as it is and with one moved away, and whether priors hold the truth."""
+    """Analyse one set of three: rejections, as it is and with one compass shifted, and coverage of the priors."""
     rng = np.random.default_rng(own(seed, "siblings", index))
     drawn = redeployed.deployments(own(seed, "siblings", index), between_nT=BETWEEN_NT[index % len(BETWEEN_NT)])
     members = [fitted_only(f"M{k}", thinned(one, every)) for k, one in enumerate(drawn)]
@@ -123,7 +123,7 @@ def of_siblings(index: int, seed: int, every: int) -> dict:
 
 
 def of_short(index: int, seed: int, every: int) -> dict:
-    """Return the headings of a short record that covers a quarter of the circle, alone and with two siblings."""
+    """Compute heading errors of a short record covering a quarter of the circle, alone and with two siblings."""
     drawn = redeployed.deployments(own(seed, "short", index))
     whole, siblings = drawn[0], [fitted_only(f"M{k}", thinned(one, every)) for k, one in enumerate(drawn[1:], 1)]
     record, pairs = whole.pairs, take(whole.pairs, slice(0, SHORT_H))
@@ -163,7 +163,7 @@ def covered(what: str, values) -> bool:
 
 
 def report(rows: list[dict]) -> bool:
-    """Print the score; False where a target is outside its interval."""
+    """Print the score; return False if any target is outside its interval."""
     kind = {name: [row for row in rows if row["kind"] == name] for name in KINDS}
     targets.head("measure", "value", "target")
     good = []
@@ -205,7 +205,7 @@ def report(rows: list[dict]) -> bool:
             inside = [r[f"{name}_covered"] for r in short]
             if name == "both":
                 good.append(covered(f"the same, {words}: within 95 %", inside))
-            else:  # alone the weak priors rule; without a reference the clamp's spread, which this world has not
+            else:  # alone, weak priors dominate; without a reference, the spread of the clamp, not simulated here
                 line(f"the same, {words}: within 95 %", f"{100 * np.mean(inside):.1f} %")
         line("the same: better with siblings than alone", targets.share_of(r["both"] < r["alone"] for r in short))
     return all(good)
@@ -225,7 +225,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=4, help="hours from one sample to the next (default 4)")
     asked = parser.parse_args()
     rows, begin = [], time.process_time()
-    with suppress(KeyboardInterrupt):  # what was measured until then is told
+    with suppress(KeyboardInterrupt):  # report the measurements made until then
         for kind, index in itertools.product(KINDS if asked.kind is None else (asked.kind,), range(asked.count)):
             rows.append(measure(kind, index, asked.seed, asked.every))
             targets.progress(f"{kind} {index + 1} of {asked.count}")

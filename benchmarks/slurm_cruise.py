@@ -1,10 +1,10 @@
-"""A cruise of eight moorings through a Slurm on loopback, on this machine, and in one process a mooring: CPU and files.
+"""CPU time and files of a cruise of eight moorings by a local Slurm, by Snakemake alone, and by one process each.
 
     python benchmarks/slurm_cruise.py [MOORINGS]
 
-Needs what ``tests/slurm.py`` starts: Debian's slurm-wlm and munge, make slurm, and root. The CPU seconds are those of
-the whole machine while a form runs, as the jobs are no children of Snakemake: nothing else may run. Exits 1 where a
-file of one form differs from that of another.
+Needs what ``tests/slurm.py`` starts: Debian's slurm-wlm and munge, make slurm, and root. CPU seconds are those of the
+whole machine, as the jobs are not child processes of Snakemake: nothing else may run. The exit status is 1 if files
+differ.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ STAGES = [option.replace("mooring_cores=1", "mooring_cores=0") for option in slu
 
 
 def machine_s() -> float:
-    """Return the CPU seconds of user and system that the machine has spent so far."""
+    """Read the CPU seconds (user and system) that the machine has used so far."""
     user, nice, system = map(int, Path("/proc/stat").read_text().split()[1:4])
     return (user + nice + system) / os.sysconf("SC_CLK_TCK")
 
 
 def main(scratch: Path, moorings: int) -> int:
-    """Run all forms, print what each took, and compare their files."""
+    """Run all ways of execution, print the cost of each, and compare their files."""
     if slurm.missing():
         raise SystemExit(slurm.missing())
     forms = {

@@ -1,9 +1,9 @@
-"""Do the stated uncertainties of a swing hold? Simulated swings with known truth, and the one real log.
+"""Coverage of the stated uncertainties of a swing: simulated swings with known truth, and one real log.
 
-Headings: one reading each on 8, 16 or 36 headings, or on five and towards a mark, the water drifting. Logs: 14 to 40
-minutes at one sample a second, on legs or in slow circles, with a helmsman's wander, a receiver that smooths and lags,
-speeds that vary, outliers, and water whose drift changes; with and without the ship's own speed log. The declination is
-given with its error. The same seed draws the same swings.
+Headings: one reading each on 8, 16 or 36 headings, or on five and towards a mark, with set and drift. Logs: 14 to 40
+minutes at one sample per second, on legs or in slow circles, with wander of the helm, a receiver that smooths and lags,
+varying speed, outliers, and changing drift; with and without the ship's speed log. The declination is given with an
+error. The same seed draws the same swings.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ Row = dict[str, np.ndarray]
 
 
 def disc(rng: np.random.Generator, radius: float) -> complex:
-    """Return east + i north, uniform over a disc."""
+    """Draw a vector, east + i north, uniform over a disc."""
     return radius * np.sqrt(rng.uniform()) * np.exp(2j * np.pi * rng.uniform())
 
 
 def alike(rng: np.random.Generator, n: int, memory_s: float) -> np.ndarray:
-    """Return unit noise that forgets within a time, one value a second."""
+    """Draw first-order autoregressive noise of unit variance and given memory, one value per second."""
     keep, out = np.exp(-1.0 / memory_s), rng.normal(size=n)
     for k in range(1, n):
         out[k] = keep * out[k - 1] + np.sqrt(1.0 - keep**2) * out[k]
@@ -46,7 +46,7 @@ def alike(rng: np.random.Generator, n: int, memory_s: float) -> np.ndarray:
 
 
 def swell(rng: np.random.Generator, n: int, period_s: float) -> np.ndarray:
-    """Return unit noise that swings about a period, as a helmsman does."""
+    """Draw noise of unit variance that oscillates with a period, as the wander of a helmsman."""
     turn = np.exp(-1.0 / (2.0 * period_s) + 2j * np.pi / period_s)
     state, out = complex(*rng.normal(size=2)), np.empty(n)
     for k in range(n):
@@ -56,7 +56,7 @@ def swell(rng: np.random.Generator, n: int, period_s: float) -> np.ndarray:
 
 
 def smoothed(x: np.ndarray, memory_s: float) -> np.ndarray:
-    """Return what a receiver shows that filters over a time."""
+    """Smooth a series as a receiver does, by an exponential filter."""
     out, keep = x.copy(), np.exp(-1.0 / memory_s)
     for k in range(1, len(x)):
         out[k] = keep * out[k - 1] + (1.0 - keep) * x[k]
@@ -64,7 +64,7 @@ def smoothed(x: np.ndarray, memory_s: float) -> np.ndarray:
 
 
 def recorded(truth: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Return what a compass with this series in the recorded heading shows."""
+    """Compute the recorded heading of a compass whose deviation is a series in the recorded heading."""
     gamma = heading.copy()
     for _ in range(60):
         gamma = heading - series_deviation(truth, gamma)
@@ -72,7 +72,7 @@ def recorded(truth: np.ndarray, heading: np.ndarray) -> np.ndarray:
 
 
 def headings(rng: np.random.Generator, n: int, truth: np.ndarray) -> Row:
-    """Draw readings on n headings at one speed or at speeds that vary."""
+    """Draw readings on n headings at nearly constant or varying speed."""
     beta = angles.wrap360(np.append(90.0 * np.arange(4), 45.0) if n == 5 else 360.0 * np.arange(n) / n)
     beta = angles.wrap360(beta + rng.normal(0.0, 2.0, n))
     speed = rng.uniform(6.0, 9.0) + rng.choice([0.1, 1.0]) * rng.normal(size=n)
@@ -83,7 +83,7 @@ def headings(rng: np.random.Generator, n: int, truth: np.ndarray) -> Row:
 
 
 def plan(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return heading (unwrapped) and speed along a swing, one value a second."""
+    """Draw heading (unwrapped) and speed along a swing, one value per second."""
     if rng.uniform() < 0.5:
         rate = rng.uniform(0.4, 0.9)
         once = int(360.0 / rate * rng.uniform(1.0, 1.5))
@@ -103,7 +103,7 @@ def plan(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def log(rng: np.random.Generator, truth: np.ndarray, with_log: bool) -> Row:
-    """Draw a log of a sample a second."""
+    """Draw a log with one sample per second."""
     beta, speed = plan(rng)
     n = len(beta)
     beta = beta + rng.uniform(1.5, 3.0) * swell(rng, n, rng.uniform(15.0, 40.0))
@@ -126,7 +126,7 @@ def log(rng: np.random.Generator, truth: np.ndarray, with_log: bool) -> Row:
 
 
 def measured(index: int, seed: int, folder: Path) -> dict[str, object]:
-    """Draw one swing, calibrate it, and say how far off it is in its own standard deviations."""
+    """Draw one swing, calibrate it, and compute its errors in stated standard deviations."""
     kind = KINDS[index % len(KINDS)]
     rng = np.random.default_rng((seed, index))
     truth = rng.normal(0.0, TRUTH_SIGMA)
@@ -160,7 +160,7 @@ def measured(index: int, seed: int, folder: Path) -> dict[str, object]:
 
 
 def report(results: list[dict[str, object]]) -> list[targets.Measured]:
-    """Print coverage by kind; return it with its intervals, what belongs to one swing counted together."""
+    """Print coverage by kind, and return it with intervals over swings."""
     lines = []
     targets.head(
         "kind", "told", "% of A, B, C, D, E within 95 %", "rms error A..E (°)", "stated (°)", "water told", "n_eff"
@@ -184,7 +184,7 @@ def report(results: list[dict[str, object]]) -> list[targets.Measured]:
 
 
 def real() -> str:
-    """Return the real log's result with and without the ship's own speed log."""
+    """Describe the result of the real log with and without the ship's speed log."""
     if not REAL.exists():
         return f"no {REAL.name}: the real log is left out"
     lines = []

@@ -1,6 +1,6 @@
-"""What a benchmark measured beside what it should be: rows that a cut run left, shares, intervals, the exit status.
+"""Benchmark measures and their targets: shares, intervals, exit status, and rows to resume interrupted runs from.
 
-A target is missed where the 95 % interval excludes it; a script that misses one ends with status 1.
+A target is missed if the 95 % interval excludes it; a script that misses one ends with status 1.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from scipy.stats import binomtest
 
 sys.path.append(str(Path(__file__).resolve().parent.parent))  # for tests/world
 DRAWS = 4000
-FEWEST = 20  # cases of which resampling tells an interval
+FEWEST = 20  # minimum number of cases for an interval by resampling
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One line: what was measured, with its 95 % interval, and the target where there is one."""
+    """One line of a table: a measure with its 95 % interval, and its target if there is one."""
 
     what: str
     value: str
@@ -39,18 +39,18 @@ class Measured:
 
     @property
     def verdict(self) -> str:
-        """The target, and whether it was missed."""
+        """The target, marked if it was missed."""
         return self.target if self.held else f"{self.target}, MISSED"
 
 
 def interval(hits: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Clopper and Pearson 1934)."""
+    """Compute the 95 % interval of a share (Clopper and Pearson 1934)."""
     found = binomtest(hits, count).proportion_ci(method="exact")
     return float(found.low), float(found.high)
 
 
 def text_of(hits: int, count: int) -> str:
-    """Return a share with its n and 95 % interval."""
+    """Format a share with its n and 95 % interval."""
     if not count:
         return "–"
     low, high = interval(hits, count)
@@ -58,18 +58,18 @@ def text_of(hits: int, count: int) -> str:
 
 
 def share_of(values: Iterable[object]) -> str:
-    """Return the share of cases that hold with its n and 95 % interval."""
+    """Format the share of true cases with its n and 95 % interval."""
     held = [bool(one) for one in values]
     return text_of(sum(held), len(held))
 
 
 def share(what: str, values: Iterable[object], *, least: float = 0.0, most: float = 1.0) -> Measured:
-    """Return a share beside its target.
+    """Compute a share with its target.
 
     Args:
-        values: of each case, whether it holds.
-        least: share that should be reached.
-        most: share that should not be passed.
+        values: whether each case is true.
+        least: lower limit of the target.
+        most: upper limit of the target.
     """
     held = [bool(one) for one in values]
     low, high = interval(sum(held), len(held)) if held else (0.0, 1.0)
@@ -77,12 +77,12 @@ def share(what: str, values: Iterable[object], *, least: float = 0.0, most: floa
 
 
 def grouped(plain: Measured, values: Sequence[object], groups: Sequence[object]) -> Measured:
-    """Return a share by the wider of its interval and that of resampling groups of cases that depend on each other.
+    """Widen the interval of a share to that by resampling groups of dependent cases, if this is wider.
 
     Args:
-        plain: the share as of independent cases.
-        values: of each case, whether it holds.
-        groups: of each case, what it shares with others.
+        plain: the share, computed for independent cases.
+        values: whether each case is true.
+        groups: label of the group of each case.
     """
     if not values:
         return plain
@@ -104,11 +104,11 @@ def mean(
     unit: str = "",
     times: float = 1.0,
 ) -> Measured:
-    """Return a mean with the interval that resampling gives it, beside its target.
+    """Compute a mean with its interval by resampling, and its target.
 
     Args:
-        unit: that is printed behind numbers.
-        times: factor of the numbers that are printed.
+        unit: unit that is printed after numbers.
+        times: factor applied to printed numbers.
     """
     each = np.asarray(values, dtype=float)
     low, high = resampled(each, lambda some: some.mean(axis=-1)) or (-np.inf, np.inf)
@@ -117,11 +117,11 @@ def mean(
 
 
 def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str = "", fewest: int = FEWEST) -> str:
-    """Return a statistic with its n and the 95 % interval that resampling the cases gives it.
+    """Format a statistic with its n and its 95 % interval by resampling the cases.
 
     Args:
         of: the statistic, a function of numpy that takes ``axis``.
-        fewest: cases of which it tells one.
+        fewest: minimum number of cases for an interval.
     """
     if not len(values):
         return "–"
@@ -131,14 +131,14 @@ def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str 
 
 
 def limit(what: str, value: float, *, most: float, unit: str = "") -> Measured:
-    """Return a number that has no interval beside its limit."""
+    """Return a number without an interval, with its upper limit as the target."""
     return Measured(what, f"{value:.3g}{unit}", value, value, most=most, target=_said(-np.inf, most, unit, 1.0))
 
 
 def resampled(
     values: np.ndarray, of: Callable[[np.ndarray], np.ndarray], seed: int = 1, *, fewest: int = FEWEST
 ) -> tuple[float, float] | None:
-    """Return the 95 % interval of a statistic by resampling the cases (Efron 1979), None of too few.
+    """Compute the 95 % interval of a statistic by resampling the cases (Efron 1979); None if they are too few.
 
     Args:
         values: (n,), finite.
@@ -152,14 +152,14 @@ def resampled(
 
 
 def report(lines: Sequence[Measured]) -> int:
-    """Print a table, and return the exit status: 1 where a target is missed."""
+    """Print a table and return the exit status: 1 if any target is missed."""
     head("measure", "value", "target")
     missed = [one for one in lines if not told(one)]
     return int(bool(missed))
 
 
 def told(one: Measured) -> bool:
-    """Print one line; False where its target is missed."""
+    """Print one line; return False if its target is missed."""
     line(one.what, one.value, one.verdict)
     return one.held
 
@@ -177,7 +177,7 @@ def line(*cells: object) -> None:
 
 
 def rows_of(file: Path | None, run: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the rows that a file of this run holds; none where it is absent."""
+    """Read the rows of a file of this run; without a file there are none."""
     made = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
     if any(row.get(key) != value for row in made for key, value in run.items()):
         sys.exit(f"{file}: expected rows of {run}, found those of another run; name another file")
@@ -185,7 +185,7 @@ def rows_of(file: Path | None, run: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def added(file: Path | None, row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row as it is read again, and add it to the file."""
+    """Append a row to the file, and return it as it would be read."""
     text = json.dumps(row, default=float)
     if file:
         with file.open("a") as stream:
@@ -197,7 +197,7 @@ def added(file: Path | None, row: dict[str, Any]) -> dict[str, Any]:
 def resumed(
     file: Path | None, run: dict[str, Any], wanted: Sequence[tuple[str, int]], measure: Callable[[str, int], Any]
 ) -> list[dict[str, Any]]:
-    """Return a row for each wanted (kind, index): as a file of this run has it, or made and added to the file."""
+    """Return a row for each wanted (kind, index), read from a file of this run, or measured and added to it."""
     known = {(row["kind"], row["index"]): row for row in rows_of(file, run)}
     for count, (kind, index) in enumerate(wanted, 1):
         if (kind, index) not in known:
@@ -208,7 +208,7 @@ def resumed(
 
 
 def progress(text: str) -> None:
-    """Report how far a run is, over what was said before."""
+    """Print the progress of a run over the previous message."""
     print(f"\r{text}", end="", file=sys.stderr, flush=True)
 
 
@@ -216,7 +216,7 @@ def _said(least: float, most: float, unit: str, times: float) -> str:
     low, high = times * least, times * most
     if least == most:
         return f"{low:g}{unit}"
-    # Of shares, from nothing to all is no target.
+    # For shares, the range from 0 to 1 is no target.
     below, above = least > (0.0 if unit == " %" else -np.inf), most < (1.0 if unit == " %" else np.inf)
     if below and above:
         return f"{low:g} to {high:g}{unit}"

@@ -1,11 +1,11 @@
-"""The temperature of all evidence, chosen on simulated moorings with one family of effects left out in turn.
+"""Choice of the temperature of the evidence by cross-validation over families of effects, on simulated moorings.
 
-    python benchmarks/temperature.py 58 6262 --rows PATH    58 moorings by seed 6262; a cut run goes on
+    python benchmarks/temperature.py 58 6262 --rows PATH    58 moorings by seed 6262; an interrupted run resumes
 
-A mooring has nothing, a listed effect or one that nobody listed (families.py), in a plain sea or in one that veers
-slowly. Each is inferred once; its posterior is computed anew at every temperature. The score is the log score of the
-statement that compass or clock are at fault, and of the statement of each driver that has 5 % or more. The temperature
-of the search was frozen on seeds that measure nothing else.
+A mooring has no effect, one of the catalogue or one outside it (families.py), in plain or in slowly veering water. Each
+is inferred once, and its posterior is computed at every temperature. The score is the log score of the probability of
+a fault of compass or clock, and of that of each driver with 5 % or more. The temperature of the search was fixed by
+seeds that are used in no other measurement.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from tests.world import pairs as sea
 
 GRID = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0)
 SIZES = (3.0, 1.5)
-LEAST, WORST = 0.05, 1e-4  # probability of a driver that is scored; below which nothing is punished further
-KEPT = 25  # kinds of slow water
+LEAST, WORST = 0.05, 1e-4  # minimum probability of a driver that is scored; lower limit of probabilities in scores
+KEPT = 25  # most probable models of slow water
 DRIVERS = {kind.name: TILTS.get(kind.driver, kind.driver) for kind in reversed(bench.CATALOGUE)}
 
 
 def draw(index: int, seed: int) -> tuple[sea.Drawn, str, set[str]]:
-    """Return a mooring, the family of what was planted, and the drivers that are right for it."""
+    """Simulate a mooring; return it with the family of its effect and the drivers that are correct for it."""
     own, red, size = 100_000 * seed + index, index % 2 == 1, SIZES[index // 6 % 2]
     slow = sea.some_slow_water(np.random.default_rng(own)) if red else None
     world = sea.make(own, wide=index % 3 == 2, slow_water=slow)
@@ -49,7 +49,7 @@ def draw(index: int, seed: int) -> tuple[sea.Drawn, str, set[str]]:
 
 
 def measure(index: int, seed: int) -> dict:
-    """Return one row: scores of the fault and of drivers at each temperature."""
+    """Infer one mooring and return its row: scores of the fault and of drivers at each temperature."""
     drawn, family, right = draw(index, seed)
     case = compare_pairs(drawn.pairs, drawn.covariates, bench.fitted(drawn), bench.field_of(drawn))
     empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))

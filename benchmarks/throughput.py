@@ -1,10 +1,10 @@
-"""Throughput of the readers against mhkit's and against reading the bytes alone, all in one run.
+"""Throughput of the readers compared with mhkit and with reading the bytes only, in one run.
 
     python benchmarks/throughput.py [file.000]
 
-PD0 is the good ensembles of a moored WorkHorse, repeated to some 60 MB in a temporary folder; mhkit, which is slow and
-keeps everything it reads, gets a smaller piece of the same. Nortek is a genuine Aquadopp where ../shared/data has it,
-an AWAC and a Signature written by the tests' encoder; netCDF is what mhkit makes of the small PD0 file.
+PD0 is the valid ensembles of a moored WorkHorse, repeated to about 60 MB in a temporary folder; mhkit, which is slow
+and keeps all data in memory, reads a smaller file of the same ensembles. Nortek is a real Aquadopp file, if available
+in ../shared/data, an AWAC and a Signature written by the tests' encoder; netCDF is the small PD0 file saved by mhkit.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ SAMPLES, CELLS = 2000, 40
 
 
 def good_bytes(path: Path) -> bytes:
-    """Return the good ensembles of a file, back to back."""
+    """Read the valid ensembles of a file without gaps between them."""
     return b"".join(run.rows.tobytes() for chunk in iter_chunks(path) for run in chunk.runs)
 
 
 def speed(path: Path, action: Callable[[Path], object], repeats: int = REPEATS) -> float:
-    """Return MB/s of the fastest of some repetitions."""
+    """Measure the throughput of the fastest of some repetitions, MB/s."""
     fastest = float("inf")
     for _ in range(repeats):
         begun = time.perf_counter()
@@ -59,7 +59,7 @@ def speed(path: Path, action: Callable[[Path], object], repeats: int = REPEATS) 
 
 
 def by_mhkit(path: Path) -> object:
-    """Read with mhkit, its messages kept off the screen."""
+    """Read with mhkit, without its messages."""
     from mhkit import dolfyn  # type: ignore[import-untyped]
 
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
@@ -68,9 +68,9 @@ def by_mhkit(path: Path) -> object:
 
 
 def library(path: Path) -> float | str:
-    """Return mhkit's speed, or how it fails."""
+    """Measure the throughput of mhkit, MB/s, or describe its failure."""
     try:
-        by_mhkit(path)  # its imports and its index are not its speed
+        by_mhkit(path)  # imports and indexing are not timed
         return speed(path, by_mhkit, 1)
     except Exception as error:
         return f"fails: {type(error).__name__}"
@@ -91,7 +91,7 @@ def written(folder: Path) -> list[Path]:
 
 
 def as_netcdf(path: Path) -> Path:
-    """Return what mhkit makes of a raw file."""
+    """Convert a raw file to netCDF by mhkit."""
     from mhkit import dolfyn
 
     made = path.with_suffix(".nc")
@@ -102,7 +102,7 @@ def as_netcdf(path: Path) -> Path:
 
 
 def of_table(folder: Path) -> None:
-    """Read a plain table of 20 MB, beside pandas."""
+    """Time reading a plain table of 20 MB, and the same by pandas."""
     import pandas as pd
 
     path, n = folder / "deep.csv", 400_000
@@ -120,7 +120,7 @@ def of_table(folder: Path) -> None:
 
 
 def main(raw: Path) -> None:
-    """Make the files, time each way of reading them, print the table."""
+    """Write the files, time each way of reading them, and print the table."""
     logging.disable(logging.CRITICAL)
     good = good_bytes(raw)
     with tempfile.TemporaryDirectory() as name:
@@ -129,7 +129,7 @@ def main(raw: Path) -> None:
         large.write_bytes(good * max(1, round(MEGABYTES * 1e6 / len(good))))
         small.write_bytes(good * MHKIT_COPIES)
         nortek = written(folder)
-        if AQUADOPP.exists():  # mhkit writes beside what it reads
+        if AQUADOPP.exists():  # copied, as mhkit writes to the folder of the file
             nortek.append(folder / AQUADOPP.name)
             nortek[-1].write_bytes(AQUADOPP.read_bytes())
         targets.head("file", "MB", "here, MB/s", "mhkit, MB/s", "times mhkit", "of plain reading")

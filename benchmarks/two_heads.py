@@ -1,10 +1,10 @@
-"""Do 95 % intervals of a two-heads calibration hold the truth 95 times in 100?
+"""Coverage of the 95 % intervals of a two-heads calibration.
 
     PYTHONPATH=. python benchmarks/two_heads.py [CASTS] [--first SEED]
 
-Every cast is lowered in the simulated sea, which shares no code with the analysis, and goes through PD0 bytes: turns,
-wander, swell, mounting, clock offset and drift, noise, sampling and the deviation between the compasses are drawn anew.
-Between 93 and 97 % should be inside 95 % intervals.
+Each cast is simulated by code independent of the analysis and written as PD0: turns, wander, swell, mounting, clock
+offset and drift, noise, sampling and the deviation between the compasses are random. Between 93 and 97 % of the truths
+should be inside 95 % intervals.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FALSE_ALARM = "called a slipped mount"
 
 
 def drawn(rng: np.random.Generator) -> tuple[Sea, Head, Head]:
-    """Return a sea and two heads, all drawn."""
+    """Draw a sea and two heads at random."""
     sea = Sea(
         turns=rng.choice([0.0, rng.uniform(-8.0, 8.0)], p=[0.3, 0.7]),
         wander_deg=rng.uniform(20.0, 90.0),
@@ -39,7 +39,7 @@ def drawn(rng: np.random.Generator) -> tuple[Sea, Head, Head]:
     )
     noise = rng.uniform(0.2, 1.0)
     slow = {"slow_deg": rng.uniform(0.0, 1.5), "slow_s": rng.uniform(5.0, 100.0)}
-    # Pings are programmed in hundredths of a second, so that a clock's rounding is the same in all of them.
+    # Ping intervals are whole hundredths of a second, to give all pings the same rounding of the clock.
     a = Head(ping_s=round(rng.uniform(0.8, 1.6), 2), noise_deg=noise, **slow)
     b = Head(
         mount_deg=(rng.uniform(-180.0, 180.0), *rng.normal(0.0, 2.0, 2)),
@@ -56,7 +56,7 @@ def drawn(rng: np.random.Generator) -> tuple[Sea, Head, Head]:
 
 
 def scores(seed: int, folder: Path) -> dict[str, float]:
-    """Return each quantity's error over its stated standard deviation."""
+    """Simulate and calibrate one cast, and compute the error of each quantity over its stated standard deviation."""
     rng = np.random.default_rng(seed)
     sea, a, b = drawn(rng)
     motion = package.lower(rng, sea, 1.2e9)

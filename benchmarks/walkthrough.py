@@ -1,12 +1,12 @@
-"""The page on the concealed moorings, written from the results of the demonstration cruise.
+"""Write the page on the concealed moorings from the results of the demonstration cruise.
 
     python benchmarks/pictures.py --from CRUISE concealed    figures of C1, docs/background/concealed.json and the page
     python benchmarks/walkthrough.py                          the page alone, from the committed JSON
 
-Every number of the page is one of that file; sentences about what was missed follow from it.
+All numbers of the page, and sentences about what was missed, are derived from that file.
 """
 
-# ruff: noqa: E501, RUF100 - the page's lines stand as they are printed
+# ruff: noqa: E501, RUF100 - lines of the page are not wrapped
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SIDES = ("recorded", "fit", "corrected")
 
 
 def collect(cruise: Path, picture: Path) -> None:
-    """Write the figures of the page from a cruise that was run, and draw C1's heading errors."""
+    """Write the numbers of the page and the page from a cruise that was run, and draw C1's heading errors."""
     truths = [read_json(path) for path in sorted((cruise / "concealed").glob("*.json"))]
     folders = {truth["mooring"]: cruise / "results" / truth["mooring"] for truth in truths}
     errors = {truth["mooring"]: heading_errors(truth, read_headings(folders[truth["mooring"]])) for truth in truths}
@@ -71,7 +71,7 @@ def _mooring(cruise: Path, truth: dict[str, Any], errors: HeadingErrors) -> dict
 
 
 def page(figures: dict[str, Any]) -> str:
-    """Write the page."""
+    """Compose the page."""
     moorings = figures["moorings"]
     mooring = moorings["C1"]
     (found,) = mooring["findings"]
@@ -209,7 +209,7 @@ def _factor(x: float) -> str:
 
 
 def _judgement(moorings: dict[str, Any]) -> str:
-    """State where the uncertainty holds, and how many missed causes are larger than a stated limit."""
+    """State where the uncertainty is right, and how many missed causes exceed a stated detection limit."""
     held = [name for name, m in moorings.items() if not m["understated"]]
     off = [name for name in moorings if name not in held]
     missed = [
@@ -223,7 +223,7 @@ def _judgement(moorings: dict[str, Any]) -> str:
 
 
 def _missed(moorings: dict[str, Any]) -> str:
-    """List for each mooring the planted causes whose driver no finding has, dates that are off, and doubts."""
+    """List for each mooring planted causes whose driver no finding has, date errors, false findings and doubts."""
     lines = []
     for name, m in moorings.items():
         found = {finding["driver"]: finding for finding in m["findings"]}
@@ -254,7 +254,7 @@ def _missed(moorings: dict[str, Any]) -> str:
 
 
 def _limits(cause: dict[str, Any], mooring: dict[str, Any]) -> dict[str, float]:
-    """Select the detection limits of listed effects with the same driver, degrees."""
+    """Select the detection limits of effects in the catalogue with the same driver, degrees."""
     same = {term.name for term in CATALOGUE if term.driver == cause["driver"]}
     return {name: limit for name, limit in mooring["detectable_deg"].items() if name in same}
 

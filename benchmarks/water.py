@@ -1,11 +1,11 @@
-"""Is the water between two instruments predicted? On real profiles, one bin of which stands for the trusted instrument.
+"""Skill of the prediction of the current between two instruments, on real profiles with one bin as the reference.
 
-    python benchmarks/water.py                 noise across the flow, and the error of fitted headings
+    python benchmarks/water.py                 cross-flow noise, and the error of fitted headings
     python benchmarks/water.py --cores 1
 
-A bin of a genuine moored profile is the trusted instrument; the affected one is the bins beyond it, from a gap on, seen
-by a compass near iron that records another heading. The bins of one instrument share their compass: what the two sides
-differ by is water. No prediction has seen the trusted bin. Needs ../shared/data; says so where it is absent.
+One bin of a real moored profile is the reference; the affected instrument is the bins beyond a gap, rotated by a
+simulated compass near iron. The bins of one instrument share their compass, so both differ by the water only. The
+reference bin is not used in the prediction. Needs ../shared/data, and reports if it is absent.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from compasslib.preparation.pairs import PairRules, find_pairs, mean_of_nearest_
 from compasslib.preparation.water import predict_water, usable_velocities
 from compasslib.records import EarthField, Record
 
-DEPTHS, GAPS = range(8), (1, 2, 4)  # bins that are the trusted instrument, and cells between it and the nearest one
+DEPTHS, GAPS = range(8), (1, 2, 4)  # bins used as the reference, and cells between it and the nearest affected bin
 IRON = {
     "none": (0.0, 0.0, 0.0, 0.0, 0.0),
     "weak": (0.0, 0.2, -0.1, 0.02, 0.01),
@@ -42,7 +42,7 @@ FILES = {"eh2": "pd0/eh2_20060530_20060717_0007m.000", "papa": "moored/papa_node
 
 @dataclass(frozen=True)
 class Case:
-    """One bin of one record as the trusted instrument."""
+    """One bin of one record as the reference."""
 
     record: str
     depth: int
@@ -50,7 +50,7 @@ class Case:
 
 
 def profile(name: str) -> Record:
-    """Return a genuine moored profile, as recorded; its depth is made constant."""
+    """Read a real moored profile, with its depth set constant."""
     if name == "eh2":
         record = readers.read("pd0", [DATA / FILES["eh2"]], {})
         span = {"start_s": record.time_s[0], "end_s": record.time_s[-1], "latitude": 47.6}
@@ -78,13 +78,13 @@ def profile(name: str) -> Record:
 
 
 def bins_of(record: Record, which: slice) -> Record:
-    """Return some bins of a record."""
+    """Select some bins of a record."""
     columns = {name: getattr(record, name)[:, which] for name in ("east", "north", "bin_range_m", "quality")}
     return replace(record, **columns)
 
 
 def seen_by(record: Record, coefficients: tuple[float, ...]) -> Record:
-    """Return a record as a compass near iron gives it: another heading, and velocities that are turned by that."""
+    """Simulate a record by a compass near iron: another heading, and velocities rotated by its error."""
     recorded = compass.recorded_heading(coefficients, record.heading_deg)
     turn = angles.difference(recorded, record.heading_deg)[:, None]
     east, north = angles.turn(record.east, record.north, turn)
@@ -92,11 +92,11 @@ def seen_by(record: Record, coefficients: tuple[float, ...]) -> Record:
 
 
 def across(record: Record, depth: int, gap: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the noise across the flow of mean and prediction, (n,) m/s, NaN where slow or bad, and what is stated.
+    """Compute cross-flow errors of mean and prediction, (n,) m/s, NaN if slow or bad, and the stated error, m/s.
 
     Args:
-        depth: bin that is the trusted instrument.
-        gap: cells between it and the nearest bin of the affected one.
+        depth: bin used as the reference.
+        gap: cells between it and the nearest bin of the affected instrument.
     """
     trusted, top = bins_of(record, slice(depth, depth + 1)), bins_of(record, slice(depth + gap, None))
     plain, _ = mean_of_nearest_bins(top, np.zeros(len(top.time_s)), 2)
@@ -113,7 +113,7 @@ def across(record: Record, depth: int, gap: int) -> tuple[np.ndarray, np.ndarray
 
 
 def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
-    """Return by how much the noise across the flow falls, percent, and the stated and the real noise, m/s, rms."""
+    """Compute the reduction of cross-flow noise by the prediction, percent, and its stated and true rms, m/s."""
     *off, expected = across(record, depth, gap)
     before, after = (float(np.sqrt(np.nanmean(x**2))) for x in off)
     return 100.0 * (1.0 - after / before), expected, after
@@ -124,15 +124,15 @@ def noise(case: Case) -> tuple[float, float, float]:
 
 
 def as_trusted(record: Record, depth: int) -> Record:
-    """Return one bin of a record as a point meter at that bin's depth."""
+    """Convert one bin of a record to a point meter at its depth."""
     one = bins_of(record, slice(depth, depth + 1))
     return replace(one, depth_m=one.bin_depth_m()[:, 0], bin_range_m=0.0 * one.bin_range_m, serial_number=None)
 
 
 def heading_error(case: Case) -> list[tuple[str, float, float, float, float]]:
-    """Return for each iron the rms error of headings in degrees, and A's over its σ.
+    """Compute rms heading errors in degrees for each iron, and the error of A over its σ.
 
-    Of the fit without and with the prediction, and of its average with a compass that has no deviation.
+    Errors are those of the fit without and with the prediction, and of its average with a compass without deviation.
     """
     record = profile(case.record)
     trusted = as_trusted(record, case.depth)
@@ -152,7 +152,7 @@ def heading_error(case: Case) -> list[tuple[str, float, float, float, float]]:
 
 
 def cases() -> Iterator[Case]:
-    """Give the cases whose record is there."""
+    """Yield the cases whose record is available."""
     for record, gaps in (("eh2", GAPS), ("papa", (1, 2))):
         if not (DATA / FILES[record]).exists():
             print(f"not measured: {FILES[record]} is not in {DATA}")

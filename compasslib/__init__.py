@@ -1,6 +1,6 @@
 """Correction of compass deviations in moored current records.
 
-Iron with B = 0.3 turns the reading at 90 degrees by 17; the inverse in closed form gives the correct heading again:
+Iron with B = 0.3 changes the reading at 90 degrees by 17; the inverse in closed form recovers the correct heading:
 
 >>> import numpy as np
 >>> import compasslib
@@ -15,7 +15,7 @@ Iron with B = 0.3 turns the reading at 90 degrees by 17; the inverse in closed f
 >>> round(float(declination[0]), 1), round(float(horizontal[0]))
 (-4.5, 12314)
 
-``dir(compasslib)`` lists the public names, which stand in ``__init__.pyi``. Each is imported when it is first used.
+``dir(compasslib)`` lists the public names, which ``__init__.pyi`` declares. Each is imported on first use.
 """
 
 import importlib

@@ -1,8 +1,8 @@
-"""The only place where angles are wrapped, averaged, differenced, turned to and from components.
+"""Arithmetic of angles: wrapping, averaging, differences, conversion to and from components.
 
-Every angle is in degrees, clockwise from north (or from the forward direction), float64, in arrays of any shape that
-broadcast. A horizontal vector is the
-complex number ``east + i north`` where it must be one number.
+All angles in the library are processed here. They are in degrees, clockwise from north (or from the forward direction),
+float64, in arrays of any shapes that broadcast. A horizontal vector as a single number is the complex
+``east + i north``.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib.types import Floats
 
-DEGREE = np.pi / 180.0  # in radians: the derivative of a sine by degrees
-UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a direction that may be anything
+DEGREE = np.pi / 180.0  # one degree in radians
+UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a uniformly distributed direction
 
 
 def wrap360(angle_deg: ArrayLike) -> Floats:
     """Wrap an angle to [0, 360)."""
     angle = np.asarray(angle_deg, dtype=float)
     wrapped = angle - 360.0 * np.floor(angle / 360.0)  # three times as fast as np.mod
-    # Rounding can leave the interval by a hair at either end, which is north.
+    # Rounding errors can leave the interval at either end, which is north.
     return np.where((wrapped >= 360.0) | (wrapped < 0.0), 0.0, wrapped)
 
 
@@ -58,7 +58,7 @@ def direction(east: ArrayLike, north: ArrayLike) -> Floats:
 
 
 def chord(angle_deg: ArrayLike) -> Floats:
-    """Compute the chord under an angle, scaled so that a small angle's chord is the angle itself, degrees."""
+    """Compute the chord of an angle, scaled to equal the angle if it is small, degrees."""
     return 2.0 * sin_cos(np.asarray(angle_deg, dtype=float) / 2.0)[0] / DEGREE
 
 
@@ -70,34 +70,34 @@ def components(speed: ArrayLike, towards_deg: ArrayLike) -> tuple[Floats, Floats
 
 
 def turn(east: ArrayLike, north: ArrayLike, by_deg: ArrayLike) -> tuple[Floats, Floats]:
-    """Turn a vector (east, north) clockwise, its length unchanged."""
+    """Rotate a vector (east, north) clockwise by an angle in degrees."""
     sine, cosine = sin_cos(by_deg)
     east, north = np.asarray(east, dtype=float), np.asarray(north, dtype=float)
     return east * cosine + north * sine, north * cosine - east * sine
 
 
 def turned_share(angle_deg: ArrayLike) -> Floats:
-    """Compute the share of a vector's length by which a standard deviation of its direction moves it, at most 1."""
+    """Compute the displacement of a vector due to its direction's standard deviation, relative to length, at most 1."""
     return np.minimum(np.deg2rad(np.asarray(angle_deg, dtype=float)), 1.0)
 
 
 def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
-    """Compute the circular mean in [0, 360), NaN angles left out; NaN where nothing is left.
+    """Compute the circular mean in [0, 360), ignoring NaN; NaN if no angle is finite.
 
     Args:
-        weights: of the same shape; equal where absent.
-        axis: to average over; all of them where absent.
+        weights: weights of the same shape; equal if None.
+        axis: axis to average over; all axes if None.
     """
     return argument(_resultant(angle_deg, weights, axis))
 
 
 def resultant_length(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
-    """Compute the mean resultant length, 1 where all angles agree and 0 where they cancel; NaN angles left out."""
+    """Compute the mean resultant length, 1 if all angles agree and 0 if they cancel, ignoring NaN."""
     return np.abs(_resultant(angle_deg, weights, axis))
 
 
 def rms(difference_deg: ArrayLike) -> float:
-    """Compute the root mean square of differences, wrapped to [-180, 180), NaN left out; NaN where nothing is left."""
+    """Compute the root mean square of differences, wrapped to [-180, 180), ignoring NaN; NaN if none is finite."""
     wrapped = wrap180(difference_deg)
     finite = wrapped[np.isfinite(wrapped)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")

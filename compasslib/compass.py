@@ -1,6 +1,6 @@
-"""The exact compass near iron: forward, with tilt, and its inverse in closed form.
+"""The exact compass near iron: forward model, with tilt, and its inverse in closed form.
 
-In the body frame (forward, starboard, down) the level horizontal field is q = X - iY. Poisson's equations make it, up
+In the body frame (forward, starboard, down) the level horizontal field is q = X - iY. By Poisson's equations it is, up
 to a positive factor, q = u w + p + v / w with w = e^{i beta}, where beta is the correct magnetic heading; the compass
 records gamma = arg q. The five real coefficients A, B, C, D, E, dimensionless, shape (5,) or (5, n), enter as
 u = 1 - iA, p = B - iC, v = D - iE. This is Le Menn et al. 2023, eq. (4), with the cosine in its denominator and the
@@ -17,19 +17,19 @@ from compasslib.types import Complexes, Floats
 
 
 def level_field(coefficients: ArrayLike, heading_deg: ArrayLike) -> Complexes:
-    """Return q, the horizontal field in the body frame over the scaled earth's field."""
+    """Compute q, the horizontal field in the body frame relative to the scaled earth's field."""
     u, p, v = _complex(coefficients)
     w = angles.phasor(heading_deg)
     return u * w + p + v * np.conj(w)
 
 
 def recorded_heading(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Return gamma, the heading that the compass records, degrees in [0, 360)."""
+    """Compute gamma, the heading that the compass records, degrees in [0, 360)."""
     return angles.argument(level_field(coefficients, heading_deg))
 
 
 def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Return d gamma / d beta: under 1 sluggish, over 1 unsteady, negative where the compass turns backwards."""
+    """Compute d gamma / d beta: sluggish below 1, unsteady above 1, negative where the compass turns backwards."""
     u, p, v = _complex(coefficients)
     w = angles.phasor(heading_deg)
     with np.errstate(invalid="ignore"):  # no heading, no slope
@@ -37,10 +37,10 @@ def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 
 
 def gradient(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Return the derivative of gamma by A, B, C, D, E, degrees per unit coefficient, shape (5, n).
+    """Compute the derivative of gamma by A, B, C, D, E, degrees per unit coefficient, shape (5, n).
 
     Args:
-        heading_deg: shape (n,).
+        heading_deg: correct heading beta, shape (n,).
     """
     w = angles.phasor(heading_deg)
     unit = np.ones_like(w)
@@ -50,16 +50,16 @@ def gradient(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 
 
 def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
-    """Return the correct headings that make the compass record what it recorded.
+    """Compute the correct headings that correspond to recorded headings.
 
     With g = e^{-i gamma} the quadratic [g u - (g v)*] w^2 + [g p - (g p)*] w + [g v - (g u)*] = 0 is self-inversive:
-    its roots lie on the unit circle exactly where the middle coefficient is at most twice the leading one.
+    its roots lie on the unit circle exactly where the middle coefficient's modulus is at most twice the leading one's.
 
     Args:
         recorded_deg: gamma, shape (n,).
 
     Returns:
-        Headings beta in [0, 360), shape (n, 2), the steadier root (larger slope) first, NaN where there is none.
+        Headings beta in [0, 360), shape (n, 2), the root of larger slope first, NaN where there is none.
     """
     u, p, v = _complex(coefficients)
     g = np.conj(angles.phasor(recorded_deg))
@@ -80,16 +80,16 @@ def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
 
 
 def turns_full_circle(coefficients: ArrayLike) -> bool:
-    """Return whether the compass turns once when the instrument does; then every heading has one inverse."""
+    """Check whether the compass turns once per turn of the instrument, so that every reading has one inverse."""
     u, p, v = (complex(np.asarray(z)) for z in _complex(coefficients))
     return abs(np.conj(u) * p - v * np.conj(p)) < abs(u) ** 2 - abs(v) ** 2
 
 
 def recorded_range(coefficients: ArrayLike) -> tuple[float, float]:
-    """Return the recorded headings that the compass can show, clockwise from the first to the second, degrees.
+    """Compute the range of headings that the compass can record, clockwise from the first to the second, degrees.
 
     Returns:
-        (0, 360) for a compass that turns full circle; else the two folds, the second may exceed 360.
+        (0, 360) for a compass that turns full circle; else the two folds, of which the second may exceed 360.
     """
     if turns_full_circle(coefficients):
         return 0.0, 360.0
@@ -102,7 +102,7 @@ def recorded_range(coefficients: ArrayLike) -> tuple[float, float]:
 
 
 def levelling(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
-    """Return T = Ry(pitch) Rx(roll), which turns the body frame level, shape (..., 3, 3).
+    """Compute T = Ry(pitch) Rx(roll), which rotates from the body frame to the level frame, shape (..., 3, 3).
 
     Args:
         pitch_deg: pitch, forward up, degrees.
@@ -124,16 +124,16 @@ def level_coefficients(
     pitch_deg: ArrayLike = 0.0,
     roll_deg: ArrayLike = 0.0,
 ) -> Floats:
-    """Return A, B, C, D, E that iron in the body frame makes at each tilt, shape (5, ...).
+    """Compute A, B, C, D, E due to iron in the body frame at each tilt, shape (5, ...).
 
-    A tilted instrument sees S' = T S T^T and b' = T b (physics page, section 4): the vertical field and the third axis
-    of the iron enter there (heeling error), at first order in proportion to pitch and roll.
+    In a tilted instrument S' = T S T^T and b' = T b (physics page, section 4): the vertical field and the third axis
+    of the iron contribute (heeling error), to first order in proportion to pitch and roll.
 
     Args:
         soft: soft-iron matrix S acting on the field, identity without iron, shape (3, 3) or (n, 3, 3).
         hard_nT: field of the hard iron, forward, starboard, down, nT, shape (3,) or (n, 3).
-        horizontal_nT: earth's horizontal field H.
-        vertical_nT: earth's vertical field Z, down positive.
+        horizontal_nT: earth's horizontal field H, nT.
+        vertical_nT: earth's vertical field Z, nT, down positive.
         pitch_deg: pitch, forward up, degrees.
         roll_deg: roll, starboard down, degrees.
     """

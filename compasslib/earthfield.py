@@ -1,7 +1,7 @@
-"""The earth's field by IGRF at one place along time, with a guard for dates that the model does not cover.
+"""The earth's field by IGRF at one place along time, with a check for dates outside the model.
 
-The coefficients are those of IGRF-14 (IAGA, doi:10.5281/zenodo.14012302). The evaluation of ppigrf needs
-pandas, whose import costs fifty times what a mooring's field does; a test compares the two.
+The coefficients are those of IGRF-14 (IAGA, doi:10.5281/zenodo.14012302). The package ppigrf is not used because it
+needs pandas, whose import takes fifty times as long as the field of a mooring; a test compares the two.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from compasslib.types import DAY_S, Floats
 
 FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
 NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of five years
-DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up by a chart some years old
-RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # of a mistake, from what it would give
-RADIUS_KM = 6371.2  # of the sphere that the coefficients belong to
+DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up with a chart some years old
+RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # tolerance, absolute and relative, in recognizing a mistake
+RADIUS_KM = 6371.2  # reference radius of the coefficients
 EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
 BEYOND = f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last"
-NEAREST_POLE = 1e-9  # least sine of the colatitude: east has no meaning at the pole itself
+NEAREST_POLE = 1e-9  # least sine of the colatitude: east is undefined at the pole itself
 
 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Compute declination (degrees east), horizontal and downward field (nT) at sea level.
+    """Compute declination (degrees east), horizontal and downward field (nT) at sea level by IGRF.
 
     Raises:
-        InputError: a date lies outside the model.
+        InputError: a date is outside the model.
     """
     seconds = np.atleast_1d(np.asarray(time_s, dtype=float))
     dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in seconds[[0, -1]]]
@@ -61,11 +61,11 @@ def field_along(
     """Compute the field over a deployment; a given declination overrides the model's and is compared with it.
 
     Args:
-        declination: degrees east from the metadata, or None for the model's.
-        applied: degrees that the files of instruments are said to hold already, by instrument.
+        declination: declination in the metadata, degrees east, or None for the model's.
+        applied: by instrument, declination that its files already include according to the metadata, degrees.
 
     Raises:
-        InputError: a date lies outside the model.
+        InputError: a date is outside the model.
     """
     nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // NODE_SPACING_S))
     covered = nodes if declination is None else covered_by_igrf(nodes)
@@ -93,7 +93,7 @@ def field_along(
 
 
 def covered_by_igrf(time_s: ArrayLike) -> Floats:
-    """Replace times that the model does not cover by the nearest that it does, (k,)."""
+    """Clip times to the period covered by the model, (k,)."""
     ends = [datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (FIRST_YEAR, LAST_YEAR)]
     return np.clip(np.atleast_1d(np.asarray(time_s, dtype=float)), ends[0], ends[1] - 1.0)
 
@@ -104,19 +104,19 @@ def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
 
 
 def dip_ratio(field: EarthField) -> float:
-    """Compute Z/H, the mean over the deployment."""
+    """Compute the mean of Z/H over the deployment."""
     return float(np.mean(field.vertical_nT / field.horizontal_nT))
 
 
 def field_from_json(content: Mapping[str, Any]) -> EarthField:
-    """Read the field of a field.json."""
+    """Build the field from the content of field.json."""
     texts: dict[str, Any] = {"source": content["source"], "warnings": tuple(content["warnings"])}
     series: dict[str, Any] = {key: np.array(value) for key, value in content.items() if key not in texts}
     return EarthField(**series, **texts)
 
 
 def describe_field(name: str, field: EarthField) -> str:
-    """Word the log line of the job that computes the field of a mooring."""
+    """Compose the log line of the job that computes the field of a mooring."""
     first, last = field.declination_deg[[0, -1]]
     horizontal = field.horizontal_nT.mean()
     line = f"{name}: declination {first:+.2f} to {last:+.2f} degrees ({field.source}), H {horizontal:.0f} nT"
@@ -126,16 +126,16 @@ def describe_field(name: str, field: EarthField) -> str:
 def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
     """Compute the field to the east, north and down at sea level, (k,) nT each.
 
-    The potential's gradient in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1), turned by
-    the angle between the sphere's vertical and the ellipsoid's.
+    The gradient of the potential in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1) is
+    rotated by the angle between the geocentric and the geodetic vertical.
 
     Args:
         latitude: degrees north, geodetic.
-        days: since 1970, within the model's years, (k,).
+        days: days since 1970, within the model's years, (k,).
     """
     nodes, degree, order, values = _coefficients()
     g_and_h = np.array([np.interp(days, nodes, row) for row in values])
-    # Geocentric latitude and distance from the centre of a place on the ellipsoid.
+    # Geocentric latitude and radius of a place on the ellipsoid.
     sine, cosine = angles.sin_cos(latitude)
     squashed = (1.0 - FLATTENING) ** 2
     normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
@@ -155,7 +155,7 @@ def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats
 
 
 def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float) -> list[str]:
-    """Report where a number is not the model's declination, and which mistake it looks like."""
+    """Report if a value disagrees with the model's declination, with the mistake that may explain it."""
     off = angles.difference(degrees, model)
     worst = float(off[np.argmax(np.abs(off))])
     if abs(worst) <= tolerance_deg:
@@ -167,7 +167,7 @@ def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float
 
 
 def recognize_mistake(degrees: float, model: float) -> str:
-    """Report which mistake makes the one number of the other, or nothing."""
+    """Describe the mistake that explains a declination other than the model's; empty if there is none."""
     mistakes = {
         ", which has the other sign": -model,
         ", which it looks like in minutes of arc": 60.0 * model,
@@ -196,9 +196,9 @@ def _coefficients() -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], Floats]
 
 
 def _legendre(colatitude_deg: float, degrees: int) -> tuple[Floats, Floats]:
-    """Compute Schmidt's quasi-normalised functions and their derivatives by the colatitude, (degrees + 1,) * 2 each.
+    """Compute Schmidt quasi-normalised Legendre functions and their colatitude derivatives, (degrees + 1,) * 2 each.
 
-    Recursions of Langel (in Jacobs, Geomagnetism, vol. 1, 1987, eq. 27).
+    The recursions are those of Langel (in Jacobs, Geomagnetism, vol. 1, 1987, eq. 27).
     """
     s, c = angles.sin_cos(colatitude_deg)
     p, dp = np.zeros((2, degrees + 1, degrees + 1))
@@ -215,14 +215,14 @@ def _legendre(colatitude_deg: float, degrees: int) -> tuple[Floats, Floats]:
 
 
 class AppliedDeclination(NamedTuple):
-    """Degrees east inside recorded headings and inside recorded earth velocities."""
+    """Declination already included in recorded headings and in recorded earth velocities, degrees east."""
 
     heading: float
     velocity: float
 
     @property
     def differs(self) -> bool:
-        """Whether only one of them was rotated, or each by its own angle."""
+        """Whether headings and velocities were rotated by different angles."""
         return self.heading != self.velocity
 
     def __str__(self) -> str:
@@ -230,7 +230,7 @@ class AppliedDeclination(NamedTuple):
 
 
 def parse_applied_declination(stated: float | Mapping[str, float] | None) -> AppliedDeclination | None:
-    """Parse ``declination_applied`` of a mooring file, one number for both or one for each; None where it has none."""
+    """Parse ``declination_applied`` of a mooring file, one number for both or one for each; None if it is absent."""
     if stated is None:
         return None
     if isinstance(stated, Mapping):

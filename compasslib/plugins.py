@@ -1,7 +1,7 @@
-"""Readers and effects of other packages, by the entry points that those declare; the house's own tables come first.
+"""Readers and effects of other packages, found by their entry points; the library's own tables take precedence.
 
-A package names each under ``compasslib.readers`` or ``compasslib.effects`` in its pyproject.toml; docs/howto/plugins.md
-shows one. Only names and versions are looked at before one is used.
+A package declares each under ``compasslib.readers`` or ``compasslib.effects`` in its pyproject.toml, see
+docs/howto/plugins.md. Before a plug-in is used, only its name and version are read.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ Points = dict[str, EntryPoint]
 
 @cache
 def declared_plugins(group: str) -> tuple[EntryPoint, ...]:
-    """Return the entry points of a group, whatever their names, in the order of names."""
+    """List all entry points of a group, sorted by name."""
     return tuple(sorted(entry_points(group=group), key=lambda point: (point.name, package_version(point))))
 
 
 def plugin_table(group: str, builtin: Collection[str]) -> Points:
-    """Collect the entries that other packages add to a table, by name in the order of names.
+    """Collect the entries that other packages add to a table, sorted by name.
 
     Args:
         builtin: names in the library's own table.
 
     Raises:
-        InputError: a name that is taken, by the house or by another package.
+        InputError: a name is already used by the library or by another package.
     """
     table: Points = {}
     for point in declared_plugins(group):
@@ -52,7 +52,7 @@ def plugin_table(group: str, builtin: Collection[str]) -> Points:
 
 
 def load_plugin(point: EntryPoint) -> Any:
-    """Return the object that an entry point names.
+    """Load the object that an entry point refers to.
 
     Raises:
         InputError: it cannot be imported.
@@ -63,7 +63,7 @@ def load_plugin(point: EntryPoint) -> Any:
 
 @contextmanager
 def plugin_errors(point: EntryPoint, expected: str) -> Iterator[None]:
-    """Turn whatever a plug-in raises in the block into one line, ``SystemExit`` too; Ctrl-C stays what it is.
+    """Convert exceptions of a plug-in in the block, ``SystemExit`` included but not Ctrl-C, to one-line errors.
 
     Raises:
         InputError: the plug-in's own, or one that names package, error and the line of code that raised it.
@@ -74,7 +74,7 @@ def plugin_errors(point: EntryPoint, expected: str) -> Iterator[None]:
         raise
     except (
         BaseException
-    ) as error:  # somebody else's code: anything, and SystemExit(0) would end a run as if it were done
+    ) as error:  # foreign code may raise anything, and SystemExit(0) would end a run as if it had succeeded
         if type(error) is KeyboardInterrupt:
             raise
         last = traceback.extract_tb(error.__traceback__)[-1]
@@ -84,7 +84,7 @@ def plugin_errors(point: EntryPoint, expected: str) -> Iterator[None]:
 
 
 def plugin_packages() -> tuple[str, ...]:
-    """Return name and version of each package that adds something, in the order of names."""
+    """List name and version of each package that provides a plug-in, sorted by name."""
     return tuple(sorted({package_version(point) for group in (READERS, EFFECTS) for point in declared_plugins(group)}))
 
 
@@ -94,7 +94,7 @@ def package_version(point: EntryPoint) -> str:
 
 
 def code_identity(point: EntryPoint) -> str:
-    """Return the package with a hash of its code, which changes where the version was forgotten too."""
+    """Return package, version and hash of its code, which changes even if the version was not updated."""
     spec = find_spec(point.module.partition(".")[0])
     folders = spec.submodule_search_locations if spec else None
     files = [path for folder in folders or () for path in Path(folder).rglob("*.py")]

@@ -1,8 +1,7 @@
-"""The frozen records that travel from room to room: names, units, shapes.
+"""Immutable data classes of records, with names, units and shapes of their arrays.
 
-n is the number of samples, m the number of bins. Times are UTC seconds since 1970-01-01. Directions say towards which
-the water flows. Nothing here computes; ``take`` picks samples, ``joined`` puts
-the files of one instrument together.
+n is the number of samples, m the number of bins. Times are UTC seconds since 1970-01-01. Directions are those towards
+which the water flows. ``take`` selects samples, ``join_records`` joins the files of one instrument.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 
 NEEDED = "xarray is needed for labelled data; install it by: pip install 'compasslib[xarray]'"
-# Units by the last word of a name, which every array of a record carries; velocities carry none.
+# Units by the last word of an array's name; names of velocities have no unit.
 UNITS = {
     "deg": "degrees",
     "m": "m",
@@ -35,15 +34,15 @@ UNITS = {
     "quality": "1",
     "index": "1",
 }
-VELOCITIES = ("east", "north", "up", "velocity")  # in the name of what is in m/s
+VELOCITIES = ("east", "north", "up", "velocity")  # words in the names of arrays in m/s
 DIMENSIONS = ("time", "bin", "beam")
 
 
 class Labelled:
-    """What can be had as an xarray dataset; for frozen dataclasses of arrays along ``time_s``."""
+    """Mixin for frozen dataclasses of arrays along ``time_s`` that can be converted to an xarray dataset."""
 
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to a dataset along ``time`` (UTC), ``bin`` and ``beam``, with units; texts are attributes.
+        """Convert to a dataset along ``time`` (UTC), ``bin`` and ``beam``, with units; other fields are attributes.
 
         Raises:
             ImportError: xarray is not installed.
@@ -65,7 +64,7 @@ class Labelled:
 
 
 def collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Collect the arrays of a dataclass and of those inside it by name, and everything else that is known."""
+    """Collect the arrays of a dataclass and of nested dataclasses by name, and all other fields as attributes."""
     columns, attributes = dict[str, Any](), dict[str, Any]()
     for name, value in ((each.name, getattr(instance, each.name)) for each in fields(instance)):
         if is_dataclass(value):
@@ -81,14 +80,14 @@ def collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
                 {name: dict(value)} if name == "channel_units" else {f"{name}_{k}": v for k, v in value.items()}
             )
         elif isinstance(value, bool):
-            attributes[name] = int(value)  # netCDF has no truth values
+            attributes[name] = int(value)  # netCDF has no boolean type
         elif value not in (None, "", ()):
             attributes[name] = list(value) if isinstance(value, tuple) else value
     return columns, attributes
 
 
 def units(name: str, of_channels: Mapping[str, str]) -> dict[str, str]:
-    """Return the attribute ``units`` of an array, none where it is not known."""
+    """Return the attribute ``units`` of an array, an empty mapping if it is unknown."""
     if name in of_channels:
         return {"units": of_channels[name]}
     last = name.rpartition("_")[2]
@@ -102,70 +101,71 @@ MAGNETOMETER = ("magnetometer_x", "magnetometer_y", "magnetometer_z")  # channel
 Series = TypeVar("Series", bound="DataclassInstance")
 _BY_NAME = ("channels", "profiles")  # fields of a record that hold arrays by name
 
-# OceanSITES reference table 2, the values that are used.
+# Quality flags of OceanSITES reference table 2 that are used.
 NOT_CHECKED, GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING = 0, 1, 2, 3, 4, 9
-# Upward and error velocity, and of each beam the intensity of its echo, its correlation and its percent good.
+# Upward and error velocity, and for each beam echo intensity, correlation and percent good.
 PROFILES = ("up", "error_velocity", "echo", "correlation", "percent_good")
 
 
 class Rows(Protocol):
-    """An array, or what gives its rows when they are asked for."""
+    """An array, or an object that loads its rows on access."""
 
     def __getitem__(self, which: Any, /) -> Any:
-        """Take some of the rows."""
+        """Select rows."""
 
 
 @dataclass(frozen=True)
 class Record(Labelled):
-    """What one instrument measured, as a reader gives it or as the deployment leaves it.
+    """Measurements of one instrument, as returned by a reader or prepared by ``apply_deployment``.
 
-    The headings are as the compass recorded them, to magnetic north, without heading bias and without declination;
-    the velocities are turned by that same heading, or to true north where ``direction_reference`` is ``true``.
+    Headings are as recorded by the compass, relative to magnetic north, without heading bias and declination;
+    velocities are rotated by the same heading, or to true north if ``direction_reference`` is ``true``.
     """
 
     time_s: Floats  #: (n,) UTC seconds since 1970
     east: Floats  #: (n, m) m/s, towards
     north: Floats  #: (n, m) m/s, towards
     bin_range_m: Floats  #: (n, m) vertical distance from the transducer, positive away from it; 0 for a point meter
-    heading_deg: Floats  #: (n,) recorded, magnetic, clockwise; NaN where the instrument has none
+    heading_deg: Floats  #: (n,) recorded, magnetic, clockwise; NaN where missing
     pitch_deg: Floats  #: (n,) degrees, forward up positive
     roll_deg: Floats  #: (n,) degrees, starboard down positive
-    pressure_dbar: Floats  #: (n,) NaN where no sensor is fitted
-    depth_m: Floats  #: (n,) m below the surface, of the instrument or a table; after deployment its depth
+    pressure_dbar: Floats  #: (n,) NaN without a sensor
+    depth_m: Floats  #: (n,) m below the surface: as in the file, then as determined by ``apply_deployment``
     temperature_c: Floats  #: (n,) degrees Celsius
-    supply_voltage: Floats  #: (n,) counts or volts, only its changes matter
+    supply_voltage: Floats  #: (n,) counts or volts; only its changes are used
     quality: Flags  #: (n, m) OceanSITES flag of each velocity
     heading_quality: Flags  #: (n,) OceanSITES flag of each heading
-    looks_up: bool = True  #: whether the bins lie above the transducer
+    looks_up: bool = True  #: whether the bins are above the transducer
     beam_angle_deg: float = 0.0  #: degrees from the vertical; 0 for a meter without slanted beams
     direction_reference: str = "magnetic"  #: magnetic | true
-    heading_bias_deg: float = 0.0  #: that was taken out of the file's headings, degrees, east positive
-    #: the same of its velocities, degrees, east positive; None where it is that of the headings
+    heading_bias_deg: float = 0.0  #: heading bias removed from the file's headings, degrees, east positive
+    #: heading bias removed from its velocities, degrees, east positive; None if it is that of the headings
     velocity_bias_deg: float | None = None
-    serial_number: str = ""  #: the instrument's, empty where its files do not state it
-    manufacturer: str = ""  #: as stated by its files
-    model: str = ""  #: as stated by its files
-    #: (n,) each, what else was logged, by name; NaN where missing
+    serial_number: str = ""  #: of the instrument; empty if its files do not state it
+    manufacturer: str = ""  #: as stated in its files
+    model: str = ""  #: as stated in its files
+    #: further logged series by name, (n,) each; NaN where missing
     channels: Mapping[str, Floats] = field(default_factory=dict)
-    channel_units: Mapping[str, str] = field(default_factory=dict)  #: unit of each channel, where it is known
-    #: What the velocities came with, by the keys of ``PROFILES``; (n, m) m/s, NaN where missing, or (n, m, beams)
-    #: counts in the integers of the file, -1 where missing.
+    channel_units: Mapping[str, str] = field(default_factory=dict)  #: unit of each channel, if known
+    #: further profiles, with the keys of ``PROFILES``; (n, m) m/s, NaN where missing, or (n, m, beams) counts in the
+    #: integers of the file, -1 where missing
     profiles: Mapping[str, Rows] = field(default_factory=dict)
-    recorded_in: str = ""  #: beam | instrument | ship | earth, where the files tell it
-    bins_mapped: bool = False  #: whether velocities of beams were combined at one depth, however the instrument leans
-    echo_range_m: Floats | None = None  #: (n, 2) of a boundary, and of the last water heard; for the deployment alone
-    counts: dict[str, int] = field(default_factory=dict)  #: what was read, skipped and flagged, for the report
+    recorded_in: str = ""  #: beam | instrument | ship | earth, if stated in the files
+    bins_mapped: bool = False  #: whether beam velocities were combined at equal depth, accounting for tilt
+    #: (n, 2) range of a boundary's echo, and of the farthest echo of water, m; removed by ``apply_deployment``
+    echo_range_m: Floats | None = None
+    counts: dict[str, int] = field(default_factory=dict)  #: numbers of samples read, skipped and flagged
     warnings: tuple[str, ...] = ()  #: sentences for the report
     tests: NDArray[np.int16] | None = None  #: (n, m) bits of the tests that each velocity failed; None without tests
 
     def bin_depth_m(self) -> Floats:
-        """Compute the depth of every bin at every sample, (n, m) metres, blow-down followed."""
+        """Compute the depth of every bin at every sample, including mooring blow-down, (n, m) metres."""
         return self.depth_m[:, None] + (-1.0 if self.looks_up else 1.0) * self.bin_range_m
 
 
 @dataclass(frozen=True)
 class Readings:
-    """What one compass recorded along time, and the water that its instrument saw: all that a heading is decided on."""
+    """Time series of one compass, and of the current in its instrument's frame, from which headings are estimated."""
 
     time_s: Floats  # (n,) increasing
     heading_deg: Floats  # (n,) recorded, magnetic, NaN where missing
@@ -190,15 +190,15 @@ class Pairs(Labelled):
     lower_depth_m: Floats  #: (n,) m below the surface, of the bins
     separation_minutes: Floats  #: (n,) minutes, lower minus upper
     declination_deg: Floats  #: (n,) east positive
-    lower_heading_deg: Floats | None = None  #: (n,) by the reference's compass, NaN if missing; None if none is logged
-    reference_index: Flags | None = None  #: (n,) whose pair it is, where there are several references
-    reference_names: tuple[str, ...] = ()  #: of the references that ``reference_index`` counts
+    lower_heading_deg: Floats | None = None  #: (n,) of the reference's compass, NaN where missing; None if not logged
+    reference_index: Flags | None = None  #: (n,) index of the reference of each pair, if there are several
+    reference_names: tuple[str, ...] = ()  #: names of the references that ``reference_index`` refers to
     warnings: tuple[str, ...] = ()  #: sentences for the report
-    #: m/s, rms of one component by the profile, of the mean of the bins and of the prediction minus the water
+    #: m/s, expected rms error of one component, for the mean of the bins and for the prediction from the profile
     expected_m_s: tuple[float, float] | None = None
-    #: 1 sigma, degrees, by which the water may be turned from the prediction for the whole record
+    #: uncertainty (1 sigma, degrees) of the mean veer between upper velocities and the reference over the record
     veer_deg: float = 0.0
-    #: (1 sigma, degrees, reason) of each error of all headings that the pairs themselves give reason to suspect
+    #: suspected errors of all headings, as indicated by the pairs: (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()
 
     def __len__(self) -> int:
@@ -207,30 +207,30 @@ class Pairs(Labelled):
 
 @dataclass(frozen=True)
 class EarthField:
-    """The earth's field at one place along time, linear between its nodes."""
+    """Time series of the earth's field at one place, linear between nodes."""
 
     time_s: Floats  #: (k,) UTC seconds since 1970
-    declination_deg: Floats  #: (k,) east positive; the one to be used
+    declination_deg: Floats  #: (k,) declination to be used, degrees, east positive
     horizontal_nT: Floats  #: (k,) nT
     vertical_nT: Floats  #: (k,) nT, down positive
-    model_declination_deg: Floats  #: (k,) IGRF, east positive, also where the metadata give a number
-    source: str = "IGRF"  #: IGRF, or the metadata's number
+    model_declination_deg: Floats  #: (k,) declination by IGRF, degrees, east positive, even if not used
+    source: str = "IGRF"  #: source of the declination, IGRF or metadata
     warnings: tuple[str, ...] = ()  #: sentences for the report
 
 
 @dataclass(frozen=True)
 class CorrectedRecord(Labelled):
-    """The product: what one affected instrument recorded, and the same corrected.
+    """The record of an affected instrument together with its correction.
 
-    Headings are to magnetic north, velocities to true east and north.
+    Headings are relative to magnetic north, velocities are true east and north.
     """
 
-    record: Record  #: as it was recorded, flags included
+    record: Record  #: as recorded, including flags
     heading_corrected_deg: Floats  #: (n,) magnetic, clockwise; NaN where it cannot be corrected
     heading_uncertainty_deg: Floats  #: (n,) degrees, one standard deviation
     heading_corrected_quality: Flags  #: (n,) OceanSITES flag of each corrected heading
     deviation_deg: Floats  #: (n,) corrected minus recorded heading, degrees
-    branch_probability: Floats  #: (n,) of the corrected heading among those that give the same reading
+    branch_probability: Floats  #: (n,) probability of the corrected heading among those with the same reading
     declination_deg: Floats  #: (n,) east positive
     east: Floats  #: (n, m) m/s, corrected
     north: Floats  #: (n, m) m/s, corrected
@@ -242,28 +242,28 @@ class CorrectedRecord(Labelled):
 
 @dataclass(frozen=True)
 class FieldSeries:
-    """What a magnetic observatory recorded; NaN where a value or a word of the header is missing."""
+    """Record of a magnetic observatory; NaN where a value or a header entry is missing."""
 
     time_s: Floats  # (n,) increasing
     declination_deg: Floats  # (n,) east positive
     horizontal_nT: Floats  # (n,)
     vertical_nT: Floats  # (n,) down positive
-    station: str  # its name, else its code
+    station: str  # name or else code
     latitude: float  # degrees north
     longitude: float  # degrees east
     elevation_m: float
-    definitive: bool = False  # whether its baseline is final by its own word
+    definitive: bool = False  # whether the file declares its data as definitive
     counts: dict[str, int] = field(default_factory=dict)  # rows read, damaged, fillers, missing, repeated
     warnings: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
-    origin: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (n,) which of the files
+    origin: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (n,) index of the file
 
     def __len__(self) -> int:
         return len(self.time_s)
 
 
 def take(series: Series, which: NDArray[Any] | slice) -> Series:
-    """Take some of the samples of any record whose arrays run along them, by positions, a mask or a slice."""
+    """Select samples of a record whose arrays all run along them, by indices, a mask or a slice."""
     columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
     for several in _BY_NAME:
         if shown := getattr(series, several, None):
@@ -272,10 +272,10 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
 
 
 def join_records(records: Sequence[Record]) -> Record:
-    """Join the records of one instrument's files, in order of their first times, counts added up.
+    """Join the records of one instrument's files in order of their first times, and sum their counts.
 
     Raises:
-        InputError: they do not have the same bins, orientation and north.
+        InputError: the records differ in number of bins, orientation, direction reference or serial number.
     """
     if len(records) == 1:
         return records[0]
@@ -302,5 +302,5 @@ def join_records(records: Sequence[Record]) -> Record:
 
 
 def iso_time(time_s: float) -> str:
-    """Write UTC seconds since 1970 as ISO 8601."""
+    """Format UTC seconds since 1970 as ISO 8601."""
     return datetime.fromtimestamp(round(time_s), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

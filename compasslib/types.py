@@ -1,4 +1,4 @@
-"""Types of arrays and units of time that every room speaks of."""
+"""Array types and units of time used throughout the library."""
 
 from __future__ import annotations
 

@@ -17,7 +17,8 @@ from drafts import log, sentences
 from launch import PROJECT
 from sea import cruise, real
 
-from compasslib.cli import main
+from compasslib.cli import init, main
+from compasslib.config.draft import Drafted
 from compasslib.readers import detect
 
 DATA = PROJECT.parent / "shared/data"
@@ -253,3 +254,10 @@ def test_drawn_and_genuine_files_are_drafted_right_or_asked(case):
 def test_directions_of_a_seaguard_are_drafted_as_magnetic(tmp_path):
     assert main(["init", str(real("wild/seaguard_tab.txt")), "--into", str(tmp_path / "new"), "--name", "X"]) == 0
     assert next(iter(draft(tmp_path / "new", "X")["instruments"].values()))["direction_reference"] == "magnetic"
+
+
+def test_a_file_that_could_not_be_read_overlaps_none_in_whatever_order():
+    known = Drafted("pd0", ("a.000",), {}, start_s=0.0, end_s=86400.0)
+    unknown = Drafted("pd0", ("b.000",), {}, trouble="no ensemble")
+    assert init._overlap_in_time(known, known)
+    assert not init._overlap_in_time(known, unknown) and not init._overlap_in_time(unknown, known)

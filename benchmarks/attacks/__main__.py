@@ -1,23 +1,23 @@
-"""A campaign of mistakes with known truth: is a wrong heading ever flagged good?
+"""Campaign of planted mistakes with known truth: whether a wrong heading is ever flagged good.
 
     python benchmarks/attacks                               300 mistakes and 150 harmless changes by seed 1
     python benchmarks/attacks --kind local --count 60 --seed 7
-    python benchmarks/attacks --so-far                      what the rows of a run that goes on, or was cut, say
+    python benchmarks/attacks --so-far                      report the cases of an unfinished run
     python benchmarks/attacks --only local-heading_stuck-017    one case, or all of one attack
-    python benchmarks/attacks --library ../other --older ../main    of another checkout, beside an older one
-    python benchmarks/attacks --nulls 48 --older ../main    flags 1 that moorings with nothing wrong lose
+    python benchmarks/attacks --library ../other --older ../main    compare another checkout with an older one
+    python benchmarks/attacks --nulls 48 --older ../main    flags 1 lost in moorings without errors
 
-Each case is a copy of a mooring with known truth, or a calibration, spoilt in one place, and processed as
-``compass correct`` does. *Wrong* are headings flagged 1 with an rms error over 2 degrees and over twice the untouched
-one's, whose stated 95 % intervals hold under 85 % of the truth or whose errors pass 6 sigma more than once in 100.
-Where only the column of headings was altered, the corrected currents may be right all the same: counted by themselves.
-*Silent* is a wrong one without a warning, finding or verdict that the untouched one had not. *Called good* is a wrong
-one of which more than half of the headings that were flagged 1 still are, whatever was said. A harmless change *harms*
-where it is refused, costs over 1 % of the samples their flag 1, or gets a new warning. A constant between the
-instruments is told from A by no record: it counts, and is marked. Rows stay in ``--into`` by the content of the
-library, and a run that was cut goes on from them; wrong cases keep their cruise and results there. Name another
-folder where the attacks themselves were changed. Exit status 1 where anything was silent, called good, or ended in a
-traceback.
+Each case is a copy of a mooring with known truth, or a calibration, with one mistake, processed as ``compass correct``
+does. It is *wrong* if its headings flagged 1 have an rms error over 2 degrees and over twice that of the unmodified
+case, and their stated 95 % intervals contain the truth for under 85 % or over 1 % of the errors exceed 6 sigma.
+If only the column of headings was altered, the corrected currents may still be right: these are counted separately.
+A wrong case is *silent* if it has no warning, finding or verdict that the unmodified one did not have, and is *called
+good* if more than half of the original flags 1 are still set, regardless of warnings. A harmless change *harms* if it
+is refused, if over 1 % of the samples lose their flag 1, or if there is a new warning. A constant between the
+instruments cannot be distinguished from A by any record: it is counted, but marked. Rows are stored in ``--into`` by
+a hash of the library, and an interrupted run continues from them; wrong cases keep their cruise and results there.
+Use another folder if the attacks themselves were changed. The exit status is 1 if any case was silent, called good,
+or ended in a traceback.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Row = dict[str, Any]
 
 
 def label(library: Path) -> str:
-    """Return the name of a checkout with a hash of its code."""
+    """Compose the name of a checkout with a hash of its code."""
     digest = hashlib.sha256()
     for path in sorted((library / "compasslib").rglob("*.py")):
         digest.update(path.read_bytes())
@@ -57,7 +57,7 @@ def in_processes(
     library: Path, cores: int, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]
 ) -> list[Any]:
     """Call a function in processes that import a library's code; return the results in the order of the arguments."""
-    sys.path.insert(0, str(library))  # a process that is spawned takes the path
+    sys.path.insert(0, str(library))  # spawned processes inherit the path
     try:
         with ProcessPoolExecutor(cores, mp_context=multiprocessing.get_context("spawn")) as pool:
             futures = [pool.submit(work, *each) for each in arguments]
@@ -70,7 +70,7 @@ def in_processes(
 
 
 def write_bases(wanted: list[bases.Base], into: Path, cores: int) -> None:
-    """Write, by this checkout's simulation, the moorings that are not there yet."""
+    """Simulate, by this checkout, the moorings that do not exist yet."""
     absent = [base for base in wanted if not (into / f"{base.name}.npy").exists()]
     if absent:
         into.mkdir(parents=True, exist_ok=True)
@@ -78,13 +78,13 @@ def write_bases(wanted: list[bases.Base], into: Path, cores: int) -> None:
 
 
 def rows_so_far(chosen: list[cases.Case], library: Path, into: Path) -> list[Row]:
-    """Return the rows of a library that are there."""
+    """Read the existing rows of a library."""
     files = [into / label(library) / "cases" / case.name / "row.json" for case in chosen]
     return [json.loads(file.read_text()) for file in files if file.exists()]
 
 
 def run(chosen: list[cases.Case], library: Path, into: Path, cores: int) -> list[Row]:
-    """Process cases by a library, those whose rows are there left out; return all rows."""
+    """Process by a library the cases that have no rows yet, and return all rows."""
     here, kept = into / label(library), into / "bases"
     write_bases(bases.available(), kept, cores)
     in_processes(library, cores, cases.untouched, [(base, kept, here / "untouched") for base in bases.available()])
@@ -92,9 +92,9 @@ def run(chosen: list[cases.Case], library: Path, into: Path, cores: int) -> list
 
 
 def run_nulls(count: int, seed: int, libraries: list[Path], into: Path, cores: int) -> None:
-    """Process moorings with nothing wrong by a library and an older one, and print how many flags 1 were lost.
+    """Process moorings without errors by a library and an older one, and print how many flags 1 were lost.
 
-    The older one runs its own workflow, as its modules may have other names.
+    The older library runs its own workflow, as the names of its modules may differ.
     """
     wanted, kept = bases.nulls(count, seed), into / "bases"
     write_bases(wanted, kept, cores)
@@ -118,9 +118,9 @@ def run_nulls(count: int, seed: int, libraries: list[Path], into: Path, cores: i
 
 
 def lost(new: Path, old: Path) -> tuple[int, int]:
-    """Return how many samples an older library flagged 1 with right headings, and of how many of them no more so.
+    """Count the samples with correct headings that an older library flagged 1, and those not flagged 1 any more.
 
-    Right is an error within 3 sigma as the older one stated it, or within 2 degrees.
+    A heading is correct if its error is within 3 sigma as stated by the older library, or within 2 degrees.
     """
     if not old.exists():
         return 0, 0
@@ -135,7 +135,7 @@ def lost(new: Path, old: Path) -> tuple[int, int]:
 
 
 def way(row: Row) -> str:
-    """Return what came of a case in a word."""
+    """Classify the outcome of a case."""
     if row.get("crashed"):
         return "traceback"
     if row["refused"]:
@@ -146,7 +146,7 @@ def way(row: Row) -> str:
 
 
 def report(rows: list[Row]) -> int:
-    """Print what came of all cases; return how many were silent, called good or a traceback."""
+    """Print the outcome of all cases and return the number that were silent, called good or a traceback."""
     crashed = [row for row in rows if row.get("crashed")]
     mistakes = [row for row in rows if not row["harmless"] and row not in crashed]
     bad = [row for row in mistakes if row["silent"] or row["called_good"]]
@@ -197,7 +197,7 @@ def _print_bad(row: Row) -> None:
 
 
 def compare(rows: list[Row], older: list[Row]) -> None:
-    """Print which cases came out otherwise than by an older library."""
+    """Print the cases whose outcome differs from that by an older library."""
     before = {row["name"]: way(row) for row in older}
     print("\nbefore -> now")
     for row in rows:

@@ -1,4 +1,4 @@
-"""The moorings that a campaign spoils: simulated ones and a real record, of compasses from weak to two-valued."""
+"""Moorings to which a campaign adds errors: simulated ones and a real record, with weak to two-valued deviations."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from compasslib.demo.sealed import Export, Ground, Wish
 from tests.world import draw
 
 REAL = DATA / "cruise_eh2"
-REAL_MOORING, REAL_DAYS = "E0", 70  # the record as it was logged, by a compass without iron
-PLAIN_SHEAR = 0.25  # of plain water's differences between depths over those of the simulated sea
+REAL_MOORING, REAL_DAYS = "E0", 70  # the original record, by a compass without iron
+PLAIN_SHEAR = 0.25  # differences between depths in plain water relative to the standard simulation
 
 
 @dataclass(frozen=True)
 class Base:
-    """One mooring by its seed.
+    """One mooring, simulated from its seed.
 
     Args:
-        strength: of the iron, over the earth's horizontal field; above 1 a reading has two headings.
-        water: structured (the simulated sea), plain (little shear, no veer) or real.
-        wide: whether the headings go round the circle.
-        deep: form of the reference, pd0 or table.
-        top: form of the affected instrument: pd0 in earth or beam coordinates, or a table.
-        every: samples of the reference of which one is kept, as of a profiler that passes twice a day.
+        strength: field of the iron relative to the earth's horizontal field; above 1 a reading has two headings.
+        water: structured (the standard simulation), plain (little shear, no turning with depth) or real.
+        wide: whether the headings cover the full circle.
+        deep: format of the reference, pd0 or table.
+        top: format of the affected instrument: PD0 in earth or beam coordinates, or a table.
+        every: step at which samples of the reference are selected, as for a profiler that passes twice a day.
     """
 
     name: str
@@ -62,7 +62,7 @@ STRENGTHS = {"weak": 0.2, "strong": 0.5, "fast": 0.75, "two-valued": 1.3}
 
 
 def nulls(count: int, seed: int) -> list[Base]:
-    """Return moorings with nothing wrong, every water with every strength in turn."""
+    """Define moorings without errors, cycling through all combinations of water and strength."""
     kinds = [(water, name) for name in STRENGTHS for water in WATERS if water != "real" or REAL.is_dir()]
     return [
         Base(
@@ -78,12 +78,12 @@ def nulls(count: int, seed: int) -> list[Base]:
 
 
 def available() -> list[Base]:
-    """Return the bases; those of the real record only where it is there."""
+    """List the bases, those of the real record only if it is available."""
     return [base for base in BASES if base.water != "real" or REAL.is_dir()]
 
 
 def write(base: Base, folder: Path) -> None:
-    """Write a cruise of one mooring M, and beside it its times and correct headings."""
+    """Write a cruise of one mooring M, and its times and correct headings to a separate file."""
     cruise = folder / base.name
     shutil.rmtree(cruise, ignore_errors=True)
     (cruise / "config").mkdir(parents=True)
@@ -98,12 +98,12 @@ def write(base: Base, folder: Path) -> None:
 
 
 def iron(base: Base) -> complex:
-    """Return the hard iron of the compass that reads the real record, over the horizontal field."""
+    """Draw the hard iron for the real record, forward and starboard as a complex number, over the horizontal field."""
     return complex(base.strength * np.exp(1j * np.random.default_rng(base.seed).uniform(0.0, 2.0 * np.pi)))
 
 
 def read_by(iron_in_field: complex, heading_deg: np.ndarray) -> np.ndarray:
-    """Return what a level compass beside hard iron reads at correct headings, degrees."""
+    """Compute the recorded heading of a level compass near hard iron from correct headings, degrees."""
     return np.mod(-np.rad2deg(np.angle(np.exp(-1j * np.deg2rad(heading_deg)) + iron_in_field)), 360.0)
 
 
@@ -130,7 +130,7 @@ def _plain(ground: Ground) -> sealed.Water:
 
 
 def _write_real(base: Base, cruise: Path) -> np.ndarray:
-    """Write the first weeks of the real record as a compass beside iron would have logged them."""
+    """Write the first ``REAL_DAYS`` days of the real record as logged by a compass near iron."""
     raw = cruise / "raw/M"
     raw.mkdir(parents=True)
     settings = yaml.safe_load((REAL / f"config/moorings/{REAL_MOORING}.yaml").read_text().replace("raw/E0", "raw/M"))
@@ -151,7 +151,7 @@ def _write_real(base: Base, cruise: Path) -> np.ndarray:
 
 
 def _write_top_as_table(cruise: Path) -> None:
-    """Write the affected instrument's first bins as a table, with its headings, in the place of its PD0 file."""
+    """Replace the PD0 file of the affected instrument by a table of its first bins and headings."""
     top, path = Pd0(cruise / "raw/M/top.000"), cruise / "config/moorings/M.yaml"
     flow = top.velocity[:, :2, :2].mean(axis=1) / 10.0
     depth = top.get(VARIABLE, 16) / 10.0

@@ -1,4 +1,4 @@
-"""Calibrations with known truth that can be spoilt: a bench, a swing, a magnetometer's log, an observatory's series."""
+"""Calibrations with known truth to which errors are added: bench, swing, magnetometer log, observatory series."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from compasslib.errors import InputError
 from tests.world import observatory, swing
 
 PLACE = (48.4, -4.5)
-STATION = (58.0, -30.0)  # where the declination is no accident near zero
+STATION = (58.0, -30.0)  # where the declination is not near zero
 DATE = "2022-09-29"
 START_S = datetime.fromisoformat(f"{DATE}T08:00:00+00:00").timestamp()
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -30,16 +30,16 @@ Curve = Callable[[np.ndarray], np.ndarray]
 
 @dataclass
 class Recording:
-    """One calibration that an attack may spoil: its readings, its YAML file, what is true."""
+    """One calibration to which an attack adds an error: its readings, its YAML file, and the truth."""
 
     kind: str
     frame: pd.DataFrame
     settings: dict[str, Any]
-    truth: Callable[[np.ndarray], np.ndarray] | float  # deviation by recorded heading; of a series, the constant
-    text: list[str] = field(default_factory=list)  # of a file that is no table
+    truth: Callable[[np.ndarray], np.ndarray] | float  # deviation by recorded heading; for a series, its constant
+    text: list[str] = field(default_factory=list)  # lines of a file that is not a table
 
     def write(self, folder: Path) -> None:
-        """Write a cruise that holds this calibration and nothing else."""
+        """Write a cruise that contains only this calibration."""
         (folder / "config/calibrations").mkdir(parents=True)
         (folder / "raw").mkdir()
         (folder / "config/config.yaml").write_text("moorings: []\n")
@@ -52,7 +52,7 @@ class Recording:
 
 
 def run(made: Recording, folder: Path) -> Outcome:
-    """Calibrate, and hold the table, or the constant, against the truth."""
+    """Calibrate, and compare the table, or the constant, with the truth."""
     made.write(folder)
     try:
         given = cruise.load_cruise(folder).calibrations["K"]
@@ -89,14 +89,14 @@ def wrap(degrees: Any) -> Any:
 
 
 def inverse(recorded: np.ndarray, correct: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the deviation by recorded heading of a compass that was read without noise all round."""
+    """Construct the deviation by recorded heading from noise-free readings over the full circle."""
     order = np.argsort(np.mod(recorded, 360.0))
     x, y = np.mod(recorded, 360.0)[order], wrap(correct - recorded)[order]
     return lambda heading: np.interp(np.mod(heading, 360.0), x, y, period=360.0)
 
 
 def curve(rng: np.random.Generator, largest_deg: float) -> tuple[Curve, Curve]:
-    """Return what a compass near iron records by correct heading, and its deviation by recorded heading."""
+    """Draw a compass near iron as two functions: recorded by correct heading, and deviation by recorded heading."""
     b, c = np.deg2rad(rng.uniform(0.3, 1.0) * largest_deg) * np.array([np.cos(t := rng.uniform(0, 6.3)), np.sin(t)])
     quadrantal = 0.1 * np.deg2rad(largest_deg) * np.exp(1j * rng.uniform(0, 6.3))
 
@@ -135,7 +135,7 @@ def swung(rng: np.random.Generator) -> Recording:
 
 
 def magnetometer(rng: np.random.Generator) -> Recording:
-    """A level compass that is turned: two axes with hard iron, their heading by atan2, and the correct one."""
+    """Simulate the log of a level magnetometer turned about the vertical, with hard iron on two axes."""
     hard = rng.uniform(-4000, 4000, 2)
     turn = np.deg2rad(np.linspace(0, 1080, 720) + rng.uniform(0, 360))
     x, y = (
@@ -150,7 +150,7 @@ def magnetometer(rng: np.random.Generator) -> Recording:
 
 
 def series(rng: np.random.Generator, folder: Path) -> Recording:
-    """A year of hours of an observatory whose rocks turn the needle by a constant."""
+    """Simulate a year of hourly observatory data with a constant declination anomaly of local rocks."""
     truth, count = float(rng.uniform(-0.3, 0.3)), 366 * 24
     time_s = START_S + 3600.0 * np.arange(count)
     declination, horizontal, vertical = (np.broadcast_to(x, count) for x in earthfield.igrf(*STATION, time_s))
@@ -168,7 +168,7 @@ def _settings(kind: str) -> dict[str, Any]:
 
 
 def _columns(made: Recording, change: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Change the four components of an IAGA-2002 file, (n, 4)."""
+    """Apply a function to the four components of an IAGA-2002 file, (n, 4)."""
     first = next(k for k, line in enumerate(made.text) if line.startswith("DATE")) + 1
     rows = np.array([[float(x) for x in line.split()[3:7]] for line in made.text[first:]])
     new = change(rows)
@@ -177,7 +177,7 @@ def _columns(made: Recording, change: Callable[[np.ndarray], np.ndarray]) -> Non
 
 
 def _as_dhzf(made: Recording, minutes: float) -> None:
-    """Write X and Y as D and H, D times a factor: 60 is right."""
+    """Convert X and Y to D and H, with D in degrees times a factor, of which 60 is correct."""
     made.text = [line.replace("XYZF", "DHZF").replace("NWHX", "NWHD").replace("NWHY", "NWHH") for line in made.text]
     _columns(
         made,
@@ -311,7 +311,7 @@ def spoil_magnetometer(made: Recording, rng: np.random.Generator) -> str:
 
 
 def harmless(made: Recording, rng: np.random.Generator) -> str:
-    """Change what does not matter; of a series that is not a table, nothing but blank lines at its end."""
+    """Apply a change without effect; for a series that is not a table, only blank lines at its end."""
     if made.text:
         made.text.append("\n" * int(rng.integers(1, 4)))
         return "blank lines at the end"
@@ -339,16 +339,16 @@ SPOILERS = {
 
 
 def make(kind: str, seed: list[int], folder: Path) -> Recording:
-    """Return the untouched recording of a kind by its seed."""
+    """Simulate the unmodified recording of a kind from its seed."""
     maker = SPOILERS[kind][0]
     rng = np.random.default_rng(seed)
     return maker(rng, folder) if kind == "declination" else maker(rng)
 
 
 def is_wrong(outcome: Outcome, untouched: Outcome) -> bool:
-    """Whether a table, or a constant, is wrong by more than its stated uncertainty.
+    """Return whether a table, or a constant, is wrong by more than its stated uncertainty.
 
-    A constant has one error: beyond 6 sigma, and above half a degree, as 2 degrees of a declination are a crime.
+    The single error of a constant counts from half a degree, as 2 degrees of declination would be too large.
     """
     if outcome.refused or not outcome.good:
         return False

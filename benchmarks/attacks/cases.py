@@ -1,4 +1,4 @@
-"""The cases of a campaign: which are drawn by a seed, and what comes of one, in a folder of its own."""
+"""Cases of a campaign: drawn by a seed, each processed in a folder of its own."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ MISTAKES: dict[str, tuple[cruises.Attack, ...]] = {
 CALIBRATIONS, HARMLESS_KIND = "calibrations", "harmless"
 KINDS = (*MISTAKES, CALIBRATIONS, HARMLESS_KIND)
 OF_CALIBRATIONS = 0.1  # share of the cases that are calibrations
-FIRST_BENCH = 100_000  # number of the first of them, so that their seeds are those of no mooring
-# What no record can tell: a constant is the same as A; a level log shows neither the sense of its axes nor which of two
-# columns is the compass.
+FIRST_BENCH = 100_000  # number of the first of them, to use no seed of a mooring
+# Mistakes that no record can show: a constant is the same as A; a level log shows neither the sense of its axes nor
+# which of two columns is the compass.
 UNDECIDABLE = ("magnetometer: x of other sign", "magnetometer: axes exchanged", "columns exchanged")
 
 
 @dataclass(frozen=True)
 class Case:
-    """One case by its name; ``seed`` alone draws everything in it."""
+    """One case of a campaign; all random numbers depend on ``seed`` only."""
 
     name: str
     kind: str
@@ -49,7 +49,7 @@ class Case:
 
 
 def draw(mistakes: int, harmless: int, seed: int) -> list[Case]:
-    """Draw the cases of a campaign, those of any kind among the others so that the first of them stand for all."""
+    """Draw the cases of a campaign in random order, for the first of them to be representative."""
     attacks = [(kind, attack.__name__) for kind, several in MISTAKES.items() for attack in several]
     right = [(HARMLESS_KIND, attack.__name__) for attack in HARMLESS]
     cases = _drawn(attacks, mistakes, seed, harmless=False) + _drawn(right, harmless, seed + 1, harmless=True)
@@ -72,9 +72,9 @@ def _drawn(attacks: list[tuple[str, str]], count: int, seed: int, *, harmless: b
 
 
 def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
-    """Process one case unless its row is there; a traceback becomes a row too.
+    """Process one case unless its row exists; a traceback is recorded in a row, too.
 
-    The folder of a case that is wrong, or that crashed, keeps the cruise and its results.
+    Cruise and results are kept in the folder if the case is wrong or crashed, or if a harmless change harms.
 
     Args:
         kept: folder of the bases.
@@ -88,7 +88,7 @@ def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
     begun = time.process_time()
     try:
         row = _calibration(case, folder) if case.base < 0 else _mooring(case, kept, folder)
-    except Exception as error:  # what the campaign is to find, whatever it is
+    except Exception as error:  # the campaign must record any failure
         row = {"done": case.attack, "crashed": f"{type(error).__name__}: {error}"}
     row = asdict(case) | row | {"cpu_s": time.process_time() - begun, "folder": str(folder)}
     if not (row.get("crashed") or row.get("wrong") or (row.get("hurt") and case.harmless)):
@@ -99,7 +99,7 @@ def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
 
 
 def untouched(base: bases.Base, kept: Path, into: Path) -> None:
-    """Process a base as it is and keep its outcome beside the cases of the same library."""
+    """Process an unmodified base and store its outcome with the cases of the same library."""
     file = into / f"{base.name}.json"
     if file.exists():
         return
@@ -112,7 +112,7 @@ def untouched(base: bases.Base, kept: Path, into: Path) -> None:
 
 
 def untouched_by_workflow(base: bases.Base, kept: Path, into: Path, project: Path) -> None:
-    """Process a base as it is by the workflow of another checkout, and keep the errors of its headings."""
+    """Process an unmodified base by the workflow of another checkout, and store its heading errors."""
     file = into / f"{base.name}.json"
     if file.exists():
         return
@@ -124,13 +124,13 @@ def untouched_by_workflow(base: bases.Base, kept: Path, into: Path, project: Pat
 
 
 def outcome_of(base: str, into: Path) -> Outcome:
-    """Return the outcome of an untouched base."""
+    """Read the outcome of an unmodified base."""
     fields = json.loads((into / f"{base}.json").read_text())
     return Outcome(**{k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
 
 
 def applied(case: Case, kept: Path, folder: Path) -> tuple[Cruise, str]:
-    """Copy the first base in turn that an attack goes with, and spoil it."""
+    """Apply an attack to a copy of the first base to which it is applicable."""
     attack = next(a for a in MISTAKES.get(case.kind, HARMLESS) if a.__name__ == case.attack)
     names = [base.name for base in bases.available()]
     for turn in range(len(names)):

@@ -1,4 +1,4 @@
-"""Cruises with known truth that can be spoilt: their raw files as arrays, and what a run makes of them."""
+"""Cruises with known truth to which errors are added: raw files as arrays, and the outcome of processing."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ from compasslib.pipeline.process import process_mooring
 
 HOUR_S = 3600.0
 HEADING, FIXED, VARIABLE, VELOCITY = 18, 0x0000, 0x0080, 0x0100
-BAD = -32768  # velocity of PD0 that is none
-MARGIN_DEG, TIMES, COVERED, FAR_SIGMAS, FAR_SHARE = 2.0, 2.0, 0.85, 6.0, 0.01  # what counts as wrong
-KEPT = 0.5  # share of the headings flagged 1 untouched that makes a wrong product one that is called good
+BAD = -32768  # fill value of velocities in PD0
+MARGIN_DEG, TIMES, COVERED, FAR_SIGMAS, FAR_SHARE = 2.0, 2.0, 0.85, 6.0, 0.01  # thresholds of ``is_wrong``
+KEPT = 0.5  # share of the original flags 1 that are still set, above which a wrong product counts as called good
 
 
 class NotApplicableError(Exception):
-    """An attack that does not go with a base."""
+    """An attack that cannot be applied to a base."""
 
 
 @dataclass
 class Cruise:
-    """One cruise of one mooring that an attack may spoil; ``save`` writes what was changed."""
+    """One cruise of one mooring to which an attack adds an error; ``save`` writes the changes."""
 
     folder: Path
     base: str
     settings: dict[str, Any]
-    time_s: np.ndarray  # as the affected instrument stamps its samples, (n,)
+    time_s: np.ndarray  # times of the samples by the clock of the affected instrument, (n,)
     heading_deg: np.ndarray  # correct, magnetic, (n,)
     bases: Path
     opened: dict[str, Any] = field(default_factory=dict)
-    true_north: bool = False  # whether the true heading is looked at, not the magnetic one
-    undecidable: bool = False  # whether no record can tell, as of a constant between the instruments, which is A too
+    true_north: bool = False  # whether the true heading is scored, not the magnetic one
+    undecidable: bool = False  # whether no record can show the error, such as a constant, which is the same as A
 
     @classmethod
     def copy(cls, bases: Path, base: str, folder: Path) -> Cruise:
-        """Return a copy of a base in a new folder."""
+        """Copy a base to a new folder."""
         shutil.copytree(bases / base, folder)
         settings = yaml.safe_load((folder / "config/moorings/M.yaml").read_text())
         time_s, heading_deg = np.load(bases / f"{base}.npy")
@@ -75,17 +75,17 @@ class Cruise:
         return self.folder / self.settings["instruments"][role]["files"]
 
     def record(self, role: str = "top") -> Pd0 | Table:
-        """Return the samples of an instrument, to be changed in place."""
+        """Open the samples of an instrument, which can be changed in place."""
         if role not in self.opened:
             kind = Table if self.settings["instruments"][role]["format"] == "table" else Pd0
             self.opened[role] = kind(self.path(role))
         return self.opened[role]
 
     def pd0(self, role: str = "top") -> Pd0:
-        """Return the ensembles of an instrument that logs PD0.
+        """Open the ensembles of an instrument that logs PD0.
 
         Raises:
-            NotApplicableError: it is a table.
+            NotApplicableError: if the file is a table.
         """
         made = self.record(role)
         if not isinstance(made, Pd0):
@@ -93,10 +93,10 @@ class Cruise:
         return made
 
     def table(self) -> pd.DataFrame:
-        """Return the rows of a reference that is a table, to be changed in place.
+        """Open the rows of a reference that is a table, which can be changed in place.
 
         Raises:
-            NotApplicableError: it is PD0.
+            NotApplicableError: if the file is PD0.
         """
         made = self.record("deep")
         if not isinstance(made, Table):
@@ -104,12 +104,12 @@ class Cruise:
         return made.frame
 
     def set_table(self, frame: pd.DataFrame) -> None:
-        """Put other rows in the place of the reference's table."""
+        """Replace the rows of the reference's table."""
         self.table()
         self.opened["deep"].frame = frame
 
     def times(self, frame: pd.DataFrame) -> np.ndarray:
-        """Return the seconds since 1970 of a table's rows."""
+        """Convert the times of a table's rows to seconds since 1970."""
         return Table.times_of(frame)
 
     def shift(self, role: str, by_s: np.ndarray | float) -> None:
@@ -119,34 +119,34 @@ class Cruise:
             self.time_s = self.time_s + np.interp(self.time_s, *_along(self.time_s, by_s))
 
     def truth_at(self, time_s: np.ndarray) -> np.ndarray:
-        """Return the correct magnetic heading at times of the affected instrument's clock, NaN where none is known."""
+        """Look up the correct magnetic heading at times of the affected instrument's clock, NaN if unknown."""
         order = np.argsort(self.time_s, kind="stable")
         known = self.time_s[order]
         at = np.clip(np.searchsorted(known, time_s - 1.0), 0, len(known) - 1)
         return np.where(np.abs(known[at] - time_s) < 2.0, self.heading_deg[order][at], np.nan)
 
     def set_truth(self, heading_deg: np.ndarray) -> None:
-        """Report how the affected instrument really stood at its samples."""
+        """Set the correct headings of the affected instrument at its samples, degrees."""
         self.time_s, self.heading_deg = self.record().time_s, heading_deg
 
     def cut_truth(self, within: tuple[float, float], *, keep: bool) -> None:
-        """Leave out of what is scored the samples outside a span, or inside it."""
+        """Exclude the samples outside a span, or inside it (``keep`` False), from scoring."""
         time = self.record().time_s
         inside = (time >= within[0]) & (time <= within[1])
         self.set_truth(np.where(inside == keep, self.truth_at(time), np.nan))
 
     def add_reference(self, name: str, record: Pd0 | Table) -> None:
-        """Write a record beside the reference's and describe it as that is described."""
+        """Write a record next to the reference's file and add it as an instrument with the same settings."""
         path = self.path("deep").with_stem(name)
         record.save(path)
         described = deepcopy(self.deep) | {"files": str(path.relative_to(self.folder))}
         self.settings["instruments"][name] = described
 
     def another(self) -> str:
-        """Return the name of a base with the same kinds of files that is another mooring.
+        """Name another base with files of the same kinds.
 
         Raises:
-            NotApplicableError: there is none.
+            NotApplicableError: if there is none.
         """
         others = {"pd0": "beam", "beam": "pd0", "plain": "strong", "weak": "plain", "fast": "weak", "strong": "fast"}
         others |= {"profiler": "fast"}
@@ -155,21 +155,21 @@ class Cruise:
         return others[self.base]
 
     def record_of(self, base: str, role: str) -> Pd0 | Table:
-        """Return the samples of an instrument of another base."""
+        """Read the samples of an instrument of another base."""
         settings = yaml.safe_load((self.bases / base / "config/moorings/M.yaml").read_text())["instruments"][role]
         return (Table if settings["format"] == "table" else Pd0)(self.bases / base / settings["files"])
 
     def declination_deg(self) -> float:
-        """Return the declination that the untouched run used, its mean."""
+        """Compute the mean declination of the unmodified run, degrees east."""
         return float(np.mean(_declination(self, np.array(self.span()))))
 
     def span(self) -> tuple[float, float]:
-        """Return when the mooring was deployed and recovered, seconds since 1970."""
+        """Compute the times of deployment and recovery, seconds since 1970."""
         first, last = (str(self.settings[key]).replace("Z", "+00:00") for key in ("start", "end"))
         return datetime.fromisoformat(first).timestamp(), datetime.fromisoformat(last).timestamp()
 
     def save(self) -> None:
-        """Write everything that was opened, and the YAML file."""
+        """Write all opened files and the YAML file."""
         for role, content in self.opened.items():
             content.save(self.path(role))
         (self.folder / "config/moorings/M.yaml").write_text(yaml.safe_dump(self.settings, sort_keys=False))
@@ -181,12 +181,12 @@ def _along(time_s: np.ndarray, by_s: np.ndarray | float) -> tuple[np.ndarray, np
 
 
 def stamps(time_s: np.ndarray) -> np.ndarray:
-    """Return times as text."""
+    """Format times as text."""
     return np.char.add(np.datetime_as_string(np.rint(time_s).astype("datetime64[s]")), "Z")
 
 
 class Table:
-    """The rows of an instrument that is a table: time_utc, u_cm_s, v_cm_s, and heading_deg where it is the affected."""
+    """Rows of an instrument that is a table: time_utc, u_cm_s, v_cm_s, and heading_deg of the affected instrument."""
 
     def __init__(self, path: Path) -> None:
         self.frame = pd.read_csv(path)
@@ -196,7 +196,7 @@ class Table:
 
     @staticmethod
     def times_of(frame: pd.DataFrame) -> np.ndarray:
-        """Return the seconds since 1970 of a table's rows."""
+        """Convert the times of a table's rows to seconds since 1970."""
         text = pd.to_datetime(frame["time_utc"].astype(str), utc=True, format="ISO8601").dt.tz_localize(None)
         return text.to_numpy().astype("datetime64[ms]").astype(float) / 1000.0
 
@@ -209,7 +209,7 @@ class Table:
         return self.frame["heading_deg"].to_numpy(dtype=float)
 
     def put_heading(self, values: np.ndarray) -> None:
-        """Write headings as they are, in whatever unit and range."""
+        """Write headings unchanged, in any unit and range."""
         self.frame["heading_deg"] = values
 
     def set_heading(self, degrees: np.ndarray, where: Any = slice(None)) -> None:
@@ -227,19 +227,19 @@ class Table:
         self.frame["u_cm_s"], self.frame["v_cm_s"] = values[:, 0].real / 10.0, values[:, 0].imag / 10.0
 
     def turn(self, degrees: Any) -> None:
-        """Turn the velocities clockwise."""
+        """Rotate the velocities clockwise."""
         self.flow = self.flow * np.exp(-1j * np.deg2rad(np.broadcast_to(degrees, len(self))))[:, None]
 
     def shift(self, by_s: Any) -> None:
-        """Stamp the samples later."""
+        """Shift the time stamps of the samples to later times."""
         self.frame["time_utc"] = stamps(self.time_s + by_s)
 
     def take(self, which: np.ndarray) -> None:
-        """Keep samples by mask or index."""
+        """Select samples by mask or index."""
         self.frame = self.frame[which] if which.dtype == bool else self.frame.iloc[which]
 
     def copy_samples(self, of: Table, to: np.ndarray, source: np.ndarray) -> None:
-        """Write samples of a record over others, all but their times."""
+        """Overwrite samples by those of a record, except their times."""
         columns = [name for name in self.frame.columns if name != "time_utc"]
         self.frame.iloc[to, self.frame.columns.get_indexer(columns)] = of.frame[columns].to_numpy()[source]
 
@@ -248,7 +248,7 @@ class Table:
 
 
 class Pd0:
-    """The good ensembles of a PD0 file of one length each, as bytes that can be changed; checksums are made anew."""
+    """Valid ensembles of a PD0 file, all of one length, as bytes that can be changed; checksums are recomputed."""
 
     def __init__(self, path: Path) -> None:
         raw = np.frombuffer(path.read_bytes(), np.uint8)
@@ -267,12 +267,12 @@ class Pd0:
         return len(self.rows)
 
     def get(self, block: int, offset: int, kind: str = "<u2") -> np.ndarray:
-        """Return one value an ensemble, (n,)."""
+        """Read one value per ensemble, (n,)."""
         place = self.starts[block] + offset
         return self.rows[:, place : place + np.dtype(kind).itemsize].copy().view(kind)[:, 0]
 
     def put(self, block: int, offset: int, values: Any, kind: str = "<u2", where: Any = slice(None)) -> None:
-        """Write one value an ensemble."""
+        """Write one value per ensemble."""
         place = self.starts[block] + offset
         old = self.get(block, offset, kind)
         old[where] = values
@@ -300,7 +300,7 @@ class Pd0:
 
     @property
     def is_beam(self) -> bool:
-        """Whether the velocities are along the beams, so that no compass has turned them."""
+        """Whether the velocities are along the beams, not rotated by a compass."""
         return not int(self.get(FIXED, 25, "u1")[0]) & 0b11000
 
     @property
@@ -308,7 +308,7 @@ class Pd0:
         """East + i north, mm/s, (n, cells), NaN where bad.
 
         Raises:
-            NotApplicableError: the velocities are along the beams.
+            NotApplicableError: if the velocities are along the beams.
         """
         if self.is_beam:
             raise NotApplicableError
@@ -324,19 +324,19 @@ class Pd0:
         self.velocity = new
 
     def turn(self, degrees: Any) -> None:
-        """Turn velocities clockwise that a compass had turned; those along the beams stay."""
+        """Rotate velocities in earth coordinates clockwise; those along the beams are not changed."""
         if not self.is_beam:
             self.velocity = self.turned(degrees)
 
     def take(self, which: np.ndarray) -> None:
-        """Keep ensembles by mask or index."""
+        """Select ensembles by mask or index."""
         self.rows = self.rows[which]
 
     def copy_samples(self, of: Pd0, to: np.ndarray, source: np.ndarray) -> None:
-        """Write ensembles of a record over others, all but their times.
+        """Overwrite ensembles by those of a record, except their times.
 
         Raises:
-            NotApplicableError: they are of another length.
+            NotApplicableError: if length or coordinates differ.
         """
         if of.size != self.size or of.is_beam != self.is_beam:
             raise NotApplicableError
@@ -345,11 +345,11 @@ class Pd0:
         self.shift(times - self.time_s)
 
     def put_heading(self, values: np.ndarray) -> None:
-        """Write headings as they are, in whatever unit and range, as sixteen bits."""
+        """Write headings unchanged, in any unit and range, as sixteen bits."""
         self.put(VARIABLE, HEADING, np.rint(100.0 * values).astype(np.int64) & 0xFFFF)
 
     def turned(self, degrees: Any) -> np.ndarray:
-        """Return the earth velocities turned clockwise."""
+        """Rotate the velocities in earth coordinates clockwise."""
         old = self.velocity.astype(float)
         bad = (old[..., :2] == -32768).any(-1)
         flow = (old[..., 0] + 1j * old[..., 1]) * np.exp(-1j * np.deg2rad(np.broadcast_to(degrees, len(self))))[:, None]
@@ -366,7 +366,7 @@ class Pd0:
         return days * 86400.0 + hour * 3600.0 + minute * 60.0 + second + cent / 100.0
 
     def shift(self, by_s: Any) -> None:
-        """Stamp the ensembles later."""
+        """Shift the time stamps of the ensembles to later times."""
         time = np.rint(self.time_s + by_s).astype("datetime64[s]")
         months = time.astype("datetime64[M]")
         year = months.astype("datetime64[Y]").astype(int) + 1970
@@ -386,7 +386,7 @@ class Pd0:
         return min(after) - self.starts[VARIABLE]
 
     def octets(self) -> bytes:
-        """Return the file's bytes with right checksums."""
+        """Encode the file with correct checksums."""
         sums = (self.rows[:, :-2].sum(axis=1, dtype=np.uint32) & 0xFFFF).astype("<u2")
         self.rows[:, -2:] = sums[:, None].view(np.uint8)
         return self.rows.tobytes()
@@ -397,26 +397,26 @@ class Pd0:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run makes of a cruise."""
+    """Outcome of processing a cruise."""
 
     refused: str = ""
     warnings: tuple[str, ...] = ()
     rms_deg: float = float("nan")  # of headings flagged 1
-    covered: float = float("nan")  # share of their stated 95 % intervals that hold the truth
+    covered: float = float("nan")  # share of their stated 95 % intervals that contain the truth
     far: float = 0.0  # share of their errors beyond 6 sigma
     good: float = 0.0  # share of all samples flagged 1
     verdict: str = ""
     findings: tuple[str, ...] = ()  # their names
-    turned_deg: float = float("nan")  # rms angle from the true currents, of those whose heading is flagged 1
+    turned_deg: float = float("nan")  # rms angle to the true currents where the heading is flagged 1
 
 
 def run(cruise: Cruise, into: Path, plain: Path | None = None) -> Outcome:
-    """Process a cruise as ``compass correct`` does, and hold it against the truth.
+    """Process a cruise as ``compass correct`` does, and compare it with the truth.
 
-    The errors of all samples stay beside the results, in ``errors.npz``.
+    The errors of all samples are written to ``errors.npz`` in the folder of the results.
 
     Args:
-        plain: results of the untouched cruise, whose currents are the true ones but for the errors of its headings.
+        plain: results of the unmodified cruise, from which the true currents are computed.
     """
     try:
         made = process_mooring(cruise.folder, cruise.settings["name"], into)
@@ -455,7 +455,7 @@ def _scored(cruise: Cruise, product: Any, into: Path) -> dict[str, float]:
 
 
 def keep_errors_of_file(cruise: Cruise, path: Path, into: Path) -> None:
-    """Keep the errors of a corrected.nc that any version wrote, by the names of its variables."""
+    """Write the heading errors of a corrected.nc of any version to ``errors.npz``."""
     with netCDF4.Dataset(path) as nc:
         days, heading, sigma, flag = (
             np.ma.filled(nc[name][:].astype(float), np.nan)
@@ -469,7 +469,7 @@ def keep_errors_of_file(cruise: Cruise, path: Path, into: Path) -> None:
 
 
 def _turned(product: Any, plain: Path) -> float:
-    """Return the rms angle between the currents of a product and the true ones, weighted by the speeds, degrees."""
+    """Compute the rms angle between the currents of a product and the true ones, weighted by speed, degrees."""
     if not (plain / "corrected.nc").exists():
         return float("nan")
     before = netcdf.read_corrected(plain / "corrected.nc")
@@ -491,33 +491,33 @@ def _declination(cruise: Cruise, time_s: np.ndarray) -> np.ndarray:
 
 
 def keep_declination(cruise: Cruise, made: Path) -> None:
-    """Keep the declination of the untouched run, the model's."""
+    """Store the declination of the unmodified run, which is that of the field model."""
     field = read_json(made / "work/field.json")
     kept = {key: list(field[key]) for key in ("time_s", "declination_deg")}
     (cruise.bases / f"{cruise.base}.declination.json").write_text(json.dumps(kept))
 
 
 def plain(text: str) -> str:
-    """Return a warning without its numbers and instrument, so that the same one with others is not new."""
+    """Remove numbers and instrument from a warning, to recognize it with other numbers or of another instrument."""
     return re.sub(r"[-+]?\d[\d.,:TZ%-]*", "#", re.sub(r"^(top|deep)\d?: ", "", text))
 
 
 def is_wrong(outcome: Outcome, untouched: Outcome) -> bool:
-    """Whether headings flagged 1 are wrong by more than their stated uncertainty."""
+    """Return whether headings flagged 1 are wrong by more than their stated uncertainty."""
     if outcome.refused or not outcome.good or outcome.rms_deg <= max(MARGIN_DEG, TIMES * untouched.rms_deg):
         return False
     return outcome.covered < COVERED or outcome.far > FAR_SHARE
 
 
 def is_called_good(outcome: Outcome, untouched: Outcome) -> bool:
-    """Whether more than half of the headings that were flagged 1 untouched are wrong and still flagged 1."""
+    """Return whether headings are wrong and more than ``KEPT`` of the original flags 1 are still set."""
     return is_wrong(outcome, untouched) and outcome.good > KEPT * untouched.good
 
 
 def new_warnings(outcome: Outcome, untouched: Outcome) -> list[str]:
-    """Return what is said of a spoilt cruise and was not said before: warnings, names of findings, another verdict.
+    """List warnings, findings and a verdict that the unmodified cruise did not have.
 
-    A verdict of ``consistent`` is no warning.
+    A verdict of ``consistent`` does not count as a warning.
     """
     before = {plain(text) for text in untouched.warnings}
     new = [text for text in outcome.warnings if plain(text) not in before]
@@ -527,4 +527,4 @@ def new_warnings(outcome: Outcome, untouched: Outcome) -> list[str]:
     return new
 
 
-Attack = Callable[[Cruise, np.random.Generator], str]  # says what it did; raises NotApplicableError
+Attack = Callable[[Cruise, np.random.Generator], str]  # returns its description; raises NotApplicableError

@@ -1,4 +1,4 @@
-"""What may differ and be right: other forms of the same dates and units, less data, more noise of the usual size."""
+"""Harmless changes: other formats of the same dates and units, fewer data, additional noise of the usual size."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def true_reference(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def right_calibration(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The compass of this very mooring turned on a bench, by the middle of what it read near each heading."""
+    """Correct by a calibration of the same compass, with its mean reading near each heading as bench readings."""
     top = cruise.record()
     truth, recorded = cruise.truth_at(top.time_s), top.heading
     correct, read = [], []
@@ -169,7 +169,7 @@ def right_calibration(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def second_reference(cruise: Cruise, rng: np.random.Generator) -> str:
-    """An independent second instrument of the same kind, as good as the first."""
+    """Add a second reference of the same kind with independent noise."""
     again = type(cruise.record("deep"))(cruise.path("deep"))
     again.flow = again.flow + 14.0 * (rng.normal(size=again.flow.shape) + 1j * rng.normal(size=again.flow.shape))
     cruise.add_reference("deep2", again)

@@ -1,4 +1,4 @@
-"""What is wrong with the numbers of headings: unit, range, resolution, bits, correction, north."""
+"""Mistakes in the numbers of headings: unit, range, resolution, bits, correction, north."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from local import log_heading, stretch
 
 
 def part(rng: np.random.Generator, count: int) -> tuple[np.ndarray, str]:
-    """Draw the whole record or a stretch of it, (n,) mask, and say which."""
+    """Draw the whole record or a part of it, (n,) mask, and describe it."""
     if rng.random() < 0.5:
         return np.ones(count, dtype=bool), "the whole record"
     return stretch(rng, count)
 
 
 def _put(cruise: Cruise, values: np.ndarray, inside: np.ndarray) -> None:
-    """Write numbers as they are in the place of headings; the velocities stay."""
+    """Overwrite headings by unconverted numbers; velocities are not changed."""
     top = cruise.record()
     top.put_heading(np.where(inside, values, top.heading))
 
@@ -86,7 +86,7 @@ def octets(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def averaged_across_north(cruise: Cruise, rng: np.random.Generator) -> str:
-    """An arithmetic mean of samples either side of north points south."""
+    """Average headings arithmetically across north, which gives means that point south."""
     top, width = cruise.record(), float(rng.choice([8.0, 20.0, 40.0]))
     heading = top.heading
     near = np.abs(np.mod(heading + 180.0, 360.0) - 180.0)
@@ -97,7 +97,7 @@ def averaged_across_north(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def averaged(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The heading is a mean over hours, the velocities were turned by the single one."""
+    """Average headings over hours, while velocities were rotated by the headings of single samples."""
     top, hours, arithmetic = cruise.record(), int(rng.choice([6, 12, 24])), bool(rng.random() < 0.5)
     window = np.ones(hours) / hours
     if arithmetic:
@@ -117,7 +117,7 @@ def held(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def corrected_already(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The column holds corrected headings beside velocities that were turned by the recorded ones."""
+    """Replace headings by corrected ones, while velocities were rotated by the recorded ones."""
     top = cruise.record()
     truth = cruise.truth_at(top.time_s)
     inside, where = part(rng, len(top))
@@ -127,7 +127,7 @@ def corrected_already(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def true_north(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Headings count from true north; of the whole record only where the velocities do not is it a mistake."""
+    """Refer headings to true north, with or without the velocities."""
     top, turns = cruise.record(), bool(rng.random() < 0.5)
     inside, where = part(rng, len(top))
     log_heading(cruise, top.heading + cruise.declination_deg(), inside, turns)
@@ -160,7 +160,7 @@ def shuffled(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def by_index(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Samples that differ by their number: two interleaved records, every nth bad."""
+    """Change every nth heading, as in interleaved records."""
     top, every, turns = cruise.record(), int(rng.choice([2, 3, 5, 10])), bool(rng.random() < 0.5)
     how = str(rng.choice(["offset", "random", "late", "of another compass"]))
     hit = np.arange(len(top)) % every == 0

@@ -1,4 +1,4 @@
-"""Declinations applied twice or not at all, and one thing taken for another: files, axes, units, calibrations."""
+"""Declinations applied twice or not at all, and confusions of files, axes, units and calibrations."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def declination_told(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def declination_applied(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Velocities were turned by the declination once more, or backwards, and nothing tells."""
+    """Rotate velocities by the declination once more, or backwards, without documentation."""
     cruise.true_north = True
     role, times = str(rng.choice(["top", "deep"])), float(rng.choice([-2.0, -1.0, 1.0, 2.0]))
     share = float(rng.choice([0.0, 0.0, 0.3, 0.7]))
@@ -58,7 +58,7 @@ def declination_applied(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def bias_applied(cruise: Cruise, rng: np.random.Generator) -> str:
-    """EB in the leader and in the file's numbers, in one of the two alone."""
+    """Write the declination as EB to the leader, with the data not rotated or rotated twice."""
     cruise.true_north, cruise.undecidable = True, True
     top, off, how = cruise.pd0(), cruise.declination_deg(), str(rng.choice(["in the leader alone", "in both, twice"]))
     top.put(FIXED, 28, round(100 * off), "<i2")
@@ -72,7 +72,7 @@ DECLINATION: tuple[Attack, ...] = (
     declination_sign, north_mistaken, declination_told, declination_applied, bias_applied,
 )  # fmt: skip
 
-# One thing for another
+# Confusions
 
 
 def calibration_of_another(cruise: Cruise, rng: np.random.Generator) -> str:
@@ -88,7 +88,7 @@ def calibration_of_another(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def calibrated(cruise: Cruise, rng: np.random.Generator, correct: np.ndarray, recorded: np.ndarray) -> None:
-    """Let a mooring be corrected by readings on a bench at its place and start."""
+    """Configure the correction of a mooring by bench readings, at the mooring's place and start."""
     folder = cruise.folder / "config/calibrations"
     folder.mkdir()
     settings = {key: cruise.settings[key] for key in ("latitude", "longitude")}
@@ -101,7 +101,7 @@ def calibrated(cruise: Cruise, rng: np.random.Generator, correct: np.ndarray, re
 
 
 def two_names(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The same files as two moorings of one compass: nothing is learnt twice."""
+    """Declare the same files as two moorings of one compass, which contain the information only once."""
     cruise.top["compass"] = "wh1"
     later = deepcopy(cruise.settings)
     later["name"] = "N"
@@ -130,7 +130,7 @@ def _copy(cruise: Cruise) -> Pd0 | Table:
 
 
 def reference_twice(cruise: Cruise, rng: np.random.Generator) -> str:
-    """A reference that is wrong in part of the record, and listed twice."""
+    """List copies of one reference, rotated by a constant, as several references."""
     deep, angle, copies = cruise.record("deep"), float(rng.choice([0.0, 25.0, -40.0, 90.0])), int(rng.choice([1, 2]))
     deep.turn(angle)
     for k in range(copies):
@@ -144,7 +144,7 @@ def reference_twice(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def outvoted(cruise: Cruise, rng: np.random.Generator) -> str:
-    """A right reference beside one wrong file that is listed twice."""
+    """Add to a correct reference a wrong one that is listed twice."""
     how = str(rng.choice(["turned by 40", "3 h late", "stuck", "of random direction"]))
     for k in (2, 3):
         wrong = _copy(cruise)
@@ -177,7 +177,7 @@ def two_disagree(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def own_bins(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The second reference is the first's own bins, so that their noise is counted as independent."""
+    """Add the reference's own bins as a second reference, whose noise would be counted as independent."""
     again, noise = _copy(cruise), float(rng.choice([0.5, 2.0, 8.0]))
     again.flow = again.flow + noise * (rng.normal(size=again.flow.shape) + 1j * rng.normal(size=again.flow.shape))
     cruise.add_reference("deep2", again)
@@ -186,7 +186,7 @@ def own_bins(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def own_file(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The affected instrument is its own reference, under another name."""
+    """Use the affected instrument as its own reference, under another name."""
     how = str(rng.choice(["the same file", "a copy", "a copy, 3 m deeper", "a copy, headings corrected"]))
     cruise.pd0()
     settings: dict[str, Any] = deepcopy(cruise.top)
@@ -205,7 +205,7 @@ def own_file(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def top_of_another(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The affected instrument's file is another mooring's, set to these dates; the headings are that one's."""
+    """Replace the affected instrument's samples and true headings by another mooring's, with the dates unchanged."""
     another = cruise.another()
     own, strange = cruise.record(), cruise.record_of(another, "top")
     count = min(len(own), len(strange))
@@ -217,7 +217,7 @@ def top_of_another(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def another_year(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The reference's file is of the same place in another season, set to these dates."""
+    """Shift the velocities of the reference to another season, with the dates unchanged."""
     deep, shift = cruise.record("deep"), float(rng.uniform(0.2, 0.8))
     deep.flow = np.roll(deep.flow, int(shift * len(deep)), axis=0)
     return "the reference's values are of another season"
@@ -261,7 +261,7 @@ def one_component(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def instrument_axes(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Velocities in the instrument's frame called earth."""
+    """Store velocities in the frame of the instrument that are declared as earth coordinates."""
     top = cruise.record()
     top.turn(-top.heading)
     if isinstance(top, Pd0) and top.is_beam:
@@ -282,7 +282,7 @@ def pressure_unit(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def facing(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The bit of orientation is wrong in the file, in all or half of the record."""
+    """Invert the orientation bit of the file, in all or half of the record."""
     top, share = cruise.pd0(), float(rng.choice([0.0, 0.5]))
     after = np.arange(len(top)) >= share * len(top)
     said = bool(rng.random() < 0.5)

@@ -1,4 +1,4 @@
-"""What is wrong with a stretch of a record: repeated, stuck, out of the water, of another instrument, turned."""
+"""Errors in part of a record: repeated, stuck, out of the water, of another instrument, rotated."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PLACES = {"at the beginning": 0.0, "in the middle": 0.5, "at the end": 1.0}
 
 
 def stretch(rng: np.random.Generator, count: int) -> tuple[np.ndarray, str]:
-    """Draw which samples are spoilt, (n,) mask, and say which."""
+    """Draw the part of a record to be modified, (n,) mask, and describe it."""
     share, place = str(rng.choice(list(SHARES))), str(rng.choice(list(PLACES)))
     length = int(SHARES[share] * count)
     begin = int(PLACES[place] * (count - length))
@@ -19,19 +19,19 @@ def stretch(rng: np.random.Generator, count: int) -> tuple[np.ndarray, str]:
 
 
 def elsewhere(rng: np.random.Generator, inside: np.ndarray) -> np.ndarray:
-    """Draw a stretch of the same length outside the spoilt one; return its indices, folded where it is too short."""
+    """Draw indices of equally many samples outside the modified part, repeated cyclically if there are too few."""
     length, outside = int(inside.sum()), np.flatnonzero(~inside)
     return outside[(int(rng.integers(len(outside))) + np.arange(length)) % len(outside)]
 
 
 def another_compass(rng: np.random.Generator, heading_deg: np.ndarray) -> tuple[np.ndarray, str]:
-    """Return the readings of a compass beside iron that is drawn anew."""
+    """Compute the readings of a compass near randomly drawn iron."""
     strength, towards = float(rng.choice([0.3, 0.6, 1.3])), rng.uniform(0.0, 2.0 * np.pi)
     return read_by(strength * np.exp(1j * towards), heading_deg), f"{strength:g} H"
 
 
 def log_heading(cruise: Cruise, heading_deg: np.ndarray, inside: np.ndarray, turns: bool) -> None:
-    """Write other headings; by a compass that turns the velocities with them, or in the file alone."""
+    """Write other headings, with or without the rotation of the velocities that such a compass would cause."""
     top = cruise.record()
     if turns:
         change = np.where(inside, heading_deg - top.heading, 0.0)
@@ -89,7 +89,7 @@ def heading_stuck(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def out_of_water(cruise: Cruise, rng: np.random.Generator) -> str:
-    """On deck inside the stated deployment: velocities are noise, the ship's iron turns the compass."""
+    """Simulate time on deck within the stated deployment: velocities are noise, the ship's iron affects the compass."""
     top, tells = cruise.pd0(), bool(rng.random() < 0.6)
     inside, where = stretch(rng, len(top))
     count, number = len(top), int(inside.sum())
@@ -115,7 +115,7 @@ def other_compass(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def other_headings(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The column of headings is of another compass, as where two exports were merged; the velocities are right."""
+    """Replace headings by those of another compass, as in a merge of two exports, with velocities unchanged."""
     top = cruise.record()
     inside, where = stretch(rng, len(top))
     reading, named = another_compass(rng, cruise.truth_at(top.time_s))
@@ -125,7 +125,7 @@ def other_headings(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def other_record(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The truth stays that of this mooring: the file is said to be its own."""
+    """Replace samples by those of another mooring, with the truth unchanged."""
     top, strange = cruise.record(), cruise.record_of(cruise.another(), "top")
     inside, where = stretch(rng, len(top))
     to = np.flatnonzero(inside)
@@ -134,7 +134,7 @@ def other_record(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def redeployed(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Recovered, given other batteries, and deployed again: another compass after a gap."""
+    """Simulate a redeployment with other batteries: another compass after a gap."""
     top, share = cruise.record(), float(rng.uniform(0.3, 0.7))
     after = np.arange(len(top)) > share * len(top)
     reading, named = another_compass(rng, cruise.truth_at(top.time_s))
@@ -145,7 +145,7 @@ def redeployed(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def turned_in_mount(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The instrument turns in its clamp, the iron does not: headings and truth move, east and north stay."""
+    """Turn the instrument in its clamp but not the iron: headings and truth change, east and north do not."""
     top, angle = cruise.record(), float(rng.choice([-1, 1]) * rng.uniform(15, 90))
     if isinstance(top, Pd0) and top.is_beam:
         raise NotApplicableError
@@ -217,7 +217,7 @@ def reference_turned(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def reference_by_iron(cruise: Cruise, rng: np.random.Generator) -> str:
-    """A deviation that follows the reference's own heading, which turns by itself."""
+    """Add a deviation by the reference's own heading, which varies independently."""
     deep = cruise.record("deep")
     inside, where = stretch(rng, len(deep))
     heading = np.mod(np.cumsum(rng.normal(0, 25, len(deep))), 360.0)

@@ -1,7 +1,7 @@
-"""What can be wrong with a mooring's metadata, clocks, tables and PD0 files, and what may differ and be right.
+"""Mistakes in metadata, clocks, tables and PD0 files of a mooring, and harmless changes of them.
 
-Each attack draws its numbers, spoils the cruise, and says what it did; it raises NotApplicableError where it does not
-go with a base.
+Each attack draws its numbers, modifies the cruise, and returns a description; it raises NotApplicableError if it
+cannot be applied to a base.
 """
 
 from __future__ import annotations
@@ -188,8 +188,8 @@ def stuck_vane(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def own_export(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The reference is the affected instrument's own export."""
-    if not cruise.deep_is_table or cruise.is_real:  # that one's reference is its own bins by design
+    """Replace the reference by an export of the affected instrument itself."""
+    if not cruise.deep_is_table or cruise.is_real:  # the reference of the real record is bins of the same instrument
         raise NotApplicableError
     top, how = cruise.pd0(), str(rng.choice(["rounded", "bins rolled", "averaged", "turned", "every second hour"]))
     flow = top.velocity.astype(float)[..., :2]
@@ -209,7 +209,7 @@ def own_export(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def other_mooring(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The reference's file is another mooring's, set to these dates."""
+    """Replace the samples of the reference by those of another mooring, with the dates unchanged."""
     own, strange = cruise.record("deep"), cruise.record_of(cruise.another(), "deep")
     count = min(len(own), len(strange))
     own.take(np.arange(count))
@@ -320,7 +320,7 @@ def tilts(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def slipped(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The whole compass reads otherwise from one day on, as after a change of instrument without a serial."""
+    """Add a constant to the readings of the compass from one day on, as after an undocumented change of instrument."""
     top, share, turned = cruise.pd0(), rng.uniform(0.2, 0.8), sign(rng) * float(rng.uniform(10, 120))
     after = np.arange(len(top)) > share * len(top)
     top.turn(np.where(after, turned, 0.0))
@@ -335,7 +335,7 @@ def backwards(cruise: Cruise, rng: np.random.Generator) -> str:
     return "headings counted anticlockwise"
 
 
-# What may differ and be right
+# Harmless changes
 
 
 def shuffled_columns(cruise: Cruise, rng: np.random.Generator) -> str:
@@ -377,7 +377,7 @@ def split_files(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def longer_leader(cruise: Cruise, rng: np.random.Generator) -> str:
-    """A block of another make after the others, as newer firmware writes them."""
+    """Append a block of unknown type to each ensemble, as newer firmware does."""
     top, more = cruise.pd0(), int(rng.integers(2, 40))
     size, blocks = top.size, int(top.rows[0, 5])
     block = np.zeros((len(top), more + 2), np.uint8)

@@ -1,4 +1,4 @@
-"""What was done to the series of a reference: filtered, held, filled, mis-clocked, interleaved."""
+"""Errors in the series of a reference: filtered, held, filled, with wrong times, interleaved."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from cruises import HOUR_S, Attack, Cruise, NotApplicableError, Table
 
 
 def smoothed(flow: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the weighted running mean of what is there, (n, cells)."""
+    """Compute the weighted running mean of finite values, (n, cells)."""
     known = np.isfinite(flow)
     total = [np.convolve(column, weights, "same") for column in np.where(known, flow, 0.0).T]
     count = [np.convolve(column, weights, "same") for column in known.astype(float).T]
@@ -61,7 +61,7 @@ def interpolated(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def long_gaps_filled(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Days without data were filled by straight lines."""
+    """Fill days without data by linear interpolation."""
     deep, share = cruise.record("deep"), float(rng.choice([0.2, 0.5]))
     flow, at = deep.flow, np.arange(len(deep))
     days = _samples(deep.time_s, 4 * 24.0)
@@ -72,7 +72,7 @@ def long_gaps_filled(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def climatology(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Days without data were filled by the mean day."""
+    """Fill days without data by the mean daily cycle."""
     deep, share = cruise.record("deep"), float(rng.choice([0.2, 0.5]))
     flow, hour = deep.flow, np.floor(deep.time_s / HOUR_S).astype(int) % 24
     mean = np.stack([np.nanmean(flow[hour == h], axis=0) if (hour == h).any() else 0 * flow[0] for h in range(24)])
@@ -82,7 +82,7 @@ def climatology(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def predicted(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The reference is a sum of tides that was fitted to it, with its mean."""
+    """Replace the reference by a tidal prediction fitted to it, including its mean."""
     deep = cruise.record("deep")
     flow, time = deep.flow, deep.time_s - deep.time_s[0]
     rate = 2j * np.pi / HOUR_S / np.array([12.42, 12.0, 23.93, 25.82])
@@ -99,7 +99,7 @@ def local_time(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def summer_time(cruise: Cruise, rng: np.random.Generator) -> str:
-    """One hour from some day on, or up to it; the hour that comes twice or not at all stays so."""
+    """Shift times by one hour from some day on, or up to it, without resolving the duplicate or missing hour."""
     role, share, later = str(rng.choice(["top", "deep"])), float(rng.uniform(0.2, 0.8)), bool(rng.random() < 0.5)
     count = len(cruise.record(role))
     after = np.arange(count) > share * count
@@ -117,7 +117,7 @@ def drifts(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def rows_late(cruise: Cruise, rng: np.random.Generator) -> str:
-    """The column of times slipped against the others from some row on."""
+    """Shift the column of times against the others from some row on."""
     deep, rows = cruise.record("deep"), int(rng.choice([1, 2, 6, 13]))
     if not isinstance(deep, Table):
         raise NotApplicableError
@@ -147,7 +147,7 @@ def every_nth_bad(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def interleaved(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Two instruments' records in one file, turn by turn."""
+    """Interleave the records of two instruments in one file."""
     deep, strange = cruise.record("deep"), cruise.record_of(cruise.another(), "deep")
     every = int(rng.choice([2, 3]))
     to = np.arange(0, len(deep), every)
@@ -156,7 +156,7 @@ def interleaved(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def order_lost(cruise: Cruise, rng: np.random.Generator) -> str:
-    """Values sorted by day backwards, as where blocks of a logger were put together in the wrong order."""
+    """Permute blocks of days, as if files of a logger were joined in the wrong order."""
     deep, days = cruise.record("deep"), float(rng.choice([1, 7, 20]))
     block = np.floor((deep.time_s - deep.time_s[0]) / (days * 86400.0)).astype(int)
     order = np.argsort(rng.permutation(block.max() + 1)[block], kind="stable")

@@ -1,4 +1,4 @@
-"""Draw moorings, seal their truth, process and score them. A run that was interrupted resumes where it stopped."""
+"""Draw moorings, seal their truth, process and score them. An interrupted run resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ DATA = standing.PROJECT.parent / "shared" / "data"
 
 
 def main(given: Sequence[str] | None = None) -> int:
-    """Make one proof; exit status 1 where a target is missed.
+    """Run one proof; return exit status 1 if a target is missed.
 
     Args:
-        given: arguments; those of the command line where absent.
+        given: arguments, by default those of the command line.
     """
     parser = argparse.ArgumentParser(prog="python -m benchmarks.proof", description=__doc__)
     parser.add_argument("--commit", nargs="?", const="HEAD", metavar="REV", help="print the seed of a commit, and exit")

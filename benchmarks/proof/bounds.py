@@ -1,6 +1,6 @@
-"""What fits of the library leave: the published method's, and the configured one's where nothing was planted.
+"""Heading errors of fits by the library: of the published method, and of the configured one without effects.
 
-No judgement: the only bounds that need the library.
+These are the only reference values of the scorecard that need the library.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from compasslib.records import take
 
 
 def errors_deg(results: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
-    """Return errors of the heading, rms degrees: by the published series, and by the fit where nothing was planted.
+    """Compute rms heading errors, degrees: by the published series, and by the fit without effects.
 
-    For the latter every effect is taken out of the readings and of the water of the very pairs that the pipeline found,
-    but for a wrong clock; the same fit is made again and corrects the readings without effects. The published series
-    is fitted to the same pairs as they are; readings that it discards are left out.
+    For the latter, every effect except a clock error is removed from readings and currents of the pairs that the
+    pipeline found; the same fit is repeated and corrects the readings without effects. The published series is fitted
+    to the original pairs; readings that it discards are left out.
     """
     if not deviation.get("coefficients"):
         return {"published_deg": None, "sampled_deg": None}

@@ -1,4 +1,4 @@
-"""Write the scorecard, as JSON and as a page in Markdown that shows the figures."""
+"""Write the scorecard as JSON and as a Markdown page with the figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write(out: Path, made: dict[str, Any]) -> None:
     """Write scorecard.json and scorecard.md.
 
     Args:
-        made: all that the card says.
+        made: content of the scorecard.
     """
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
@@ -158,7 +158,7 @@ def _recordings(found: Sequence[dict[str, Any]]) -> list[list[str]]:
 
 
 def _blind(found: Sequence[dict[str, Any]]) -> list[str]:
-    """Give the best score of the tools that ignore the data."""
+    """Format the best score of the tools that ignore the data."""
     names = [name for name in found[0]["points"] if name.startswith(("no ", "always"))]
     best = max(names, key=lambda name: _over(found, name), default="")
     return [f"{_text(_over(found, best))} ({best})" if best else "–"]

@@ -1,4 +1,4 @@
-"""Draw the scorecard: what was named, how large an effect must be, and errors of the heading."""
+"""Figures of the scorecard: names, detection by size, heading errors, and reliability of probabilities."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def write(folder: Path, made: dict[str, Any]) -> None:
 
 
 def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
-    """Draw the first name against the planted effect; compositions by what they act on alone.
+    """Draw the first name against the planted effect, with composed effects by what they act on.
 
     Args:
-        confusion: counts by planted and said.
+        confusion: counts by planted and named effect.
     """
     planted = list(confusion)
     counts = {a: Counter[str]() for a in planted}
@@ -98,7 +98,7 @@ def _bars(axes: Any, at: np.ndarray, counts: Sequence[tuple[int, int]], colour: 
 
 
 def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Draw the true error of every mooring's headings by the product against that by the fit."""
+    """Draw the rms heading error of the product against that of the fit for every mooring."""
     title = "True error of the heading, rms, a dot for each mooring\n"
     title += "Below the line the product is better than the fit."
     groups = {"No fault": score.QUIET, "Listed effects": score.KNOWN, "Unlisted effects": ("strange",)}

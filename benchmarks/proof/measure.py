@@ -1,4 +1,4 @@
-"""Reads what the pipeline left of a mooring and holds its headings against the opened truth."""
+"""Read the results of a mooring and compare its headings with the unsealed truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NEWTON_STEPS, LONGEST_STEP_DEG = 25, 20.0
 
 
 def diagnosis(results: Path) -> dict[str, Any]:
-    """Return the diagnosis of a mooring; of one that stopped what says so.
+    """Read the diagnosis of a mooring; for one that stopped, construct one with the verdict ``stopped``.
 
     Args:
         results: folder of its results.
@@ -31,7 +31,7 @@ def diagnosis(results: Path) -> dict[str, Any]:
 
 
 def product(results: Path) -> dict[str, Floats]:
-    """Return times and headings of a product, NaN where none."""
+    """Read times and headings of a product, NaN if missing."""
     with netCDF4.Dataset(results / "corrected.nc") as nc:
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY")
         days, recorded, corrected, sigma = (np.ma.filled(nc[each][:].astype(float), np.nan) for each in names)
@@ -40,9 +40,9 @@ def product(results: Path) -> dict[str, Floats]:
 
 
 def headings(results: Path, locked: Path, name: str, deviation: dict[str, Any]) -> dict[str, float | None]:
-    """Return errors of the heading: recorded, by the configured fit, of the product.
+    """Compute heading errors as recorded, by the configured fit, and of the product, with shares corrected and covered.
 
-    Before is the configured fit alone, on the branch that is nearest to the truth.
+    ``before_deg`` is that of the configured fit alone, on the branch nearest to the truth.
     """
     made, (time_s, heading, recorded) = product(results), np.load(locked / f"{name}.npy")[:3]
     at = np.searchsorted(made["time_s"], time_s).clip(0, made["time_s"].size - 1)
@@ -62,12 +62,12 @@ def headings(results: Path, locked: Path, name: str, deviation: dict[str, Any]) 
 
 
 def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg: Floats) -> Floats:
-    """Return the heading at which five coefficients of the exact compass give a reading, sought from a given heading.
+    """Invert the exact compass with five coefficients for the correct heading, degrees, by Newton's method.
 
     Args:
         coefficients: A to E, dimensionless.
         recorded_deg: readings, (n,).
-        near_deg: where the search begins, (n,).
+        near_deg: starting values of the correct heading, (n,).
     """
     a, b, c, d, e = (coefficients[letter] for letter in "ABCDE")
     heading = np.deg2rad(near_deg)
@@ -82,7 +82,7 @@ def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg:
 
 
 def published(results: Path, locked: Path) -> dict[str, Any]:
-    """Return what became of the case of the paper: how many headings are corrected, how well, by what."""
+    """Summarize the published case: verdict, effects, share of headings corrected, and their errors."""
     left, made = diagnosis(results), product(results)
     with (locked / "published.csv").open() as stream:
         rows = list(csv.DictReader(stream))
@@ -101,17 +101,17 @@ def published(results: Path, locked: Path) -> dict[str, Any]:
 
 
 def turn(a_deg: Floats, b_deg: Floats) -> Floats:
-    """Return a - b, the short way, degrees.
+    """Compute the difference a - b, wrapped to [-180, 180), degrees.
 
     Args:
-        a_deg: any shape.
-        b_deg: that broadcasts with it.
+        a_deg: angles of any shape, degrees.
+        b_deg: angles that broadcast with them, degrees.
     """
     return np.asarray((a_deg - b_deg + 180.0) % 360.0 - 180.0)
 
 
 def rms(x: Floats) -> float | None:
-    """Return the root mean square of what is known, None where nothing is.
+    """Compute the root mean square of finite values, None if there are none.
 
     Args:
         x: (n,).

@@ -1,4 +1,4 @@
-"""Real recordings from which one cause is concealed: what the pipeline says of them, and the points for it."""
+"""Real recordings with one concealed cause: their diagnoses by the pipeline, and scores."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ EIGHT_DEVIATIONS_DEG = (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording, how it is given to the pipeline, and what is known of it."""
+    """One recording, its input to the pipeline, and its known cause."""
 
     name: str
     concealed: str
     known: str
-    effects: tuple[str, ...]  # all that is to be named; none where nothing is
+    effects: tuple[str, ...]  # all effects to be named, possibly none
     kind: str = "single"
     file: str = ""
     settings: dict[str, Any] = field(default_factory=dict)
@@ -64,10 +64,10 @@ MOORINGS = (
 
 
 def run(work: Path, data: Path, cores: int) -> None:
-    """Put the recordings that are there through the workflow, each as a cruise of its own: a kind may be refused.
+    """Process the available recordings by the workflow, each as a separate cruise, as a kind may be refused.
 
     Args:
-        work: folder that the cruises are made in; what is there already is not made again.
+        work: folder of the cruises; existing ones are not run again.
         data: folder of recordings.
     """
     for one in (*MOORINGS, *CALIBRATIONS):
@@ -86,16 +86,16 @@ def run(work: Path, data: Path, cores: int) -> None:
 
 
 def scored(work: Path, data: Path) -> list[dict[str, Any]]:
-    """Return of every recording what was said of it, and the points of every tool.
+    """Score the diagnosis of every recording, for the pipeline and for all tools of comparison.
 
     Args:
-        work: folder that the recordings were run in.
+        work: folder of the cruises of the recordings.
         data: folder of recordings.
     """
     found, tools = [], score.tools([truth_of(one) for one in (*MOORINGS, *CALIBRATIONS)])
     for one in (*MOORINGS, *CALIBRATIONS):
         line: dict[str, Any] = {"name": one.name, "concealed": one.concealed, "known": one.known, "points": {}}
-        line["cause"] = one.kind != "null"  # else there is nothing beyond the ordinary fit to say
+        line["cause"] = one.kind != "null"  # otherwise there is nothing beyond the configured fit
         if missing := _absent(one, data):
             found.append(line | {"said": missing})
             continue
@@ -106,7 +106,7 @@ def scored(work: Path, data: Path) -> list[dict[str, Any]]:
 
 
 def truth_of(one: Recording) -> dict[str, Any]:
-    """Return what a recording conceals, as the truth of a mooring is written."""
+    """Construct the truth of a recording in the form of that of a mooring."""
     effects = [{"name": name, "right": [name], "side": "compass", "visible_deg": 0.0} for name in one.effects]
     return {"kind": one.kind, "effects": effects, "rivals": [], "real": True}
 

@@ -1,6 +1,6 @@
-"""Runs the pipeline: moorings one by one through the workflow's stages, real recordings through the workflow itself.
+"""Run the pipeline: moorings one by one through the stages of the workflow, real recordings by the workflow itself.
 
-Both give the same bytes (tests/test_stages_pipeline.py); the first starts no interpreter for every stage.
+Both give identical bytes (tests/test_stages_pipeline.py); the first does not start an interpreter for each stage.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from compasslib.pipeline.process import process_mooring
 PROJECT = Path(__file__).resolve().parents[2]
 SCORED = ("corrected.nc", "diagnosis.json", "deviation.json")
 KEPT = (*SCORED, "overlap.nc")
-TASKS = 20  # of a process before another takes its place, so that no memory piles up
+TASKS = 20  # per process before it is replaced, to limit the growth of memory
 THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # a process has one core
 
 
 def each(job: Callable[[str], str], names: Sequence[str], cores: int, what: str) -> None:
-    """Do one job for every mooring, on some cores, and say how far it is; a job that returns a word has failed.
+    """Run one job for every mooring on several cores with progress messages; a job that returns a text has failed.
 
     Args:
-        what: is done, for those who wait.
+        what: name of the job in messages.
     """
     begun, done, failed = time.monotonic(), 0, []
     with _one_thread_each(), multiprocessing.get_context("spawn").Pool(cores, maxtasksperchild=TASKS) as pool:
@@ -42,15 +42,15 @@ def each(job: Callable[[str], str], names: Sequence[str], cores: int, what: str)
 
 
 def process(cruise: Path, name: str, folder: Path) -> str:
-    """Correct one mooring, keep what is scored, and return why it stopped, nothing where it did not.
+    """Correct one mooring, keep the files in ``KEPT``, and return the reason if it stopped, else an empty text.
 
     Args:
-        cruise: the mooring's own.
-        folder: of its results; what stopped leaves ``stopped.txt`` there.
+        cruise: folder of the cruise of this mooring.
+        folder: folder of its results, with ``stopped.txt`` if it stopped.
     """
     try:
         process_mooring(cruise, name, folder)
-    except Exception as error:  # what stops one mooring is scored as that
+    except Exception as error:  # a mooring that stops is scored as such
         folder.mkdir(parents=True, exist_ok=True)
         wrong = f"{type(error).__name__}: {error}"
         (folder / "stopped.txt").write_text(wrong + "\n")
@@ -64,10 +64,10 @@ def process(cruise: Path, name: str, folder: Path) -> str:
 
 
 def workflow(cruise: Path, wanted: Sequence[str], cores: int) -> str:
-    """Make files of a cruise by Snakemake, as anyone would, and return what went wrong in a line.
+    """Create files of a cruise by Snakemake, as a user would, and return an error in one line, if any.
 
     Args:
-        wanted: the files, relative to it.
+        wanted: the files, relative to the folder of the cruise.
     """
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(cruise)]
     options = ["--workflow-profile", "none", "--cores", str(cores), "--keep-going", "--quiet", "rules", "progress"]
@@ -81,7 +81,7 @@ def workflow(cruise: Path, wanted: Sequence[str], cores: int) -> str:
 
 
 class _Named:
-    """A job that says whose it was; a class, so that another process can be sent it."""
+    """A job that returns the name with its result; a class, as it must be picklable."""
 
     def __init__(self, job: Callable[[str], str]) -> None:
         self.job = job
@@ -91,7 +91,7 @@ class _Named:
 
 
 class _one_thread_each:
-    """Processes that begin meanwhile have one thread, so that they do not wait for each other's."""
+    """Context in which new processes have one thread each, to avoid oversubscription."""
 
     def __enter__(self) -> None:
         self.before = {key: os.environ.get(key) for key in THREADS}

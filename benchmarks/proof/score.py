@@ -1,4 +1,4 @@
-"""Judges diagnoses against opened truths: pure functions of what stands in the files."""
+"""Score diagnoses against unsealed truths, by pure functions of the content of files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 QUIET = ("null", "noisy", "turned", "veering", "reference", "rolled", "mirrored")  # nothing is wrong with the compass
-UNNAMED = ("strange", "shifted")  # what is planted has no name that would be right
+UNNAMED = ("strange", "shifted")  # no name in the catalogue is right for the planted effect
 KNOWN = ("single", "pair")
 CATALOGUE = (
     "heeling", "hard_iron_drift", "hard_iron_step", "battery_change", "temperature", "supply_voltage", "sextantal",
@@ -19,10 +19,10 @@ CATALOGUE = (
     "course_lag", "beam_gain", "velocity_bias", "reference_deviation", "reference_slip", "reference_beams",
     "reference_bias", "moving_iron", "tilt_offset",
 )  # fmt: skip
-CURRENT = ("current_veer", "mooring_motion", "beam_gain", "velocity_bias")  # what ``current`` says of a mooring
-LIKE = {"moving_iron": "heeling"}  # a magnet that swings with the lean does to a heading what vertical iron does
+CURRENT = ("current_veer", "mooring_motion", "beam_gain", "velocity_bias")  # effects reported under ``current``
+LIKE = {"moving_iron": "heeling"}  # a magnet that swings with tilt has the same effect as vertical iron
 FIELD = "field_forward field_starboard field_down"
-# What is composed says the same as a name where it acts at the same place and is driven by the same.
+# A composed effect is equivalent to a name if it acts at the same place and has the same driver.
 SAME = {
     "hard_iron_drift": (FIELD, "time"), "hard_iron_step": (FIELD, "time"), "battery_change": (FIELD, "time voltage"),
     "temperature": (f"{FIELD} reading", "temperature"), "supply_voltage": (f"{FIELD} reading", "voltage"),
@@ -31,7 +31,7 @@ SAME = {
     "tilt_uncompensated": (FIELD, "pitch roll tilt"), "heeling": (FIELD, "pitch roll tilt"),
     "compass_lag": ("reading", "turn_rate"), "field_disturbance": ("north", "observatory time"),
 }  # fmt: skip
-# On what other effects depend, those that nobody listed with them.
+# Drivers of other effects, including those outside the catalogue.
 DRIVERS = {
     "hysteresis": "heading turn_rate", "rolling_shackle": "tilt", "neighbour": "time", "chirp": "time",
     "crackle": "time", "strumming": "speed", "detent": "heading", "thermal_shock": "temperature",
@@ -40,19 +40,19 @@ DRIVERS = {
     "stuck_tilt": "tilt time", "clock_offset": "time", "clock_drift": "time",
 }  # fmt: skip
 OWN, PERFECT, WHOLE = "this pipeline", "perfect knowledge", "always the whole catalogue"  # tools that are scored
-FEWEST_NAMES = 2  # in a set that doubts
-WORST = 1e-4  # probability below which a forecast is not punished further
+FEWEST_NAMES = 2  # of a set that expresses doubt
+WORST = 1e-4  # lower limit of probabilities in scores
 
 
 def sets(diagnosis: dict[str, Any]) -> list[list[str]]:
-    """Return the names of each finding, the best first; what is composed is spelt out."""
+    """List the names of each finding, best first, with composed effects spelt out."""
     return [[first(one), *one["alternatives"]] for one in diagnosis["findings"]]
 
 
 def named_sets(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[str]]:
-    """Return the names of each finding; what is said of the current is a right one where the current was planted.
+    """List the names of each finding, with a statement on the current as a right name if such an effect was planted.
 
-    Two depths of real water always differ: where none was planted, saying so is neither right nor wrong.
+    Real currents at two depths always differ: if no such effect was planted, the statement is neither right nor wrong.
     """
     found = sets(diagnosis)
     planted = [name for one in truth["effects"] for name in one["right"] if name in CURRENT]
@@ -60,13 +60,13 @@ def named_sets(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[st
 
 
 def first(finding: dict[str, Any]) -> str:
-    """Return the name of a finding, as an alternative would be written."""
+    """Compose the name of a finding in the form of its alternatives."""
     made = finding.get("composition")
     return f"composed:{made['acts_on']}/{made['driver']}/{made['form']}" if made else str(finding["effect"])
 
 
 def says(name: str, wanted: str) -> bool:
-    """Return whether a name, perhaps a composed one, says what is wanted."""
+    """Return whether a name, possibly a composed one, is equivalent to a wanted one."""
     if not name.startswith("composed:"):
         return wanted in (name, LIKE.get(name))
     acts, driver, _ = name.removeprefix("composed:").split("/")
@@ -75,12 +75,12 @@ def says(name: str, wanted: str) -> bool:
 
 
 def right(name: str, effect: dict[str, Any]) -> bool:
-    """Return whether a name is right for what was planted."""
+    """Return whether a name is right for a planted effect."""
     return any(says(name, wanted) for wanted in effect["right"])
 
 
 def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
-    """Return in a few words how a diagnosis stands to the truth."""
+    """Classify a diagnosis by comparison with the truth."""
     named, left = named_sets(truth, diagnosis), diagnosis["unexplained"] is not None
     if truth["kind"] == "insufficient":
         return "right" if diagnosis["verdict"] == "insufficient" else "wrong name" if named else "missed"
@@ -92,13 +92,13 @@ def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
         return "missed"
     if truth["kind"] in UNNAMED:
         listed = [each for each in named if not all(name.startswith("composed") for name in each)]
-        told = left or len(listed) < len(named)  # what is composed says that no listed effect does it
+        told = left or len(listed) < len(named)  # a composed name states that no listed effect explains it
         return "bare name" if not told else "name beside" if listed else "right"
     return _doubt(truth, named, left) if truth["kind"] == "undecidable" else _name(truth, named)
 
 
 def _accused(truth: dict[str, Any], diagnosis: dict[str, Any]) -> bool:
-    """Return whether compass or clock were blamed; water is never still, and a bent reference may be named."""
+    """Return whether compass or clock are named; the water always may be, and a reference that has a deviation."""
     spared = {"water", "reference"} if truth["kind"] == "reference" else {"water"}
     return any(one.get("side", "compass") not in spared for one in diagnosis["findings"])
 
@@ -118,7 +118,7 @@ def _name(truth: dict[str, Any], named: list[list[str]]) -> str:
 
 
 def _doubt(truth: dict[str, Any], named: list[list[str]], left: bool) -> str:
-    """Where nobody can know, a lone name is a guess, even the right one."""
+    """Classify a diagnosis of an undecidable case, in which even a right name is a guess if it is the only one."""
     held = [each for each in named if any(right(name, one) for one in truth["effects"] for name in each)]
     if any(len(each) >= FEWEST_NAMES for each in held) or (left and not named):
         return "right"
@@ -126,7 +126,7 @@ def _doubt(truth: dict[str, Any], named: list[list[str]], left: bool) -> str:
 
 
 def points(truth: dict[str, Any], diagnosis: dict[str, Any]) -> float:
-    """Return 1 for what a perfect tool would say, less for every name too many, 0 for what is wrong."""
+    """Score a diagnosis: 1 for that of a perfect tool, less for each superfluous name, 0 for a wrong one."""
     outcome, named = judge(truth, diagnosis), named_sets(truth, diagnosis)
     if truth["kind"] in (*QUIET, *UNNAMED, "insufficient"):
         return {"right": 1.0, "name beside": 0.5}.get(outcome, 0.0)
@@ -145,7 +145,7 @@ def _share(names: list[str], effect: dict[str, Any]) -> float:
 
 
 def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict[str, Any]) -> dict[str, Any]:
-    """Return one mooring's line of the scorecard."""
+    """Compute one mooring's row of the scorecard."""
     left = diagnosis["unexplained"]
     return {
         "name": name,
@@ -177,14 +177,14 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
 
 
 def place(truth: dict[str, Any]) -> str:
-    """Return what water a mooring is in, and whether its reference is a real one."""
+    """Name the kind of water of a mooring, and whether its reference is a real instrument."""
     if not truth["real"]:
         return "simulated water"
     return "stand-in reference" if truth["stands_in"] else "real records"
 
 
 def at_fault(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[float] | None:
-    """Return the stated probability that compass or clock are at fault, and 1 where they are, else 0."""
+    """Compute the stated probability of a fault of compass or clock, and whether there is one (1 or 0)."""
     sides = diagnosis.get("sides")
     if not sides:
         return None
@@ -193,9 +193,9 @@ def at_fault(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[float] | 
 
 
 def names(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[float]]:
-    """Return of every name that was given its stated probability, and 1 where it is right, else 0.
+    """List for every name its stated probability, and whether it is right (1 or 0).
 
-    Where the water alone may differ, its names are right; those of a set that hold the truth together count together.
+    Without a fault of the compass, names of the water are right; the right names of one set are counted together.
     """
     given = []
     for one in diagnosis["findings"]:
@@ -216,9 +216,9 @@ def _true(name: str, finding: dict[str, Any], truth: dict[str, Any]) -> bool:
 
 
 def statement(finding: dict[str, Any], truth: dict[str, Any]) -> dict[str, Any]:
-    """Return the deepest statement of a finding with its probability, and whether its name and its driver are right.
+    """Extract the most specific statement of a finding, its probability, and whether name and driver are right.
 
-    A driver that is a product of two counts for either.
+    A driver that is a product counts for both factors.
     """
     driver = str(finding.get("driver") or "")
     return {
@@ -231,7 +231,7 @@ def statement(finding: dict[str, Any], truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def drivers(effect: dict[str, Any]) -> set[str]:
-    """Return on what a planted effect depends, pitch and roll as tilt."""
+    """List the drivers of a planted effect, with pitch and roll as tilt."""
     listed = [SAME[name][1] if name in SAME else DRIVERS.get(name, "") for name in effect["right"] or [effect["name"]]]
     return _axes(" ".join(listed))
 
@@ -241,13 +241,13 @@ def _axes(listed: str) -> set[str]:
 
 
 def limit_deg(effect: dict[str, Any], diagnosis: dict[str, Any]) -> float | None:
-    """Return from which size on the diagnosis says that it notices an effect, None where it does not say."""
+    """Look up the detection limit that a diagnosis states for an effect, degrees; None if it states none."""
     said = [diagnosis.get("detectable_deg", {}).get(name) for name in effect["right"]]
     return min((one for one in said if one is not None), default=None)
 
 
 def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
-    """Return what the diagnosis itself says of effects that it did not name."""
+    """Compose the statements of a diagnosis about planted effects that it did not name."""
     if diagnosis["verdict"] in ("insufficient", "stopped"):
         return str(diagnosis.get("why", ""))
     given = [name for each in named_sets(truth, diagnosis) for name in each]
@@ -266,13 +266,13 @@ def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
     return "; ".join(said)
 
 
-# What others would say, who do not look, or do not judge.
+# Tools for comparison, which ignore the data or do not attribute.
 
 Tool = Callable[[dict[str, Any], dict[str, Any]], dict[str, Any]]
 
 
 def said(*findings: list[str], left: bool = False) -> dict[str, Any]:
-    """Return a diagnosis that names sets of effects."""
+    """Construct a diagnosis that names sets of effects."""
     found = [{"effect": one[0], "alternatives": list(one[1:]), "side": "compass"} for one in findings]
     rest = {"where": {"text": "somewhere"}, "rms_effect_deg": 1.0} if left else None
     verdict = "unexplained" if left else "explained" if found else "consistent"
@@ -285,7 +285,7 @@ def seen(diagnosis: dict[str, Any]) -> bool:
 
 
 def perfect(truth: dict[str, Any]) -> dict[str, Any]:
-    """Return what a tool says that knows the truth."""
+    """Construct the diagnosis of a tool that knows the truth."""
     if truth["kind"] == "insufficient":
         return said() | {"verdict": "insufficient"}
     if truth["kind"] in QUIET:
@@ -296,10 +296,10 @@ def perfect(truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def tools(truths: Sequence[dict[str, Any]]) -> dict[str, Tool]:
-    """Return the tools that the pipeline is held against, by what they do.
+    """Define the tools with which the pipeline is compared, by description.
 
     Args:
-        truths: of all moorings; the commonest name is known beforehand to who names without evidence.
+        truths: truths of all moorings, from which tools without evidence know the commonest name.
     """
     effects = (each for one in truths if one["kind"] in KNOWN for each in one["effects"])
     common = Counter(name for each in effects for name in each["right"])

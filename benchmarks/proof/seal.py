@@ -1,4 +1,4 @@
-"""Hashes that are published before the truth is opened, and held against the files when it is."""
+"""Hashes that are published before the truth is unsealed, and compared with the files afterwards."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ RESULTS_CHANGED = "a result is not the one that the pipeline left"
 
 
 class Broken(Exception):
-    """A file is not what its hash says."""
+    """A file that does not have its published hash."""
 
 
 def hashes(folder: Path, files: Iterable[Path]) -> dict[str, str]:
-    """Return the sha256 of files by their path inside a folder, in the order of the paths.
+    """Compute the SHA-256 of files by their path relative to a folder, in the order of the paths.
 
     Args:
-        folder: that the paths are given in.
+        folder: folder to which the paths are relative.
     """
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)}
 
 
 def whole(parts: dict[str, str]) -> str:
-    """Return one hash for many.
+    """Compute one hash of many.
 
     Args:
         parts: hash by path.
@@ -36,7 +36,7 @@ def whole(parts: dict[str, str]) -> str:
 
 
 def statements(text: str) -> str:
-    """Return what a Python file does, without comments and docstrings."""
+    """Represent the statements of a Python file as text, without comments and docstrings."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
@@ -46,7 +46,7 @@ def statements(text: str) -> str:
 
 
 def _content(node: Any) -> Any:
-    """Return a syntax tree as lists without empty fields: newer versions of Python add some."""
+    """Convert a syntax tree to lists without empty fields, as newer versions of Python add some."""
     if isinstance(node, ast.AST):
         fields = [(name, _content(value)) for name, value in ast.iter_fields(node)]
         return [type(node).__name__, *((name, value) for name, value in fields if value not in (None, []))]
@@ -54,11 +54,11 @@ def _content(node: Any) -> Any:
 
 
 def publish(path: Path, folder: Path, files: Iterable[Path], **said: object) -> None:
-    """Write hashes where everyone can see them.
+    """Write the hashes of files for publication.
 
     Args:
-        folder: that the files stand in.
-        **said: what is published besides.
+        folder: folder that contains the files.
+        **said: metadata that is published with them.
     """
     parts = hashes(folder, files)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -69,12 +69,12 @@ def check(path: Path, folder: Path, why: str) -> None:
     """Compare files with their published hashes.
 
     Args:
-        path: JSON that was published.
-        folder: that the files stand in.
-        why: what it means if they differ.
+        path: JSON file that was published.
+        folder: folder that contains the files.
+        why: error message if they differ.
 
     Raises:
-        Broken: a file is absent or differs, or the list itself was changed.
+        Broken: if a file is absent or differs, or the list itself was changed.
     """
     published = json.loads(path.read_text())
     expected = published["files"]

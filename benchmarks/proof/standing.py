@@ -1,4 +1,4 @@
-"""Which code a card is of, and how its seed came about: hashes that anyone can make again."""
+"""Hashes of the code of a scorecard, and derivation of its seed, both reproducible by anyone."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 from benchmarks.proof import seal
 
 PROJECT = Path(__file__).resolve().parents[2]
-ENGINE = ("statistics", "preparation", "effects", "deviation", "inference")  # rooms that decide what a card says
+ENGINE = ("statistics", "preparation", "effects", "deviation", "inference")  # packages that determine a scorecard
 SEALED = Path("benchmarks/proof/world/families.py")
 CARDS = PROJECT / "docs/proof"
-DIGITS = 12  # of a hash that are told
+DIGITS = 12  # printed digits of a hash
 
 
 def engine(project: Path = PROJECT) -> str:
-    """Return one hash of all statements of the engine: comments and docstrings do not count."""
+    """Compute one hash of all statements of the engine, without comments and docstrings."""
     folder = project / "compasslib"
     files = [*folder.glob("*.py"), *(path for room in ENGINE for path in (folder / room).rglob("*.py"))]
     code = {str(path.relative_to(folder)): seal.statements(path.read_text()) for path in files}
@@ -25,10 +25,10 @@ def engine(project: Path = PROJECT) -> str:
 
 
 def families(project: Path = PROJECT) -> str:
-    """Return the hash of the families of effects.
+    """Compute the hash of the families of effects and compare it with the sealed one.
 
     Raises:
-        seal.Broken: they are not what was sealed.
+        seal.Broken: if they differ.
     """
     expected = (project / "benchmarks/proof/families.sha256").read_text().split()[0]
     found = hashlib.sha256((project / SEALED).read_bytes()).hexdigest()
@@ -38,10 +38,10 @@ def families(project: Path = PROJECT) -> str:
 
 
 def commit(revision: str = "HEAD") -> str:
-    """Return the hash of a commit.
+    """Look up the hash of a commit.
 
     Raises:
-        seal.Broken: this is no checkout, or it has no such commit.
+        seal.Broken: if this is not a checkout, or has no such commit.
     """
     ran = _git("rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}")
     if ran.returncode:
@@ -50,10 +50,10 @@ def commit(revision: str = "HEAD") -> str:
 
 
 def check_out(revision: str) -> None:
-    """Check that the engine that would run is that of a commit.
+    """Check that the engine of this checkout is that of a commit.
 
     Raises:
-        seal.Broken: they differ.
+        seal.Broken: if they differ.
     """
     rooms = [":(glob)compasslib/*.py", *(f"compasslib/{room}" for room in ENGINE)]
     if _git("diff", "--quiet", commit(revision), "--", *rooms).returncode:
@@ -61,12 +61,12 @@ def check_out(revision: str) -> None:
 
 
 def seed(revision: str = "HEAD") -> int:
-    """Return the seed that a commit and the sealed families make: nobody chose it."""
+    """Derive the seed from a commit and the sealed families, so that it is not chosen."""
     return int(hashlib.sha256(f"{commit(revision)}\n{families()}\n".encode()).hexdigest()[:8], 16)
 
 
 def explained(revision: str) -> str:
-    """Return how the seed of a commit comes about, for those who want to make it again."""
+    """Describe the derivation of the seed of a commit, to reproduce it."""
     return "\n".join(
         [
             f"commit   {commit(revision)}",
@@ -79,7 +79,7 @@ def explained(revision: str) -> str:
 
 
 def cards() -> list[str]:
-    """Return one sentence a card of record: of which engine it is, the newest first."""
+    """Compose one sentence on the engine of each published scorecard, newest first."""
     told = []
     for path in sorted(CARDS.glob("*/scorecard.json"), key=lambda each: each.parent.name, reverse=True):
         own = json.loads(path.read_text())["seal"].get("engine", "")

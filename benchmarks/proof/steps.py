@@ -1,4 +1,4 @@
-"""The steps of a proof: what is sealed, drawn, run and written."""
+"""Steps of a proof: sealing, drawing, running, scoring and writing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.world import draw as paper
 
 
 def said(asked: argparse.Namespace) -> dict[str, Any]:
-    """Return what is published with the truth's hash: seed and where it comes from, counts, code."""
+    """Compose the metadata published with the hash of the truth: seed and its origin, counts, hashes of code."""
     families, by_hand = standing.families(), asked.seed is not None
     if not by_hand:
         standing.check_out(asked.frozen)
@@ -32,10 +32,10 @@ def said(asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def make(asked: argparse.Namespace, publish: dict[str, Any], work: Path) -> list[str]:
-    """Make all moorings, publish the hash of the truth, and return their names.
+    """Simulate all moorings, publish the hash of the truth, and return their names.
 
     Raises:
-        seal.Broken: the folder holds another proof, or its truth was changed.
+        seal.Broken: if the folder contains another proof, or its truth was changed.
     """
     work.mkdir(parents=True, exist_ok=True)
     begun, published = work / "begun.json", asked.out / "seal.json"
@@ -71,19 +71,19 @@ def correct(work: Path, name: str) -> str:
 
 
 def left(folder: Path) -> list[Path]:
-    """Return the files of a mooring's results that are scored."""
+    """List the existing result files of a mooring that are scored."""
     return [folder / file for file in (*run.SCORED, "stopped.txt") if (folder / file).exists()]
 
 
 def write(out: Path, work: Path, concealed: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
-    """Open the truth if all hashes hold, score, and write the card.
+    """Check all hashes, unseal the truth, score, and write the scorecard.
 
     Args:
         out: folder of the scorecard, with the published hashes.
-        concealed: real recordings, scored.
+        concealed: scored real recordings.
 
     Raises:
-        seal.Broken: truth or results were changed.
+        seal.Broken: if truth or results were changed.
     """
     locked, results = work / "locked", work / "results"
     seal.check(out / "seal.json", locked, seal.TRUTH_CHANGED)

@@ -1,6 +1,6 @@
-"""Files of the results: whole or not at all, the same bytes for the same data.
+"""Input and output of result files: complete or not at all, and the same bytes for the same data.
 
-A job that fails leaves what stood there before:
+If writing fails, an earlier file remains unchanged:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

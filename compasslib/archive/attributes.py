@@ -1,6 +1,6 @@
-"""The global attributes of corrected.nc: CF, ACDD-1.3 and OceanSITES-1.4.
+"""Global attributes of corrected.nc according to CF, ACDD-1.3 and OceanSITES-1.4.
 
-What the file states of itself is computed. Of the rest what the user gives wins; what is not known is left out.
+Attributes that describe the file itself are computed; otherwise the user's take precedence. Unknown ones are omitted.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ ASKED_FOR = (
 )
 SPELLINGS = {"acknowledgement": "acknowledgment"}
 SENSOR_KEYS = ("manufacturer", "model", "serial_number", "mount")
-# ACDD's name, and the OceanSITES name that says the same.
+# ACDD attributes, and the OceanSITES attributes with the same meaning.
 SAME = {
     "creator_name": "principal_investigator",
     "creator_email": "principal_investigator_email",
@@ -68,15 +68,15 @@ CONSTANT: Attributes = {
 
 @dataclass(frozen=True)
 class Site:
-    """A mooring and where it stood."""
+    """Name and position of a mooring."""
 
-    name: str  #: of the mooring
+    name: str  #: name of the mooring
     latitude: float  #: degrees north
     longitude: float  #: degrees east
     water_depth_m: float | None = None  #: m; None where it is not known
 
     def signed_longitude(self) -> float:
-        """Wrap the longitude to [-180, 180], digits kept where it is there already."""
+        """Wrap the longitude to [-180, 180]; a value in that range is returned unchanged."""
         return self.longitude if -180.0 <= self.longitude <= 180.0 else float(angles.wrap180(self.longitude))
 
 
@@ -94,13 +94,13 @@ def global_attributes(
     Args:
         time_s: (n,) time of the samples, UTC seconds since 1970.
         depth_m: depths of the measurements, any shape, metres, NaN where unknown.
-        attributes: the user's; they win, save over what the file states itself (``config.values.STATED``).
+        attributes: the user's, which take precedence except over ``config.values.STATED``, which the file states.
         processing: ``method``, ``coefficients``, ``software_version``, ``source_files``, ``history``,
-            ``date_created`` and whatever else tells how the product was made.
+            ``date_created`` and any others that describe how the product was made.
     """
     user, made = plain(attributes), plain(processing)
     named = {"method": "correction_method", "coefficients": "correction_coefficients"}
-    # A file is never changed after it was made: ACDD's four dates are one.
+    # A file is never modified after its creation, so that ACDD's four dates are equal.
     dated = dict.fromkeys(DATES, made["date_created"]) if "date_created" in made else {}
     computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", "unknown")))
     computed |= {acdd: user[same] for acdd, same in SAME.items() if same in user}
@@ -111,21 +111,21 @@ def global_attributes(
 
 
 def missing(attributes: Container[str]) -> list[str]:
-    """List the global attributes that ACDD and OceanSITES ask for and that only the user can give.
+    """List the missing global attributes that ACDD and OceanSITES request and that only the user can give.
 
     Args:
-        attributes: names of those that are there.
+        attributes: names of the attributes that are present.
     """
     return [name for name in ASKED_FOR if name not in attributes and SPELLINGS.get(name) not in attributes]
 
 
 def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
-    """Select the OceanSITES attributes that name the instrument behind a variable.
+    """Select the OceanSITES attributes that describe the instrument that measured a variable.
 
     Args:
-        attributes: global ones; ``manufacturer``, ``model``, ``serial_number``, ``mount`` and what starts with
-            ``sensor_`` count.
-        looks_up: where its beams point.
+        attributes: global attributes; ``manufacturer``, ``model``, ``serial_number``, ``mount`` and those that start
+            with ``sensor_`` are used.
+        looks_up: whether its beams point upwards.
     """
     named = {f"sensor_{key}": attributes[key] for key in SENSOR_KEYS if key in attributes}
     given = {key: value for key, value in attributes.items() if key.startswith("sensor_")}
@@ -134,12 +134,12 @@ def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
 
 
 def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tuple[float, float]) -> dict[str, object]:
-    """Describe the declination in a variable: its model, dates and values.
+    """Compose the attributes that describe the declination applied to a variable: model, dates and values.
 
     Args:
-        attributes: global ones; ``declination_source`` counts.
+        attributes: global attributes; ``declination_source`` is used.
         time_s: (n,) time of the samples, UTC seconds since 1970.
-        degrees: at the first and at the last sample, east positive.
+        degrees: declination at the first and at the last sample, east positive.
     """
     if not len(time_s):
         return {}
@@ -153,10 +153,10 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
 
 
 def plain(attributes: Mapping[str, object]) -> Attributes:
-    """Convert attributes to what netCDF can hold: legal names; text and numbers; nothing for None.
+    """Convert attributes to netCDF: legal names, and texts or numbers as values; None is omitted.
 
     Args:
-        attributes: as YAML gives them; lists are joined by commas, dates become ISO 8601, mappings JSON.
+        attributes: as parsed from YAML; lists are joined by commas, dates become ISO 8601, mappings JSON.
     """
     names = {key: re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_") for key in attributes}
     legal = {key: name if name[:1].isalpha() else f"attribute_{name}" for key, name in names.items()}
@@ -207,7 +207,7 @@ def _value(value: object) -> str | int | float:
 
 def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) -> Attributes:
     recorded, corrected = headings
-    platform = re.sub(r"[\s_]+", "-", site.name)  # OceanSITES keeps the underscore to separate fields
+    platform = re.sub(r"[\s_]+", "-", site.name)  # OceanSITES reserves the underscore as field separator
     deployment = [iso_time(time_s[0])[:7].replace("-", "")] if len(time_s) else []
     levels = ("Known bad data has been replaced with null values", "Post-recovery calibrations have been applied")
     return {

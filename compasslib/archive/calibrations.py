@@ -1,4 +1,4 @@
-"""A calibration's three files: calibration.json, the table of deviations and the points that it was made from."""
+"""Input and output of a calibration's three files: calibration.json, the deviation table and the underlying points."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.types import Floats
 
 TABLE_COLUMNS = ("recorded_deg", "deviation_deg", "standard_uncertainty_deg")
-DIGITS = 10  # significant, of a point
+DIGITS = 10  # significant digits of the points
 
 
 @dataclass(frozen=True)
 class StoredCalibration:
-    """A calibration as its files give it back, for figures and comparisons."""
+    """A calibration read from its files, for figures and comparisons."""
 
     content: Mapping[str, Any]  # calibration.json
     table: DeviationTable
@@ -28,7 +28,7 @@ class StoredCalibration:
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration itself."""
+        """The calibration composed of its content, table and points."""
         return replace(
             result.from_json(self.content),
             table=self.table if self.table.heading_deg.size else None,
@@ -39,11 +39,11 @@ class StoredCalibration:
 def write(
     *, page: Mapping[str, Any], made: Calibration, calibration: str | Path, table: str | Path, points: str | Path
 ) -> None:
-    """Write a calibration's files, each whole or not at all.
+    """Write a calibration's files, each complete or not at all.
 
     Args:
         page: content of calibration.json.
-        table: path of table.csv; only its header where there is no table.
+        table: path of table.csv; only its header is written where there is no table.
         points: path of points.csv.
     """
     deviations = made.table or DeviationTable(*np.zeros((3, 0)))
@@ -60,25 +60,25 @@ def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> S
         points: path of points.csv.
 
     Raises:
-        InputError: a file is absent or damaged.
+        InputError: a file is missing or damaged.
     """
     return StoredCalibration(read_json(calibration), read_table(table), read_csv(points))
 
 
 def read_table(path: str | Path) -> DeviationTable:
-    """Read the table of deviations of a calibration.
+    """Read the deviation table of a calibration.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is missing or damaged.
     """
     columns = read_csv(path)
     return DeviationTable(*(columns[name] for name in TABLE_COLUMNS))
 
 
 def named(paths: Sequence[str | Path]) -> dict[str, Any]:
-    """Read calibration.json files by the calibrations' names, which are those of their folders.
+    """Read calibration.json files by name of the calibration, which is that of the folder.
 
     Raises:
-        InputError: a file is absent or damaged.
+        InputError: a file is missing or damaged.
     """
     return {Path(path).parent.name: read_json(path) for path in paths}

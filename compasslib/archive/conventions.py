@@ -1,4 +1,4 @@
-"""What conventions say against a netCDF file: CF and ACDD by an independent checker, OceanSITES by ``oceansites``."""
+"""Check netCDF files against conventions: CF and ACDD by an independent checker, OceanSITES by the rules below."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
 CF, ACDD = "cf:1.11", "acdd:1.3"
-PRODUCTS = ("corrected.nc", "gridded.nc", "gridded_daily.nc")  # that claim ACDD and OceanSITES beside CF
-NOT_ASKED = 1  # the checker's weight of what is merely suggested
-# The CF table has no name for these: its orientation is from true north, and it knows no deviation and no declination.
+PRODUCTS = ("corrected.nc", "gridded.nc", "gridded_daily.nc")  # files that claim ACDD and OceanSITES as well as CF
+NOT_ASKED = 1  # the checker's weight of mere suggestions
+# The CF table has no name for these: its orientation is from true north, and it has no deviation or declination.
 UNNAMED = tuple(
     name
     for table in (variables.CORRECTED, grid_variables.GRIDDED)
@@ -31,12 +31,12 @@ UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_na
 
 
 def installed() -> bool:
-    """Return whether the checker of CF and ACDD is installed; it comes with the test environment alone."""
+    """Return whether the checker of CF and ACDD is installed; only the test environment includes it."""
     return importlib.util.find_spec(CHECKER) is not None
 
 
 def checkers() -> dict[str, str]:
-    """Name the conventions that files are checked against here, and by which program."""
+    """Return the conventions that files are checked against in this installation, with version and program."""
     standards = {"OceanSITES": f"manual {MANUAL}"}
     if not installed():
         return standards
@@ -45,13 +45,13 @@ def checkers() -> dict[str, str]:
 
 
 def remarks(path: str | Path) -> list[str]:
-    """Check a file of the archive and list the remarks of each convention, unavoidable ones left out.
+    """Check a file of the archive against each convention and list the remarks, except unavoidable ones.
 
     Args:
-        path: corrected.nc, or another netCDF file, which claims CF alone.
+        path: one of ``PRODUCTS``, or another netCDF file, which is checked against CF only.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is missing or damaged.
     """
     product = Path(path).name in PRODUCTS
     issues = [f"OceanSITES: {remark}" for remark in oceansites_remarks(path)] if product else []
@@ -65,16 +65,16 @@ def remarks(path: str | Path) -> list[str]:
 
 
 def not_given(path: str | Path) -> list[str]:
-    """List the global attributes that the conventions ask for and the YAML files do not give."""
+    """List the global attributes that the conventions request and the YAML files do not give."""
     with open_netcdf(path) as nc:
         return missing(nc.ncattrs())
 
 
 def checked(path: str | Path, checker: str) -> list[str]:
-    """Run the compliance checker and list its errors and warnings, its suggestions apart.
+    """Run the compliance checker and list its errors and warnings, without its suggestions.
 
     Args:
-        checker: name and version of one of its checks, as ``cf:1.11``.
+        checker: name and version of one of its checks, such as ``cf:1.11``.
     """
     from compliance_checker.suite import CheckSuite  # heavy, and only in the test environment
 
@@ -89,10 +89,10 @@ def checked(path: str | Path, checker: str) -> list[str]:
 
 
 def report_remarks(paths: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """Report what stands against files, a line each; return what they were held against and what may still be given.
+    """Report the remarks on files, one line each; return the conventions checked and the attributes not given.
 
     Raises:
-        InputError: something does.
+        InputError: there are remarks.
     """
     issues = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
     absent = {path: names for path in paths if Path(path).name in PRODUCTS and (names := not_given(path))}
@@ -107,18 +107,18 @@ def report_remarks(paths: Sequence[str], say: Callable[[str], None]) -> dict[str
     return {"no_remark_by": checkers(), "files": list(paths), "attributes_may_still_give": absent}
 
 
-# What the OceanSITES manual says against a netCDF file of a mooring.
+# Checks of a mooring's netCDF file against the OceanSITES manual.
 #
-# Data Format Reference Manual 1.4 (July 2020); numbers in brackets are its sections. What it requires, and what it
-# fixes where something is given; discrete sampling geometries (2.3, notes), which it permits, have their own
-# dimensions.
+# Data Format Reference Manual 1.4 (July 2020); numbers in brackets are its sections. Checked are elements that it
+# requires, and values that it prescribes for optional ones; discrete sampling geometries (2.3, notes), which it
+# permits, have their own dimensions.
 
 Remarks = Iterator[str]
 
 MANUAL = "1.4"
 MOMENT = r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?Z"
 INTERVAL = r"P(?=.)(\d+Y)?(\d+M)?(\d+D)?(T(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?"
-# Global attributes that the manual requires or whose words it fixes [2.2, 3.1 to 3.4, 4.1.1].
+# Global attributes that the manual requires or whose values it prescribes [2.2, 3.1 to 3.4, 4.1.1].
 FIXED = {
     "site_code": r".+",
     "platform_code": r".+",
@@ -147,14 +147,14 @@ FIXED = {
         r"Data verified against model or other contextual information|Other QC process applied"
     ),
 }
-# How many samples it takes to know them.
+# Number of samples from which they are defined.
 FROM_SAMPLES = {
     "time_coverage_start": 1,
     "time_coverage_end": 1,
     "time_coverage_duration": 1,
     "time_coverage_resolution": 2,
 }
-GIVEN = ("title", "summary")  # and those that only the user can give, see ``not_given``
+GIVEN = ("title", "summary")  # required too; for those that only the user can give see ``not_given``
 RANGES = {
     "geospatial_lat_min": 90.0,
     "geospatial_lat_max": 90.0,
@@ -188,15 +188,15 @@ FLAGS = {  # table 2
     8: "interpolated_value",
     9: "missing_value",
 }
-USABLE = (1, 2, 7, 8)  # flags that no absent value may have
+USABLE = (1, 2, 7, 8)  # flags that a missing value must not have
 ORIENTATIONS = ("upward", "downward", "horizontal")  # table 8
 
 
 def oceansites_remarks(path: str | Path) -> list[str]:
-    """Check a file against the OceanSITES manual; return its remarks, a sentence each.
+    """Check a file against the OceanSITES manual and return the remarks, one sentence each.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is missing or damaged.
     """
     with open_netcdf(path) as nc:
         apart = (*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE")
@@ -263,7 +263,7 @@ def _names(nc: netCDF4.Dataset) -> Remarks:
 
 
 def _data(nc: netCDF4.Dataset, name: str) -> Remarks:
-    """Units, fill value and coordinates of a data variable [2.5]."""
+    """Check units, fill value and coordinates of a data variable [2.5]."""
     variable = nc[name]
     if not _attribute(variable, "units"):
         yield f"{name}:units is missing"
@@ -289,7 +289,7 @@ def _uncertainty(nc: netCDF4.Dataset, name: str) -> Remarks:
 
 
 def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
-    """A data variable has flags, or is itself what tells the quality of another [2.6]."""
+    """Check that a data variable has flags or ``QC_indicator``, or is ancillary to another variable [2.6]."""
     helpers = {other for v in nc.variables.values() for other in _attribute(v, "ancillary_variables").split()}
     if f"{name}_QC" not in nc.variables:
         if name not in helpers and not _attribute(nc[name], "QC_indicator"):
@@ -304,7 +304,7 @@ def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
 
 
 def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
-    """The scale of a flag variable [2.6, table 2]."""
+    """Check type, name and scale of a flag variable [2.6, table 2]."""
     variable, base = nc[name], name.removesuffix("_QC")
     if variable.dtype != np.int8:
         yield f"{name} is not of type byte"

@@ -1,8 +1,8 @@
-"""results/ro-crate-metadata.json: what was made from what, by what, as a Process Run Crate (RO-Crate 1.1).
+"""The manifest results/ro-crate-metadata.json: provenance of all results as a Process Run Crate (RO-Crate 1.1).
 
-Each job of the workflow leaves a record (``provenance.of_job``). Followed back from the products by the hashes of what
-was read and written, these records are the crate's actions. No clock and no machine enters: the same run gives the same
-bytes. Profile: https://w3id.org/ro/wfrun/process/0.5
+Each job of the workflow writes a record (``pipeline.records``). Traced back from the products by the hashes of the
+files read and written, these records become the crate's actions. The clock is read only for ``datePublished``, which
+SOURCE_DATE_EPOCH can fix. Profile: https://w3id.org/ro/wfrun/process/0.5
 """
 
 from __future__ import annotations
@@ -36,31 +36,31 @@ FORMATS = {
     ".png": "image/png",
     ".html": "text/html",
 }
-# The cruise's attributes that the root refers to: their kind of entity, and the role they have.
+# By type of entity: the attribute of the cruise, and its role at the root of the crate.
 PEOPLE = {
     "Person": ("principal_investigator", "author"),
     "Organization": ("institution", "publisher"),
     "CreativeWork": ("license", "license"),
 }
-Record = Mapping[str, Any]  # of a job; see provenance.of_job
+Record = Mapping[str, Any]  # of a job; see ``pipeline.records.of_job``
 Entity = dict[str, Any]
 
 
 def records() -> dict[str, Record]:
-    """Read the records of all jobs of this cruise that ended well, by the name of their action."""
+    """Read the records of all jobs of this cruise, by the names of their actions."""
     entries = sorted(Path(FOLDER).glob("**/logs/*.json"))
     parts = {path: path.relative_to(FOLDER).with_suffix("").parts for path in entries}
     return {"/".join(part for part in parts[path] if part != "logs"): read_json(path) for path in entries}
 
 
 def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:
-    """Trace the records of the jobs that led to the products as they are now, in the order of their names.
+    """Trace the jobs that led to the present products, and return their records sorted by name.
 
     Args:
-        known: records by name; those of files that have since been replaced lead nowhere.
+        known: records by name; those of files that have since been replaced are not reached.
 
     Raises:
-        InputError: a product, or a result that it was made from, is not what a job wrote.
+        InputError: a product, or a result that it was made from, is not as a job wrote it.
     """
     made_by = {made: name for name, record in known.items() for made in record["wrote"].items()}
     waiting = list((wanted := provenance.hashes(products)).items())
@@ -87,9 +87,9 @@ def crate(
     """Compose the crate as JSON-LD.
 
     Args:
-        configuration: the YAML files behind a job by what it is of, "mooring EG4" or "calibration C1"; "" for others.
-        attributes: of the cruise; project and license enter.
-        stopped: why there are no results of others, by what they are of, as in ``configuration``.
+        configuration: YAML files behind a job by its subject, e.g. "mooring EG4" or "calibration C1"; "" for others.
+        attributes: of the cruise; ``project`` and those of ``PEOPLE`` are used.
+        stopped: reasons for missing results, by subject as in ``configuration``.
     """
     files = _files(jobs, configuration)
     data = [
@@ -119,21 +119,21 @@ def crate(
 
 
 def listed(page: Mapping[str, Any]) -> dict[str, str]:
-    """Map the files that a crate lists, by their paths from the cruise folder, to their SHA-256."""
+    """Return the SHA-256 of the files listed in a crate, by path from the cruise folder."""
     files = [entity for entity in page["@graph"] if entity["@type"] == "File"]
     return {entity["name"]: entity["sha256"] for entity in files}
 
 
 def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
-    """List entities that stand for a file but for none that a job of the cruise read or wrote, by identifier.
+    """Return the identifiers of entities that match no file of the cruise read or written by a job, by file name.
 
-    A file's identifier is that of the path that it is named by, letter for letter: no other leads to the same place.
+    The identifier of a file must be exactly that derived from its path, so that no other leads to the same file.
     """
     files = {entity["@id"]: entity["name"] for entity in page["@graph"] if entity["@type"] == "File"}
     used = {item for action in _actions(page) for part in ("object", "result") for item in identifiers(action, part)}
     wrong = {}
     for known, name in files.items():
-        # An identifier must be that of its path, and the path a plain one that stays in the cruise folder.
+        # The path must be normalized, printable and inside the cruise folder.
         plain = name.isprintable() and posixpath.normpath(name) == name and not name.startswith(("/", ".."))
         if known not in used or not plain or known != _id(name):
             wrong[name] = known
@@ -146,13 +146,13 @@ def has_failures(page: Mapping[str, Any]) -> bool:
 
 
 def written(page: Mapping[str, Any]) -> set[str]:
-    """List the files that jobs wrote, by their paths from the cruise folder."""
+    """List the files that jobs wrote, as paths from the cruise folder."""
     wrote = [unquote(identifier) for action in _actions(page) for identifier in identifiers(action, "result")]
     return {path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}" for path in wrote}
 
 
 def log_line(page: Mapping[str, Any]) -> str:
-    """Format the job's line on the crate."""
+    """Format the log line that summarizes the crate."""
     jobs = sum("result" in entity for entity in page["@graph"])
     return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
 
@@ -162,7 +162,7 @@ def _actions(page: Mapping[str, Any]) -> list[Entity]:
 
 
 def identifiers(action: Mapping[str, Any], part: str) -> list[str]:
-    """List what an action refers to, as its ``object`` or ``result``."""
+    """List the identifiers in an action's ``object`` or ``result``."""
     given = action.get(part, [])
     return [item["@id"] for item in (given if isinstance(given, list) else [given])]
 
@@ -186,12 +186,12 @@ def _root(attributes: Mapping[str, Any]) -> Entity:
             "file read or written."
         ),
         "datePublished": provenance.date_created(),
-        "license": "not given",  # RO-Crate demands one
+        "license": "not given",  # required by RO-Crate
     } | roles
 
 
 def _people(attributes: Mapping[str, Any]) -> list[Entity]:
-    """Who made it, who answers for it and what may be done with it, as far as the cruise says so."""
+    """Compose the entities of investigator, institution and license, as far as the cruise states them."""
     return [
         {"@id": f"#{key}", "@type": kind, "name": str(attributes[key])}
         for kind, (key, _) in PEOPLE.items()
@@ -211,7 +211,7 @@ def _software(maker: str, surroundings: Sequence[Entity]) -> Entity:
 
 
 def _surroundings() -> Iterator[Entity]:
-    """Give Python, what adds readers or effects, the lock, and the installed version of each required package."""
+    """Yield entities for Python, plug-in packages, the lock file and the installed version of each required package."""
     python = platform.python_version()
     yield _tool(f"pkg:generic/python@{python}", "python", python, "https://www.python.org/")
     for package in plugins.plugin_packages():
@@ -227,7 +227,7 @@ def _surroundings() -> Iterator[Entity]:
             asked = importlib.metadata.requires("compasslib") or []
             packages = sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
     for package in packages:
-        if version := provenance.installed(package):  # some are named for another platform, or are build tools
+        if version := provenance.installed(package):  # the lock also lists build tools and packages of other platforms
             yield _tool(f"pkg:pypi/{package}@{version}", package, version, f"https://pypi.org/project/{package}/")
 
 
@@ -247,7 +247,7 @@ def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) 
         "name": f"{record['rule']} {about}".strip(),
         "description": f"rule {record['rule']}, modules sha256 {record['code']}, parameters {parameters}",
         "instrument": _ref(f"#{quote(record['software'])}"),
-        "actionStatus": "http://schema.org/CompletedActionStatus",  # only a job that ended well leaves a record
+        "actionStatus": "http://schema.org/CompletedActionStatus",  # only completed jobs lead to products
         "object": _refs(read),
         "result": _refs(record["wrote"]),
     }
@@ -266,13 +266,13 @@ def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]]) 
 
 
 def _id(path: str) -> str:
-    """Derive the identifier of a file in the crate, which stands in results/."""
+    """Derive the identifier of a file: its path relative to results/, where the crate is."""
     inside = path.removeprefix(f"{FOLDER}/")
     return quote(inside if inside != path else f"../{path}")
 
 
 def _refs(paths: Iterable[str]) -> list[Entity] | Entity:
-    """Refer to files; RO-Crate writes a single reference without a list."""
+    """Compose references to files; a single reference is not in a list, as usual in RO-Crate."""
     entries = [_ref(_id(path)) for path in sorted(paths)]
     return entries[0] if len(entries) == 1 else entries
 

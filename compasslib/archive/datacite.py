@@ -1,4 +1,4 @@
-"""DataCite metadata (kernel 4.5, JSON) of a deposit, from the keys of its YAML files; what nobody gives is left out."""
+"""DataCite metadata (kernel 4.5, JSON) of a deposit, from the keys of its YAML files; keys not given are omitted."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ METHOD = "10.1175/JTECH-D-14-00043.1"  # von Appen (2015)
 
 
 def describe(cruise: Cruise, *, title: str, published: str) -> dict[str, Any]:
-    """Describe a cruise as DataCite asks.
+    """Compose the DataCite metadata of a cruise.
 
     Args:
-        cruise: its attributes hold the owner's keys, those that a deposit requires among them.
+        cruise: its attributes must include those that a deposit requires.
         published: date of the results, ISO 8601.
     """
     given = {key: str(value) for key, value in cruise.options.attributes.items()}

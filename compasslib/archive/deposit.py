@@ -1,8 +1,8 @@
-"""A cruise as one ZIP to deposit: a Workflow Run Crate (RO-Crate 1.1) whose root is the cruise folder.
+"""Pack a cruise as a ZIP file for deposit: a Workflow Run Crate (RO-Crate 1.1) whose root is the cruise folder.
 
-Profile: https://w3id.org/ro/wfrun/workflow/0.5. It holds the files that the manifest lists, each compared with its hash
-as it is packed, the manifest itself, so that the unpacked folder is verified as any, the workflow's rules, and the
-records of the jobs, so that ``compass diff`` tells which setting or raw file changed since.
+Profile: https://w3id.org/ro/wfrun/workflow/0.5. The ZIP contains the files listed in the manifest, each compared with
+its hash while packing; the manifest, by which the unpacked folder can be verified; the rules of the workflow; and the
+job records, from which ``compass diff`` finds settings and raw files that changed since.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PROFILES = {
     "https://w3id.org/workflowhub/workflow-ro-crate/1.0": ("Workflow RO-Crate", "1.0"),
 }
 BIOSCHEMAS = "https://bioschemas.org/profiles/ComputationalWorkflow/1.0-RELEASE"
-# What only an owner can give: the key among the attributes of config.yaml, and what it is.
+# Attributes of config.yaml that only the owner of the data can give, with their meaning.
 OWNERS = {
     "license": "under which the data may be used, best a URL",
     "institution": "that publishes the data",
@@ -60,17 +60,17 @@ and `raw/` what they were made from, `workflow/` the rules, `ro-crate-metadata.j
 
 The unpacked folder is compared with its manifest by `compass verify FOLDER`.
 """
-BLOCK_BYTES = 1 << 20  # copied at a time
+BLOCK_BYTES = 1 << 20  # bytes copied at a time
 
 
 def deposit(cruise: Cruise, to: str | Path) -> int:
-    """Pack a processed cruise, and return the number of its files.
+    """Pack a processed cruise and return the number of files packed.
 
     Args:
-        to: the ZIP file.
+        to: path of the ZIP file.
 
     Raises:
-        InputError: there is no manifest, a file is not as it lists, or a key that only an owner can give is missing.
+        InputError: there is no manifest, a file differs from it, or an attribute of ``OWNERS`` is missing.
     """
     root, attributes = cruise.root, cruise.options.attributes
     if missing := [key for key in OWNERS if not str(attributes.get(key, "")).strip()]:
@@ -110,14 +110,14 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
 
 
 def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:
-    """Describe the earlier deposit of a mooring: which keys of its YAML files differ, and the hashes of its files.
+    """Describe the earlier deposit of a mooring: keys of its YAML files that differ, and hashes of its input files.
 
     Args:
-        file: the ZIP.
+        file: the ZIP file of the deposit.
         configuration: YAML files of the mooring, relative to the cruise folder ``root``.
 
     Raises:
-        InputError: it is no deposit.
+        InputError: the file is not a deposit.
     """
     try:
         with zipfile.ZipFile(file) as packed:
@@ -147,8 +147,8 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
 
     Args:
         page: the manifest, whose paths are relative to results/.
-        rules: SHA-256 of the workflow's files and of the records of jobs by their paths in the deposit.
-        root: the cruise folder, whose records of jobs tell when each ended.
+        rules: SHA-256 of the workflow's files and of the job records, by path in the deposit.
+        root: the cruise folder, whose job records date the end of each job.
     """
     author = str(attributes.get("principal_investigator_orcid", "#principal_investigator"))
     terms, publisher = str(attributes["license"]), str(attributes["publisher_url"])
@@ -188,11 +188,11 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
 
 
 def _entities_at_root(page: Mapping[str, Any], rules: Mapping[str, str], software_url: str | None) -> dict[str, Entity]:
-    """Collect what the manifest describes, without root and people, and the rules, by paths from the cruise folder."""
+    """Collect the manifest's entities except root and people, and the rules, with paths from the cruise folder."""
     moved = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
     moved |= {f"#{crate.LOCK}": quote(crate.LOCK)}
     given = {"compasslib": software_url}
-    for entity in page["@graph"]:  # programs get an identifier that leads to them, where an address is known
+    for entity in page["@graph"]:  # programs are identified by their URL, where it is known
         if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or given.get(entity["name"])):
             moved[entity["@id"]] = f"{url}#{quote(str(entity['softwareVersion']))}"
     apart = {"./", METADATA, crate.PROFILE, *(f"#{key}" for _, (key, _) in crate.PEOPLE.items())}
@@ -204,7 +204,7 @@ def _entities_at_root(page: Mapping[str, Any], rules: Mapping[str, str], softwar
 
 
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
-    """Describe the run of the workflow, and complete the actions of its jobs by agent and end."""
+    """Describe the run of the workflow, and add agent and end time to the actions of its jobs."""
     ends = dict(_ends(root))
     last = max(ends.values(), default=provenance.date_created())
     for action in actions:
@@ -220,7 +220,7 @@ def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
 
 
 def _moved(entity: Any, identifiers: Mapping[str, str]) -> Any:
-    """Copy an entity with other identifiers."""
+    """Copy an entity with its identifiers replaced."""
     if isinstance(entity, dict):
         copied = {key: identifiers.get(x, x) if key == "@id" else _moved(x, identifiers) for key, x in entity.items()}
         software = entity.get("@type") == "SoftwareApplication" and copied["@id"].startswith("http")
@@ -233,7 +233,7 @@ def _references(identifiers: Iterable[str]) -> list[Entity]:
 
 
 def _ends(root: Path) -> Iterator[tuple[str, str]]:
-    """Return when each job ended, by the date of its record, and the name of its action."""
+    """Yield the name of each job's action and the job's end, which is the modification time of its record."""
     for path in (root / crate.FOLDER).glob("**/logs/*.json"):
         name = "/".join(part for part in path.relative_to(root / crate.FOLDER).with_suffix("").parts if part != "logs")
         yield quote(name), datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")

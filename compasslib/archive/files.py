@@ -1,4 +1,4 @@
-"""Files of the archive, JSON and netCDF: each appears whole or not at all, and the same data give the same bytes."""
+"""Input and output of JSON, CSV and netCDF files, each complete or absent, with the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from numpy.typing import ArrayLike, NDArray
 from compasslib.archive.variables import BEAM, BIN, FILL, Variable
 from compasslib.errors import InputError, TransientError
 
-RERUN = "run the cruise again, or restore it from a copy"  # a result that cannot be read
-HALF_WRITTEN = ".compasslib-part"  # ends the name of a file that is being written; nobody else names one so
+RERUN = "run the cruise again, or restore it from a copy"  # advice on a result that cannot be read
+HALF_WRITTEN = ".compasslib-part"  # suffix of a file being written, which no other program uses
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
-CHUNK = 4096  # samples
-CACHE_BYTES = 4 * 2**20  # of chunks a variable that wait to be compressed; the library's own 64 MB add up
+CHUNK = 4096  # samples per chunk of a netCDF variable
+CACHE_BYTES = 4 * 2**20  # chunk cache of each variable; the library's default of 64 MB adds up over variables
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Give a temporary name beside a file that takes the file's place once the block has ended well.
+    """Yield a temporary path in the same folder, which replaces the file once the block has succeeded.
 
     Args:
-        path: the file to write; its folder is made where absent. A block that fails leaves an older file as it was.
+        path: the file to write; its folder is created if missing. If the block fails, an older file is unchanged.
 
     Raises:
-        Passing: it cannot be written.
+        TransientError: the file cannot be written.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
@@ -45,7 +45,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         os.replace(temporary, path)
-    except (OSError, RuntimeError) as error:  # RuntimeError: netCDF's word for a full disk
+    except (OSError, RuntimeError) as error:  # netCDF raises RuntimeError on a full disk
         reason = getattr(error, "strerror", None) or str(error)
         advice = "free some space or correct the permissions, and run again"
         raise TransientError(
@@ -57,13 +57,13 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 
 def write_json(path: str | Path, data: object) -> None:
-    """Write JSON: keys in the order given, numbers to ten significant digits, what is not finite as null.
+    """Write JSON with keys in the given order, floats to ten significant digits and non-finite numbers as null.
 
     Args:
-        data: mappings, sequences, arrays, numbers, text, paths, None.
+        data: nested mappings, sequences, arrays, numbers, text, paths or None.
 
     Raises:
-        TypeError: something else is among the data.
+        TypeError: the data contain another type.
     """
     text = json.dumps(_jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
     with atomic_write(path) as temporary:
@@ -74,7 +74,7 @@ def read_json(path: str | Path) -> Any:
     """Read a JSON file.
 
     Raises:
-        InputError: the file is absent or is not JSON.
+        InputError: the file is missing or is not JSON.
     """
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
@@ -106,10 +106,10 @@ def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
 def write_csv(
     path: str | Path, names: Sequence[str], columns: Sequence[Sequence[Any] | NDArray[Any]], forms: Sequence[str]
 ) -> None:
-    """Write columns of numbers or texts; what is not finite is left empty.
+    """Write columns of numbers or texts as CSV; cells of non-finite numbers are empty.
 
     Args:
-        forms: format of each column's numbers, such as ``{:.3f}``.
+        forms: format of the numbers in each column, such as ``{:.3f}``.
     """
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
@@ -120,13 +120,13 @@ def write_csv(
 
 
 def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
-    """Read the columns of a table that this program wrote, NaN where a number is missing.
+    """Read the columns of a table written by ``write_csv``, NaN where a number is missing.
 
     Args:
-        texts: names of columns that are no numbers.
+        texts: names of the text columns.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is missing or damaged.
     """
     try:
         with Path(path).open(newline="", encoding="utf-8") as stream:
@@ -149,7 +149,7 @@ def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[A
 def create_netcdf(
     path: str | Path, form: Literal["NETCDF4", "NETCDF4_CLASSIC"] = "NETCDF4"
 ) -> Iterator[netCDF4.Dataset]:
-    """Give an empty netCDF file to fill, which takes its place once the block has ended well.
+    """Yield a new netCDF dataset, which becomes the file at the path once the block has succeeded.
 
     Args:
         form: netCDF-4, or its classic model.
@@ -163,7 +163,7 @@ def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
     """Open a netCDF file of the results for reading.
 
     Raises:
-        InputError: the file is absent or damaged, or lacks a variable or an attribute that the block reads.
+        InputError: the file is missing or damaged, or lacks a variable or an attribute that the block reads.
     """
     try:
         with netCDF4.Dataset(path) as nc:
@@ -176,10 +176,10 @@ def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
 
 
 def _from_netcdf(error: Exception) -> bool:
-    """Distinguish an error of the file from one of the code that reads it."""
-    if isinstance(error, IndexError):  # of a missing variable
+    """Return whether an error comes from the file, not from the code that reads it."""
+    if isinstance(error, IndexError):  # raised for a missing variable
         return " not found in " in str(error)
-    if isinstance(error, AttributeError):  # of a missing attribute
+    if isinstance(error, AttributeError):  # raised for a missing attribute
         return str(error).startswith("NetCDF: ")
     return isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
 
@@ -192,18 +192,18 @@ def write_variable(
     level: Literal[0, 1, 4] = 1,
     rows: slice | None = None,
 ) -> None:
-    """Write one variable or a piece of it, what is not finite as its fill value.
+    """Write a variable or a piece of it, with non-finite values as its fill value.
 
     Args:
-        nc: the open file, which has the variable's dimensions.
-        variable: its entry in the table.
+        nc: the open file, in which the variable's dimensions are defined.
+        variable: its definition.
         values: its values, in the shape of its dimensions or of the piece.
-        level: of the compression; none at 0.
-        rows: the piece along TIME; all where absent.
+        level: zlib compression level; 0 for none.
+        rows: the piece along TIME; None for the whole variable.
     """
     values = np.asarray(values)
-    if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and an unsigned one holds no -1
-        dtype = np.dtype(variable.dtype)  # float32 is half as large as what is written
+    if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and unsigned ones cannot hold -1
+        dtype = np.dtype(variable.dtype)  # converted before it is filled: a float32 copy takes half the memory
         values = values.astype(dtype if dtype.kind == "f" else values.dtype)
         values[~np.isfinite(values)] = variable.fill
     made = nc[variable.name] if variable.name in nc.variables else _create_variable(nc, variable, level)
@@ -229,18 +229,18 @@ def _create_variable(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 
 
 
 def write_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
-    """Write the numbers of the bins.
+    """Write the bin numbers.
 
     Args:
-        nc: the open file, which has the dimension BIN.
-        looks_up: whether they go upwards.
+        nc: the open file, in which the dimension BIN is defined.
+        looks_up: whether bins are counted upwards.
     """
     away = {"positive": "up" if looks_up else "down"}
     write_variable(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
 
 
 def write_beams(nc: netCDF4.Dataset, beams: int) -> None:
-    """Write the numbers of the beams, where there are any."""
+    """Write the beam numbers and their dimension, unless ``beams`` is 0."""
     if beams:
         nc.createDimension(BEAM.name, beams)
         write_variable(nc, BEAM, np.arange(1, beams + 1))
@@ -248,16 +248,16 @@ def write_beams(nc: netCDF4.Dataset, beams: int) -> None:
 
 @dataclass(frozen=True)
 class StoredVariable:
-    """A variable of a file, whose rows are read when they are asked for."""
+    """A variable of a netCDF file whose rows are read on access."""
 
     path: str
     name: str
 
     def __getitem__(self, which: slice | NDArray[Any], /) -> NDArray[Any]:
-        """Read some rows, beams along the last axis, NaN where a number with a fraction is missing.
+        """Read rows, with beams along the last axis and NaN for missing floating-point values.
 
         Raises:
-            InputError: the file is absent or damaged.
+            InputError: the file is missing or damaged.
         """
         with open_netcdf(self.path) as nc:
             values = np.asarray(nc[self.name][which] if nc[self.name].ndim < 3 else nc[self.name][:, which])
@@ -268,10 +268,10 @@ class StoredVariable:
 
 
 def read_variable(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
-    """Read a variable: numbers as float64 with NaN where they are missing, flags as they are.
+    """Read a variable: floats as float64 with NaN where they are missing, other types unchanged.
 
     Args:
-        bins: how many are wanted where it has bins; all where absent.
+        bins: number of bins to read of a variable that has bins; None for all.
     """
     values = np.asarray(nc[name][:, :bins] if bins is not None and nc[name].ndim == 2 else nc[name][...])
     if values.dtype.kind != "f":
@@ -282,41 +282,41 @@ def read_variable(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> ND
 
 
 def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
-    """Read variables of a file, NaN where a value is missing.
+    """Read variables of a netCDF file as by ``read_variable``.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
         return [read_variable(nc, name) for name in names]
 
 
 def read_attribute(path: str | Path, name: str) -> str:
-    """Read one global attribute of a file.
+    """Read one global attribute of a netCDF file as text.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
         return str(nc.getncattr(name))
 
 
-# Figures as data URIs with a palette, for a page; made beside the figures by the job that draws.
+# Figures as data URIs with a palette, for HTML pages; written by the job that draws the figures.
 
 PICTURES = "work/pictures.json"  # in the folder of a mooring's results
-COLOURS = 256  # of the palette: a third of the bytes, and nothing that a reader would see
-SMALL_PIXELS, SMALL_COLOURS = 350, 16  # width and palette of what stands for a figure on a page of many
-SMALL_FIGURES = ("sticks", "progressive", "roses")  # that have such a picture
+COLOURS = 256  # size of the palette: a third of the bytes, without a visible difference
+SMALL_PIXELS, SMALL_COLOURS = 350, 16  # width and palette size of thumbnails
+SMALL_FIGURES = ("sticks", "progressive", "roses")  # figures that have a thumbnail
 Picture = tuple[str, tuple[int, int]]  # data URI; width and height, pixels
 
 
 def embed_png(path: str | Path, *, small: bool = False) -> Picture:
-    """Encode a PNG with a palette as a data URI, with its size; the same file gives the same text.
+    """Encode a PNG as a data URI with a reduced palette, reproducibly, and return it with its size.
 
     Raises:
-        InputError: it is not a whole one.
+        InputError: the file is not a complete PNG.
     """
-    from PIL import Image  # only where a picture is made
+    from PIL import Image
 
     try:
         with Image.open(path) as image:
@@ -333,10 +333,10 @@ def embed_png(path: str | Path, *, small: bool = False) -> Picture:
 
 
 def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
-    """Write the pictures of figures, by the names of their files; small ones beside them.
+    """Write the data URIs of figures and of thumbnails by the stems of the figures' file names.
 
     Raises:
-        InputError: one of them is not a whole PNG.
+        InputError: a figure is not a complete PNG.
     """
     named = {Path(figure).stem: figure for figure in figures}
     made = {"whole": {name: embed_png(figure) for name, figure in named.items()}}
@@ -345,7 +345,7 @@ def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
 
 
 def read_pictures(folder: Path, *, small: bool = False) -> dict[str, Picture]:
-    """Read the pictures made with the figures of a mooring; none where none were made."""
+    """Read the data URIs of a mooring's figures, or of their thumbnails, by name; empty where none were written."""
     path = folder / PICTURES
     made = read_json(path)["small" if small else "whole"] if path.exists() else {}
     return {name: (uri, (width, height)) for name, (uri, (width, height)) in made.items()}

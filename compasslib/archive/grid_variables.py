@@ -1,4 +1,4 @@
-"""The variables of gridded.nc and gridded_daily.nc, one entry a variable; their names are a contract."""
+"""Variables of gridded.nc and gridded_daily.nc, one entry each; their names are a public interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""gridded.nc and gridded_daily.nc in and out: CF, ACDD and OceanSITES, and the instruments that they are made of."""
+"""Input and output of gridded.nc and gridded_daily.nc (CF, ACDD, OceanSITES), and of the instruments to be gridded."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source
 from compasslib.records import GOOD, CorrectedRecord, EarthField, Flags, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
-USUAL_BEAM_DEG = 20.0  # of an affected profiler whose files do not tell it
-OFTEN = 0.9  # of the times of the fullest depth: a depth that is measured in strong currents alone has no mean
+USUAL_BEAM_DEG = 20.0  # beam angle assumed for an affected profiler whose files do not state it
+OFTEN = 0.9  # least share of the fullest depth's times: the mean of a depth reached in strong currents only is biased
 
 
 def affected_source(
     name: str, path: str | Path, product: CorrectedRecord, record: Record, flags: Sequence[int]
 ) -> Source:
-    """Return the affected instrument of corrected.nc, whose velocities are read when they are asked for.
+    """Return an affected instrument as a source of the grid, its velocities read from corrected.nc on demand.
 
     Args:
-        product: of the same file, without velocities.
-        record: of the instrument, for the angle of its beams.
-        flags: of velocities that are used.
+        product: content of the same file, without velocities.
+        record: the instrument's record, for the beam angle and whether its bins were mapped.
+        flags: OceanSITES flags of the velocities to use.
     """
     with open_netcdf(path) as nc:
         bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
@@ -52,10 +52,10 @@ def affected_source(
 
 
 def reference_source(name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int]) -> Source:
-    """Return a reference by its record, turned to true north, whose velocities are read when they are asked for.
+    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north.
 
     Args:
-        record: of the same file, without velocities.
+        record: content of the same file, without velocities.
     """
     with open_netcdf(path) as nc:
         bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
@@ -74,12 +74,12 @@ def reference_source(name: str, path: str | Path, record: Record, field: EarthFi
 
 
 def _tilt(samples: Record, setup: Record) -> Floats:
-    """Compute the tilt by which beams stand for different depths, (n,) degrees: none where bins were mapped."""
+    """Compute the tilt that puts a bin at different depths in the beams, (n,) degrees; 0 where bins were mapped."""
     return np.zeros(len(samples.time_s)) if setup.bins_mapped else np.hypot(samples.pitch_deg, samples.roll_deg)
 
 
 def _read_rows(path: str | Path, names: Sequence[str], which: slice) -> list[NDArray[Any]]:
-    """Read some rows of several variables, NaN where a number is missing."""
+    """Read some rows of several variables, NaN where a floating-point value is missing."""
     with open_netcdf(path) as nc:
         columns = [np.asarray(nc[name][which]) for name in names]
     floats = [values.astype(float) if values.dtype.kind == "f" else values for values in columns]
@@ -88,17 +88,17 @@ def _read_rows(path: str | Path, names: Sequence[str], which: slice) -> list[NDA
 
 @dataclass(frozen=True)
 class FileDescription:
-    """What the global attributes of a mooring's gridded files tell."""
+    """Content of the global attributes of a mooring's gridded files."""
 
     site: Site
     field: EarthField
-    attributes: Mapping[str, object]  # the user's
+    attributes: Mapping[str, object]  # the user's global attributes
     processing: Mapping[str, object]
-    headings: tuple[int, int]  # recorded and corrected ones of the affected instruments
-    also: Mapping[str, object]  # further global attributes, as of the seam
+    headings: tuple[int, int]  # numbers of recorded and of corrected headings of the affected instruments
+    also: Mapping[str, object]  # further global attributes, such as the comparison with the reference
 
     def compose(self, kind: str, time_s: Floats, depth_m: Floats) -> tuple[dict[str, Any], dict[str, object]]:
-        """Compose the global attributes of one file, and those that tell the declination of its velocities."""
+        """Compose the global attributes of one file, and the attributes of its velocities on the declination."""
         spanned = global_attributes(
             self.site, time_s=time_s, depth_m=depth_m, headings=self.headings, attributes=self.attributes,
             processing=self.processing,
@@ -116,10 +116,10 @@ def write_gridded(
     """Write gridded.nc piece by piece.
 
     Args:
-        daily: takes each piece, where daily means are wanted.
+        daily: accumulates each piece; None where no daily means are wanted.
 
     Returns:
-        How many cells there are, have a velocity, and are interpolated.
+        The numbers of all cells, of those with a velocity (``filled``), and of interpolated ones.
     """
     axes = product.axes
     counts = np.zeros(3, dtype=int)
@@ -146,7 +146,7 @@ def write_daily(path: str | Path, product: GriddedProduct, description: FileDesc
     """Write gridded_daily.nc.
 
     Args:
-        daily: that took the pieces of gridded.nc.
+        daily: sums accumulated over the pieces of gridded.nc.
     """
     means = daily.means(product)
     written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
@@ -160,7 +160,7 @@ def write_daily(path: str | Path, product: GriddedProduct, description: FileDesc
 
 
 def _column_attributes(turned: Mapping[str, object], interval: str, memory_s: float) -> dict[str, Mapping[str, object]]:
-    """Return the attributes that the columns of a file have beside those of every file, by name."""
+    """Return, by name of the variable, the attributes that differ from file to file."""
     averaged: dict[str, object] = {"cell_methods": f"TIME: mean (interval: {interval})"}
     memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
     velocities = {"UCUR": {**turned, **averaged}, "VCUR": {**turned, **averaged}, "WCUR": averaged}
@@ -179,7 +179,7 @@ def _put_columns(
 
 @dataclass(frozen=True)
 class MeanProfile:
-    """Mean current and its variance at each depth, (z,) each; NaN where too few times would stand for all."""
+    """Mean current and its variance at each depth, (z,) each; NaN where too few times have a value."""
 
     mean: Complexes  # m/s
     east_variance: Floats  # (m/s)^2
@@ -189,26 +189,26 @@ class MeanProfile:
 
 @dataclass(frozen=True)
 class SectionMeans:
-    """What gridded.nc shows as a section: means over c equal spans of time, and profiles over all of it."""
+    """Section of gridded.nc: means over c equal intervals of time, and profiles over the whole record."""
 
     edges_s: Floats  # (c + 1,)
     depth_m: Floats  # (z,)
-    before: Complexes  # (c, z) m/s, affected instruments' by the recorded heading; NaN where there is none
-    after: Complexes  # (c, z)
-    heading_sigma_deg: Floats  # (c,) of the (first) affected instrument, rms
-    profiles: tuple[MeanProfile, MeanProfile]  # before and after
-    profile_sigma: tuple[Floats, Floats]  # (z,) of the mean eastward and northward velocity after, heading alone
-    reference_share: Floats  # (z,) of the values, from reference instruments; NaN without any
+    before: Complexes  # (c, z) m/s, those of affected instruments by the recorded heading; NaN where there is none
+    after: Complexes  # (c, z) m/s, those of affected instruments by the corrected heading
+    heading_sigma_deg: Floats  # (c,) rms over the interval, of the (first) affected instrument
+    profiles: tuple[MeanProfile, MeanProfile]  # before and after correction
+    profile_sigma: tuple[Floats, Floats]  # (z,) m/s, of the corrected mean east and north, by heading errors alone
+    reference_share: Floats  # (z,) fraction of the values that are from references; NaN without values
 
 
 def read_section(path: str | Path, columns: int) -> SectionMeans:
-    """Average gridded.nc over equal spans of time, piece by piece.
+    """Average gridded.nc over equal intervals of time, piece by piece.
 
     Args:
-        columns: of the section, at most.
+        columns: largest number of intervals.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
         time_s, depth_m = (read_variable(nc, name) for name in ("TIME", "DEPTH"))
@@ -273,7 +273,7 @@ def _mean_profile(moments: Complexes, number: Floats) -> MeanProfile:
 def _described(
     spanned: Mapping[str, Any], given: Mapping[str, object], site: Site, kind: str, also: Mapping[str, object]
 ) -> dict[str, Any]:
-    """Return the global attributes with the words of this file; the user's title and summary stand."""
+    """Add the texts of this kind of file to global attributes; except ``comment``, the user's take precedence."""
     means = "daily means of " if kind.endswith("daily") else ""
     texts = {
         "title": f"Currents of mooring {site.name} on fixed depths: {means}corrected and reference velocities",
@@ -372,21 +372,21 @@ class GriddedCurrents:
 
     time_s: Floats  #: (t,) middle of each interval, UTC seconds since 1970
     depth_m: Floats  #: (z,) m below the surface, positive down
-    velocity: Complexes  #: (t, z) true east + i north, m/s
-    east_sigma: Floats  #: (t, z) m/s, of single cells
-    north_sigma: Floats  #: (t, z) m/s, of single cells
-    quality: Flags  #: (t, z) OceanSITES flag, 8 is interpolated
-    source: NDArray[np.intp]  #: (t, z) position in ``instruments``, -1 without any
-    instruments: tuple[str, ...]  #: affected ones first
-    errors: HeadingErrors  #: of headings, common to cells and times
-    memory_s: float  #: s, e-folding time of errors that turn with no heading
+    velocity: Complexes  #: (t, z) m/s, true east + i north
+    east_sigma: Floats  #: (t, z) m/s, standard deviation of each cell
+    north_sigma: Floats  #: (t, z) m/s, standard deviation of each cell
+    quality: Flags  #: (t, z) OceanSITES flag, 8 for interpolated
+    source: NDArray[np.intp]  #: (t, z) index into ``instruments``, -1 where there is no velocity
+    instruments: tuple[str, ...]  #: names, affected instruments first
+    errors: HeadingErrors  #: heading errors, which are correlated between cells and times
+    memory_s: float  #: s, e-folding time of the errors that do not come from a heading
 
     def sum_cells(self, east: ArrayLike, north: ArrayLike) -> tuple[float, float]:
-        """Sum weighted velocities, as a transport or a mean is one, and return the sum and its standard deviation.
+        """Compute a weighted sum of the velocities, such as a transport or a mean, and its standard deviation.
 
         Args:
-            east: weights of the eastward velocity, which broadcast to (t, z); cells without a velocity are left out.
-            north: the same of the northward velocity.
+            east: weights of the eastward velocity, broadcast to (t, z); cells without a velocity are left out.
+            north: weights of the northward velocity, likewise.
         """
         there = np.isfinite(self.velocity) & np.isfinite(self.east_sigma)
         east, north = (np.where(there, np.broadcast_to(np.asarray(w, float), there.shape), 0.0) for w in (east, north))
@@ -406,10 +406,10 @@ def open_gridded(path: str | Path) -> GriddedCurrents:
     """Read gridded.nc or gridded_daily.nc.
 
     Args:
-        path: the file, or the folder of a mooring's results.
+        path: the file, or the folder of a mooring's results, whose gridded.nc is read.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     path = Path(path)
     with open_netcdf(path / "gridded.nc" if path.is_dir() else path) as nc:

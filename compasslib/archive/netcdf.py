@@ -1,4 +1,4 @@
-"""CF netCDF in and out: the record between two stages and overlap.nc; and the doors to corrected.nc and JSON."""
+"""CF netCDF input and output: records between two stages, overlap.nc and corrected.nc."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ from compasslib.types import Floats
 
 
 def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
-    """Write a record between two stages; series in float64, velocities and ranges in float32.
+    """Write a record for the stages that follow, series in float64, velocities and ranges in float32.
 
-    Not compressed, as it is read five times; it stays smaller than most raw files.
+    It is not compressed, because it is read five times; it is still smaller than most raw files.
     """
     with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "record of one instrument"} | plain(attributes or {}))
@@ -72,25 +72,25 @@ def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _beams(record: Record) -> int:
-    """Count the beams that the profiles tell apart; 0 where none does."""
+    """Return the number of beams of the profiles, 0 where none of them has a beam dimension."""
     shapes = [profile[:1].shape for profile in record.profiles.values()]
     return max((shape[2] for shape in shapes if len(shape) == 3), default=0)
 
 
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
-    """Read a record that ``write_record`` wrote, without its profiles: they are many and few need them.
+    """Read a record written by ``write_record``, without its profiles, which are large and rarely needed.
 
     Args:
-        velocities: whether its bins are wanted; else it comes without any.
+        velocities: whether to read the bins; otherwise the record has none.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     bins = None if velocities else 0
     with open_netcdf(path) as nc:
-        # The ranges first: they shrink to a row before the velocities come.
+        # Ranges are read before velocities to save memory: constant ones are reduced to one row.
         ranges = read_variable(nc, variables.RECORD["bin_range_m"].name, bins)
-        if ranges.size and (ranges == ranges[0]).all():  # one setting throughout: all samples share a row
+        if ranges.size and (ranges == ranges[0]).all():  # one setting throughout: all samples share this row
             ranges = np.broadcast_to(ranges[0].copy(), ranges.shape)
         arrays = {"bin_range_m": ranges}
         arrays |= {
@@ -109,10 +109,10 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
 
 
 def read_profiles(path: str | Path) -> dict[str, Rows]:
-    """Open the profiles of a record that ``write_record`` wrote; their rows are read when they are asked for.
+    """Open the profiles of a record written by ``write_record``; their rows are read on access.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
         return {
@@ -121,10 +121,10 @@ def read_profiles(path: str | Path) -> dict[str, Rows]:
 
 
 def read_counts(path: str | Path) -> dict[str, int]:
-    """Read the counts of a record (read, skipped, flagged); its series are not read.
+    """Read the counts of a record (read, skipped, flagged) without its series.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     counts: dict[str, int] = json.loads(read_attribute(path, "counts"))
     return counts
@@ -137,9 +137,9 @@ def read_warnings(path: str | Path) -> list[str]:
 
 
 def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
-    """Read the degrees taken out of headings and velocities of each record, apart where they differ.
+    """Read the declination removed from each record, separately for headings and velocities where they differ.
 
-    Records of an older version know one number, or none, which is 0.
+    Degrees, east positive. Records of older versions store one number for both, or none, which means 0.
     """
     applied: dict[str, float] = {}
     for path in map(Path, paths):
@@ -157,7 +157,7 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
     """Write overlap.nc.
 
     Args:
-        pairs: any pairs, also none.
+        pairs: the pairs, possibly none.
     """
     with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
@@ -181,10 +181,10 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
 
 
 def read_pairs(path: str | Path) -> Pairs:
-    """Read pairs that ``write_pairs`` wrote.
+    """Read pairs written by ``write_pairs``.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
         there = {name: each for name, each in variables.PAIRS_PERHAPS.items() if each.name in nc.variables}
@@ -201,11 +201,11 @@ def read_pairs(path: str | Path) -> Pairs:
         return Pairs(**values, doubts=tuple((sigma_deg, why) for sigma_deg, why in doubts))
 
 
-# corrected.nc in and out: CF, ACDD and OceanSITES, written in pieces along time, so that a decade fits in memory.
+# corrected.nc (CF, ACDD and OceanSITES): written in pieces along time, to bound the memory that a decade takes.
 
 DAYS_1950_TO_1970 = 7305.0
 TIME_DECIMALS = 5  # of seconds; days since 1950 in float64 resolve 0.3 microseconds
-Column = tuple[NDArray[Any], Flags | None]  # values, and flags where there are any
+Column = tuple[NDArray[Any], Flags | None]  # values, and their flags if they have any
 Columns = dict[str, Column]
 
 
@@ -217,12 +217,12 @@ def write_corrected(
     attributes: Mapping[str, object] | None = None,
     processing: Mapping[str, object] | None = None,
 ) -> None:
-    """Write corrected.nc: CF, ACDD and OceanSITES; no clock is read.
+    """Write corrected.nc according to CF, ACDD and OceanSITES, without reading the system clock.
 
     Args:
-        product: the corrected instrument, also without samples or without any corrected heading; or its pieces along
-            time, at least one, which are gone through twice.
-        attributes: global attributes of the user, and make and number of the instrument.
+        product: the corrected record, possibly without samples or corrected headings; or its pieces along time, at
+            least one, which are iterated over twice.
+        attributes: the user's global attributes, including make and serial number of the instrument.
         processing: how and when the product was made; see ``archive.attributes.global_attributes``.
     """
     pieces = [product] if isinstance(product, CorrectedRecord) else product
@@ -248,26 +248,26 @@ def write_corrected(
             for name, column in _columns(piece, whole).items():
                 sensor = of_sensor.get(name, {}) | of_model.get(name, {})
                 variable = variables.CORRECTED[name]
-                if variable.dimensions == variables.BEAMS and column[0].ndim == 2:  # counts, one for all beams
+                if variable.dimensions == variables.BEAMS and column[0].ndim == 2:  # counts without a beam dimension
                     variable = replace(variable, dimensions=variables.BINS)
                 _put_placed(nc, variable, column, sensor, slice(begin, end))
 
 
 @dataclass(frozen=True)
 class _Whole:
-    """What the head of the file says of all pieces."""
+    """Properties of all pieces together, for the header of the file."""
 
     time_s: Floats  # (n,)
     bins: int
     looks_up: bool
-    depths_m: Floats  # least and greatest of the measurements in each piece that has any
+    depths_m: Floats  # m, smallest and largest depth of the bins in each piece that has any
     nominal_depth: bool
-    headings: tuple[int, int]  # recorded, corrected
-    declination: tuple[float, float]  # first and last, degrees
-    measured: tuple[str, ...]  # of the variables that are there only where they were measured
+    headings: tuple[int, int]  # numbers of recorded and of corrected headings
+    declination: tuple[float, float]  # at the first and last sample, degrees, east positive
+    measured: tuple[str, ...]  # names of the optional variables that were measured
     beams: int
-    recorded_in: Attributes  # attribute of what the instrument measured
-    instrument: dict[str, str]  # what its files tell of it
+    recorded_in: Attributes  # attribute of the measured variables: coordinate system of the recorded velocities
+    instrument: dict[str, str]  # manufacturer, model and serial number, as far as its files state them
 
 
 def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
@@ -288,7 +288,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         bins=record.east.shape[1],
         looks_up=record.looks_up,
         depths_m=np.array(depths),
-        # A measured depth varies; one that does not was written down, not observed.
+        # A measured depth varies; a constant one comes from metadata.
         nominal_depth=len(set(instrument)) == 1,
         headings=(recorded, corrected),
         declination=(declination[0], declination[-1]) if declination else (np.nan, np.nan),
@@ -305,16 +305,16 @@ def _ends(values: Floats) -> list[float]:
 
 
 def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRecord:
-    """Read the product that ``write_corrected`` wrote, for figures.
+    """Read a product written by ``write_corrected``, as far as figures need it.
 
-    The record inside has no supply voltage, no profiles, no counts and no warnings, and its velocities are the recorded
-    ones from true north.
+    Its ``record`` has no supply voltage, profiles, counts or warnings, and its velocities are those by the recorded
+    heading, relative to true north.
 
     Args:
-        velocities: whether its bins are wanted; else it comes without any.
+        velocities: whether to read the bins; otherwise the product has none.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     bins = None if velocities else 0
     with open_netcdf(path) as nc:
@@ -336,13 +336,13 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
 
 
 def open_product(path: str | Path) -> CorrectedRecord:
-    """Open a product in memory, whose ``to_xarray()`` labels it.
+    """Load a product into memory; its ``to_xarray()`` converts it to a labelled dataset.
 
     Args:
         path: a corrected.nc, or the folder of a mooring's results.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     path = Path(path)
     return read_corrected(path / "corrected.nc" if path.is_dir() else path)
@@ -417,13 +417,13 @@ def _count(values: Floats) -> int:
 
 
 def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:
-    """Flag absent values whose flag does not say so."""
+    """Set the flag ``absent`` where a value is missing and its flag is neither bad nor missing."""
     given = np.isfinite(values) | np.isin(flags, (BAD, MISSING))
     return np.where(given, flags, absent).astype(np.int8)
 
 
 def _judged(name: str, values: Floats, nominal: bool = False) -> Flags:
-    """Flag by the valid range alone what no earlier stage has flagged."""
+    """Flag the values of a variable that no earlier stage has flagged, by its valid range alone."""
     low, high = variables.CORRECTED[name].valid or (-np.inf, np.inf)
     flags = np.where((values >= low) & (values <= high), variables.NOMINAL if nominal else PROBABLY_GOOD, BAD)
     return np.where(np.isfinite(values), flags, MISSING).astype(np.int8)
@@ -431,7 +431,7 @@ def _judged(name: str, values: Floats, nominal: bool = False) -> Flags:
 
 def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
     name = np.frombuffer(site.name.encode(), dtype="S1")
-    bins = max(whole.bins, 1)  # only one dimension may have no length in the classic model, and that is TIME
+    bins = max(whole.bins, 1)  # in the classic model only the unlimited dimension, TIME, may have length 0
     for dimension, size in (("TIME", len(whole.time_s)), ("BIN", bins), ("NAME_LENGTH", len(name))):
         nc.createDimension(dimension, size)
     write_variable(nc, variables.TIME, whole.time_s / 86400.0 + DAYS_1950_TO_1970)
@@ -445,7 +445,7 @@ def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
 def _put_placed(
     nc: netCDF4.Dataset, variable: Variable, column: Column, sensor: Mapping[str, object], rows: slice
 ) -> None:
-    """Write a piece of one variable and of its flags, with where it was measured."""
+    """Write a piece of one variable and of its flags, with its ``coordinates`` attribute."""
     values, flags = column
     coordinates = variables.COORDINATES[variable.dimensions]
     placed = {} if variable.name in coordinates.split() else {"coordinates": coordinates}

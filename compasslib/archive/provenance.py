@@ -1,4 +1,4 @@
-"""What a result was made from: files and hashes, the modules behind a script, the time of processing."""
+"""Provenance of results: input files and their hashes, the modules behind a script, and the time of processing."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from typing import TYPE_CHECKING, Any
 from compasslib import __version__, plugins
 from compasslib.errors import InputError
 
-if TYPE_CHECKING:  # the Snakefile imports this room and needs no numbers
+if TYPE_CHECKING:  # the Snakefile imports this module and should not import numpy
     from compasslib.inference.product import Product
     from compasslib.records import EarthField
 
 PACKAGE: Path = Path(__file__).resolve().parents[1]
 PROJECT: Path = PACKAGE.parent
 CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
-WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel with changelog and lock
+WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has changelog and lock
 RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
-TIMES = ("start_s", "end_s", "exclude")  # settings of a job in seconds since 1970
+TIMES = ("start_s", "end_s", "exclude")  # settings of a job that are in seconds since 1970
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
 _FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
 _OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
 _ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
 
 
-@cache  # asked for each job of a fleet
+@cache  # called for each job of a cruise
 def sources(script: str | Path, *others: str) -> tuple[str, ...]:
-    """List the files of compasslib that a script uses, followed through all imports.
+    """List the files of compasslib that a script imports, directly or indirectly.
 
-    Snakemake re-runs a job whose script changed, not one whose library changed; one hash of these files is therefore a
-    parameter of each rule, so that an edit re-runs what it touches and nothing else. As inputs, some 45 a job, they
-    would take half of what it costs to plan a fleet.
+    Snakemake re-runs a job whose script changed, but not one whose library changed. A hash of these files is therefore
+    a parameter of each rule, so that an edit re-runs only the jobs that it affects. As inputs, some 45 per job, they
+    would cost half of the time to plan a large cruise.
 
     Args:
-        others: modules that it imports by name only when it runs, as ``compasslib.readers.table``.
+        others: modules that the script imports by name at run time, such as ``compasslib.readers.table``.
     """
     visited = {file for other in others for file in _files(other)}
     waiting = [Path(script), *visited]
@@ -55,10 +55,10 @@ def sources(script: str | Path, *others: str) -> tuple[str, ...]:
 
 @cache
 def _imported(path: Path) -> frozenset[Path]:
-    """List the files of compasslib that one file imports when it runs, packages' own files included.
+    """List the files of compasslib that one file imports at run time, including those of parent packages.
 
-    Read by lines: a syntax tree of all modules takes a second each time that Snakemake starts. A line of a text that
-    looks like an import costs a needless re-run; none that is one is missed.
+    The file is searched by regular expression, as parsing all modules would take a second at each start of Snakemake.
+    Text that looks like an import causes a needless re-run at worst; no import is missed.
     """
     names: set[str] = set()
     for module, members, whole in _IMPORT.findall(_FOR_TYPES.sub("", path.read_text(encoding="utf-8"))):
@@ -69,7 +69,7 @@ def _imported(path: Path) -> frozenset[Path]:
 
 @cache
 def _files(name: str) -> tuple[Path, ...]:
-    """Find the file of a module and those of the packages above it."""
+    """Find the file of a module and those of its parent packages."""
     parts = name.split(".")
     stems = [PROJECT.joinpath(*parts[:k]) for k in range(1, len(parts) + 1)]
     candidates = [stem / "__init__.py" for stem in stems] + [stems[-1].with_suffix(".py")]
@@ -78,9 +78,9 @@ def _files(name: str) -> tuple[Path, ...]:
 
 @cache  # outside a checkout it hashes all modules
 def software() -> str:
-    """Name this software, its version and its commit, or the hash of its modules outside a checkout.
+    """Identify this software by its version and commit, or by the hash of its modules where no commit is known.
 
-    Packages that add readers or effects follow, with their versions.
+    Packages that add readers or effects are appended with their versions.
     """
     status = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
     lines = (status or "").splitlines()
@@ -96,10 +96,10 @@ def software() -> str:
 
 
 def date_created() -> str:
-    """Read the time of processing: the clock, or SOURCE_DATE_EPOCH, with which the same input gives the same bytes.
+    """Return the time of processing in ISO 8601: SOURCE_DATE_EPOCH, for reproducible output, or else the clock.
 
     Raises:
-        InputError: SOURCE_DATE_EPOCH is no number of seconds.
+        InputError: SOURCE_DATE_EPOCH is not a number of seconds.
     """
     epoch = os.environ.get("SOURCE_DATE_EPOCH")
     try:
@@ -111,7 +111,7 @@ def date_created() -> str:
 
 
 def installed(package: str) -> str:
-    """Look up the version of a package, nothing where it is not installed."""
+    """Return the version of a package, empty where it is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -119,71 +119,42 @@ def installed(package: str) -> str:
 
 
 def sha256(path: str | Path) -> str:
-    """Hash a file's bytes (SHA-256, hexadecimal)."""
+    """Compute the SHA-256 of a file, hexadecimal."""
     with Path(path).open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def hashes(paths: Iterable[str]) -> dict[str, str]:
-    """Hash several files, by their paths."""
+    """Compute the SHA-256 of several files, by path."""
     return {str(path): sha256(path) for path in paths}
 
 
 def digest(modules: Iterable[str | Path]) -> str:
-    """Hash several files of the project together, by their paths in it and their bytes (SHA-256)."""
+    """Compute one SHA-256 over the contents of several files and their paths in the project."""
     lines = sorted(f"{sha256(path)}  {Path(path).relative_to(PROJECT).as_posix()}\n" for path in modules)
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 @cache
 def code(modules: tuple[str, ...]) -> str:
-    """Hash the modules behind a script once; later edits of the files do not count.
+    """Hash the modules behind a script, once per process: later edits of the files are ignored.
 
     Args:
-        modules: as ``sources`` gives them.
+        modules: files as returned by ``sources``.
     """
     return digest(modules)
-
-
-def inputs(job: Any) -> list[str]:
-    """List the files that one job of the workflow reads, without those of the software itself.
-
-    Args:
-        job: the object ``snakemake`` of its script.
-    """
-    house = str(PACKAGE)  # the report's templates are inputs, and belong to the software
-    return [str(path) for path in job.input if not path.startswith(house)]
-
-
-def of_job(job: Any, read: Mapping[str, str]) -> dict[str, Any]:
-    """Describe what one job of the workflow read and wrote, by what code and with which parameters.
-
-    Args:
-        job: the object ``snakemake`` of its script; its parameter ``code`` is the hash of the library files behind it.
-        read: SHA-256 of its inputs, by path.
-    """
-    parameters = dict(job.params.items())
-    return {
-        "rule": job.rule,
-        "of": dict(job.wildcards.items()),
-        "software": software(),
-        "code": parameters.pop("code", ""),
-        "parameters": parameters,
-        "read": dict(read),
-        "wrote": hashes(job.output),
-    }
 
 
 def origin(
     what: str, files: Sequence[str], within: Path | None = None, superseded: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
-    """Compose the attributes of a netCDF file that lead back to what it was made from.
+    """Compose the attributes that state the provenance of a netCDF file.
 
     Args:
-        what: was done, for the history.
-        files: that it was made from, relative to the cruise folder.
-        within: a folder from which they are named, where not from the cruise's.
-        superseded: the earlier deposit, as ``deposit.describe_superseded`` gives it.
+        what: description of the processing step for ``history``.
+        files: files that it was made from, relative to the cruise folder.
+        within: folder relative to which the attributes name them; None for the cruise folder.
+        superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
     """
     made, by = date_created(), software()
     known = hashes(files)
@@ -212,11 +183,11 @@ def origin(
 def processing(
     product: Product, field: EarthField, raw_files: Sequence[str], superseded: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Describe how and when a record was corrected, as attributes of the archive.
+    """Compose the attributes that describe how and when a record was corrected.
 
     Args:
-        field: the declination that was used.
-        raw_files: what was read, relative to the cruise folder.
+        field: the earth's field, for the source of its declination.
+        raw_files: raw files that were read, relative to the cruise folder.
         superseded: the earlier deposit, as for ``origin``.
     """
     suffix = f" with {', '.join(product.effects)}" if product.effects else ""
@@ -232,16 +203,16 @@ def processing(
 
 
 def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
-    """Describe what a calibration was made from, and by what.
+    """Compose the keys that state the provenance of a calibration: raw files, software and date.
 
     Args:
-        raw_files: what was read, relative to the cruise folder.
+        raw_files: raw files that were read, relative to the cruise folder.
     """
     return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
 
 
 def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """List the settings of a job, or the keys of a YAML file, that differ, each with its values as they are in JSON."""
+    """List the settings of a job, or the keys of a YAML file, that differ, each with both values as JSON."""
     left, right = (dict(_leaves(json.loads(json.dumps(side, default=str)))) for side in (before, after))
     keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
     was, now = ({key: _short(side[key]) if key in side else "absent" for key in keys} for side in (left, right))
@@ -249,7 +220,7 @@ def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
 
 
 def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
-    """Give each setting by its keys; the outermost is the parameter of the rule, which no YAML file knows."""
+    """Yield each value with its dotted key, less the outermost key: a parameter of the rule that no YAML file has."""
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _leaves(inner, *keys, name)
@@ -260,7 +231,7 @@ def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
 
 
 def _dated(seconds: Any) -> Any:
-    """Write seconds since 1970, or lists of them, as dates."""
+    """Convert seconds since 1970, or nested lists of them, to ISO 8601."""
     if isinstance(seconds, list):
         return [_dated(each) for each in seconds]
     return seconds and datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
@@ -273,13 +244,13 @@ def _short(value: Any, longest: int = 60) -> str:
 
 @cache
 def _git(*arguments: str) -> str | None:
-    """Ask git about this project: None outside a checkout, empty where git cannot answer."""
+    """Return the output of git for this project; None outside a checkout, empty where git cannot be run."""
     if not (PROJECT / ".git").exists():
         return None
-    # A checkout may be another's: git then refuses, for fear of what its settings may start. Its Python runs already.
-    # Without optional locks, so that jobs side by side do not wait for each other's index.
+    # git refuses a checkout of another user, whose settings may start programs; its Python code runs already anyway.
+    # Optional locks are off, so that parallel jobs do not wait for each other's index.
     command = ["git", "-c", f"safe.directory={PROJECT}", "--no-optional-locks", "-C", str(PROJECT), *arguments]
-    # Inside a hook of another repository, or below one where its own is broken, git would answer of that.
+    # In a hook of another repository, or below one if its own is broken, git would describe that repository.
     environment = {name: value for name, value in os.environ.items() if name not in _OF_A_REPOSITORY}
     environment |= {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
     try:

@@ -1,4 +1,4 @@
-"""Summaries of a mooring's results: its row of summary.csv, and the current of one bin before and after."""
+"""Summaries of a mooring's results: its row of summary.csv, and the current of one bin before and after correction."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ COLUMNS = (
     "warnings",
 )
 
-STOPPED = "stopped"  # the verdict of a mooring without results, as its files cannot be used
+STOPPED = "stopped"  # verdict of a mooring that has no results because its files cannot be used
 
 
 def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
-    """Summarize a mooring; shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
+    """Summarize a mooring in a row: shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
 
     Args:
-        roles: its instruments; None where no configuration says so, then every record that is there.
+        roles: its instruments; None, without a configuration, for those of all records present.
     """
     folder = Path(folder)
     files = ("deviation.json", "assessment.json", "diagnosis.json")
@@ -65,15 +65,15 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
 
 
 def stopped_row(name: str, why: str) -> dict[str, Any]:
-    """Make the row of a stopped mooring: no numbers, the verdict ``stopped`` and the reason as a warning."""
+    """Compose the row of a stopped mooring: no numbers, the verdict ``stopped`` and the reason as a warning."""
     return dict.fromkeys(COLUMNS, None) | {"name": name, "verdict": STOPPED, "warnings": why}
 
 
 def record_paths(folder: Path, roles: Iterable[str] | None) -> list[Path]:
-    """List the records of a mooring's instruments, in the order of their names.
+    """List the record files of a mooring's instruments, sorted by name.
 
     Args:
-        roles: its instruments; None where no configuration says so, then every record that is there.
+        roles: its instruments; None, without a configuration, for all records present.
     """
     if roles is None:
         return sorted((folder / "work").glob("*.nc"))
@@ -89,7 +89,7 @@ def write_summary(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Format the rows for a terminal."""
+    """Format the first columns of the rows as a table for a terminal."""
     shown = COLUMNS[:8]
     lines = [shown, *(["" if r[c] is None else str(r[c]) for c in shown] for r in rows)]
     widths = [max(len(line[k]) for line in lines) for k in range(len(shown))]
@@ -110,7 +110,7 @@ def _warnings(
     pairs = netcdf.read_pairs(folder / "overlap.nc").warnings
     refuted = [verdict["refuted"]] if verdict["refuted"] else []
     unexplained = []
-    if left := diagnosis["unexplained"]:  # the verdict alone does not tell how large it is
+    if left := diagnosis["unexplained"]:  # the verdict does not state its size
         unexplained = [
             f"a mismatch of {left['rms_effect_deg']:.1f}° rms {left['where']['text']} is unexplained and not "
             "corrected; it is included in the uncertainty"
@@ -125,15 +125,15 @@ def _rounded(value: float | None, digits: int) -> float | None:
 
 # The current of one bin.
 
-MIN_SAMPLE_SHARE = 0.9  # of the samples that the fullest bin has: the nearest such bin is shown
+MIN_SAMPLE_SHARE = 0.9  # of the samples of the fullest bin: the nearest bin that has as many is shown
 HOUR_S = 3600.0
-AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # over which a mean may go
+AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # possible averaging intervals
 MAX_MEANS, MAX_STICKS = 420, 90
 
 
 @dataclass(frozen=True)
 class CurrentSeries:
-    """A current along time, east + i north, m/s; NaN where it is missing."""
+    """Time series of a current, east + i north, m/s; NaN where it is missing."""
 
     time_s: Floats  # (n,)
     velocity: Complexes  # (n,)
@@ -143,23 +143,23 @@ class CurrentSeries:
 class BinCurrents:
     """The current of one bin by the recorded and by the corrected heading."""
 
-    depth_m: float  # median of the bin's; NaN where no bin has a sample
+    depth_m: float  # median depth of the bin; NaN where no bin has a sample
     recorded: CurrentSeries
     corrected: CurrentSeries
 
     @property
     def mean(self) -> tuple[complex, complex]:
-        """Mean currents, recorded and corrected, m/s, over the samples that have both; over all where none has."""
+        """Mean recorded and corrected currents, m/s, over samples that have both; if none has, over all recorded."""
         before, after = self.recorded.velocity, self.corrected.velocity
         both = np.isfinite(before) & np.isfinite(after)
         return _mean(before[both] if both.any() else before), _mean(after[both])
 
 
 def read_bin_currents(path: str | Path) -> BinCurrents:
-    """Read the current of the bin nearest to the instrument of those with nearly as many samples as the fullest.
+    """Read the current of the bin nearest to the instrument that has nearly as many samples as the fullest bin.
 
     Raises:
-        InputError: the file is absent, damaged or something else.
+        InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
         time_s = (read_variable(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0
@@ -182,23 +182,23 @@ COMPONENTS = (("UCUR_RECORDED", "VCUR_RECORDED"), ("UCUR", "VCUR"))
 
 
 def reference_current(pairs: Pairs) -> CurrentSeries:
-    """Extract the reference's current at the overlaps."""
+    """Extract the reference's current at the pairs."""
     return CurrentSeries(pairs.time_s, pairs.lower_east + 1j * pairs.lower_north)
 
 
 def averaging_hours(time_s: Floats, most: int = MAX_MEANS) -> float:
-    """Choose the hours of a mean.
+    """Choose an averaging interval, hours.
 
     Args:
-        time_s: increasing times, perhaps none.
-        most: means of the record.
+        time_s: increasing times, possibly none.
+        most: largest number of means over the record.
     """
     hours = (time_s[-1] - time_s[0]) / HOUR_S if len(time_s) else 0.0
     return float(next((span for span in AVERAGING_HOURS if hours <= most * span), AVERAGING_HOURS[-1]))
 
 
 def average(flow: CurrentSeries, begin_s: float, hours: float, count: int) -> Complexes:
-    """Average a current over equal spans, (count,); NaN where a span has no sample."""
+    """Average a current over ``count`` equal intervals, (count,); NaN where an interval has no sample."""
     there = np.isfinite(flow.velocity)
     place = np.floor((flow.time_s[there] - begin_s) / (hours * HOUR_S)).astype(int)
     inside = (place >= 0) & (place < count)

@@ -1,7 +1,7 @@
-"""The variables of the netCDF files, one entry a variable.
+"""Variables of the netCDF files, one entry each.
 
-The names of corrected.nc and overlap.nc are a contract. Standard names are those of the CF table and are left out where
-it has none: it knows an orientation from north, but no heading from magnetic north, no deviation and no declination.
+The variable names of corrected.nc and overlap.nc are a public interface. Standard names are from the CF table and are
+omitted where it has none: it has an orientation from true north, but no magnetic heading, deviation or declination.
 Flags are those of OceanSITES reference table 2. ``python -m compasslib.archive.variables`` prints the table of
 docs/reference/product.md.
 """
@@ -17,21 +17,21 @@ from compasslib.preparation.quality import MASKS, TESTS
 from compasslib.records import PROFILES as PROFILE_KEYS
 
 FILL = 99999.0
-ABSENT = -1  # of counts
+ABSENT = -1  # fill value of counts
 FLAG_VALUES = np.array([0, 1, 2, 3, 4, 7, 8, 9], dtype=np.int8)
 FLAG_MEANINGS = (
     "unknown good_data probably_good_data potentially_correctable_bad_data bad_data "
     "nominal_value interpolated_value missing_value"
 )
-NOMINAL = 7  # "not observed but reported": the flag of what comes from metadata or a model
+NOMINAL = 7  # "not observed but reported": flag of values from metadata or a model
 
-UNIT_CODES = {  # of the vocabulary P06
+UNIT_CODES = {  # in the NERC vocabulary P06
     **{"m s-1": "UVAA", "degree": "UAAA", "degree_Celsius": "UPAA", "dbar": "UPDB", "m": "ULAA", "percent": "UPCT"},
     **{"degrees_north": "DEGN", "degrees_east": "DEGE"},
 }
 
 SERIES, BINS = ("TIME",), ("TIME", "BIN")
-BEAMS = ("BEAM", *BINS)  # CF 2.4: what is neither time nor place stands to the left
+BEAMS = ("BEAM", *BINS)  # CF 2.4: dimensions of neither time nor space stand to the left
 MAGNETIC, TRUE = "magnetic north", "true north"
 EASTWARD, NORTHWARD = "eastward_sea_water_velocity", "northward_sea_water_velocity"
 CURRENT_CODES = {"UCUR": "LCEWZZ01", "VCUR": "LCNSZZ01"}
@@ -46,25 +46,25 @@ class Variable:
     name: str
     long_name: str
     units: str = ""
-    standard_name: str = ""  # of CF
+    standard_name: str = ""  # in the CF table, empty where it has none
     dimensions: tuple[str, ...] = SERIES
     dtype: str = "f8"
     valid: tuple[float, float] | None = None
     reference: str = ""
     comment: str = ""
-    ancillary: tuple[str, ...] = ()  # the variables that say more about each value
+    ancillary: tuple[str, ...] = ()  # names of the variables that qualify each value
     fill: float | None = FILL  # None where no value can be missing
     also: Mapping[str, object] = field(default_factory=dict)
     parameter: str = ""  # code of the vocabulary P01 of the NERC Vocabulary Server
-    # Of a variable of corrected.nc:
-    content: str = "physicalMeasurement"  # ACDD's word for what it is
-    flagged: bool = True  # whether it has flags of its own
-    sensed: bool = False  # measured by the affected instrument, so that it carries its make and number
-    by_declination: bool = False  # changes with the declination, so that it carries its model and date
-    optional: bool = False  # only where it was measured
+    # For variables of corrected.nc only:
+    content: str = "physicalMeasurement"  # ACDD ``coverage_content_type``
+    flagged: bool = True  # whether it has its own flag variable
+    sensed: bool = False  # measured by the affected instrument, whose make and serial number become attributes
+    by_declination: bool = False  # depends on the declination, whose model and dates become attributes
+    optional: bool = False  # written only where it was measured
 
     def attributes(self) -> dict[str, object]:
-        """List the attributes in the order in which they are written, without empty ones."""
+        """Compose the attributes in the order in which they are written, omitting empty ones."""
         attributes: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
         attributes |= {"units": self.units, "reference": self.reference, "comment": self.comment}
         attributes |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
@@ -77,7 +77,7 @@ class Variable:
 
 
 def quality_variable(variable: Variable) -> Variable:
-    """Make the flag variable that belongs to a variable.
+    """Create the quality flag variable of a variable.
 
     Args:
         variable: the variable whose values are flagged.
@@ -92,19 +92,19 @@ def quality_variable(variable: Variable) -> Variable:
     )
 
 
-# ------------------------------------------------------------------------------------------------ record, by its fields
+# ------------------------------------------------------------------------------------------------ record, by field name
 BIN = Variable(
     "BIN", "number of the bin, counted from the transducer", "1", "", ("BIN",), "i4", fill=None, also={"axis": "Z"}
 )
 BEAM = Variable("BEAM", "number of the beam, as the instrument counts them", "1", "", ("BEAM",), "i4", fill=None)
 _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
 
-NOT_STORED = {"echo_range_m", "channels", "profiles"}  # of a record: used up at its deployment; one variable each
-CHANNEL = "CHANNEL_"  # what their names begin with
+NOT_STORED = {"echo_range_m", "channels", "profiles"}  # the first only serves the deployment; the others hold several
+CHANNEL = "CHANNEL_"  # prefix of the variables of ``channels``
 
 
 def channel_variable(name: str, unit: str) -> Variable:
-    """Make the variable of another logged series."""
+    """Create the variable of an additional logged series."""
     return Variable(f"{CHANNEL}{name}", f"{name.replace('_', ' ')}, as logged or given", unit)
 
 
@@ -130,7 +130,7 @@ RECORD = {
     ),
 }
 
-# ----------------------------------------------------------------------------------------------- pairs, by their fields
+# ------------------------------------------------------------------------------------------------- pairs, by field name
 _BY_RECORDED = "velocity of the affected instrument, by its recorded heading plus declination"
 _OF_TRUSTED = "velocity of the reference"
 
@@ -148,7 +148,7 @@ PAIRS = {
     "separation_minutes": Variable("SEPARATION_MINUTES", "time, lower minus upper velocity", "minute"),
     "declination_deg": Variable("DECLINATION", "magnetic declination, east positive", "degree"),
 }
-PAIRS_PERHAPS = {  # only where there are such
+PAIRS_PERHAPS = {  # written only where the pairs have them
     "lower_heading_deg": Variable("LOWER_HEADING", "heading of the reference compass", "degree", reference=MAGNETIC),
     "reference_index": Variable("REFERENCE_INDEX", "reference of the pair", dtype="i1", fill=None),
 }
@@ -213,7 +213,7 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
         name,
         how if uncertain else f"{towards} velocity of the water, {how}",
         "m s-1",
-        "" if recorded else standard_name,  # who selects by it gets the corrected current
+        "" if recorded else standard_name,  # selection by standard name yields the corrected current
         BINS,
         "f4",
         valid=(-10.0, 10.0),
@@ -229,7 +229,7 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
 
 
 def _counts(name: str, what: str, standard_name: str, comment: str, *, units: str = "1") -> Variable:
-    # The classic model of netCDF knows no unsigned byte: the high byte is nothing but zeros, and compresses away.
+    # The classic netCDF model has no unsigned byte; the high bytes are almost all zero and compress to nothing.
     unchecked = {"QC_indicator": "unknown"}
     return Variable(
         *(name, what, units, standard_name, BEAMS, "i2"),
@@ -442,7 +442,7 @@ CORRECTED = {
 }
 _OF_BINS = "TIME LATITUDE LONGITUDE DEPTH"
 COORDINATES = {SERIES: "TIME LATITUDE LONGITUDE INSTRUMENT_DEPTH", BINS: _OF_BINS, BEAMS: _OF_BINS}
-# What a record's ``profiles`` are called.
+# Names of the variables that hold a record's ``profiles``.
 PROFILES = dict(
     zip(PROFILE_KEYS, ("WCUR", "ERROR_VELOCITY", "ECHO_INTENSITY", "CORRELATION", "PERCENT_GOOD"), strict=True)
 )
@@ -452,13 +452,12 @@ SENSED = tuple(name for name, entry in CORRECTED.items() if entry.sensed)
 
 
 def profile_variable(name: str, kind: str, beams: bool) -> Variable:
-    """Make the variable of one of a record's ``profiles``, between two stages.
+    """Create the variable that stores one of a record's ``profiles`` between two stages.
 
     Args:
-        name: its key.
-        kind: of numbers: ``f4``; or ``u1`` of the raw file, for which the classic model has a byte's bits alone, and
-            ``i2``.
-        beams: whether it has a value a beam.
+        name: its key in ``profiles``.
+        kind: data type of the values: ``f4``, ``i2``, or ``u1``, which is stored as ``i1`` with ``_Unsigned``.
+        beams: whether it has one value per beam.
     """
     base, dimensions = CORRECTED[PROFILES[name]], BEAMS if beams else BINS
     if kind == "u1":
@@ -467,14 +466,14 @@ def profile_variable(name: str, kind: str, beams: bool) -> Variable:
     return replace(base, dtype=kind, dimensions=dimensions)
 
 
-# Table of the documentation.
+# Table for the documentation.
 
 TABLE_HEAD = ("| variable | dimensions | unit | what it is |", "|---|---|---|---|")
 COORDINATE_VARIABLES = (TIME, BIN, BEAM, LATITUDE, LONGITUDE, STATION)
 
 
 def format_table() -> str:
-    """Format the variables as Markdown, a row each."""
+    """Format the variables as a Markdown table, one row each."""
     rows = [*map(_row, COORDINATE_VARIABLES), *(_row(entry, entry.flagged) for entry in CORRECTED.values())]
     return "\n".join([*TABLE_HEAD, *rows, ""])
 

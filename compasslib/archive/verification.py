@@ -1,4 +1,4 @@
-"""Verification of an archive: files against the manifest, and results of what is no longer configured."""
+"""Verification of a cruise's files against its manifest, and search for results that are no longer configured."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 
 FORMER = "no longer configured: "
-CONVENTIONS = "conventions.json"  # may be made by name after the manifest
-PROJECT_FOLDERS = ("bench", "proof")  # of the project's own benchmarks, beside its demonstration cruise
-# What a job leaves beside its results, which no manifest lists: log, record, reason why it stopped, processor time.
+CONVENTIONS = "conventions.json"  # may be made by request, after the manifest
+PROJECT_FOLDERS = ("bench", "proof")  # the project's own benchmarks, in the results folder of its demonstration cruise
+# Files of a job that no manifest lists: log, record, reason for which it was stopped, and benchmark (processor time).
 JOB_FILE = re.compile(
     r"(?P<owner>results(?:/[^/]+){0,2})/"
     r"(?:logs/(?P<log>[^/]+)\.(?:log|json|stopped)|benchmarks/(?P<benchmark>[^/]+)\.tsv)"
@@ -33,14 +33,14 @@ STAGE = re.compile(
 
 @dataclass(frozen=True)
 class Results:
-    """The files below results/ of a cruise, by who wrote them; no link is followed."""
+    """The files below results/ of a cruise and the jobs that wrote them; links are not followed."""
 
     root: Path
-    configured: Collection[str] | None  # files that the rules make as the cruise is configured; None: unknown
+    configured: Collection[str] | None  # files that the rules make under the present configuration; None: unknown
 
     @cached_property
     def files(self) -> list[str]:
-        """Paths of all files and links from the cruise folder, the manifest apart."""
+        """Paths of all files and links, relative to the cruise folder, except the manifest."""
         entries: list[str] = []
         for folder, folders, names in os.walk(self.root / crate.FOLDER):
             place = Path(folder).relative_to(self.root)
@@ -52,7 +52,7 @@ class Results:
 
     @cached_property
     def records(self) -> dict[str, Mapping[str, str]]:
-        """SHA-256 by path of what each job wrote, by the path of its record; a damaged record is none."""
+        """SHA-256 of the files that each job wrote, by the path of its record; damaged records are left out."""
         entries: dict[str, Mapping[str, str]] = {}
         for file in self.files:
             if JOB_FILE.fullmatch(file) and file.endswith(".json"):
@@ -62,14 +62,14 @@ class Results:
 
     @cached_property
     def former(self) -> list[str]:
-        """Results of what is no longer configured, as their jobs wrote them, and the logs and records of those jobs."""
+        """Unmodified results of jobs that are no longer configured, and the logs and records of those jobs."""
         if self.configured is None:
             return []
         configured = frozenset(self.configured)
         return [file for file in self.files if file not in configured and self._is_former(file, configured)]
 
     def of_job(self, file: str) -> bool:
-        """Whether a file is the log, record, reason or benchmark of a job."""
+        """Return whether a file is the log, record, stop reason or benchmark of a job."""
         job = JOB_FILE.fullmatch(file)
         if job is None or (self.root / file).is_symlink():
             return False
@@ -77,27 +77,27 @@ class Results:
         return bool(named) or _record(job) in self.records
 
     def as_written(self, file: str) -> bool:
-        """Whether a job wrote a file as it is."""
+        """Return whether a file is as a job wrote it."""
         path = self.root / file
         known = {wrote[file] for wrote in self.records.values() if file in wrote}
         return bool(known) and not path.is_symlink() and path.is_file() and provenance.sha256(path) in known
 
     def foreign(self, apart: Collection[str]) -> list[str]:
-        """List the files that no job wrote as they are.
+        """List the files that no job wrote, or that were modified since.
 
         Args:
-            apart: files that need no look.
+            apart: files to skip.
         """
         left = (file for file in self.files if file not in apart and not self.of_job(file))
         return [file for file in left if not self.as_written(file)]
 
     def clear(self) -> None:
-        """Delete the results of what is no longer configured, and the folders that this leaves empty."""
+        """Delete the results that are no longer configured, and the folders that become empty."""
         folders = {folder for file in self.former for folder in PurePosixPath(file).parents[:-2]}
         for file in self.former:
             (self.root / file).unlink()
         for folder in sorted(folders, key=lambda each: -len(each.parts)):
-            with suppress(OSError):  # something else is in it
+            with suppress(OSError):  # the folder is not empty
                 (self.root / folder).rmdir()
 
     def _is_former(self, file: str, configured: frozenset[str]) -> bool:
@@ -110,14 +110,14 @@ class Results:
 
 
 def differences(cruise: str | Path, configured: Collection[str] | None) -> list[str]:
-    """List what differs from the manifest, a line a file, and what is no longer configured, a line a folder.
+    """List differences from the manifest, one line per file, and results no longer configured, one line per folder.
 
     Args:
-        cruise: folder of the cruise; nothing in it is written to.
-        configured: files that the rules make as the cruise is configured; None where that is not known.
+        cruise: folder of the cruise, which is only read.
+        configured: files that the rules make under the present configuration; None where unknown.
 
     Raises:
-        InputError: there is no manifest, or it is none.
+        InputError: there is no valid manifest.
     """
     root = Path(cruise)
     page = read_manifest(root)
@@ -144,13 +144,13 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
 
 
 def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable[[str], None]) -> None:
-    """Report what differs from the manifest, or that nothing does.
+    """Report the differences from the manifest, or that there are none.
 
     Args:
         configured: as for ``differences``.
 
     Raises:
-        InputError: something differs, or there is no manifest.
+        InputError: there are differences, or there is no valid manifest.
     """
     entries = differences(cruise, configured)
     for line in entries:
@@ -165,7 +165,7 @@ def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable
 
 
 def escaped(path: str) -> str:
-    """Escape control characters and bytes that are no UTF-8 in a path, so that it can be printed."""
+    """Escape control characters and bytes that are not UTF-8 in a path, for printing."""
     text = path.encode("utf-8", "backslashreplace").decode()
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
@@ -174,7 +174,7 @@ def read_manifest(root: Path) -> dict[str, Any]:
     """Read the manifest of a cruise.
 
     Raises:
-        InputError: there is none, or it lists no file.
+        InputError: there is none, it is not a manifest, or it lists no file.
     """
     page: dict[str, Any] = read_json(root / crate.FILE)
     expected, advice = "a manifest that lists the files of a run", "make run writes it"
@@ -205,6 +205,6 @@ def _record(job: re.Match[str]) -> str:
 
 
 def _owner(file: str) -> str:
-    """Find the folder of the mooring, calibration or compass, or of the cruise, that a file belongs to."""
+    """Return the folder of the mooring, calibration, compass or cruise that a file belongs to."""
     parts = PurePosixPath(file).parts[:-1]
     return "/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses") else 2])

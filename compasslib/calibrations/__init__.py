@@ -1,6 +1,6 @@
-"""Calibrations that need no mooring; a table says which kinds there are. A kind is imported only by its own job.
+"""Calibrations that need no mooring; ``KINDS`` lists them, and a kind is imported only when it is used.
 
-A compass turned on a bench, and the one cycle of its deviation:
+A compass turned on a bench, with a deviation of one cycle:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
@@ -28,19 +28,19 @@ from compasslib.calibrations.settings import resolve_settings
 from compasslib.readers import detect
 from compasslib.statistics import single_threaded
 
-if TYPE_CHECKING:  # the Snakefile needs the table only
+if TYPE_CHECKING:  # the Snakefile needs ``KINDS`` only
     from compasslib.calibrations.result import Calibration
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Where a kind of calibration is made and drawn."""
+    """Module, figures and file formats of a kind of calibration."""
 
-    module: str  # of this room; its calibrate(files, settings) returns the Calibration
-    # Its own: drawn by draw_NAME(path, calibration, name) of plots.instruments, or of plots.calibrations for a swing.
+    module: str  # in this package; its calibrate(files, settings) returns the Calibration
+    # Drawn by draw_NAME(path, calibration, name) of plots.instruments, or of plots.calibrations for a swing.
     figures: tuple[str, ...] = ()
-    by_heading: bool = True  # whether it has a curve along the heading, and so the figures of one
-    formats: tuple[str, ...] = ("table",)  # of its files, the usual one first
+    by_heading: bool = True  # whether it has a deviation curve, and thus the common ``FIGURES``
+    formats: tuple[str, ...] = ("table",)  # of its files, the default first
 
 
 KINDS: dict[str, Kind] = {
@@ -51,9 +51,9 @@ KINDS: dict[str, Kind] = {
     "declination": Kind("declination", ("series", "disturbance"), by_heading=False, formats=("iaga2002",)),
     "two_heads": Kind("two_heads", ("difference", "tilt_check", "along_time"), formats=("pd0",)),
 }
-FIGURES = ("deviation", "residuals", "certificate")  # every kind with a curve along the heading has these
+FIGURES = ("deviation", "residuals", "certificate")  # common to all kinds with a deviation curve
 
-MODELS = {  # words for the curves along the heading
+MODELS = {  # descriptions of the deviation curves
     "smith": "Smith's five terms",
     "exact": "exact compass",
     "polynomial": "polynomial of degree 6",
@@ -63,7 +63,7 @@ MODELS = {  # words for the curves along the heading
 
 
 def figure_names(kind: str) -> list[str]:
-    """List the figures that are drawn of a kind of calibration."""
+    """List the names of the figures of a kind of calibration."""
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
 
@@ -73,16 +73,16 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
 
     Args:
         files: raw files in the order of the YAML file.
-        settings: settled keys of the YAML file.
+        settings: keys of the YAML file with defaults filled in.
 
     Raises:
-        InputError: a file that cannot be read.
+        InputError: a file cannot be read.
     """
     from compasslib.calibrations.budget import too_exact
 
     offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
     form = settings.get("format") or offered[0]
-    series = set(settings.get("observatory") or ())  # of another format
+    series = set(settings.get("observatory") or ())  # these have another format
     tables = [file for file in files if str(file) not in series]
     with detect.format_hints(form, tables, offered=offered, advice="correct file or kind in the calibration's file"):
         made: Calibration = module.calibrate(files, resolve_settings(settings))

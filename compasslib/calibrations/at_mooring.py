@@ -1,4 +1,4 @@
-"""A calibration made elsewhere as the deviation model of a mooring, in the mooring's own field."""
+"""Transfer of a calibration made elsewhere to a mooring's field, as the deviation model of the mooring."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ METHOD, GIVEN = "calibration", "coefficients"
 HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
 MAX_CHI_SQUARE = 36.0  # chi-square of four coefficients: by chance once in four million
 MIN_CONTRADICTION_DEG = 5.0
-SAME_FIELD = 0.05  # change of the horizontal field within which an empirical curve is that of the calibration
-MIN_NOISE_DEG, MAX_NOISE_DEG = 0.8, 8.0  # of a compass, as the decision between branches resolves it
+SAME_FIELD = 0.05  # relative change of the horizontal field within which an empirical curve remains valid
+MIN_NOISE_DEG, MAX_NOISE_DEG = 0.8, 8.0  # bounds of the compass noise for the decision between branches
 
 
 def carry_to_mooring(
@@ -45,14 +45,14 @@ def carry_to_mooring(
     *,
     parts: Sequence[str] = (),
 ) -> DeviationFit:
-    """Carry the exact compass of calibrations into a mooring's field; no coefficients where that is unknown.
+    """Transfer the exact compass of calibrations to a mooring's field; no coefficients if that is impossible.
 
-    Of two, before and after the deployment, the mean is taken, and their difference is a uniform uncertainty. Pairs are
-    counted and held against it; nothing is fitted to them.
+    Of two calibrations, before and after the deployment, the mean is used, with a uniform distribution between them as
+    uncertainty. The model is evaluated on the pairs, but not fitted to them.
 
     Args:
-        contents: calibration.json of one or two.
-        parts: what stands near the mooring's compass, as its file states it.
+        contents: calibration.json of one or two calibrations.
+        parts: parts near the mooring's compass, as stated in its file.
     """
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
         return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
@@ -74,7 +74,7 @@ def carry_to_mooring(
 
 
 def other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> str:
-    """Report where a compass was calibrated among other parts than it is moored with; empty where none are stated."""
+    """Report if a compass was calibrated with other parts near it than it is moored with; empty if with the same."""
     there, here = ({part.casefold() for part in parts} for parts in (calibrated, moored))
     if there == here:
         return ""
@@ -88,7 +88,7 @@ def other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> str:
 
 
 def _change(contents: Sequence[Mapping[str, Any]], coefficients: Sequence[Floats]) -> dict[str, Any]:
-    """Describe the change of a compass between two calibrations, both carried to the mooring."""
+    """Describe the change of a compass between two calibrations, both transferred to the mooring."""
     shown = [compass.recorded_heading(each, HEADINGS_DEG) for each in coefficients]
     size = angles.rms(angles.difference(*shown))
     before, after = (f"{each['name']} ({each['place']['date'] or 'not dated'})" for each in contents)
@@ -102,7 +102,7 @@ def _change(contents: Sequence[Mapping[str, Any]], coefficients: Sequence[Floats
 def compass_from_coefficients(
     model: str, coefficients: Mapping[str, float], covariance: Any | None, record: Record, pairs: Pairs
 ) -> DeviationFit:
-    """Build the compass whose coefficients a mooring's file gives, as they are there.
+    """Build the deviation model from the coefficients given in a mooring's file.
 
     Args:
         model: ``exact`` (dimensionless) or ``von_appen`` (degrees).
@@ -128,10 +128,10 @@ def compass_from_coefficients(
 
 
 def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> DeviationFit:
-    """Evaluate a compass known beforehand on the record of a mooring; nothing is fitted."""
+    """Evaluate a given compass on the record of a mooring, without fitting."""
     off = heading_residual(fit, pairs)
     off, when = off[np.isfinite(off)], pairs.time_s[np.isfinite(off)]
-    # The correct headings of the record alone, both roots counted where there are two.
+    # Density of the correct headings from the record alone, counting both roots where there are two.
     recorded = record.heading_deg[np.isfinite(record.heading_deg) & (record.heading_quality < BAD)]
     roots = compass.inverse(fit.coefficients, recorded)
     count = np.histogram(roots[np.isfinite(roots)], CELLS, (0.0, 360.0))[0]
@@ -146,9 +146,9 @@ def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> Devia
 
 
 def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
-    """Explain why a calibration cannot be of the compass that the pairs show; empty where it can.
+    """Explain why a calibration contradicts the compass fitted to the pairs; empty if it does not.
 
-    A constant between the two is no reason: mounts and mean veers make one.
+    A constant difference is ignored, as the mounting or a mean veer may cause it.
     """
     fitted = fit_exact(pairs)
     if not (fit.fitted and fitted.fitted):
@@ -167,7 +167,7 @@ def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
 
 
 def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str, Any]:
-    """Describe for deviation.json where the model comes from: the calibration, and the one after the deployment."""
+    """Describe the origin of the model for deviation.json: the calibration, and any after the deployment."""
     sources, carried = [], []
     for content in contents:
         source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
@@ -203,10 +203,10 @@ def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
 def _transfer(content: Mapping[str, Any], field: EarthField) -> TransferredCoefficients:
     given, home = content["exact"], content["place"]["field"]
     covariance = np.array(given["covariance"], dtype=float)
-    # What a form of the curve took up that is no iron stays in the corrected headings.
+    # Deviations not due to iron, which the selected curve absorbed, remain in the corrected headings.
     exact = content.get("models", {}).get("exact", {}).get("residual_rms_deg")
     covariance[0, 0] += max((exact or 0.0) ** 2 - (content["residual_rms_deg"] or 0.0) ** 2, 0.0) * angles.DEGREE**2
-    # What a calibration's budget holds cannot be told from a turn of the whole compass at any one heading.
+    # At any one heading, the errors of the budget are indistinguishable from a rotation of the whole compass.
     covariance[0, 0] += ((content["uncertainty"]["standard_deg"] or 0.0) * angles.DEGREE) ** 2
     away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
     at_home = FieldAtPlace(home["horizontal_nT"], home["vertical_nT"])

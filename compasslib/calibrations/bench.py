@@ -1,9 +1,9 @@
-"""The field on a bench: its changes by an observatory, its homogeneity by an instrument spun, objects near a compass.
+"""Field on a bench: changes from an observatory, homogeneity from a spun instrument, objects near a compass.
 
 Le Menn et al. 2023, section 2: a record of the field during the calibration, and Table 3. Their section 4 states that
-the influence of an object falls as the square of the distance; that of a dipole falls as the cube, and near an object
-of its own size nothing is a dipole. The change is a vector, (B, C): peak-to-peak errors add up or cancel with what the
-bench has without the object.
+the influence of an object falls as the square of the distance; that of a dipole falls as the cube, and no object is a
+dipole at distances comparable to its size. The change is a vector, (B, C), which adds to or cancels the deviation on
+the bench without the object.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from compasslib.calibrations.curves import FittedCurve
 from compasslib.readers import iaga2002
 from compasslib.types import Floats
 
-MAX_STEPS = 1.5  # of the series between a reading and its nearest sample
-MIN_DIRECTIONS = 4  # in which an instrument is spun
+MAX_STEPS = 1.5  # largest distance of a reading from the nearest sample, in steps of the series
+MIN_DIRECTIONS = 4  # of a spun instrument
 
 
 def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
-    """Take the declination's changes off magnetic reference directions, its mean over the readings kept.
+    """Correct magnetic reference directions for changes of the declination about its mean over the readings.
 
     Args:
-        reference_deg: by the mean declination of the readings, (n,).
-        time_s: of the readings, (n,), NaN where unknown; those far from any sample stay as they are.
+        reference_deg: reference directions from the mean declination of the readings, (n,).
+        time_s: of the readings, (n,), NaN where unknown; readings far from any sample are not corrected.
 
     Raises:
         InputError: a file cannot be read.
@@ -58,7 +58,7 @@ def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -
 def measure_homogeneity(
     reference_deg: Floats, recorded_deg: Floats, spun_reference_deg: Floats, spun_recorded_deg: Floats
 ) -> dict[str, Any]:
-    """Compare an instrument spun in place, (m,), with the curve by which the platform was rotated, (n,), degrees."""
+    """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees."""
     points = curves.deviation_points(recorded_deg, reference_deg)
     fits = [curves.fit_curve(form, points) for form in (curves.SMITH, curves.EXACT)]
     fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
@@ -76,40 +76,40 @@ def measure_homogeneity(
     return {"max_deg": largest, "mean_deg": mean, "text": text}
 
 
-# An object near a compass at several distances: what it changes, how that falls, from where it is harmless.
+# Object near a compass at several distances: its effect, the decrease with distance, and the safe distance.
 
-DIPOLE = 3.0  # exponent of its fall
-FAR_SIZES = 2.0  # sizes of the object from which it may be a dipole
-MIN_DISTANCES = 4  # for an exponent
+DIPOLE = 3.0  # exponent of the decrease with distance
+FAR_SIZES = 2.0  # distance, in sizes of the object, beyond which it may be a dipole
+MIN_DISTANCES = 4  # needed to fit an exponent
 EXPONENTS = np.arange(0.5, 8.001, 0.01)
 TWO_SIGMA_CHI2 = 4.0  # growth of chi-squared at the ends of an interval of 95 %, one parameter
-MIN_P_VALUE = 0.01  # under it changes are not those of a dipole
-SAFE_DEG = 0.5  # change of the deviation that is harmless
+MIN_P_VALUE = 0.01  # below which changes are not those of a dipole
+SAFE_DEG = 0.5  # harmless change of the deviation
 
 
 @dataclass(frozen=True)
 class ObjectChange:
-    """What an object changed at one distance."""
+    """Change by an object at one distance."""
 
     name: str  # of the calibration
     distance_m: float  # compass to the object's centre
-    change_deg: Floats  # (2,) of B and C against the bench without it
+    change_deg: Floats  # (2,) of B and C relative to the bench without it
     covariance: Floats  # (2, 2)
 
     @property
     def size_deg(self) -> float:
-        """Length of the vector."""
+        """Length of the vector of changes, degrees."""
         return float(np.hypot(*self.change_deg))
 
     @property
     def sigma_deg(self) -> float:
-        """Standard uncertainty along it."""
+        """Standard uncertainty along the vector of changes, degrees."""
         along = self.change_deg / max(self.size_deg, 1e-12)
         return float(np.sqrt(along @ self.covariance @ along))
 
 
 def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str, Any]:
-    """Describe the changes by an object of some extent, nearest first, their fall with distance and a safe distance."""
+    """Describe the changes by an object, nearest first, their decrease with distance and the safe distance."""
     near = [each for each in changes if each.distance_m <= FAR_SIZES * size_m]
     far = changes[len(near) :]
     rows = [
@@ -130,8 +130,8 @@ def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str,
 
 
 def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool) -> tuple[dict[str, Any], list[str]]:
-    """Describe how changes beyond twice an object's size fall, with sentences."""
-    from scipy.special import chdtrc  # only where objects are measured
+    """Describe the decrease of changes beyond twice an object's size: content for JSON, and sentences."""
+    from scipy.special import chdtrc  # imported late: only needed for objects
 
     strength, covariance, misfit = fit_fall(far, DIPOLE)
     p_value = float(chdtrc(2 * len(far) - 2, float(misfit))) if len(far) > 1 else None
@@ -153,7 +153,7 @@ def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool
 def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Fit the vector M of changes M / r^n by weighted least squares: M, its covariance, chi-squared.
 
-    The exponent n is one or several; the results have its shape in front.
+    The exponent n is a scalar or an array, whose shape precedes that of each result.
     """
     weights = np.linalg.inv([each.covariance for each in changes])
     observed = np.array([each.change_deg for each in changes])
@@ -166,11 +166,11 @@ def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floa
 
 
 def safe_distance(strength: Floats, covariance: Floats, least_m: float) -> dict[str, float]:
-    """Compute from where a dipole changes a deviation by less than the harmless size, with its interval of 95 %.
+    """Compute the distance beyond which a dipole changes no deviation by more than ``SAFE_DEG``, with a 95 % interval.
 
     Args:
         strength: change times distance cubed, (2,) degrees m3.
-        least_m: nearer nothing is a dipole.
+        least_m: lower bound; at shorter distances the object is not a dipole.
     """
     size = float(np.hypot(*strength))
     sigma = float(np.sqrt(strength @ covariance @ strength)) / max(size, 1e-12)

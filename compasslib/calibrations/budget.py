@@ -1,9 +1,9 @@
-"""The uncertainty budget of a bench, by the Guide to the Expression of Uncertainty in Measurement.
+"""Uncertainty budget of a bench, after the Guide to the Expression of Uncertainty in Measurement.
 
-The rows are those of Le Menn et al. 2023, section 2. A row that is not given is absent, and the result says so. Their
-Tables 4 and 5 are printed as pictures: which distribution each row has, and whether it belongs to directions or to
-tilts, is taken from the words of the text. Expanded, reference directions have 0.896 degrees (0.90 is printed) and
-reference tilts 0.384 (0.40).
+The rows are those of Le Menn et al. 2023, section 2. Rows not given are omitted and reported as missing. Tables
+4 and 5 of the paper are images: the distribution of each row, and whether it applies to directions or tilts, are taken
+from the text. The expanded uncertainty is 0.896 degrees for reference directions (0.90 is printed) and 0.384
+degrees for reference tilts (0.40).
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from compasslib import angles
 
 FIT_RESIDUAL, MAKER_ACCURACY = "fit_residual", "maker_accuracy_deg"
 LE_MENN = "le_menn"
-TOO_EXACT_DEG = 1e-4  # rms that no reading of an instrument leaves
-PAPER_NT, PAPER_FIELD_NT = (60.0, 75.0), 22000.0  # the field's changes without and with its noise, and its level part
+TOO_EXACT_DEG = 1e-4  # rms residual that is too small for readings of an instrument
+PAPER_NT, PAPER_FIELD_NT = (60.0, 75.0), 22000.0  # field changes without and with noise, and horizontal field
 COVERAGE_FACTOR = 2.0  # k of an expanded uncertainty (Le Menn et al. 2023, section 2)
 PLATFORM, TILT = "platform", "tilt"
 
 
 @dataclass(frozen=True)
 class Source:
-    """One line of an uncertainty budget."""
+    """One row of an uncertainty budget."""
 
-    name: str  #: key of the row in ``ROWS``
+    name: str  #: name of the row, such as a key of ``ROWS``
     standard_deg: float  #: standard uncertainty, degrees
-    how: str  #: where it comes from, the distribution assumed or the statistics made
+    how: str  #: its origin: the assumed distribution or the statistical estimate
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line that a budget may have."""
+    """Definition of a row that a budget may have."""
 
     what: str
-    divisor: float  # from the number as it is given to a standard uncertainty
-    how: str  # what the number is
-    le_menn_deg: float | None = None  # as section 2 gives it
-    kinds: tuple[str, ...] = (PLATFORM,)  # of calibrations to whose budget it belongs
+    divisor: float  # converts the given number to a standard uncertainty
+    how: str  # meaning of the given number
+    le_menn_deg: float | None = None  # value in section 2
+    kinds: tuple[str, ...] = (PLATFORM,)  # kinds of calibration to which it applies
 
 
 STANDARD, EXPANDED = (1.0, "a standard uncertainty"), (2.0, "an expanded uncertainty, k = 2")
@@ -53,7 +53,7 @@ ROWS: dict[str, Row] = {
     "slope_deg": Row("slope of the bench", *AT_MOST, 0.18, (PLATFORM, TILT)),
     "ruggedness_deg": Row("ruggedness of the bench", *STANDARD, 0.15, (TILT,)),
     "protractor_deg": Row("protractor of the tilts", *EXPANDED, 0.12, (TILT,)),
-    # 0.125 % of a turn, as the paper turns nanoteslas to degrees; ``physical_field`` has the size across its field.
+    # 0.125 % of a turn, as the paper converts nanoteslas to degrees; ``physical_field`` has the deflection instead.
     "field_deg": Row("changes of the field during the calibration", *AT_MOST, 0.45),
     "declination_deg": Row("declination", *AT_MOST, 0.14),
     "homogeneity_deg": Row("homogeneity of the field on the bench", *AT_MOST, 0.38),
@@ -66,7 +66,7 @@ def sources(given: Mapping[str, float | None], budget: str | None = None, kind: 
 
     Args:
         given: row -> degrees, as ``ROWS`` describes them; None where absent.
-        budget: ``le_menn`` fills the rows that are not given with the numbers of that paper, where it has one.
+        budget: ``le_menn`` fills missing rows with the values of that paper, where it has one.
     """
     made = []
     for name, row in _rows_of(kind).items():
@@ -80,7 +80,7 @@ def sources(given: Mapping[str, float | None], budget: str | None = None, kind: 
 
 
 def notes(given: Mapping[str, float | None], rows: tuple[Source, ...], kind: str = PLATFORM) -> list[str]:
-    """List what a budget lacks, and rows that were given but belong to another kind of calibration."""
+    """List the missing rows of a budget, and given rows that belong to another kind of calibration."""
     texts = []
     foreign = [name for name, row in ROWS.items() if kind not in row.kinds and given.get(name) is not None]
     if foreign:
@@ -97,7 +97,7 @@ def _rows_of(kind: str) -> dict[str, Row]:
 
 
 def physical_field(rows: tuple[Source, ...], horizontal_nT: float = PAPER_FIELD_NT) -> dict[str, Any]:
-    """Restate a budget with the angles by which the paper's changes of the field turn a compass."""
+    """Recompute a budget with the deflections of a compass by the paper's changes of the field."""
     sizes = [float(angles.direction(change, horizontal_nT)) for change in PAPER_NT]
     others = combined(tuple(row for row in rows if row.name != "field_deg"))
     totals = [COVERAGE_FACTOR * float(np.hypot(others, size / AT_MOST[0])) for size in sizes]
@@ -111,17 +111,17 @@ def physical_field(rows: tuple[Source, ...], horizontal_nT: float = PAPER_FIELD_
 
 
 def residual(scatter_deg: float, dof: int) -> Source:
-    """Make the row of the fit itself from the scatter of a reading about the curve, widened for few readings."""
+    """Make the row of the fit from the scatter of a reading about the curve, already inflated for few readings."""
     return Source(FIT_RESIDUAL, scatter_deg, f"scatter about the curve, {dof} degrees of freedom, by Student's t")
 
 
 def combined(rows: tuple[Source, ...]) -> float:
-    """Combine independent rows into one standard uncertainty, degrees; 0 of no rows."""
+    """Combine independent rows into one standard uncertainty, degrees; 0 without rows."""
     return float(np.sqrt(sum(source.standard_deg**2 for source in rows)))
 
 
 def common(rows: tuple[Source, ...]) -> float:
-    """Combine the rows that may turn all headings alike, degrees: not those of a single reading."""
+    """Combine the rows that may be common to all headings, excluding those of a single reading, degrees."""
     return combined(tuple(source for source in rows if source.name not in (FIT_RESIDUAL, MAKER_ACCURACY)))
 
 
@@ -131,7 +131,7 @@ def expanded(rows: tuple[Source, ...]) -> float:
 
 
 def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
-    """Warn where a curve leaves no residual; its rms is None or NaN where there is no curve."""
+    """Warn if a curve leaves no residual; the rms is None or NaN without a curve."""
     if residual_rms_deg is None or not residual_rms_deg < TOO_EXACT_DEG:
         return ()
     return (

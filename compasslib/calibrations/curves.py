@@ -1,9 +1,9 @@
-"""Deviation curves through reference and recorded headings: one weighted least-squares solver, five forms.
+"""Deviation curves fitted to reference and recorded headings by weighted least squares, in five forms.
 
 Three forms are series in the recorded heading: one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (their eq. 5
 with von Appen's letters: D goes with sin 2, E with cos 2) and a polynomial of degree six (eq. 7). The fourth is the
-exact compass of Evans and Smith, the fifth an empirical series of six harmonics, for what is no iron. Each form is
-judged on headings that were left out.
+exact compass of Evans and Smith, the fifth an empirical series of six harmonics, for deviations not caused by iron.
+Forms are compared by their leave-one-out residuals.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from compasslib.types import Floats
 
 SECTOR_DEG = 10.0
 CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
-# A curve that is vaguer than this anywhere on the circle, in scatters of one reading, is not determined.
+# Largest standard error of a determined curve anywhere on the circle, in units of the scatter of one reading.
 MAX_VAGUENESS = 3.0
 POLYNOMIAL_DEGREE = 6
 HARMONICS = 6  # of an empirical curve
-MAX_RESIDUAL_DEG = 10.0  # rms residual beyond which a curve is not one of these readings
-MIN_DOF_TO_SELECT = 3  # degrees of freedom; fewer choose by chance
-EXPANDED_SHARE = 0.9545  # what two standard deviations of a normal distribution hold
-MIN_GAIN_SIGMAS = 2.0  # standard errors
-EXACT_STEPS = 20  # two are enough where the points are a compass's
+MAX_RESIDUAL_DEG = 10.0  # rms residual beyond which a curve is rejected
+MIN_DOF_TO_SELECT = 3  # degrees of freedom; with fewer, a selection would be random
+EXPANDED_SHARE = 0.9545  # probability within two standard deviations of a normal distribution
+MIN_GAIN_SIGMAS = 2.0  # required gain of a form with more coefficients, in standard errors of the gain
+EXACT_STEPS = 20  # two suffice for readings of a real compass
 EXACT_TOLERANCE = 1e-9
-MIN_SLOPE = 0.3  # a smaller slope, near a fold, says nothing of the correct heading's error
+MIN_SLOPE = 0.3  # lower bound of the slope near a fold, where errors of the correct heading would diverge
 
 
 @dataclass(frozen=True)
 class Points:
-    """Headings at which the deviation was observed, (n,) each."""
+    """Observed deviations by recorded heading, (n,) each."""
 
     recorded_deg: Floats  # in [0, 360)
     deviation_deg: Floats  # reference minus recorded, continuous about its mean
@@ -48,13 +48,13 @@ class Points:
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """Least squares through points."""
+    """Solution of a weighted least-squares problem."""
 
     coefficients: Floats  # (k,)
-    weight: Floats  # (n,) that were used
-    cofactor: Floats  # (k, k) covariance over the variance of a reading with weight 1
+    weight: Floats  # (n,) weights used
+    cofactor: Floats  # (k, k) covariance relative to the variance of a reading with weight 1
     leverage: Floats  # (n,) diagonal of the hat matrix
-    residual_deg: Floats  # (n,) observed minus the form's, in what the form is fitted to
+    residual_deg: Floats  # (n,) observed minus fitted, of the quantity to which the form is fitted
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ class CurveForm:
     """A family of curves."""
 
     name: str
-    letters: str  # of its coefficients
+    letters: str  # names of the coefficients
     source: str
     solve: Callable[[Points], LeastSquares | None]  # None where no curve of this form passes near the points
     deviation: Callable[[Floats, Floats], Floats]  # coefficients (k,), recorded heading (n,) -> degrees (n,)
     gradient: Callable[[Floats, Floats], Floats]  # the same -> derivative of the deviation by each coefficient (n, k)
-    around: Callable[[Floats], Floats]  # coefficients -> derivative of what is fitted, all round the circle (m, k)
-    steepness: Callable[[Floats, Points], Floats] | None = None  # d recorded / d correct, where that is fitted
+    around: Callable[[Floats], Floats]  # coefficients -> derivatives of the fitted quantity round the circle (m, k)
+    steepness: Callable[[Floats, Points], Floats] | None = None  # d recorded / d correct, if recorded is fitted
 
 
 @dataclass(frozen=True)
@@ -77,29 +77,29 @@ class FittedCurve:
 
     form: CurveForm
     coefficients: Floats  # (k,)
-    covariance: Floats  # (k, k), wide enough that two standard deviations hold 95.45 % for few readings too
+    covariance: Floats  # (k, k), inflated so that two standard deviations cover 95.45 % for few readings too
     residual_deg: Floats  # (n,) of the correct heading
-    left_out_deg: Floats  # (n,) the same by the curve through the other points
+    left_out_deg: Floats  # (n,) leave-one-out residuals of the correct heading
     dof: int
-    scatter_deg: float  # standard deviation of a reading's correct heading about the curve, widened for few readings
+    scatter_deg: float  # standard deviation of correct headings about the curve, inflated for few readings
 
     @property
     def score_deg(self) -> float:
-        """The rms error on points that were left out."""
+        """Leave-one-out rms error, degrees."""
         return angles.rms(self.left_out_deg)
 
     def deviation(self, recorded_deg: ArrayLike) -> Floats:
-        """Evaluate the deviation at recorded headings, (n,) degrees; NaN where it is not a single one."""
+        """Evaluate the deviation at recorded headings, (n,) degrees; NaN where it is not unique."""
         return self.form.deviation(self.coefficients, np.asarray(recorded_deg, dtype=float))
 
     def sigma(self, recorded_deg: ArrayLike) -> Floats:
-        """Compute the standard uncertainty of the deviation by the coefficients, (n,) degrees."""
+        """Compute the standard uncertainty of the deviation due to the coefficients, (n,) degrees."""
         by = self.form.gradient(self.coefficients, np.asarray(recorded_deg, dtype=float))
         return np.sqrt(np.einsum("ni,ij,nj->n", by, self.covariance, by))
 
 
 def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: ArrayLike | None = None) -> Points:
-    """Compute observed deviations, continuous about their mean, with inverse variances, (n,), equal where absent."""
+    """Compute observed deviations, continuous about their mean; weights are inverse variances (n,), equal if None."""
     recorded, off = angles.wrap360(recorded_deg), angles.difference(reference_deg, recorded_deg)
     middle = angles.wrap180(angles.mean(off)) if off.size else 0.0
     equal = np.ones(recorded.shape) if weight is None else np.asarray(weight, dtype=float)
@@ -107,7 +107,7 @@ def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: 
 
 
 def count_sectors(recorded_deg: ArrayLike) -> int:
-    """Count the sectors of ten degrees, of 36, that hold a recorded heading."""
+    """Count the sectors of ten degrees, of 36, that contain a recorded heading."""
     return len(np.unique(np.floor(angles.wrap360(recorded_deg) / SECTOR_DEG)))
 
 
@@ -121,23 +121,23 @@ def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSqu
 
 
 def max_leakage(points: Points) -> float:
-    """Bound how much of a quadrantal deviation would appear in A, B or C where it is left out."""
+    """Bound the fraction of a quadrantal deviation that would appear in A, B or C if it is omitted."""
     columns = series_design(points.recorded_deg)
     return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
 
 
 def student_widening(dof: int) -> float:
-    """Compute the factor by which a standard deviation estimated with few degrees of freedom is widened.
+    """Compute the factor that inflates a standard deviation estimated with few degrees of freedom.
 
-    Two widened standard deviations are Student's interval of 95.45 %, so that k = 2 holds what it says (GUM, annex G).
+    Two inflated standard deviations are Student's interval of 95.45 %, the nominal coverage of k = 2 (GUM, annex G).
     """
-    from scipy.special import stdtrit  # only where something is fitted
+    from scipy.special import stdtrit  # imported late: only fits need it
 
     return float(stdtrit(dof, (1.0 + EXPANDED_SHARE) / 2.0)) / 2.0
 
 
 def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
-    """Fit a form to points, each at a heading of its own; the reason where it cannot be fitted."""
+    """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead."""
     if len(points) <= (needed := len(form.letters)):
         return f"{needed} coefficients need at least {needed + 1} headings, there are {len(points)}"
     solution = form.solve(points)
@@ -156,8 +156,8 @@ def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
     """Select the first curve, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
-    better. One with fewer is not taken: it is contained in the first, and its uncertainty would forget what it leaves
-    out. Where hardly a degree of freedom is left nothing is selected.
+    better. Forms with fewer are not considered: they are contained in the first, and their uncertainty would neglect
+    the omitted terms. With too few degrees of freedom the first curve is returned.
     """
     best = curves[0]
     for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= MIN_DOF_TO_SELECT):
@@ -171,7 +171,7 @@ def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
 def _evaluate_fit(form: CurveForm, points: Points, solution: LeastSquares) -> FittedCurve:
     dof = len(points) - len(form.letters)
     variance = student_widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
-    # A residual of the recorded heading is one of the correct heading over the steepness, with the other sign.
+    # Residuals of the recorded heading, divided by minus the slope, are those of the correct heading.
     slope = -1.0 / form.steepness(solution.coefficients, points) if form.steepness else np.ones(len(points))
     residual = slope * solution.residual_deg
     mean_square = float(np.sum(points.weight * residual**2) / np.sum(points.weight))
@@ -189,7 +189,7 @@ def _evaluate_fit(form: CurveForm, points: Points, solution: LeastSquares) -> Fi
 def series_form(
     name: str, letters: str, source: str, design: Callable[[Floats], Floats], around: Floats = CIRCLE_DEG
 ) -> CurveForm:
-    """Make a form that is linear in its coefficients, judged at headings (or other readings) all round its range."""
+    """Make a form that is linear in its coefficients; ``around`` are readings where its standard error is tested."""
     return CurveForm(
         name=name,
         letters=letters,
@@ -204,12 +204,12 @@ def series_form(
 def published_polynomial(curve: FittedCurve) -> list[float]:
     """Convert a curve of the form ``POLYNOMIAL`` to A to G of eq. (7), degrees over powers of degrees."""
     powers = np.polynomial.Polynomial(curve.coefficients, [0.0, 360.0], [-1.0, 1.0]).convert().coef
-    return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops the last ones that are 0
+    return [*powers.tolist(), *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops trailing zeros
 
 
 ONE_CYCLE = series_form("one_cycle", "ABC", "Le Menn et al. 2023, eq. (3)", lambda x: series_design(x)[:, :3])
 SMITH = series_form("smith", "ABCDE", "Le Menn et al. 2023, eq. (5)", series_design)
-# Powers of the recorded heading over 180 degrees, about south: eq. (7) itself is ill-conditioned.
+# Powers of the recorded heading scaled to [-1, 1): eq. (7) itself is ill-conditioned.
 POLYNOMIAL = series_form(
     "polynomial",
     "ABCDEFG",
@@ -224,7 +224,7 @@ def harmonic_design(recorded_deg: Floats) -> Floats:
     return np.column_stack([np.ones(np.shape(recorded_deg)), *columns])
 
 
-# What no iron makes, such as a wrong table in the firmware: of the heading alone, and the same in any field.
+# Deviations that iron cannot cause, such as a wrong table in the firmware: functions of the heading in any field.
 EMPIRICAL = series_form(
     "empirical", "ABCDEFGHIJKLM", "von Appen 2015, footnote 1: any curve of the heading", harmonic_design
 )
@@ -267,14 +267,14 @@ def fit_exact_compass(points: Points) -> LeastSquares | None:
 
 
 def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    """Compute the deviation of an exact compass at recorded headings, degrees; NaN where it cannot turn full circle."""
+    """Compute the deviation of an exact compass at recorded headings, degrees; NaN if it cannot turn full circle."""
     return angles.difference(_only_root(coefficients, recorded_deg), recorded_deg)
 
 
 def exact_gradient(coefficients: Floats, recorded_deg: Floats) -> Floats:
     """Compute the derivative of the deviation by A to E, (n, 5) degrees per unit."""
     root = _only_root(coefficients, recorded_deg)
-    # The correct heading that keeps the reading: d beta = -d gamma / (d gamma / d beta).
+    # At a constant reading, d beta = -d gamma / (d gamma / d beta).
     return -(compass.gradient(coefficients, root) / compass.slope(coefficients, root)).T
 
 
@@ -285,12 +285,12 @@ def recorded_slope(coefficients: Floats, points: Points) -> Floats:
 
 
 def exact_circle_design(coefficients: Floats) -> Floats:
-    """Compute the weighted derivative of the recorded heading by A to E all round, (m, 5) degrees per unit."""
+    """Compute the weighted derivative of the recorded heading by A to E round the circle, (m, 5) degrees per unit."""
     return compass.gradient(coefficients, CIRCLE_DEG).T * np.sqrt(_exact_weight(coefficients, CIRCLE_DEG))[:, None]
 
 
 def _exact_weight(coefficients: Floats, correct_deg: Floats) -> Floats:
-    """Compute the weight of a recorded heading, (n,): bench and compass err alike, the bench's times the slope."""
+    """Compute weights of recorded headings, (n,), for equal errors of compass and bench, the latter times the slope."""
     return 2.0 / (1.0 + compass.slope(coefficients, correct_deg) ** 2)
 
 

@@ -1,6 +1,6 @@
-"""An observatory's declination against IGRF at its place and time: what a constant, the field of the rocks, adds.
+"""Comparison of an observatory's declination with IGRF: their constant difference, mostly the crustal field.
 
-No compass is calibrated: A is what must be added to the model's declination, B to E have no meaning here.
+No compass is calibrated: A is the observed minus the model's declination, B to E have no meaning here.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from compasslib.types import Floats
 
 KIND = "declination"
 STORM_DEG = 0.5  # rms over three hours from which a disturbance is listed as a storm
-FARTHEST_DEG = 0.5  # between header and YAML
+FARTHEST_DEG = 0.5  # largest difference between the positions in header and YAML
 CONSTANT_HOW = "blocks of 27 days; under 135 days a middle latitude's spread of daily levels, assumed"
 AMBIGUITY = (
     "A includes the crustal field, the error of IGRF and an error of the observatory's azimuth mark; one series cannot "
     "separate them."
 )
-CRUST_NT = 600.0  # field of rocks that is accepted; assumed, most stations have under 300
-SUSPECT_NT = 200.0  # from which a mistake that explains it several times better is reported
-IMPOSSIBLE_NT = 5000.0  # no rocks under an observatory
-EXPLAINED, SUSPECTED = 3.0, 6.0  # times smaller that the misfit becomes without the mistake
+CRUST_NT = 600.0  # largest crustal field that is accepted, assumed; most stations have less than 300
+SUSPECT_NT = 200.0  # misfit from which a mistake that explains it several times better is reported
+IMPOSSIBLE_NT = 5000.0  # more than any crustal field at an observatory
+EXPLAINED, SUSPECTED = 3.0, 6.0  # factors by which undoing a mistake must reduce the misfit, above and below CRUST_NT
 MOST_LIKELY = 3
 BLOCK_S, YEAR_S = 27 * DAY_S, 365.25 * DAY_S
-FARTHEST_KM = 2000.0  # over which storms are hardly alike any more
+FARTHEST_KM = 2000.0  # beyond which storms are hardly similar
 DEGREE_KM = 111.2
-COVERED = 0.5  # of a deployment
-NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.1  # of a variation about zero: its declination, its horizontal field
+COVERED = 0.5  # fraction of a deployment that a series should cover
+NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.1  # largest declination and relative horizontal field without a baseline
 ADVICE = "correct the file's columns, units or place, or take the observatory's own file"
 EXCHANGES = {"X and Y": (1, 0, 2), "X and Z": (2, 1, 0), "Y and Z": (0, 2, 1)}
 TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred times too small": 100.0,
@@ -46,15 +46,15 @@ TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred time
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the constant between an observatory's declination and the model's, its quiet day and its storms.
+    """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms.
 
     Args:
         files: IAGA-2002 files of one observatory.
-        settings: ``latitude``, ``longitude`` where the headers lack them; ``declination``: auto, or a number in the
-            model's place; ``table_step_deg``.
+        settings: ``latitude``, ``longitude``, which override the headers'; ``declination``: auto, or a number that
+            replaces the model; ``table_step_deg``.
 
     Raises:
-        InputError: a file cannot be read, the place is not known, a date lies outside the model, or the field is not
+        InputError: a file cannot be read, the position is unknown, a date lies outside the model, or the field is not
             that of the place.
     """
     series = iaga2002.read(files)
@@ -71,7 +71,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         warnings.append(f"{compared.spikes} isolated outliers: spikes, or storms shorter than three hours")
     covariance = np.full((5, 5), np.nan)
     covariance[0, 0] = compared.constant_sigma_deg**2
-    # Tabulate the same constant at every heading: what a heading made true by the model lacks.
+    # The same constant at every heading: the correction of headings converted to true with the model's declination.
     step_deg = float(settings.get("table_step_deg", 10.0))
     heading = np.arange(0.0, 360.0, step_deg)
     alike = np.ones(len(heading))
@@ -103,7 +103,7 @@ def _points(compared: FieldComparison) -> dict[str, Floats]:
         "declination_deg": compared.observed_deg,
         "model_deg": compared.model_deg,
         "level_deg": compared.level_deg,
-        "quiet_day_deg": compared.quiet_deg - np.mean(np.nan_to_num(compared.curve_deg)),  # about zero, as A is a mean
+        "quiet_day_deg": compared.quiet_deg - np.mean(np.nan_to_num(compared.curve_deg)),  # zero mean, as A is a mean
         "residual_deg": compared.residual_deg - compared.constant_deg,
         "disturbance_deg": compared.disturbed_deg,
         "storm": compared.stormy.astype(float),
@@ -157,7 +157,7 @@ def _stamp(time_s: float) -> str:
 
 @dataclass(frozen=True)
 class FieldMedian:
-    """The middle field of a stretch of one file; NaN where it is not known."""
+    """Median field over a period of one file; NaN where unknown."""
 
     where: str
     time_s: float
@@ -169,10 +169,10 @@ class FieldMedian:
 
 
 def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    """Warn where an observatory's field is not the model's at its place, (latitude, longitude), if that is known.
+    """Warn if an observatory's field is not the model's at its place, (latitude, longitude), provided that is known.
 
     Raises:
-        InputError: a mistake that turns the declination is recognised, or the field is none of that place.
+        InputError: a mistake that affects the declination is identified, or the field is impossible at that place.
     """
     if not np.isfinite(place).all():
         return []
@@ -182,7 +182,7 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
 
 
 def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
-    """Add warnings about the observatory of a mooring to the mooring's field.
+    """Add warnings about a mooring's observatory to the mooring's field.
 
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.
@@ -216,7 +216,7 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
 
 
 def _field_warnings(median: FieldMedian) -> dict[tuple[str, ...], str]:
-    """Name the likely mistakes of one month's field; refuse what cannot be a declination."""
+    """Warn of likely mistakes in one month's field; raise an error if its declination cannot be right."""
     misfit = _misfit(median)
     across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
     if worst <= SUSPECT_NT or not np.isfinite(median.declination_deg):
@@ -234,7 +234,7 @@ def _field_warnings(median: FieldMedian) -> dict[tuple[str, ...], str]:
 
 
 def _misfit(median: FieldMedian) -> dict[str, float]:
-    """Compute the distance of each known component from the model, nT."""
+    """Compute the misfit of each known component to the model, nT."""
     declination, horizontal, vertical = _model_field(median)
     off_deg = angles.difference(median.declination_deg, declination)
     off = {
@@ -251,7 +251,7 @@ def _model_field(median: FieldMedian) -> tuple[float, float, float]:
 
 
 def _likely_mistakes(median: FieldMedian, below: float) -> list[str]:
-    """List the mistakes without which the field is the model's, the likeliest first."""
+    """List the mistakes whose correction makes the field agree with the model, likeliest first."""
     known, fits = set(_misfit(median)), {text: _misfit(undone) for text, undone in _corrections(median).items()}
     sizes = [(max(misfit.values()), text) for text, misfit in fits.items() if set(misfit) == known]
     likely = sorted((size, text) for size, text in sizes if size < min(below, CRUST_NT))
@@ -266,7 +266,7 @@ def _likely_mistakes(median: FieldMedian, below: float) -> list[str]:
 
 
 def _corrections(median: FieldMedian) -> dict[str, FieldMedian]:
-    """Undo each mistake that parses, by what to say of it."""
+    """Map the description of each mistake that a parser does not detect to the field without it."""
     degrees = median.declination_deg
     sine, cosine = (float(x) for x in angles.sin_cos(degrees))
     xyz = np.array([median.horizontal_nT * cosine, median.horizontal_nT * sine, median.vertical_nT])
@@ -314,7 +314,7 @@ def _corrections(median: FieldMedian) -> dict[str, FieldMedian]:
 
 
 def _other_year(median: FieldMedian, below: float) -> list[tuple[float, str]]:
-    """Name the year whose field the series has, where all of it fits far better there."""
+    """Find the year whose model field agrees with the series, if all components are known and fit far better."""
     if not np.isfinite(median.horizontal_nT + median.vertical_nT):
         return []
     years = np.arange(earthfield.FIRST_YEAR, earthfield.LAST_YEAR)
@@ -360,7 +360,7 @@ def _distance_warning(series: FieldSeries, place: tuple[float, float]) -> list[s
 
 
 def _coverage_warning(series: FieldSeries, field: EarthField) -> list[str]:
-    """Warn where most of a deployment lies outside the series: there its disturbance counts as none."""
+    """Warn if the series covers less than half of a deployment, as the disturbance is taken as zero elsewhere."""
     days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
     first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
     covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))

@@ -1,7 +1,7 @@
-"""An observatory's declination against a model of the field: slow level, quiet day, storms, the constant of its rocks.
+"""Observatory declination compared with a field model: slow level, quiet-day curve, storms and crustal constant.
 
-``compare`` is the entry for calibration and diagnosis, ``covariates`` that for a mooring. Ten quiet days 0.3 degrees
-off the model, with a storm on the fifth:
+``compare`` is the entry point for calibration and diagnosis, ``covariates`` for a mooring. Example: ten quiet days,
+0.3 degrees off the model, with a storm on the fifth:
 
 >>> import numpy as np
 >>> from compasslib.calibrations import observatory
@@ -32,29 +32,29 @@ from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
-MIN_SHARE = 0.5  # share of the samples that a mean needs
+MIN_SHARE = 0.5  # fraction of the samples required for a mean
 MONTH_DAYS = 27  # a rotation of the sun
 Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
 WINDOW_S = 3 * HOUR_S
-APART_S = 24 * HOUR_S  # windows that are farther apart are storms of their own
-MIN_WITHOUT_LARGEST = 0.5  # of the limit: what a window must hold besides its largest value, else that one is a spike
-HALF, QUARTER, MAX_STRETCHES = 0.5, 0.25, 12  # of the largest; more stretches than these are no storm but a habit
-STORM_FACTOR, MIN_DAYS = 3.0, 5  # times the record's own middle disturbance that a storm must exceed, if it has days
-BIN_S = 600.0  # means of samples that are closer; noise of single minutes averages out
+APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
+MIN_WITHOUT_LARGEST = 0.5  # fraction of the limit required of a window without its largest value, lest that be a spike
+HALF, QUARTER, MAX_STRETCHES = 0.5, 0.25, 12  # fractions of the maximum; with more stretches, all is disturbed
+STORM_FACTOR, MIN_DAYS = 3.0, 5  # least ratio of a storm to the median disturbance, in records of MIN_DAYS or more
+BIN_S = 600.0  # averaging interval of denser samples; reduces the noise of one-minute values
 MIN_HOURS = 12
-NEAR_DAYS, MIN_NEAR = 4, 5  # the slow level of a day: median of so many days around, if so many are there
-QUIET_SHARE = 0.2  # share of the days that make the quiet-day curve
-WHOLE_DAY = 0.9  # share of a day that a quiet one needs
+NEAR_DAYS, MIN_NEAR = 4, 5  # slow level: half width of the running median, and least number of days in it
+QUIET_SHARE = 0.2  # fraction of the days that form the quiet-day curve
+WHOLE_DAY = 0.9  # fraction of its samples required of a quiet day
 BLOCK_DAYS, MIN_BLOCKS = 27, 5  # a rotation of the sun
 WHOLE_YEAR_DAYS = 330
-# Standard deviation of one day's mean about the year's, its part by disturbance, and that of a season's. Set by the
-# years 1980 and 2003 of Eskdalemuir, on which the benchmark measures the coverage too: that is no independent check.
+# Standard deviation of daily means about the annual mean, share of the disturbance added to it, and standard deviation
+# of seasonal means. Tuned to Eskdalemuir 1980 and 2003, on which the benchmark measures coverage: no independent check.
 DAY_LEVEL_DEG, DISTURBANCE_SHARE, SEASON_DEG = 0.016, 0.4, 0.006
 
 
 @dataclass(frozen=True)
 class Storm:
-    """A stretch of disturbance."""
+    """A period of disturbance."""
 
     begin_s: float
     end_s: float
@@ -64,7 +64,7 @@ class Storm:
 
 
 def average(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
-    """Average declinations over steps, those with too few samples left out; coarser series are returned as they are."""
+    """Average declinations over time steps, omitting those with too few samples; keep coarser series unchanged."""
     known = np.isfinite(series.declination_deg)
     time_s, declination = series.time_s[known], series.declination_deg[known]
     interval_s = float(np.median(np.diff(series.time_s))) if len(series) > 1 else step_s
@@ -79,10 +79,10 @@ def average(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
 
 
 def declination_departure(series: FieldSeries, time_s: Floats) -> Floats:
-    """Compute the departure of magnetic north from its slow course at given instants, (n,) degrees, NaN where unknown.
+    """Compute the short-term variation of the declination at given times, (n,) degrees, NaN where unknown.
 
-    Hourly means of the declination minus the median of the 27 days around: storms and daily variation remain, the
-    secular variation and the rocks' constant go. That is the covariate of ``field_disturbance``.
+    Hourly means minus the median of the surrounding 27 days retain storms and daily variation, without the secular
+    variation and the crustal constant. This is the covariate of ``field_disturbance``.
     """
     known = np.flatnonzero(np.isfinite(series.declination_deg))
     first = series.declination_deg[known[0]] if len(known) else 0.0
@@ -90,7 +90,7 @@ def declination_departure(series: FieldSeries, time_s: Floats) -> Floats:
 
 
 def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
-    """Compute hourly means of a series minus the median of the 27 days around, (n,), NaN where unknown."""
+    """Compute hourly means of a series minus the median of the surrounding 27 days, (n,), NaN where unknown."""
     known = np.isfinite(values)
     known_s, off = series_s[known], values[known]
     if not len(known_s):
@@ -101,7 +101,7 @@ def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
     enough = (last - first) >= max(MIN_SHARE * HOUR_S / step, 1.0)
     mean = np.where(enough, (total[last] - total[first]) / np.maximum(last - first, 1), np.nan)
     days, begins = np.unique(np.floor(known_s / DAY_S), return_index=True)
-    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])  # of each day; then their running median
+    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])  # daily, then running medians
     reach = MONTH_DAYS // 2
     ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
     course = np.array([np.median(levels[a:b]) for a, b in ends])
@@ -109,20 +109,20 @@ def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
 
 
 def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
-    """Compute a mooring's covariates from an observatory: across and along its magnetic north, (n,) degrees each.
+    """Compute a mooring's covariates from an observatory: field variation across and along its north, (n,) degrees.
 
     Raises:
         InputError: a file cannot be read.
     """
     series = iaga2002.read(files)
-    # Along magnetic north over the field's strength: elsewhere, where north is another way, it is across the needle.
+    # The variation along north, relative to the field, turns a needle where magnetic north has another direction.
     off = _departure(series.time_s, series.horizontal_nT, time_s)
     strength = np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0
     return declination_departure(series, time_s), np.asarray(off / strength / angles.DEGREE)
 
 
 def interpolate_daily_curve(curve_deg: Floats, time_s: Floats) -> Floats:
-    """Interpolate a curve at the half hours of UTC, (24,), at instants, (n,) degrees, 0 where it is not known."""
+    """Interpolate a daily curve, given at the half hours of UTC (24,), to times, (n,) degrees; 0 if it is unknown."""
     if not np.isfinite(curve_deg).all():
         return np.zeros(len(time_s))
     hour = (time_s / HOUR_S) % 24.0
@@ -130,7 +130,7 @@ def interpolate_daily_curve(curve_deg: Floats, time_s: Floats) -> Floats:
 
 
 def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
-    """Compute the median of the hourly means by hour of the day, (24,), about its median; NaN where one is missing."""
+    """Compute medians of hourly means by hour of day, (24,), minus the overall median; NaN if an hour is missing."""
     hours, which = np.unique(np.floor(time_s[chosen] / HOUR_S), return_inverse=True)
     if not len(hours):
         return np.full(24, np.nan)
@@ -143,7 +143,7 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
 
 
 def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
-    """Find the first and last instant of the strongest disturbance; of the record where it is disturbed throughout."""
+    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout."""
     size, _ = three_hour_rms(time_s, off_deg)
     at = np.flatnonzero(size >= HALF * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
@@ -155,11 +155,11 @@ def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float
 
 
 def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
-    """Compute the rms of the three hours around each mean, and the same without its largest value, (n,) each."""
+    """Compute the rms over the three hours around each value, with and without the largest one, (n,) each."""
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
     slot = np.rint((time_s - time_s[0]) / step).astype(np.intp)
     half = max(int(WINDOW_S / step) // 2, 1)
-    gaps = np.concatenate([[0], np.cumsum(np.minimum(np.diff(slot), 4 * half))])  # years of nothing cost nothing
+    gaps = np.concatenate([[0], np.cumsum(np.minimum(np.diff(slot), 4 * half))])  # shorten long gaps, to save memory
     grid = np.full(gaps[-1] + 1 + 2 * half, np.nan)
     grid[half + gaps] = off_deg**2
     windows = np.lib.stride_tricks.sliding_window_view(grid, 2 * half + 1)[gaps]
@@ -171,9 +171,9 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
 
 
 def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[Measures], float, int]:
-    """Find the disturbed means, each storm's measures, the ordinary disturbance, and the number of spikes.
+    """Detect storms: mask of disturbed values, measures of each storm, median disturbance and number of spikes.
 
-    They are found in what level and quiet day leave, (n,) degrees.
+    ``off`` is observed minus model declination without level and quiet-day curve, (n,) degrees.
     """
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
@@ -196,7 +196,7 @@ def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[M
 
 
 def make_storm(series: FieldSeries, model: EarthField, measures: Measures) -> Storm:
-    """Make a storm of its measures and the range of the samples in it."""
+    """Make a storm from its measures and the range of the samples during it."""
     begin_s, end_s, rms_deg, worst_deg = measures
     inside = (series.time_s >= begin_s) & (series.time_s <= end_s)
     off = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))[inside]
@@ -205,20 +205,20 @@ def make_storm(series: FieldSeries, model: EarthField, measures: Measures) -> St
 
 @dataclass(frozen=True)
 class FieldComparison:
-    """A series compared with the model; n means, d days."""
+    """Comparison of a series with the model, at n averaged times."""
 
     time_s: Floats  # (n,) middle of each mean
     observed_deg: Floats  # (n,) declination
-    model_deg: Floats  # (n,) of the field's model
+    model_deg: Floats  # (n,) declination of the field model
     level_deg: Floats  # (n,) slow level of observed minus model
     curve_deg: Floats  # (24,) quiet day by hour of UTC, about its median; NaN where no quiet day is known
     quiet_days: int
-    disturbed_deg: Floats  # (n,) what level and quiet day leave
-    stormy: Bools  # (n,) in the disturbed hours of a storm
-    storms: tuple[Storm, ...]  # in the order of time
-    ordinary_deg: float  # middle three-hourly disturbance
-    spikes: int  # lone values that no storm explains
-    constant_deg: float  # of observed minus model: middle of the means of days without their storms
+    disturbed_deg: Floats  # (n,) observed minus model, without level and quiet-day curve
+    stormy: Bools  # (n,) mask of the disturbed hours of storms
+    storms: tuple[Storm, ...]  # in order of time
+    ordinary_deg: float  # median three-hour rms of the disturbance
+    spikes: int  # number of isolated outliers that are no storms
+    constant_deg: float  # observed minus model: median of the daily means without storms
     constant_sigma_deg: float
     days: int
 
@@ -229,23 +229,23 @@ class FieldComparison:
 
     @property
     def quiet_deg(self) -> Floats:
-        """The quiet-day curve at each mean, (n,) degrees, 0 where it is not known."""
+        """Quiet-day curve at each time, (n,) degrees, 0 if it is unknown."""
         return interpolate_daily_curve(self.curve_deg, self.time_s)
 
     @property
     def step_s(self) -> float:
-        """Distance of the means, seconds."""
+        """Interval between the averaged times, seconds."""
         return float(np.median(np.diff(self.time_s)))
 
 
 def model_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
-    """Evaluate the model's declination along a series, or the number that stands in its place.
+    """Evaluate the field model along a series, with the declination replaced by a number if one is given.
 
     Args:
-        settings: ``latitude`` and ``longitude`` where the header lacks them, ``declination`` (auto or degrees east).
+        settings: ``latitude`` and ``longitude``, which override the header's; ``declination`` (auto or degrees east).
 
     Raises:
-        InputError: neither header nor settings tell the place, or a date lies outside the model.
+        InputError: neither header nor settings give the position, or a date lies outside the model.
     """
     latitude, longitude = station_place(series, settings)
     if not np.isfinite(latitude + longitude):
@@ -265,7 +265,7 @@ def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[flo
 
 
 def too_short_reason(series: FieldSeries) -> str:
-    """Explain why a series is too short to be compared with a model; empty where it is not."""
+    """Explain why a series is too short to be compared with a model; empty if it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
     if hours >= MIN_HOURS:
         return ""
@@ -273,18 +273,18 @@ def too_short_reason(series: FieldSeries) -> str:
 
 
 def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> FieldComparison:
-    """Separate a series minus the field's model into level, quiet day and storms, from a three-hourly rms on."""
+    """Separate observed minus model declination into level, quiet-day curve and storms above a three-hour rms."""
     time_s, observed = average(series, BIN_S)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
     by_day, which_day = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
-    first = np.full(24, np.nan)  # the median day of all days about their medians, where they are not few
+    first = np.full(24, np.nan)  # median day of all days, if these are not too few
     if len(by_day) >= MIN_DAYS:
         begins = np.searchsorted(which_day, np.arange(len(by_day)))
         middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
         first = hourly_median(time_s, off - middle[which_day], np.ones(len(off), dtype=bool))
     levels, days = _levels(time_s, off - interpolate_daily_curve(first, time_s))
-    running = np.full(len(days), np.median(levels))  # where too few days are around
+    running = np.full(len(days), np.median(levels))  # default where too few days are near
     ends = np.searchsorted(days, days + NEAR_DAYS, side="right")
     for k, (a, b) in enumerate(zip(np.searchsorted(days, days - NEAR_DAYS), ends, strict=True)):
         if b - a >= MIN_NEAR:
@@ -295,7 +295,7 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - interpolate_daily_curve(curve, time_s)
     stormy, measures, ordinary, spikes = storms(time_s, disturbed, limit_deg)
-    # The mean of each day, without storms where it holds more than them.
+    # Daily means, without storms except on days that have no other values.
     calm = ~stormy | (np.bincount(which_day, ~stormy) == 0)[which_day]
     without = off - interpolate_daily_curve(curve - np.mean(curve), time_s)
     each = np.bincount(which_day[calm], without[calm]) / np.bincount(which_day[calm])
@@ -318,7 +318,7 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
 
 
 def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
-    """Compute the level of each day, the median of its calm half, and the days' numbers."""
+    """Compute the level of each day, the median of its calmer half, and the day numbers."""
     number = np.floor(time_s / DAY_S)
     change = np.abs(np.diff(off, prepend=off[0], append=off[-1]))
     hour = np.unique(np.floor(time_s / HOUR_S), return_inverse=True)[1]
@@ -330,7 +330,7 @@ def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
 
 
 def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
-    """Select the means of the quietest days: whole ones without a storm."""
+    """Select the values of the quietest days, among complete ones without storms."""
     number = np.floor(time_s / DAY_S)
     days, which, count = np.unique(number, return_inverse=True, return_counts=True)
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
@@ -344,7 +344,7 @@ def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
 
 
 def _constant_sigma(each_day: Floats, days: Floats, disturbed: Floats, limit_deg: float) -> float:
-    """Estimate the standard error of the constant: from blocks of days, or by an assumed spread where there are few."""
+    """Estimate the standard error of the constant from blocks of days, or from an assumed spread if these are few."""
     spread = np.hypot(DAY_LEVEL_DEG, DISTURBANCE_SHARE * min(angles.rms(disturbed), limit_deg))
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
     if blocks[-1] + 1 < MIN_BLOCKS:

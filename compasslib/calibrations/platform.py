@@ -1,4 +1,4 @@
-"""A compass on a bench whose directions are known: Le Menn et al. 2023, sections 2 and 6."""
+"""Calibration of a compass on a bench with known directions: Le Menn et al. 2023, sections 2 and 6."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from compasslib.readers import delimited
 from compasslib.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
-QUARTER_DEG = 90.0  # a constant from which an instrument that stood turned is likelier than its compass
-LARGE_DEG = 5.0  # a constant that benches and mounts are set better than
-DECLINATION_DEG, ALIKE_DEG = 2.0, 0.5  # least that is told from a constant, and how near that is then
-STEP_DEG = 2.0  # of a constant from the distance of two settings
-POOR_DEG, MIN_RATIO = 3.0, 3.0  # rms about the curve from which a mistake is looked for, and how much it must explain
-EVEN, MIN_EVEN = 0.02, 8  # scatter of the distances of headings that were set, over their mean
-UNITS = {"gon": 400.0, "radians": 360.0 * angles.DEGREE, "compass points": 32.0, "tens of degrees": 36.0}  # in a turn
+QUARTER_DEG = 90.0  # a constant as large is more likely the mounting of the instrument than its compass
+LARGE_DEG = 5.0  # larger than the alignment errors of benches and mounts
+DECLINATION_DEG, ALIKE_DEG = 2.0, 0.5  # least declination compared with the constant, and tolerance of the comparison
+STEP_DEG = 2.0  # tolerance of a constant to equal the step between two settings
+POOR_DEG, MIN_RATIO = 3.0, 3.0  # rms about the curve above which mistakes are tested, and factor of its reduction
+EVEN, MIN_EVEN = 0.02, 8  # range of the steps between set headings relative to their mean, and least number of headings
+UNITS = {"gon": 400.0, "radians": 360.0 * angles.DEGREE, "compass points": 32.0, "tens of degrees": 36.0}  # per turn
 FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL)
-SAME_HEADING_DEG = 1.0  # readings at a reference as near as this repeat one setting of the bench
-MIN_HEADINGS = 16  # fewer leave the third and fourth harmonics too little room
+SAME_HEADING_DEG = 1.0  # reference directions that round to one multiple repeat a setting of the bench
+MIN_HEADINGS = 16  # needed to test third and fourth harmonics
 WIDE_GAP_DEG = 90.0
-MAX_LEAKAGE = 0.5  # of a quadrantal deviation, in A, B or C where it is left out
-OUTLYING, OUTLYING_DEG = 6.0, 1.0  # medians of the left-out residuals, and at least so far
+MAX_LEAKAGE = 0.5  # fraction of an omitted quadrantal deviation that may appear in A, B or C
+OUTLYING, OUTLYING_DEG = 6.0, 1.0  # limit of outliers, in medians of the leave-one-out residuals and in degrees
 SWING = "swing 16 to 24 headings all round the circle"
 MAX_ANGLE_DEG = 720.0  # an angle beyond two turns is in another unit
 ADVICE = "correct columns in the calibration's file"
@@ -39,7 +39,7 @@ ADVICE = "correct columns in the calibration's file"
 
 @dataclass(frozen=True)
 class BenchReadings:
-    """What was read, (n,) each, magnetic."""
+    """Reference and recorded headings, (n,) each, magnetic."""
 
     reference_deg: Floats
     recorded_deg: Floats
@@ -54,13 +54,13 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Args:
         files: CSV files with the magnetic reference direction and the recorded heading, degrees.
         settings: ``columns``, ``withhold``, the keys of tables, ``table_step_deg``, ``budget``, ``uncertainty``;
-            ``mounting_deg``, how far clockwise of the bench's direction the instrument stood;
-            ``declination_deg`` of the place; ``observatory`` and ``spun``, which of the files are a record of the
-            field and readings of the instrument spun in one place.
+            ``mounting_deg``, clockwise angle from the bench's direction to the instrument's;
+            ``declination_deg`` of the place; ``observatory`` and ``spun``, those of the files that record the field
+            and the readings of the instrument spun in one place.
 
     Raises:
-        InputError: a file cannot be read, a column is absent or is not in degrees, headings run against each other, or
-            a constant of a quarter turn and more is not settled by ``mounting_deg``.
+        InputError: a file cannot be read, a column is absent or not in degrees, headings run in opposite senses, or a
+            constant of a quarter turn or more is not resolved by ``mounting_deg``.
     """
     spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
     files = [file for file in files if str(file) not in {*spun, *observatory}]
@@ -114,7 +114,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
 
 def _refuse_mistaken(fitted: Calibration, read: BenchReadings, where: str) -> None:
-    """Refuse readings that a curve misses and that one mistake explains: another unit, or another sense of turning."""
+    """Raise an error if the curve fits poorly and one mistake explains it: another unit or sense of rotation."""
     missed = np.inf if fitted.model == "none" else fitted.residual_rms_deg
     if missed < POOR_DEG or len(read) < MIN_EVEN:
         return
@@ -129,7 +129,7 @@ def _refuse_mistaken(fitted: Calibration, read: BenchReadings, where: str) -> No
 
 
 def _corrections(read: BenchReadings) -> dict[str, BenchReadings]:
-    """Undo each mistake of the columns, by what to say of it."""
+    """Map the description of each possible mistake in the columns to the readings without it."""
     reference, recorded = read.reference_deg, read.recorded_deg
     against = "headings that run against each other: one column counts anticlockwise"
     corrections = {against: BenchReadings(-reference, recorded)}
@@ -144,7 +144,7 @@ def _corrections(read: BenchReadings) -> dict[str, BenchReadings]:
 
 
 def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
-    """Explain a constant that is large, or the declination's: it is hardly the compass's."""
+    """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own."""
     shift = fitted.details.get("constant_shift")
     if shift is None or abs(shift["value_deg"]) <= 2.0 * shift["sigma_deg"]:
         return []
@@ -163,7 +163,7 @@ def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg:
 
 
 def _even(heading_deg: Floats) -> bool:
-    """Return whether headings were set: all round, in even steps."""
+    """Return whether headings were set in even steps around the full circle."""
     at = np.unique(np.round(angles.wrap360(heading_deg), 2))
     apart = angles.wrap360(np.roll(at, -1) - at)
     return len(at) >= MIN_EVEN and bool(np.ptp(apart) <= EVEN * np.mean(apart))
@@ -175,9 +175,9 @@ def calibrate_readings(
     """Fit the curves to bench readings and select one, if any is determined.
 
     Args:
-        sources: rows of the uncertainty budget that may turn all headings alike.
+        sources: rows of the uncertainty budget besides the scatter about the curve.
     """
-    # Repeats share the error of their setting of the bench: they are averaged and count once.
+    # Repeats share the error of the bench's setting: they are averaged and count once.
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
     _, which = np.unique(slots, return_inverse=True)
     groups = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
@@ -243,7 +243,7 @@ def _points(readings: BenchReadings, chosen: FittedCurve | None) -> dict[str, Fl
     if chosen is None:
         return columns
     fitted = chosen.deviation(points.recorded_deg)
-    if chosen.form is EXACT:  # of two headings that read the same the nearer one
+    if chosen.form is EXACT:  # the nearer of the two headings that give the same reading
         roots = compass.inverse(chosen.coefficients, points.recorded_deg)
         off = angles.difference(roots, (points.recorded_deg + points.deviation_deg)[:, None])
         nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
@@ -267,13 +267,13 @@ def _details(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, sources
 
 
 def _extremes(error_deg: Floats) -> dict[str, float]:
-    """Describe errors, recorded minus reference, as Le Menn et al. 2023 do: the largest, and from peak to peak."""
+    """Compute the largest and the peak-to-peak error, recorded minus reference, as Le Menn et al. 2023 do."""
     largest = float(error_deg[np.argmax(np.abs(error_deg))])
     return {"max_error_deg": largest, "peak_to_peak_deg": float(np.ptp(error_deg))}
 
 
 def _constant_shift(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, common_deg: float) -> dict[str, Any]:
-    """Describe the constant, which turns all headings alike as a compass's own calibration may (Le Menn, Fig. 18)."""
+    """Describe the constant of the deviation, which a compass's own calibration may cause (Le Menn, Fig. 18)."""
     series_fit = fits[SMITH.name] if isinstance(fits[SMITH.name], FittedCurve) else chosen
     assert isinstance(series_fit, FittedCurve)
     unit = 1.0 if series_fit.form is not EXACT else 1.0 / angles.DEGREE
@@ -347,14 +347,14 @@ def _warnings(
 def read_columns(
     files: Sequence[str | Path], settings: Mapping[str, Any], roles: Sequence[str] = ROLES
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
-    """Read a bench's columns of angles by role, files one after the other, and notes.
+    """Read columns of angles by role, concatenated over the files, and notes on the tables.
 
     Args:
-        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to leave out, and
-            the keys of ``delimited.Layout`` how they are written.
+        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to ignore, and
+            the keys of ``delimited.Layout`` the format of the tables.
 
     Raises:
-        InputError: a file or column is absent or withheld, or a value cannot be read or is no angle in degrees.
+        InputError: a file or column is absent or withheld, or a value cannot be read or is not an angle in degrees.
     """
     paths, withheld = [Path(file) for file in files], set(settings.get("withhold") or ())
     where = ", ".join(str(path) for path in paths)

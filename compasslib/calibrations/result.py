@@ -1,4 +1,4 @@
-"""What a calibration leaves, of whatever kind; its page calibration.json, and the comparison of two."""
+"""Result of a calibration of any kind, its file calibration.json, and the comparison of two calibrations."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from compasslib.deviation.model import FieldAtPlace, separate_iron, weak_field_w
 from compasslib.types import Floats
 
 LETTERS = "ABCDE"
-# Of a calibration's date from its file's: the field changes by less than a fifth of a degree.
+# Largest difference of a calibration's date from its file's, in which declination changes by less than 0.2 degrees.
 MAX_DATE_ERROR_S = 180 * 86400.0
 POSITION = ("latitude", "longitude")
-SIGNIFICANCE = 0.05  # of a comparison: a difference as large as this would come about by chance once in twenty
+SIGNIFICANCE = 0.05  # p-value below which two calibrations differ significantly
 MIN_P_VALUE = 0.001  # smaller ones are not printed
 NO_BENCH = "compare_with names no bench without the object, so that its influence is not known"
-MIN_AMPLITUDE_SIGMAS = 3.0  # standard deviations of an amplitude under which it has no phase
+MIN_AMPLITUDE_SIGMAS = 3.0  # least amplitude, in standard deviations, that has a phase
 
 
 @dataclass(frozen=True)
@@ -38,32 +38,32 @@ class DeviationTable:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The result of one calibration; without coefficients where there was too little, and ``why`` then says so."""
+    """Result of one calibration; without coefficients if the data do not suffice, for the reason given in ``why``."""
 
     kind: str  #: platform | tilt | swing | magnetometer | declination | two_heads
-    model: str  #: the curve that was chosen
+    model: str  #: name of the selected curve or model
     n: int  #: observations used
     coverage: int  #: occupied sectors of 10 degrees of the recorded heading, of 36
-    coefficients: Floats = field(default_factory=lambda: np.zeros(0))  #: (5,) A..E, degrees, series by reading
+    coefficients: Floats = field(default_factory=lambda: np.zeros(0))  #: (5,) A..E of the series, degrees
     covariance: Floats = field(default_factory=lambda: np.zeros(0))  #: (5, 5)
     exact: Floats = field(default_factory=lambda: np.zeros(0))  #: (5,) A..E of the exact compass, dimensionless
     exact_covariance: Floats = field(default_factory=lambda: np.zeros(0))  #: (5, 5)
     residual_rms_deg: float = float("nan")  #: degrees, of the chosen curve; NaN without one
     sources: tuple[Source, ...] = ()  #: rows of the uncertainty budget
-    table: DeviationTable | None = None  #: deviation by recorded heading; None where it is not known
-    points: Mapping[str, Floats] = field(default_factory=dict)  #: columns of what was observed, (n,) each
-    details: Mapping[str, Any] = field(default_factory=dict)  #: what only this kind has, ready for JSON
-    why: str = ""  #: the reason, where nothing was fitted
+    table: DeviationTable | None = None  #: deviation by recorded heading; None if it is unknown
+    points: Mapping[str, Floats] = field(default_factory=dict)  #: columns of the observations, (n,) each
+    details: Mapping[str, Any] = field(default_factory=dict)  #: entries specific to the kind, ready for JSON
+    why: str = ""  #: reason for missing coefficients; empty if there are any
     warnings: tuple[str, ...] = ()  #: sentences for the report
 
 
 def to_json(
     name: str, made: Calibration, settings: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Describe a calibration for calibration.json: the keys of every kind, then those of this one.
+    """Convert a calibration to the content of calibration.json: keys common to all kinds, then those of its kind.
 
     Args:
-        earlier: calibration.json of those that it is to be compared with, by name.
+        earlier: calibration.json of the calibrations to compare it with, by name.
     """
     place = _place(settings, made.details)
     weak = weak_field_warnings(place["field"]["horizontal_nT"]) if place["field"] else ()
@@ -124,7 +124,7 @@ def _numbers(letters: Mapping[str, float | None] | None) -> Floats:
 
 
 def log_line(content: Mapping[str, Any]) -> str:
-    """Describe a calibration in one line of the log, its warnings below."""
+    """Summarize a calibration in one line of the log, followed by its warnings."""
     name, warnings = content["name"], [f"{content['name']}: warning: {text}" for text in content["warnings"]]
     if content["why"]:
         return "\n".join([f"{name}: no calibration: {content['why']}", *warnings])
@@ -141,7 +141,7 @@ def _named(values: Floats) -> dict[str, float] | None:
 
 
 def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe place, date and the earth's field there: as given, else as the log states them."""
+    """Describe place, date and the earth's field there, as given, else as stated in the log."""
     date = settings.get("date_s")
     day = details.get("date") if date is None else datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
     at = {key: settings.get(key) for key in POSITION}
@@ -153,7 +153,7 @@ def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str,
 
 
 def _object(content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Describe what an object changes against the first of the earlier calibrations, the one without it."""
+    """Describe the effect of an object relative to the first of the earlier calibrations, the one without it."""
     if not content["object"]:
         return {}
     without, *others = [*earlier.values(), content]
@@ -164,7 +164,7 @@ def _object(content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
 
 
 def _compared(name: str, made: Calibration, earlier: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Describe the curves of several calibrations and the one-cycle part of each against the first's."""
+    """Describe the curves of several calibrations and compare the one-cycle part of each with the first."""
     if not earlier:
         return []
     first = next(iter(earlier))
@@ -180,20 +180,20 @@ def _compared(name: str, made: Calibration, earlier: Mapping[str, Mapping[str, A
 def compare(
     after: Calibration, before: Mapping[str, Any], name: str, field: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
-    """Compare a calibration with an earlier one of the same compass, as before its batteries were demagnetised.
+    """Compare a calibration with an earlier one of the same compass, such as before its batteries were demagnetised.
 
-    Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here each coefficient's
-    difference stands beside its uncertainty, with the probability (chi square) of so large a difference where there is
-    none. Rows of the budget that both share are left out: they cancel. At another dip the two separate hard iron from
-    what the vertical field induces.
+    Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
+    coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
+    not included, as errors common to both calibrations cancel. Calibrations at different dips separate hard iron from
+    the iron induced by the vertical field.
 
     Args:
-        field: the earth's at the later one, None where it is unknown.
+        field: the earth's field at the later calibration, None if unknown.
     """
     if not after.coefficients.size or before["coefficients"] is None:
         missing = name if before["coefficients"] is None else "this calibration"
         return {"with": name, "why": f"{missing} has no coefficients", "differ": None}
-    from scipy.special import chdtrc  # only where two calibrations are compared
+    from scipy.special import chdtrc  # imported late: only needed for comparisons
 
     earlier, earlier_covariance = _numbers(before["coefficients"]), np.array(before["covariance"], dtype=float)
     both = np.isfinite(after.coefficients) & np.isfinite(earlier)
@@ -230,7 +230,7 @@ def compare(
 def _separate(
     after: Calibration, before: Mapping[str, Any], field: Mapping[str, float] | None
 ) -> dict[str, Any] | None:
-    """Separate hard and induced iron of a compass that was calibrated at another dip before."""
+    """Separate hard and induced iron of a compass that was calibrated before at another dip; None if not possible."""
     home, exact = before["place"]["field"], _numbers((before["exact"] or {}).get("coefficients"))
     if not (field and home and exact.size and after.exact.size):
         return None
@@ -260,7 +260,7 @@ def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, floa
 
 
 def check_date(time_s: Floats | None, date_s: float | None) -> list[str]:
-    """Warn where the date of a calibration, UTC seconds, is not that of its file; None where one has none."""
+    """Warn if the date of a calibration, UTC seconds, is not that of its file; either may be None."""
     if date_s is None or time_s is None or not np.isfinite(time_s).any():
         return []
     first, last = float(np.nanmin(time_s)), float(np.nanmax(time_s))

@@ -1,4 +1,4 @@
-"""The settings of a calibration with the earth's field at its place and date."""
+"""Settings of a calibration, completed by the earth's field at its place and date."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 
 def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Add ``field`` and ``declination_deg`` to settings, as every kind takes them.
+    """Add ``field`` and ``declination_deg`` to the settings, as all kinds require them.
 
-    The field is a mapping of horizontal_nT, vertical_nT and declination_deg where latitude, longitude and date are
-    given, else None. The declination is the number given, else that of the field, else None.
+    The field is a mapping of horizontal_nT, vertical_nT and declination_deg if latitude, longitude and date are given,
+    else None. The declination is the number given, else that of the field, else None.
 
     Args:
         settings: the keys of the YAML file with defaults filled in.
@@ -23,7 +23,7 @@ def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
         return {**settings, "field": None, "declination_deg": None if by_model else given}
-    from compasslib import earthfield  # only where a place is given
+    from compasslib import earthfield  # imported late: only needed with a place
 
     at = date_s if by_model else earthfield.covered_by_igrf(date_s)
     declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))

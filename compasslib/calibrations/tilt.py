@@ -1,4 +1,4 @@
-"""A tilt sensor on a platform that is tilted: Le Menn et al. 2023, section 2 and Table 5."""
+"""Calibration of a tilt sensor on a tilting platform: Le Menn et al. 2023, section 2 and Table 5."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ KIND = "tilt"
 ROLES = ("reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg")
 AXES = ("pitch", "roll")
 FORMS = {"line": "AB", "quadratic": "ABC", "cubic": "ABCD"}  # in powers of the recorded tilt
-SAME_TILT_DEG = 0.2  # readings at a reference as near as this repeat one setting of the platform
-MIN_DOF = 4  # of a form with a higher power
-LEVEL_DEG = 0.5  # of the least reference tilt: there both axes are level
-SKEW_DEG, SKEW_SHARE = 1.0, 0.25  # of the other axis, from which a platform tilts both
-TURNED_DEG = 5.0  # of the instrument on the platform: the recorded tilt is then 0.4 % too small
+SAME_TILT_DEG = 0.2  # reference tilts that round to one multiple repeat a setting of the platform
+MIN_DOF = 4  # degrees of freedom required of a quadratic or cubic
+LEVEL_DEG = 0.5  # above the least reference tilt: both axes count as level
+SKEW_DEG, SKEW_SHARE = 1.0, 0.25  # tilt of the other axis, absolute and relative, above which both are tilted
+TURNED_DEG = 5.0  # rotation of the instrument on the platform that makes recorded tilts 0.4 % too small
 TABLE_STEP_DEG = 5.0
 
 
@@ -34,9 +34,9 @@ TABLE_STEP_DEG = 5.0
 class AxisReadings:
     """Readings with the platform tilted about one axis, (n,) each, degrees."""
 
-    reference_deg: Floats  # in the sense in which the instrument counts
+    reference_deg: Floats  # with the instrument's sign convention
     recorded_deg: Floats
-    turned_deg: float  # of the instrument on the platform, by what the other axis recorded; NaN where unknown
+    turned_deg: float  # rotation of the instrument on the platform, from the other axis; NaN where unknown
     notes: tuple[str, ...] = ()
 
 
@@ -68,7 +68,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 def calibrate_axes(
     readings: Mapping[str, AxisReadings], sources: Sequence[Source], field: Mapping[str, float] | None = None
 ) -> Calibration:
-    """Fit a polynomial to each axis, the axis with the larger scatter in the budget."""
+    """Fit a polynomial to each axis; the larger of their scatters enters the budget."""
     fits = {axis: _fit(read) for axis, read in readings.items()}
     fitted = {axis: fit for axis, fit in fits.items() if isinstance(fit, FittedCurve)}
     reasons = "; ".join(f"{axis}: {fit}" for axis, fit in fits.items() if isinstance(fit, str))
@@ -100,10 +100,10 @@ def calibrate_axes(
 
 
 def split_axes(reference_deg: Floats, recorded_deg: Floats) -> tuple[dict[str, AxisReadings], int]:
-    """Assign each reading to the axis that leans, level readings to both; count those that lean on both.
+    """Assign each reading to the tilted axis, level readings to both; count and omit those with both axes tilted.
 
     Args:
-        reference_deg: tilts of the platform, (n,); with signs, or their sizes alone.
+        reference_deg: tilts of the platform, (n,); signed or absolute.
         recorded_deg: pitch and roll, (2, n).
     """
     if not len(reference_deg):
@@ -126,7 +126,7 @@ def split_axes(reference_deg: Floats, recorded_deg: Floats) -> tuple[dict[str, A
 def _axis_readings(
     name: str, reference_deg: Floats, lean_deg: Floats, recorded_deg: Floats, chosen: Bools, level: Bools, k: int
 ) -> AxisReadings:
-    """Give one axis's readings the instrument's sign, repeats of a setting averaged."""
+    """Convert the readings of one axis to the instrument's sign convention and average repeats of a setting."""
     if not (chosen & ~level).any():
         return AxisReadings(np.zeros(0), np.zeros(0), np.nan)
     reference, lean, other = reference_deg[chosen], lean_deg[k][chosen], lean_deg[1 - k][chosen]
@@ -155,7 +155,7 @@ def _fit(read: AxisReadings) -> FittedCurve | str:
         return "no reading leans this axis alone"
     points = Points(read.recorded_deg, read.reference_deg - read.recorded_deg, np.ones(len(read.recorded_deg)))
     span = np.linspace(read.recorded_deg.min(), read.recorded_deg.max(), 21)
-    # Not the form that fits best: a bend that is too small to be seen would be missing from the uncertainty.
+    # The highest degree allowed, not the best fit: otherwise the uncertainty would neglect undetected curvature.
     carried = [name for name, letters in FORMS.items() if len(points) - len(letters) >= MIN_DOF]
     name = carried[-1] if carried else next(iter(FORMS))
     design = partial(np.vander, N=len(FORMS[name]), increasing=True)
@@ -188,7 +188,7 @@ def _describe(axis: str, read: AxisReadings, curve: FittedCurve, rows: tuple[Sou
 
 
 def _heading_error(rows: tuple[Source, ...], field: Mapping[str, float] | None) -> dict[str, Any] | None:
-    """Turn a tilt's uncertainty into that of a heading that is levelled by it: times vertical over horizontal field."""
+    """Convert a tilt uncertainty to that of a tilt-compensated heading: times vertical over horizontal field."""
     if field is None:
         return None
     ratio = abs(field["vertical_nT"]) / field["horizontal_nT"]

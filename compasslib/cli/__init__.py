@@ -1,8 +1,8 @@
-"""The command ``compass``: what a user asks of a cruise on a terminal, without Snakemake.
+"""The command line interface ``compass``.
 
-A room is imported only by the command that needs it, so that help and mistakes come at once.
+Each command imports only the modules that it needs, so that help and error messages appear at once.
 
-A mistake is one line on stderr, and exit status 1:
+An error is reported in one line on stderr, with exit status 1:
 
 >>> import subprocess, sys
 >>> asked = "import sys; from compasslib.cli import main; sys.exit(main(['check', 'nowhere']))"
@@ -25,16 +25,16 @@ from compasslib import __version__
 from compasslib.errors import InputError
 
 FAILED, INTERRUPTED = 1, 130
-FORMS = ("csv", "mat", "pd0", "oceansites", "rocrate")  # of compass export
-MODULES = {"correct": "check", "explain": "results", "verify": "results"}  # of commands that share one
+FORMS = ("csv", "mat", "pd0", "oceansites", "rocrate")  # formats of compass export
+MODULES = {"correct": "check", "explain": "results", "verify": "results"}  # of commands that share a module
 AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return the exit status: 0 done, 1 input that cannot be used, 2 a wrong command line.
+    """Run one command and return the exit status: 0 success, 1 unusable input, 2 invalid usage, 130 interrupted.
 
     Args:
-        arguments: words of the command line; those of this process where absent.
+        arguments: words of the command line; None for those of this process.
     """
     parser = _parser()
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -44,20 +44,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if asked.command == "verify" and asked.yes and not asked.clear:
         parser.error("--yes goes with --clear")
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)  # as by Ctrl-C, so that nothing half made is left
-    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # a terminal without the sign of degree
+        signal.signal(number, signal.default_int_handler)  # handled like Ctrl-C, so that no incomplete file is left
+    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # for terminals without a degree sign
     try:
         module = import_module(f"compasslib.cli.{MODULES.get(asked.command, asked.command)}")
         status: int = getattr(module, asked.command)(asked)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader of a pipe has gone, as ``compass explain M1 | head`` does
+    except BrokenPipeError:  # the reader of a pipe has exited, as in ``compass explain M1 | head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except (InputError, OSError) as error:
         return _failed(f"error: {error}", FAILED)
     except MemoryError:
         return _failed("error: out of memory; close other programs, or use a machine with more", FAILED)
-    except SystemExit as error:  # from a package beside this one, perhaps with status 0
+    except SystemExit as error:  # raised by a plug-in, perhaps with status 0
         return _failed(f"error: a plug-in ended the program by SystemExit: {error}; correct or remove it", FAILED)
     except KeyboardInterrupt:
         return _failed("error: interrupted; no file is left half written", INTERRUPTED)

@@ -1,4 +1,4 @@
-"""``compass check`` opens every listed file and prints every problem; ``compass correct`` corrects one mooring here."""
+"""``compass check``, which opens all configured files and prints all problems, and ``compass correct``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from compasslib.types import Floats
 
 DAY_S = 86400.0
 SECTOR_DEG, SECTORS = 10.0, 36
-GAP = 3.0  # usual steps between two samples that make a gap
+GAP = 3.0  # in median time steps: a longer step between two samples is a gap
 STEPS = ((DAY_S, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
 HEAD: tuple[str, ...] = (
     "",
@@ -56,17 +56,17 @@ HEAD: tuple[str, ...] = (
 
 @dataclass(frozen=True)
 class Inspection:
-    """What the files of one mooring or calibration hold."""
+    """Contents of the files of one mooring or calibration, and problems with them."""
 
     lines: tuple[str, ...]
     problems: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    usable: bool = True  # whether a run makes a product of it
-    serials: Mapping[str, str] = field(default_factory=dict)  # that the files state, by instrument
+    usable: bool = True  # whether a run can process it
+    serials: Mapping[str, str] = field(default_factory=dict)  # serial numbers stated by the files, by instrument
 
 
 def check(asked: Namespace) -> int:
-    """Print what each mooring and calibration has, then all warnings and problems; return 1 where there is one.
+    """Print the contents of each mooring and calibration, then warnings and problems; return 1 if there is a problem.
 
     Raises:
         InputError: config/config.yaml cannot be used.
@@ -104,7 +104,7 @@ def check(asked: Namespace) -> int:
 
 
 def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection], n: int) -> str:
-    """Report what a run would use: nothing where the configuration has mistakes, else all whose files can be read."""
+    """Summarize what a run would process: nothing if the configuration has errors, else all with readable files."""
     problems = _plural(n, "problem")
     names = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
     if refused:
@@ -150,7 +150,7 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
 
 
 def _inspect_parts(file: str, planned: plan.Plan) -> Inspection:
-    """Open the instruments and series of a mooring file that is not valid as a whole."""
+    """Open the files of those instruments and series that are valid in an otherwise invalid mooring file."""
     instruments, series = config.valid_parts(Path(), file)
     problems, rows = list[str](), [HEAD]
     for name, instrument in instruments.items():
@@ -199,7 +199,7 @@ def _inspect_calibration(name: str, planned: plan.Plan) -> Inspection:
 
 
 def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[str, ...]:
-    """Describe one record; without a part in a mooring its north is not decided yet."""
+    """Compose the table row of one record; ``part`` is its role, without which its directions are not yet known."""
     time_s = record.time_s
     if not len(time_s):
         return (name, part, instrument.format, "0", *[""] * (len(HEAD) - 4))
@@ -279,13 +279,13 @@ def _plural(n: int, noun: str) -> str:
 
 
 def correct(asked: Namespace) -> int:
-    """Correct a mooring, saying on stderr what each stage found and the warnings last; print where the results are.
+    """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results.
 
     Args:
         asked: ``cruise``, ``mooring`` and ``into``, the folder of the results or None.
 
     Raises:
-        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
+        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.
     """
     folder = Path(asked.into or Path(asked.cruise) / "corrected" / asked.mooring)
     warnings: list[str] = []

@@ -1,4 +1,4 @@
-"""``compass diff``: what changed between two runs, by mooring and calibration, as after a metadata fix."""
+"""``compass diff``: compare two runs by mooring and calibration, for example after a correction of metadata."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from compasslib.report import words
 from compasslib.types import Floats
 
 CHANGELOG = RELEASE_FILES / "CHANGELOG.md"
-# What an entry can change.
+# What an entry of the changelog can change.
 KINDS_OF_CHANGE = ("headings", "flags", "uncertainty", "coefficients", "verdict", "calibration")
 WIDTH = 100
 
@@ -40,14 +40,14 @@ class ChangelogEntry:
 
     version: str
     text: str
-    changes: frozenset[str]  # of KINDS_OF_CHANGE, or calibration:KIND; none where it changes no result
+    changes: frozenset[str]  # of KINDS_OF_CHANGE, or calibration:KIND; empty if it changes no result
 
 
 def parse_changelog(text: str) -> list[ChangelogEntry]:
     """Parse the entries of a changelog, newest first.
 
     Args:
-        text: in Markdown: a section a version, an entry a point, at its end what it can change.
+        text: Markdown with one section per version and one bullet per entry, at whose end is what it can change.
     """
     _, *parts = _SECTION.split(text)
     parsed = []
@@ -61,13 +61,13 @@ def parse_changelog(text: str) -> list[ChangelogEntry]:
 
 
 def changelog_reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
-    """Name the software behind two results, and the entries of the changelog that may explain the change.
+    """List the software behind two results, and the entries of the changelog that may explain their difference.
 
     Args:
-        old: the software of the earlier results, as the products name it; empty where they do not.
-        new: that of the later ones.
-        changed: what did, of ``KINDS_OF_CHANGE`` or calibration:KIND.
-        changelog: the file that is looked into.
+        old: software of the earlier results, as stated in the products; empty if not stated.
+        new: software of the later results.
+        changed: what differs, of ``KINDS_OF_CHANGE`` or calibration:KIND.
+        changelog: path of the changelog; None for that of this software.
     """
     if old == new:
         return []
@@ -86,7 +86,7 @@ def _matching_entries(old: str, new: str, changed: frozenset[str], changelog: Pa
     low, high = sorted(_number(match[1]) for match in known)
     matching = []
     for entry in parse_changelog(changelog.read_text(encoding="utf-8")):
-        at = _number(entry.version)  # between commits of one version any entry of it may be the reason
+        at = _number(entry.version)  # between commits of one version any of its entries may be the reason
         between = low < at <= high or low == at == high
         if between and any(x in entry.changes or x.partition(":")[0] in entry.changes for x in changed):
             matching.append(entry)
@@ -105,16 +105,16 @@ MOORING_HEADER = (
     *("mooring", "true heading, rms", "largest", "in OLD's 1σ: median, 95 %, largest", "corrected", "flags"),
     *("verdict", "effects", "coefficients", "also changed"),
 )
-# What a column, or a variable of "also changed", is called in the changelog.
+# Columns, and what their changes are called in the changelog.
 CHANGES = {
     **{"true heading, rms": "headings", "corrected": "flags", "flags": "flags", "verdict": "verdict"},
     **{"effects": "verdict", "coefficients": "coefficients"},
 }
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
 INCOMPLETE = 1
-Cells = Callable[[Path, Path], tuple[str, ...]]  # of two folders of results
+Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folders of results
 REQUIRED_VARIABLES = ("TIME", "HEADING_CORRECTED", "DECLINATION")
-# Follow from what stands in columns of its own.
+# Variables and attributes that follow from quantities with columns of their own.
 TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
 EXPECTED_ATTRIBUTES = (
     *(*DATES, "history", "software_version", "product_version"),
@@ -124,7 +124,7 @@ EXPECTED_ATTRIBUTES = (
 
 @dataclass(frozen=True)
 class MooringRun:
-    """What one run says of one mooring."""
+    """Results of one run for one mooring."""
 
     series: Mapping[str, Any]  # variables of corrected.nc
     attributes: Mapping[str, Any]
@@ -140,7 +140,7 @@ class MooringRun:
 
 
 def diff(asked: Namespace) -> int:
-    """Print a table of moorings and one of calibrations, those in which something changed, or that nothing did.
+    """Print the differences of moorings and of calibrations, with possible reasons, or that nothing changed.
 
     Args:
         asked: ``old`` and ``new``, each a cruise, a deposit (ZIP), a folder of results, or that of one mooring or
@@ -176,8 +176,8 @@ def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -
 def _rows(
     old: Mapping[str, Path], new: Mapping[str, Path], needed: Sequence[str], compare: Cells
 ) -> dict[str, tuple[str, ...]]:
-    """Compare folders by name: no cells where nothing changed, a single one where two cannot be compared."""
-    if len(old) == len(new) == 1:  # one folder against its copy of another name
+    """Compare folders by name; return no cells if nothing changed, one cell if two folders cannot be compared."""
+    if len(old) == len(new) == 1:  # a folder and its copy under another name
         old = dict(zip(new, old.values(), strict=True))
     rows: dict[str, tuple[str, ...]] = {}
     for name in sorted({*old, *new}):
@@ -193,7 +193,7 @@ def _rows(
 def _mooring_reasons(
     old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
 ) -> list[str]:
-    """List for each pair of versions what in the changelog may have changed the moorings."""
+    """List, for each pair of software versions, the entries of the changelog that may explain changed moorings."""
     changed: dict[tuple[str, str], set[str]] = {}
     for name, row in rows.items():
         if len(row) == len(MOORING_HEADER) - 1:
@@ -233,7 +233,7 @@ def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
     keys = dict.fromkeys([*old.attributes, *new.attributes])
     names = dict.fromkeys([*old.series, *new.series])
     others = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
-    if turned[0] != SAME:  # what turns with the heading is left out
+    if turned[0] != SAME:  # variables that turn with the heading are left out
         follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
         others = [name for name in others if name not in follow]
     others += [f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))]
@@ -251,7 +251,7 @@ def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
 
 
 def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
-    """Compute rms and largest turn of the true heading where both have one."""
+    """Compute rms and largest change of the true heading over samples for which both runs have one."""
     here, there = _common_samples(old, new)
     turn = angles.difference(new.true_deg[there], old.true_deg[here])
     turn = turn[np.isfinite(turn)]
@@ -264,13 +264,13 @@ def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
 
 
 def _common_samples(old: MooringRun, new: MooringRun) -> tuple[Any, Any]:
-    """Index the samples of one time in both."""
+    """Return the indices of the samples that have the same time in both runs."""
     _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
     return here, there
 
 
 def _change_in_sigmas(old: MooringRun, new: MooringRun) -> str:
-    """Compute the turns over what OLD stated as 1σ: who used it relied on that; both rest on the same data."""
+    """Compute the changes of heading in units of OLD's 1σ, on which users relied; both runs use the same data."""
     here, there = _common_samples(old, new)
     turn = np.abs(angles.difference(new.true_deg[there], old.true_deg[here]))
     stated = np.asarray(old.series.get(SIGMA, np.full(old.series["TIME"].shape, np.nan)))[here]
@@ -284,7 +284,7 @@ def _change_in_sigmas(old: MooringRun, new: MooringRun) -> str:
 
 
 def _flag_changes(old: MooringRun, new: MooringRun) -> str:
-    """Count the samples that have another flag, and name the commonest changes."""
+    """Count the samples whose flag changed, and list the most frequent changes."""
     if FLAG not in old.series or FLAG not in new.series:
         return SAME if FLAG not in {*old.series, *new.series} else "none on one side"
     here, there = _common_samples(old, new)
@@ -319,27 +319,27 @@ CALIBRATION_HEADER = (
     "coefficients",
     "also changed",
 )
-# Follow from what stands in columns of its own, or name the software.
+# Keys that follow from quantities with columns of their own, or that state the software.
 EXPECTED_KEYS = ("model", "coefficients", "covariance", "uncertainty", "software", "date_created")
 
 
 @dataclass(frozen=True)
 class CalibrationRun:
-    """What one run says of one calibration."""
+    """Results of one run for one calibration."""
 
     content: Mapping[str, Any]  # calibration.json
     table: DeviationTable
-    diagnosis: Mapping[str, Any]  # empty where a kind is not diagnosed
+    diagnosis: Mapping[str, Any]  # empty if calibrations of this kind are not diagnosed
 
 
 def _calibration_reasons(
     old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
 ) -> list[str]:
-    """List for each pair of versions what in the changelog may have changed the calibrations."""
+    """List, for each pair of software versions, the entries of the changelog that may explain changed calibrations."""
     changed: dict[tuple[str, str], set[str]] = {}
     for name, row in rows.items():
         if len(row) == len(CALIBRATION_HEADER) - 1 and any(cell != SAME for cell in row[:-1]):
-            earlier = old.get(name) or next(iter(old.values()))  # one folder against its copy of another name
+            earlier = old.get(name) or next(iter(old.values()))  # a folder and its copy under another name
             entry, other = (results.read_content(side / "calibration.json") for side in (earlier, new[name]))
             sides = str(entry.get("software", "")), str(other.get("software", ""))
             changed.setdefault(sides, set()).add(f"calibration:{other['kind']}")
@@ -367,7 +367,7 @@ def _compare_calibrations(old_folder: Path, new_folder: Path) -> tuple[str, ...]
 
 
 def _deviation_change(old: DeviationTable, new: DeviationTable) -> tuple[str, str]:
-    """Compute rms and largest change of the deviation at the headings that both tables have."""
+    """Compute rms and largest change of the deviation at the headings common to both tables."""
     _, here, there = np.intersect1d(old.heading_deg, new.heading_deg, return_indices=True)
     change = angles.difference(new.deviation_deg[there], old.deviation_deg[here])
     change = change[np.isfinite(change)]
@@ -388,7 +388,7 @@ def _effects(run: CalibrationRun) -> str:
 
 
 def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe the known coefficients as those of a mooring's fit; a kind may have the first of them alone."""
+    """Convert the known coefficients to the form of a mooring's fit; some kinds determine only the first of them."""
     known = {letter: value for letter, value in (content["coefficients"] or {}).items() if value is not None}
     sigma = np.array(content["covariance"] or np.zeros((len(known), len(known))), dtype=float)[
         : len(known), : len(known)
@@ -396,14 +396,14 @@ def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
     return {"method": content["model"], "coefficients": known, "covariance": np.nan_to_num(sigma).tolist()}
 
 
-# Cells that are alike, angles, coefficients, and the table.
+# Format of cells and of the table.
 
 SAME = "same"
-MIN_CHANGE_IN_SIGMAS = 0.01  # of a coefficient's standard deviation: below lies what a solver leaves
+MIN_CHANGE_IN_SIGMAS = 0.01  # of a coefficient's standard deviation: smaller changes are numerical
 
 
 def from_to(old: str, new: str) -> str:
-    """Format a change of a value, or that there is none."""
+    """Format the change of a value, ``SAME`` if there is none."""
     return SAME if old == new else f"{old} → {new}"
 
 
@@ -426,7 +426,7 @@ def effects(diagnosis: Mapping[str, Any]) -> str:
 
 
 def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Compare the configured fit's coefficients; by its methods where these differ.
+    """Format the changes of the configured fit's coefficients, or of its method if that differs.
 
     Args:
         old: method, coefficients and covariance of a fit.
@@ -444,13 +444,13 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     worth = [
         f"{letter} {difference:+.2g}".replace("-", words.MINUS) + (f" ({abs(difference) / s:.2g}σ)" if s > 0.0 else "")
         for letter, difference, s in change
-        if abs(difference) > MIN_CHANGE_IN_SIGMAS * s  # of OLD's
+        if abs(difference) > MIN_CHANGE_IN_SIGMAS * s  # OLD's sigma
     ]
     return ", ".join(worth) or f"below {MIN_CHANGE_IN_SIGMAS} of their 1σ"
 
 
 def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
-    """Format the rows beneath the header; a row of one cell runs across the columns.
+    """Format a header and rows as a table; a row of one cell spans the columns.
 
     Args:
         rows: cells by name; none where nothing changed.

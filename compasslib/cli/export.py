@@ -1,4 +1,4 @@
-"""``compass export``: a mooring's corrected record as CSV, MATLAB, PD0 or OceanSITES, whole or not at all."""
+"""``compass export``: write a corrected record as CSV, MATLAB, PD0 or OceanSITES, or a cruise as a crate."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from compasslib.readers.pd0.fields import Leaders, Rewritten, rewrite
 from compasslib.records import PROBABLY_BAD
 from compasslib.types import Floats
 
-SAME_TIME_S, SAME_HEADING_DEG = 0.001, 0.006  # of an ensemble and its sample: what rounding leaves
+SAME_TIME_S, SAME_HEADING_DEG = 0.001, 0.006  # tolerances for rounding, ensemble minus sample
 HEADINGS = (
     "Magnetic, as in the original: HEADING_CORRECTED, with the heading bias EB and the alignment EA that the original "
     "holds. Read with the mooring's YAML file, or with any reader that knows EB, they are HEADING_CORRECTED."
@@ -47,13 +47,13 @@ WITHOUT = "Ensembles outside the deployment or without a corrected heading: velo
 
 
 def export(asked: Namespace) -> int:
-    """Write the files of one form and print their names.
+    """Write the files of one format and print their names.
 
     Args:
         asked: ``mooring``, ``cruise``, ``to`` and ``into``, the folder or None.
 
     Raises:
-        InputError: there are no results, a file is there already, or the raw files are not those of the results.
+        InputError: there are no results, a file already exists, or the raw files are not those of the results.
     """
     if asked.to == "rocrate":
         return _export_cruise(asked)
@@ -75,7 +75,7 @@ def export(asked: Namespace) -> int:
 
 
 def _export_cruise(asked: Namespace) -> int:
-    """Pack the whole cruise as a crate to deposit."""
+    """Pack the whole cruise as a crate for deposit."""
     if asked.mooring is not None:
         expected, advice = "no mooring, as the crate is of the whole cruise", f"leave {asked.mooring} out"
         raise InputError("--to rocrate", expected=expected, found=asked.mooring, advice=advice)
@@ -101,13 +101,13 @@ def _export_cruise(asked: Namespace) -> int:
 
 
 def _available_files(into: Path, *names: str) -> list[Path]:
-    """Choose files to write, none of which is there, and clear away the halves of an export that was killed.
+    """Return the paths of files to write, none of which may exist, and delete incomplete files of a killed export.
 
-    A file gets its name after its note, the first file after all others: while that is missing, others with a note are
-    what a killed export left, and are written anew.
+    A file gets its name after its note does, and the first file after all others. If the first is missing, others that
+    have a note were therefore left by a killed export, and are overwritten.
 
     Raises:
-        InputError: one is there.
+        InputError: one of the files exists.
     """
     files = [into / name for name in names]
     if taken := next(
@@ -115,7 +115,7 @@ def _available_files(into: Path, *names: str) -> list[Path]:
     ):
         advice = "name another folder with --into, or move that file away"
         raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
-    for name, dots in itertools.product(names, (".", "..")):  # a half may be written by way of one of its own
+    for name, dots in itertools.product(names, (".", "..")):  # two dots: an incomplete file of an incomplete file
         for half in into.glob(f"{dots}{glob.escape(name)}.*{HALF_WRITTEN}"):
             half.unlink(missing_ok=True)
     return files
@@ -126,7 +126,7 @@ def _note_path(file: Path) -> Path:
 
 
 def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    """Write each raw file with corrected headings, and beside it what it was and what became of it."""
+    """Write each raw file with corrected headings, and a note on its origin and the changes made."""
     loaded = config.load_cruise(Path(asked.cruise))
     product = _Product(asked.mooring, source, plan.plan(loaded).moorings)
     paths = [Path(file) for file in product.files]
@@ -148,13 +148,13 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
 
 
 class _Product:
-    """The corrected headings of one mooring, asked for by the ensembles of its raw files."""
+    """The corrected headings of one mooring, looked up for the ensembles of its raw files."""
 
     def __init__(self, mooring: str, source: Path, rules: Moorings) -> None:
         """Read the headings.
 
         Raises:
-            InputError: the mooring is not of the cruise, is no PD0, or its raw files are not those of the results.
+            InputError: the mooring is not in the cruise, or its raw files are not PD0 or not those of the results.
         """
         if mooring not in rules.cruise.moorings:
             expected = f"a mooring of the cruise ({', '.join(rules.cruise.moorings) or 'it has none'})"
@@ -195,10 +195,10 @@ class _Product:
         return np.where(same, angles.difference(self._corrected[at], self._recorded[at]), np.nan)
 
     def refuse_missing(self) -> None:
-        """Refuse to leave corrected headings out.
+        """Refuse an export in which corrected headings are missing.
 
         Raises:
-            InputError: no ensemble was found for some.
+            InputError: some corrected headings match no ensemble.
         """
         if lost := int(np.sum(np.isfinite(self._corrected) & ~self._found)):
             expected = f"an ensemble for each corrected heading of {self.source}"
@@ -206,7 +206,7 @@ class _Product:
             raise InputError(", ".join(self.files), expected=expected, found=actual, advice=advice)
 
     def note(self, file: str, became: Rewritten, written: Path) -> dict[str, Any]:
-        """Describe a file that was made of a raw one."""
+        """Compose the note on a file written from a raw file."""
         left_out = [{"from": s.offset, "to": s.offset + s.length - 1, "why": s.reason} for s in became.skipped]
         doubtful = int(np.sum(np.isfinite(self._corrected) & (self._flag == PROBABLY_BAD)))
         return {
@@ -225,12 +225,12 @@ class _Product:
         }
 
 
-# The forms.
+# The formats.
 
 PIECE = 4096  # samples that are written at once
-CSV_FORMAT = "%.7g"  # float32 holds as many
+CSV_FORMAT = "%.7g"  # the precision of float32
 DATENUM_1950 = 712_224.0  # MATLAB's datenum of 1950-01-01
-PREAMBLE = b"MATLAB 5.0 MAT-file, by compass export".ljust(116)  # scipy's tells the time of writing
+PREAMBLE = b"MATLAB 5.0 MAT-file, by compass export".ljust(116)  # scipy's contains the time of writing
 CONSTANT_VARIABLES = ("LATITUDE", "LONGITUDE", variables.STATION.name, variables.BIN.name, variables.BEAM.name)
 
 
@@ -238,31 +238,31 @@ def write_oceansites(source: Path, target: Path) -> None:
     """Copy corrected.nc under another name.
 
     Raises:
-        Passing: it cannot be written.
+        TransientError: the copy cannot be written.
     """
     with atomic_write(target) as temporary:
         shutil.copyfile(source, temporary)
 
 
 def oceansites_name(source: Path) -> str:
-    """Compose the file name that OceanSITES has for corrected.nc.
+    """Return the OceanSITES file name of corrected.nc, made from its attribute ``id``.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is missing or damaged.
     """
     return f"{read_attribute(source, 'id')}.nc"
 
 
 def write_csv(source: Path, table: Path, sidecar: Path) -> None:
-    """Write a row a sample and bin, empty where a value is missing; units and meanings go into a JSON file.
+    """Write one row per sample and bin, with empty cells for missing values; units and meanings go to a JSON file.
 
     Args:
         source: corrected.nc.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is missing or damaged.
     """
-    import pandas as pd  # 0.4 s: only who asks for a table waits for it
+    import pandas as pd  # takes 0.4 s
 
     with open_netcdf(source) as nc, atomic_write(table) as temporary:
         with temporary.open("w", encoding="utf-8", newline="") as stream:
@@ -273,13 +273,13 @@ def write_csv(source: Path, table: Path, sidecar: Path) -> None:
 
 
 def write_mat(source: Path, target: Path) -> None:
-    """Write structures of MATLAB: data, units, long_name, and attributes of the whole file; NaN where missing.
+    """Write MATLAB structures: data, units, long_name and global attributes; missing values are NaN.
 
     Args:
         source: corrected.nc.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is missing or damaged.
     """
     from scipy.io import savemat
 
@@ -299,7 +299,7 @@ def write_mat(source: Path, target: Path) -> None:
 
 
 def _csv_columns(nc: netCDF4.Dataset, samples: slice) -> Iterator[tuple[str, Any]]:
-    """Give the columns of some samples, a value a sample and bin."""
+    """Yield the columns of some samples, with one value per sample and bin."""
     bins = len(nc.dimensions["BIN"])
     time = np.round((nc["TIME"][samples] - DAYS_1950_TO_1970) * 86400e3).astype("datetime64[ms]")
     yield "TIME", np.repeat(np.char.add(np.datetime_as_string(time, unit="ms"), "Z"), bins)
@@ -315,7 +315,7 @@ def _csv_columns(nc: netCDF4.Dataset, samples: slice) -> Iterator[tuple[str, Any
 
 
 def _filled_values(nc: netCDF4.Dataset, name: str, which: Any = ...) -> Any:
-    """Read a variable, NaN where a number is missing; flags as they are, text as text."""
+    """Read a variable: numbers with NaN where missing, flags unchanged, characters as text."""
     values: NDArray[Any] = np.asarray(nc[name][which])
     if values.dtype.kind == "S":
         return values.tobytes().decode()
@@ -327,7 +327,7 @@ def _filled_values(nc: netCDF4.Dataset, name: str, which: Any = ...) -> Any:
 
 
 def _csv_metadata(nc: netCDF4.Dataset) -> dict[str, Any]:
-    """Collect what stands in no column: units and meanings by column, constants, global attributes."""
+    """Collect the metadata: units and meanings by column, constants and global attributes."""
     columns = {
         name: variable for name, variable in nc.variables.items() if name not in CONSTANT_VARIABLES or name == "BIN"
     }

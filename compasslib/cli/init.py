@@ -1,4 +1,4 @@
-"""``compass init``: a draft of config and YAML files from what exports hold; no file that is there is touched."""
+"""``compass init``: draft the configuration files of a cruise from instrument exports; existing files are unchanged."""
 
 from __future__ import annotations
 
@@ -30,52 +30,52 @@ from compasslib.records import Record
 from compasslib.types import Floats
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
-NAMELESS = ("raw", "data", "exports", "")  # folders whose name tells no mooring
-MOORED_STEP_S = 60.0  # moored profilers average over longer; two that do not stand on one frame
-IN_WATER = 0.5  # of the median depth
-SHALLOWEST_M = 2.0  # a median depth that says anything
-SAME_DEPLOYMENT = 0.1  # of the shorter record, that two records of one deployment have in common
-DEEPEST_M = 12000.0  # a water depth that refuses no instrument, where none is known
+NAMELESS = ("raw", "data", "exports", "")  # names of folders that do not name a mooring
+MOORED_STEP_S = 60.0  # moored profilers average over longer intervals; two faster ones are mounted on one frame
+IN_WATER = 0.5  # of the median depth, below which an instrument is in the water
+SHALLOWEST_M = 2.0  # least median, and range, of depths that show when an instrument was in the water
+SAME_DEPLOYMENT = 0.1  # of the shorter record: least overlap of two records of one deployment
+DEEPEST_M = 12000.0  # assumed where the water depth is unknown, as it rejects no instrument
 SECTOR_DEG = 10.0
-PIECE = re.compile(r"\.\d{3}$")  # of a PD0 file that was cut by its recorder
-SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # of a moored profiler
-# What a format asks of a person; to draft, the files are read with these in place.
+PIECE = re.compile(r"\.\d{3}$")  # suffix of a PD0 file that was split by its recorder
+SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # moored profiler
+# Keys of a format that the user must decide; for the draft, the files are read with these values.
 PROVISIONAL: dict[str, dict[str, object]] = {
     "pd12": {"orientation": "up", "bin_size": 1.0, "first_bin": 1.0},
     "netcdf": {"direction_reference": "magnetic"},
 }
 ASKED = ("orientation", "bin_size", "first_bin")
-SILENT = ("table", "acm_table", "mmp_acm")  # formats that never tell to which north they count
+SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
 TO_CARRY = "where and when it was done: needed to carry it to a mooring"
 
 
 @dataclass(frozen=True)
 class Series:
-    """A covariate: its keys, and where and when it belongs."""
+    """A covariate: its keys, its mooring and its time span."""
 
     keys: Mapping[str, object]
-    mooring: str | None  # None: of all moorings
+    mooring: str | None  # None: for all moorings
     start_s: float
     end_s: float
 
 
 @dataclass
 class Contents:
-    """What the files hold, sorted by what it is to be."""
+    """Contents of the files, sorted by their use in the configuration."""
 
-    place: Position  # what the person said
+    place: Position  # as given on the command line
     folders: dict[str, dict[str, Drafted]] = field(default_factory=dict)  # mooring or folder -> name -> instrument
     records: dict[str, Record] = field(default_factory=dict)  # by the instrument's first file
     calibrations: dict[str, str] = field(default_factory=dict)  # name -> text
     series: dict[str, Series] = field(default_factory=dict)  # covariates by name
-    left: list[str] = field(default_factory=list)  # what has no place, and why
+    left: list[str] = field(default_factory=list)  # files that are not used, and why
 
 
 def init(asked: Namespace) -> int:
-    """Write the drafts, say what a person must decide, and return 0.
+    """Write the drafts, print how many decisions each leaves to the user, and return 0.
 
     Raises:
-        InputError: nothing can be drafted, or a file is there already.
+        InputError: nothing can be drafted, or a file already exists.
     """
     root = Path(asked.into)
     entries: list[Path] = []
@@ -86,7 +86,7 @@ def init(asked: Namespace) -> int:
             )
         entries += sorted(_below(entry)) if entry.is_dir() else [entry]
     given = list(dict.fromkeys(entries))
-    paths = [path for path in given if _inside(path, root).isprintable()]  # a YAML file can name no other
+    paths = [path for path in given if _inside(path, root).isprintable()]  # a YAML file cannot name others
     place = Position(asked.latitude, asked.longitude, asked.water_depth)
     contents = _sorted(paths, root, asked.name, Contents(place))
     moorings = _moorings(contents)
@@ -120,7 +120,7 @@ def _below(folder: Path) -> Iterable[Path]:
 
 
 def _inside(path: Path, root: Path) -> str:
-    """Give the path of a file from the cruise folder; one that stands elsewhere is linked to below raw/."""
+    """Return the path of a file relative to the cruise folder; below raw/ for outside files, which are linked there."""
     whole, base = Path(os.path.abspath(path)), Path(os.path.abspath(root))
     if whole.is_relative_to(base):
         return whole.relative_to(base).as_posix()
@@ -134,14 +134,14 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
         kind = detect.detect_kind(path)
         form = kind.form if kind else None
         if COMPANION.search(path.name) and any(SCANS.search(other.name) for other in paths):
-            continue  # it goes with its scans
+            continue  # read together with its scans
         if form == "mmp_acm" and (text := path.with_suffix(".TXT")) in paths and text != path:
             contents.left.append(f"{path}: its scans stand unpacked in {text.name}")
             continue
         if form == "table":
             tables[path] = detect.guess_columns(path)
         mooring = name
-        if not mooring:  # named by the folder of its files, where that has a name of its own
+        if not mooring:  # named after the folder of its files, unless that has a generic name
             folders = (path.absolute().parent.name, Path(os.path.abspath(root)).name)
             mooring = next((_name(folder) for folder in folders if folder.lower() not in NAMELESS), "M1")
         table = tables.get(path)
@@ -150,7 +150,7 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
         elif form == "table" and table is None:
             contents.left.append(f"{path}: a table whose header names no known columns; add it by hand with columns")
         elif table and table.kind == "pressure":
-            continue  # it goes with scans, or is left out below
+            continue  # read together with scans, or reported as unused below
         elif form in ("iaga2002", "nmea0183") or (table and table.kind != "instrument"):
             _add_aside(path, root, form, table, mooring, contents)
         else:
@@ -173,7 +173,7 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
 def _add_aside(
     path: Path, root: Path, form: str, table: detect.GuessedTable | None, mooring: str, contents: Contents
 ) -> None:
-    """Add what is no instrument: a calibration's file, or a series beside the moorings."""
+    """Add a file that is not an instrument's: a calibration or a covariate."""
     file, name = _inside(path, root), _free(_name(path.stem), contents.calibrations)
     keys: dict[str, object]
     if form == "iaga2002":
@@ -196,7 +196,7 @@ def _add_aside(
 
 
 def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
-    """Add a swing where a log holds magnetic headings and courses round the circle."""
+    """Add a swing calibration if a log contains magnetic headings, all around the circle, and courses."""
     parsed = nmea.read_any(path)
     if parsed is None:
         why = "no magnetic heading (HDG or HDM) with a course (RMC or VTG)"
@@ -227,7 +227,7 @@ def _add_series(path: Path, file: str, table: detect.GuessedTable, mooring: str,
 
 
 def _place(said: Position, why: str, unknown: str | None) -> tuple[dict[str, object], dict[str, str]]:
-    """Give the keys of a calibration's place as the person said it, else the question."""
+    """Return the position keys of a calibration as given by the user, or undecided ones with comments."""
     if None in (said.latitude, said.longitude):
         words_of = {"latitude": f"degrees north, {why}", "longitude": "degrees east, west negative"}
         return {"latitude": unknown, "longitude": unknown}, words_of
@@ -238,7 +238,7 @@ def _tells_place(path: Path) -> bool:
     try:
         series = iaga2002.read([path])
     except InputError:
-        return True  # a check refuses it in its own words
+        return True  # compass check will report the error
     return bool(np.isfinite(series.latitude + series.longitude))
 
 
@@ -274,7 +274,7 @@ def _drafted(
 
 
 def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
-    """Find the keys that the advice of a refusal names."""
+    """Find the keys that the advice of an error names."""
     advice = str(error).rpartition("; ")[2] if "; " in str(error) else ""
     return [key for key in keys if key != "columns" and re.search(rf"\b{key}\b", advice)]
 
@@ -305,7 +305,7 @@ def _of_record(
 
 
 def _in_water(record: Record) -> tuple[float, float, bool]:
-    """Find the first and last time in the water, and whether pressure or depth tells them."""
+    """Find the first and last time in the water, and return whether they are derived from pressure or depth."""
     times = record.time_s[np.isfinite(record.time_s)]
     if not len(times):
         return math.nan, math.nan, False
@@ -318,7 +318,7 @@ def _in_water(record: Record) -> tuple[float, float, bool]:
 
 
 def _join_heads(contents: Contents) -> None:
-    """Take two quick PD0 profilers of one folder for two heads of one frame."""
+    """Turn two fast-sampling PD0 profilers of one folder into a calibration of two heads on one frame."""
     for folder, instruments in list(contents.folders.items()):
         quick = [each for each in instruments.values() if each.format == "pd0" and each.step_s < MOORED_STEP_S]
         if len(quick) == len(instruments) == 2 and all(len(each.files) == 1 for each in quick):
@@ -332,7 +332,7 @@ def _join_heads(contents: Contents) -> None:
 
 
 def _moorings(contents: Contents) -> dict[str, Mooring]:
-    """Make a mooring of the instruments of each folder that recorded at the same time."""
+    """Form moorings from the instruments of each folder that recorded at the same time."""
     moorings: dict[str, Mooring] = {}
     for folder, instruments in contents.folders.items():
         groups = _deployments(instruments)
@@ -358,7 +358,7 @@ def _moorings(contents: Contents) -> dict[str, Mooring]:
 
 
 def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]:
-    """Separate instruments whose records have no time in common; one that could not be read goes with the others."""
+    """Group instruments by overlap of their records; unreadable ones join the other group where there is only one."""
     groups: list[dict[str, Drafted]] = []
     for name, each in instruments.items():
         joined = [group for group in groups if any(_overlap_in_time(each, other) for other in group.values())]
@@ -372,16 +372,17 @@ def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]
 
 
 def _overlap_in_time(first: Drafted, other: Drafted) -> bool:
-    shorter = min(first.end_s - first.start_s, other.end_s - other.start_s)
-    overlap = draft.overlap_s(first, other)
-    return overlap >= max(SAME_DEPLOYMENT * shorter, 0.0)
+    # NaN, of records that could not be read, propagates.
+    shorter = np.minimum(first.end_s - first.start_s, other.end_s - other.start_s)
+    overlap = np.minimum(first.end_s, other.end_s) - np.maximum(first.start_s, other.start_s)
+    return bool(overlap >= np.maximum(SAME_DEPLOYMENT * shorter, 0.0))
 
 
 def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) -> Roles:
-    """Identify the affected instrument: the only one with headings, or the one whose heading explains directions."""
+    """Identify the affected instrument: the only one with headings, or that whose heading explains the directions."""
     turning = [name for name, each in instruments.items() if each.sectors]
     unread = [name for name, each in instruments.items() if each.trouble]
-    listed = []  # what each instrument recorded, as far as it may help to tell the affected one
+    listed = []  # content of each record, to help the user to identify the affected instrument
     for name, each in instruments.items():
         depth = "" if math.isnan(each.depth_m) else f" at {each.depth_m:.0f} m"
         read = f"{each.bins} bin{'s' * (each.bins != 1)}{depth}, headings in {each.sectors} of 36 sectors"
@@ -402,7 +403,7 @@ def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) ->
 def _by_directions(
     instruments: Mapping[str, Drafted], turning: Sequence[str], records: Mapping[str, Record]
 ) -> tuple[str, str] | None:
-    """Compare every two compasses; the affected one's heading explains the difference of directions in all pairs."""
+    """Find the compass whose heading explains the difference of current directions from every other instrument."""
     shares: dict[tuple[str, str], ExplainedShare] = {}
     for first, other in combinations(turning, 2):
         both = [
@@ -411,7 +412,7 @@ def _by_directions(
                 start_s=instruments[name].start_s,
                 end_s=instruments[name].end_s,
                 water_depth=DEEPEST_M,
-                latitude=45.0,  # between pole and equator the depth of a pressure differs by 0.5 %
+                latitude=45.0,  # depth by pressure differs by 0.5 % between pole and equator
                 nominal_depth=None if math.isnan(instruments[name].depth_m) else instruments[name].depth_m,
             )
             for name in (first, other)

@@ -1,4 +1,4 @@
-"""Where the results of moorings are and whether they are whole; ``compass explain`` and ``compass verify``."""
+"""``compass explain`` and ``compass verify``; location and completeness of results."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ REQUIRED_KEYS = {
     "work/field.json": ("warnings",),
 }
 CALIBRATION_FILES = ("calibration.json", "table.csv")
-COMPARED = (".nc", ".json", ".csv")  # of a deposit
+COMPARED = (".nc", ".json", ".csv")  # files of a deposit that are unpacked for comparison
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
-    """Find the folder of the results of a mooring, or of what else stands in parts of the results.
+    """Find the folder of the results of a mooring or, in other parts of the results, of a calibration or compass.
 
     Args:
-        mooring: a name in it, or the folder itself.
-        parts: folders of the results in which it may stand.
+        mooring: name in the cruise, or the folder itself.
+        parts: subfolders of the results that are searched, "" for the results themselves.
 
     Raises:
         InputError: there is no such folder.
@@ -57,7 +57,7 @@ def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what
 
 @dataclass(frozen=True)
 class ResultFolders:
-    """The folders of results by the names of moorings and calibrations."""
+    """Folders of results by name of mooring or calibration."""
 
     moorings: Mapping[str, Path]
     calibrations: Mapping[str, Path]
@@ -65,7 +65,7 @@ class ResultFolders:
 
 @contextmanager
 def unpack_deposit(place: str) -> Iterator[str]:
-    """Give a place whose files can be read: a deposited ZIP unpacked until the block ends, anything else as it is.
+    """Yield a place to read from: a deposited ZIP unpacked for the duration of the block, anything else unchanged.
 
     Raises:
         InputError: the ZIP is damaged.
@@ -130,19 +130,19 @@ def _moorings(root: Path) -> dict[str, Path]:
 
 
 def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[str]:
-    """List the files that a whole run would have left and this one has not.
+    """List the required files that are missing from results, as after an incomplete run.
 
     Args:
-        folder: one mooring's results, or one calibration's.
+        folder: results of one mooring or calibration.
     """
     return [file for file in needed if not (folder / file).is_file()]
 
 
 def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = MOORING_FILES) -> str:
-    """Explain why two results cannot be compared, nothing where they can.
+    """Explain why two results cannot be compared; empty if they can.
 
     Args:
-        old: one folder, None where there is none.
+        old: folder of the results, None if there is none.
         needed: files that both must have.
     """
     for folder, which in ((old, "OLD"), (new, "NEW")):
@@ -154,7 +154,7 @@ def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = 
 
 
 def refuse_incomplete(folder: Path, needed: Sequence[str] = MOORING_FILES, what: str = "mooring") -> None:
-    """Refuse results that a run did not finish.
+    """Refuse results of an incomplete run.
 
     Raises:
         InputError: a file is missing.
@@ -166,10 +166,10 @@ def refuse_incomplete(folder: Path, needed: Sequence[str] = MOORING_FILES, what:
 
 @contextmanager
 def check_version(folder: Path) -> Iterator[None]:
-    """Turn what is missing deep in a file of the results into one line.
+    """Convert errors of the block on missing content of result files to an error of one line.
 
     Raises:
-        InputError: the block asks for what a file does not hold.
+        InputError: the block needs content that a file does not have.
     """
     try:
         yield
@@ -182,10 +182,10 @@ def read_content(file: Path) -> dict[str, Any]:
     """Read a JSON file of the results and check its keys.
 
     Args:
-        file: one of those of ``KEYS``.
+        file: a file that ``REQUIRED_KEYS`` lists.
 
     Raises:
-        InputError: it is no JSON, or lacks a key that every run writes.
+        InputError: it is not JSON, or lacks a key that every run writes.
     """
     read = read_json(file)
     keys = next(keys for name, keys in REQUIRED_KEYS.items() if file.match(name))
@@ -195,13 +195,13 @@ def read_content(file: Path) -> dict[str, Any]:
     return dict(read)
 
 
-# Warnings of a command: kept while it works, and printed together at its end, where a person still sees them.
+# Warnings of a command are collected and printed together at its end, where the user will notice them.
 
-WARNING_MARK = ": warning: "  # as the lines of the stages' logs have it
+WARNING_MARK = ": warning: "  # in lines of the stages' logs
 
 
 def split_warnings(said: str) -> tuple[list[str], list[str]]:
-    """Separate the lines of a log that are no warnings from the warnings, without the word."""
+    """Split the lines of a log into other lines and warnings, from which the mark is removed."""
     lines = said.splitlines()
     return [line for line in lines if WARNING_MARK not in line], [
         line.replace(WARNING_MARK, ": ", 1) for line in lines if WARNING_MARK in line
@@ -209,10 +209,10 @@ def split_warnings(said: str) -> tuple[list[str], list[str]]:
 
 
 def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> None:
-    """Print warnings, each once.
+    """Print each distinct warning once.
 
     Args:
-        stream: stderr where absent.
+        stream: output stream; None for stderr.
     """
     once = list(dict.fromkeys(warnings))
     if once:
@@ -222,17 +222,17 @@ def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> Non
 # compass explain: the diagnosis of a mooring, a calibration or a shared compass in words, from its results.
 
 WIDTH, INDENT = 100, "  "
-EXPLAINED = ("", "calibrations", "compasses")  # folders of the results
+EXPLAINED = ("", "calibrations", "compasses")  # subfolders of the results
 
 
 def explain(asked: Namespace) -> int:
-    """Print what is known of the compass of a mooring or a calibration, or of one that several records share.
+    """Print the diagnosis of a mooring, of a calibration, or of a compass that several records share.
 
     Args:
-        asked: ``cruise`` and ``mooring``, a name in it or a folder of results.
+        asked: ``cruise`` and ``mooring``, a name in the cruise or a folder of results.
 
     Raises:
-        InputError: there are no results, or not all of them.
+        InputError: there are no results, or they are incomplete.
     """
     what = "mooring, calibration or compass"
     folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, what).resolve()
@@ -298,18 +298,18 @@ def _wrap(sentences: Iterable[str]) -> list[str]:
     return [line for sentence in sentences for line in wrapper.wrap(sentence)]
 
 
-# compass verify: a cruise's files against its manifest, and removal of what is no longer configured.
+# compass verify: a cruise's files against its manifest, and removal of results that are no longer configured.
 
 
 def verify(asked: Namespace) -> int:
-    """Print what differs from the manifest; with ``clear``, what is no longer configured, and delete it where asked.
+    """Print differences from the manifest; with ``clear``, list or delete results that are no longer configured.
 
     Args:
-        asked: ``cruise``, ``clear`` and ``yes``.
+        asked: ``cruise``, ``clear`` and ``yes``, which confirms the deletion.
 
     Raises:
-        InputError: something differs, there is no manifest, or the configuration cannot be read that tells what to
-            clear.
+        InputError: there are differences, there is no manifest, or ``clear`` is given and the configuration cannot be
+            read.
     """
     if not Path(asked.cruise).is_dir():
         advice = "name the folder of a cruise"
@@ -320,7 +320,7 @@ def verify(asked: Namespace) -> int:
         configured = None
         try:
             configured = _configured_files()
-        except InputError as error:  # an archive may stand without its raw files
+        except InputError as error:  # an archive may lack its raw files
             print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
         verification.verify(Path(), configured, print)
     return 0

@@ -1,4 +1,4 @@
-"""``compass run``: Snakemake on a cruise, told which jobs are to run again by the recorded hashes of their files."""
+"""``compass run``: run Snakemake on a cruise, including jobs whose files no longer match their recorded hashes."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from compasslib.config import cruise
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
 
-METADATA = f"{guard.SNAKEMAKES}/metadata"  # what Snakemake remembers of each job: parameters and code
+METADATA = f"{guard.SNAKEMAKES}/metadata"  # where Snakemake stores parameters and code of each job
 
 
 def run(asked: Namespace) -> int:
-    """Start Snakemake in place of this process.
+    """Replace this process by Snakemake.
 
     Args:
-        asked: ``cruise``, ``cores``, ``profile``, and ``options`` of Snakemake, files of results among them.
+        asked: ``cruise``, ``cores``, ``profile``, and ``options`` of Snakemake, which may include result files.
 
     Raises:
-        InputError: Snakemake or the workflow is not there, or something of the cruise is dated in the future.
+        InputError: Snakemake or the cruise folder is missing, or an input of the cruise is dated in the future.
     """
     if find_spec("snakemake") is None:
         advice = "pip install 'compasslib[workflow]', or make install in a checkout"
@@ -47,12 +47,12 @@ def run(asked: Namespace) -> int:
 
 
 def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
-    """List the records that no longer hold, and the options, with results named by the records that Snakemake knows."""
+    """Return the outdated records, and the options with result files replaced by the records that Snakemake knows."""
     looks_only = any(re.fullmatch(r"--dry-?run|-[a-zA-Z]*n[a-zA-Z]*", option) for option in options)
     with chdir(folder):
         try:
             planned = plan.plan(cruise.load_cruise(Path()))
-        except InputError:  # the Snakefile refuses it, in Snakemake's log too
+        except InputError:  # the Snakefile will refuse it, in Snakemake's log too
             return [], options
         guard.refuse_links(planned.folders())
         known, now = records.read_hashes(), guard.file_clock()
@@ -64,7 +64,7 @@ def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
         options = [planned.writers.get(option, option) for option in options]
         wanted = () if "verify" in options else (*planned.everything(), *planned.jobs.keys() & {*options})
         stale = records.stale(wanted, known)
-        if not (os.path.isdir(METADATA) and any(os.scandir(METADATA))):  # nobody knows by what settings and code
+        if not (os.path.isdir(METADATA) and any(os.scandir(METADATA))):  # their settings and code are unknown
             again = f"no {METADATA}: by what settings it was made is unknown"
             stale = {record: again for record in wanted if os.path.lexists(record)}
         if not looks_only:
@@ -74,7 +74,7 @@ def _stale(folder: Path, options: list[str]) -> tuple[list[str], list[str]]:
 
 
 def _print_reasons(planned: plan.Plan, wanted: Iterable[str], stale: Mapping[str, str]) -> None:
-    """Print why jobs that have run before run again: a file, a setting or the code; Snakemake gives what follows."""
+    """Print why earlier jobs run again (files, settings or code), but not the jobs that depend on these."""
     lines = []
     for record in wanted:
         if before := records.read_any(Path(record)):

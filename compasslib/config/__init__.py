@@ -1,6 +1,6 @@
-"""A cruise's YAML files in, frozen models out.
+"""Read and validate the YAML files of a cruise as immutable models.
 
-A mistake is one line that says where, what was expected, what was found and, at its end, what to do:
+A mistake is reported in one line with its location, what was expected, what was found, and advice:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

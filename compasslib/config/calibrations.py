@@ -1,6 +1,6 @@
-"""What may stand in config/calibrations/NAME.yaml: the keys of every kind, and below them those of each.
+"""Schema of config/calibrations/NAME.yaml: the keys common to all kinds, then those of each kind.
 
-A key of one kind is one line in that kind's class; a new kind is a class and a line in ``MODELS``.
+A new kind needs a class with its keys and an entry in ``MODELS``.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from compasslib.config.schema import (
 from compasslib.config.values import problem, shown
 from compasslib.readers import TABLE_KEYS
 
-HEADS = 2  # on one frame
-BETWEEN = ("compare_with", "compass", "sphere")  # keys that join a calibration to others: nothing to its own kind
-SINGLE_COMPASS_KINDS = ("platform", "swing", "magnetometer")  # kinds that tell the iron of one compass
+HEADS = 2  # profilers on one frame
+BETWEEN = ("compare_with", "compass", "sphere")  # keys that relate a calibration to others, not settings of its kind
+SINGLE_COMPASS_KINDS = ("platform", "swing", "magnetometer")  # kinds that determine the iron of one compass
 
 
 def _csv(value: Any) -> Any:
@@ -46,7 +46,7 @@ def _row(what: str) -> Any:
 
 
 def _of_both(first: Callable[[Any], Any]) -> Callable[[Any], tuple[Any, ...]]:
-    """Make a validator that takes one value for both heads, or a list of two."""
+    """Create a validator that accepts one value for both heads, or a list of two."""
 
     def read(value: Any) -> tuple[Any, ...]:
         listed = value if isinstance(value, list | tuple) else [value] * HEADS
@@ -75,7 +75,7 @@ Orientations = Annotated[tuple[str, ...], BeforeValidator(_of_both(_orientation)
 
 
 class KindKey(Section):
-    """The key that says which others there are."""
+    """The key ``kind``, which determines the other keys."""
 
     kind: Literal["platform", "tilt", "swing", "magnetometer", "declination", "two_heads"] = key(
         "platform, tilt, swing, magnetometer, declination or two_heads", "platform"
@@ -83,7 +83,7 @@ class KindKey(Section):
 
 
 class CalibrationFile(KindKey):
-    """config/calibrations/NAME.yaml: the keys of every kind."""
+    """config/calibrations/NAME.yaml: the keys common to all kinds."""
 
     files: Files = key(
         "a path, a list of paths or a glob, relative to the cruise folder", "raw/cal/aqd.csv", alias="file"
@@ -101,7 +101,7 @@ class CalibrationFile(KindKey):
 
     @property
     def placed(self) -> bool:
-        """Whether the earth's field at the calibration is known, which carries it to a mooring."""
+        """Whether place and date are given: the transfer to a mooring requires the earth's field at the calibration."""
         return None not in (self.latitude, self.longitude, self.date_s)
 
     @model_validator(mode="after")
@@ -121,7 +121,7 @@ class CalibrationFile(KindKey):
 
 
 class TableFile(CalibrationFile, TableKeys):
-    """A calibration whose readings may stand in a text table."""
+    """A calibration whose readings may be given as a text table."""
 
     @model_validator(mode="after")
     def _keys_of_tables(self) -> Self:
@@ -132,7 +132,7 @@ class TableFile(CalibrationFile, TableKeys):
 
 
 class PlatformColumns(Section):
-    """Headers of a platform's table where they differ from the roles."""
+    """Headers of the table of a platform, by role; needed only where they differ from the role."""
 
     reference_deg: Text | None = _header("degrees, magnetic")
     recorded_deg: Text | None = _header("degrees, magnetic")
@@ -140,7 +140,7 @@ class PlatformColumns(Section):
 
 
 class Uncertainty(Section):
-    """Rows of the budgets of platform and tilt; what each number is stands in ``calibrations.budget.ROWS``."""
+    """Contributions to the uncertainty budgets of platform and tilt, defined in ``calibrations.budget.ROWS``."""
 
     graduation_deg: Number | None = _row("a standard uncertainty")
     slope_deg: Number | None = _row("a largest error")
@@ -160,7 +160,7 @@ class NearObject(Section):
 
 
 class Platform(TableFile):
-    """A compass on a bench whose directions are known."""
+    """A compass on a bench with known directions."""
 
     format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
     columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
@@ -173,7 +173,7 @@ class Platform(TableFile):
 
 
 class TiltColumns(Section):
-    """Headers of a tilt sensor's table where they differ from the roles."""
+    """Headers of the table of a tilt sensor, by role; needed only where they differ from the role."""
 
     reference_tilt_deg: Text | None = _header("degrees")
     recorded_pitch_deg: Text | None = _header("degrees")
@@ -181,7 +181,7 @@ class TiltColumns(Section):
 
 
 class TiltFile(TableFile):
-    """A tilt sensor on a platform that is tilted."""
+    """A tilt sensor on a tilted platform."""
 
     format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
     columns: TiltColumns = key("a mapping", "{reference_tilt_deg: protractor}", TiltColumns())
@@ -190,7 +190,7 @@ class TiltFile(TableFile):
 
 
 class SwingColumns(Section):
-    """Headers of a swing's table where they differ from the roles."""
+    """Headers of the table of a swing, by role; needed only where they differ from the role."""
 
     compass_deg: Text | None = _header("degrees, magnetic")
     cog_deg: Text | None = _header("degrees, true")
@@ -202,21 +202,21 @@ class SwingColumns(Section):
 
 
 class VisualMark(Section):
-    """A heading for a mark whose true bearing is known."""
+    """A compass heading towards a mark of known true bearing."""
 
     compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
     true_deg: Number = key("degrees from 0 to 360", "42", ge=0, le=360)
 
 
 class SunMark(Section):
-    """A heading for the sun."""
+    """A compass heading towards the sun at a given time."""
 
     compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
     time_utc: Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
 
 
 class SwingFile(TableFile):
-    """A vessel turned under way, its course by satellites."""
+    """A swing: a vessel turned under way, with its course by satellite navigation."""
 
     format: Annotated[Literal["csv", "nmea0183"], BeforeValidator(_csv)] = key("csv or nmea0183", "csv", "csv")
     columns: SwingColumns = key("a mapping", "{compass_deg: hdg, cog_deg: cog}", SwingColumns())
@@ -234,12 +234,12 @@ class SwingFile(TableFile):
 
     @property
     def placed(self) -> bool:
-        """Whether the earth's field at the calibration is known; a log of NMEA 0183 holds place and time itself."""
+        """Whether place and date are given; a log in NMEA 0183 contains both."""
         return self.format == "nmea0183" or super().placed
 
 
 class MagnetometerColumns(Section):
-    """Headers of a magnetometer's table where they differ from the roles."""
+    """Headers of the table of a magnetometer, by role; needed only where they differ from the role."""
 
     x: Text | None = _header("any unit, forward")
     y: Text | None = _header("any unit, starboard")
@@ -254,14 +254,14 @@ class MagnetometerColumns(Section):
 
 
 class MagnetometerFile(TableFile):
-    """A magnetometer turned about."""
+    """A magnetometer logged while the instrument is turned."""
 
     format: Annotated[Literal["csv", "mmp_acm"], BeforeValidator(_csv)] = key("csv or mmp_acm", "csv", "csv")
     columns: MagnetometerColumns = key("a mapping", "{x: mx, y: my}", MagnetometerColumns())
 
 
 class DeclinationSeries(CalibrationFile):
-    """An observatory's series against the model of the earth's field."""
+    """An observatory's declination series, compared with the model of the earth's field."""
 
     format: Literal["iaga2002"] = key("iaga2002", "iaga2002", "iaga2002")
 
@@ -297,7 +297,7 @@ MODELS: dict[str, type[CalibrationFile]] = {
 
 
 def settings(file: CalibrationFile) -> dict[str, Any]:
-    """Collect the settings of a kind: every key but those of the files, columns and keys of tables as far as given."""
+    """Collect the settings of a kind: all keys except files and links to others; those of tables only if given."""
     unset = {key for key in TABLE_KEYS if key not in file.model_fields_set}
     plain = file.model_dump(mode="json", exclude={"kind", "files", *BETWEEN} | unset)
     columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
@@ -305,7 +305,7 @@ def settings(file: CalibrationFile) -> dict[str, Any]:
 
 
 def check_comparisons(files: dict[str, CalibrationFile]) -> tuple[str, str] | None:
-    """Find the first calibration whose comparison leads nowhere or in a circle, and describe it."""
+    """Find the first calibration whose ``compare_with`` names no file or forms a cycle, and describe the mistake."""
     for name in files:
         paths = [[name]]
         while paths:

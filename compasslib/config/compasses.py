@@ -1,4 +1,4 @@
-"""Which records are of one compass (``compass: NAME``, never inferred), and whether names and files contradict."""
+"""Records of a shared compass (``compass: NAME``, never inferred), and contradictions between names and files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 
 @dataclass(frozen=True)
 class Deployment:
-    """Where a compass was, and when; of a calibration the date is both."""
+    """Place and time span of one use of a compass; a calibration begins and ends at its date."""
 
     compass: str
     where: str
@@ -27,11 +27,11 @@ class Deployment:
     end_s: float
 
 
-Deployments = dict[str, list[Deployment]]  # by the compass's name in small letters
+Deployments = dict[str, list[Deployment]]  # by the name of the compass in lower case
 
 
 def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployments:
-    """List when each compass was calibrated."""
+    """List the dated calibrations of each compass."""
     actual: Deployments = {}
     for name, entry in calibrations.items():
         if entry.compass is not None and entry.date_s is not None:
@@ -41,13 +41,13 @@ def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployment
 
 
 def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -> None:
-    """Refuse a mooring whose compass was elsewhere at the time, or is confused with another by a name.
+    """Check that no compass of a mooring was elsewhere at the same time or has an ambiguous name.
 
     Args:
-        stays: of what was looked at before; the mooring's are added.
+        stays: deployments and calibrations checked before, by compass; those of the mooring are added.
 
     Raises:
-        InputError: it was, or is.
+        InputError: if a compass was elsewhere or its name is ambiguous.
     """
     for role, entry in mooring.instruments.items():
         if (compass := entry.compass) is None:
@@ -74,7 +74,7 @@ def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -
 def members(
     moorings: Mapping[str, Mooring], calibrations: Mapping[str, CalibrationFile]
 ) -> dict[str, tuple[list[str], list[str]]]:
-    """List the moorings whose affected compass it is, and the calibrations, of each compass, in their orders."""
+    """List, for each compass, the moorings with it as the affected compass and its calibrations, in input order."""
     actual: dict[str, tuple[list[str], list[str]]] = {}
     for name, mooring in moorings.items():
         if (compass := mooring.instruments[mooring.compromised].compass) is not None:
@@ -86,7 +86,7 @@ def members(
 
 
 def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
-    """Word a line for each serial number that several moorings' affected instruments carry without ``compass``."""
+    """Suggest ``compass`` for each serial number shared by affected instruments of several moorings, one line each."""
     numbers: dict[str, list[str]] = {}
     for name, mooring in moorings.items():
         instrument = mooring.instruments[mooring.compromised]
@@ -101,7 +101,7 @@ def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
     ]
 
 
-# One record under two names, two compasses under one.
+# Duplicate records, and several compasses under one name.
 
 HEAD_BYTES = 65536
 Identity = frozenset[tuple[object, ...]]
@@ -110,7 +110,7 @@ Identity = frozenset[tuple[object, ...]]
 def find_contradictions(
     root: Path, moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]
 ) -> list[str]:
-    """Find contradictions between the names in the YAML files and what raw files and the serial numbers in them are."""
+    """Find contradictions between names in the YAML files and the content and serial numbers of the raw files."""
     identities = {
         (name, role): _identity(instrument, root)
         for name, mooring in moorings.items()
@@ -120,7 +120,7 @@ def find_contradictions(
 
 
 def _identity(instrument: Instrument, root: Path) -> Identity:
-    """Identify the files of an instrument by their content, and the columns that are read of them."""
+    """Identify the files of an instrument by columns read, size, and hash of the first ``HEAD_BYTES`` bytes."""
     columns = tuple(sorted(instrument.columns.headers().items())) if instrument.columns else ()
     actual = []
     for file in instrument.files:

@@ -1,4 +1,4 @@
-"""A cruise's YAML files in, frozen models out; a mistake in them ends the run in one line before any work."""
+"""Read and validate a cruise's YAML files as immutable models; a mistake is reported in one line before any work."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from compasslib.errors import InputError
 CONFIG = "config/config.yaml"
 CALIBRATIONS = "config/calibrations"
 Model = TypeVar("Model", bound=BaseModel)
-_LONGEST = 60  # characters of a user's own name that a message repeats
-_QUOTED = re.compile(r"'([^']*)'")  # the choices in pydantic's words
+_LONGEST = 60  # characters of a user-defined name shown in a message
+_QUOTED = re.compile(r"'([^']*)'")  # allowed values in pydantic's message of a literal_error
 
 
 @dataclass(frozen=True)
 class Cruise:
-    """A cruise folder and what its YAML files say, defaults filled in."""
+    """Folder and validated configuration of a cruise, with defaults filled in."""
 
-    root: Path  #: its folder
-    options: CruiseOptions  #: of config.yaml
-    moorings: dict[str, Mooring]  #: by name, in the order of the file names; NAME/ROLE where several are affected
-    mooring_files: dict[str, str]  #: the YAML file of each, relative to the root
-    calibrations: dict[str, CalibrationFile]  #: by name, which is that of the file
-    refused_files: tuple[str, ...] = ()  #: of moorings, left out for their mistakes
+    root: Path  #: folder of the cruise
+    options: CruiseOptions  #: content of config.yaml
+    moorings: dict[str, Mooring]  #: by name, in the order of the files; NAME/ROLE if several instruments are affected
+    mooring_files: dict[str, str]  #: path of the YAML file of each entry of ``moorings``, relative to ``root``
+    calibrations: dict[str, CalibrationFile]  #: by name, the stem of the file name
+    refused_files: tuple[str, ...] = ()  #: mooring files that were left out because of mistakes
 
     @cached_property
     def whole(self) -> dict[str, list[str]]:
-        """The names in ``moorings`` of each mooring: one, or one an affected instrument."""
+        """Keys of ``moorings`` by name of the mooring, one for each affected instrument."""
         names: dict[str, list[str]] = {}
         for name in self.moorings:
             names.setdefault(name.partition("/")[0], []).append(name)
@@ -59,11 +59,11 @@ def _raise(mistake: InputError) -> None:
 def load_cruise(
     cruise: Path, only: Collection[str] | None = None, *, refuse: Callable[[InputError], None] = _raise
 ) -> Cruise:
-    """Load the configuration of a cruise, with every raw file located and every glob expanded.
+    """Load and validate the configuration of a cruise, with raw files located and globs expanded.
 
     Args:
-        only: moorings whose files alone are read, where each is NAME.yaml and shares no compass.
-        refuse: takes each mistake of a mooring's or a calibration's file, which is then left out.
+        only: names of the moorings to load; all are loaded if a file is not NAME.yaml or an instrument has ``compass``.
+        refuse: called with each mistake in the file of a mooring or calibration, which is then left out.
 
     Raises:
         InputError: at the first mistake, naming file, key, what is allowed and what was found.
@@ -103,16 +103,16 @@ def load_cruise(
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
-    """Validate a mapping by its model, raw files looked for only where a place is given.
+    """Validate a mapping with a model; raw files are searched only if ``place`` is given.
 
     Raises:
-        InputError: for values that are still to be decided, an unknown key, else the first value that cannot be used.
+        InputError: for keys still set to DECIDE, an unknown key or an invalid value; ``others`` has further mistakes.
     """
     open_keys = undecided(raw)
     try:
         checked = model.model_validate(decided(raw), context=place)
     except ValidationError as error:
-        # A misspelt key is also a missing one: the spelling is what helps, and comes first.
+        # A misspelt key is also reported as missing; the message about its spelling is more helpful and comes first.
         errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
         misspelt = {e["loc"][:-1] for e in errors if e["type"] == "extra_forbidden"}
         helpful = [e for e in errors if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
@@ -133,7 +133,7 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
 
 
 def valid_parts(cruise: Path, file: str) -> tuple[dict[str, Instrument], dict[str, Covariate]]:
-    """Validate each instrument and covariate of a mooring file by itself and leave out those with mistakes."""
+    """Validate each instrument and covariate of a mooring file separately and leave out those with mistakes."""
     try:
         raw = decided(read(cruise, file, "name: EG4"))
     except InputError:
@@ -158,7 +158,7 @@ def undecided(raw: Any, place: str = "") -> list[str]:
 
 
 def decided(raw: Any) -> Any:
-    """Leave out the keys whose value is DECIDE."""
+    """Remove the keys whose value is DECIDE."""
     if not isinstance(raw, dict):
         return raw
     return {key: decided(value) for key, value in raw.items() if value != DECIDE}
@@ -198,7 +198,7 @@ def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
 
 
 def _refuse_unplaced(calibrations: dict[str, CalibrationFile], names: Sequence[str], file: str) -> None:
-    """Refuse a fit by calibrations whose coefficients nobody can carry to the mooring."""
+    """Refuse calibrations without place and date, which the transfer of coefficients to the mooring requires."""
     for name in (name for name in names if name in calibrations and not calibrations[name].placed):
         file_of, carry = f"{CALIBRATIONS}/{name}.yaml", "to carry its coefficients to the mooring"
         expected, where = f"latitude, longitude and date in {file_of}, {carry}", f"{file}: fit.name"
@@ -238,7 +238,7 @@ def _calibration_name(file: str) -> str:
 
 def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]:
     fit = raw.get("fit")
-    # Method and name of a fit belong together; the keys of diagnosis and product are each their own.
+    # The keys of fit depend on each other, hence it is replaced as a whole; the others are merged key by key.
     filled = raw if fit is not None else raw | {"fit": options.fit.model_dump(exclude_unset=True)}
     for name, default in (("diagnose", options.diagnose), ("product", options.product)):
         given = raw.get(name)
@@ -253,7 +253,7 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
 
 def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
     for other in files:
-        if name.lower() == other.partition("/")[0].lower():  # some file systems take M1 and m1 for one folder
+        if name.lower() == other.partition("/")[0].lower():  # M1 and m1 are one folder on some file systems
             actual = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
             advice = "rename one of the two"
             raise InputError(f"{file}: name", expected="a name of its own", found=actual, advice=advice)
@@ -275,7 +275,7 @@ def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
 
 
 def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> dict[str, str]:
-    """Word an error: by the description of its field, and for some types of error by their own."""
+    """Compose the parts of an error message from the description of the field and the type of the error."""
     kind, value = error["type"], error["input"]
     example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
     advice = field.json_schema_extra["advice"] if field else None
@@ -291,7 +291,7 @@ def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> 
 
 
 def _walk(model: type[BaseModel], place: Sequence[Any]) -> tuple[Any, type[BaseModel] | None]:
-    """Find the field at a place and the model below it, if any; the names that a user gives are stepped over."""
+    """Find the field at a location and its nested model, if any; user-defined names of mappings are skipped."""
     field: Any = None
     inner: type[BaseModel] | None = model
     named = False
@@ -314,15 +314,15 @@ def _dotted(place: Sequence[Any]) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:_LONGEST]}" for part in place).lstrip(".")
 
 
-# Strict YAML: plain mappings, lists, texts and numbers; what is more likely a slip than meant is refused.
+# Strict YAML: plain mappings, lists, strings, booleans and numbers; constructs that are mostly mistakes are refused.
 #
-# Dates stay texts, as do numbers with leading zeros, so that nothing is turned into something else on the way.
+# Dates and numbers with leading zeros remain strings, to avoid unintended conversions.
 
 LARGEST_BYTES = 1_000_000
 DEEPEST = 20  # levels of nesting; a mooring needs five
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
-# What the parser says, what that mostly comes from, and what helps.
+# Message of the parser, its usual cause, and advice.
 _SYNTAX = (
     ("mapping values are not allowed", "a colon where none can stand", "write a space after each colon"),
     ("could not find expected ':'", "a line without a colon", "write it as key: value"),
@@ -342,7 +342,7 @@ _SYNTAX = (
 
 
 class _Refused(Exception):
-    """Something that YAML allows and a cruise file does not need."""
+    """Valid YAML that is not allowed in the files of a cruise."""
 
     def __init__(self, mark: Any, expected: str, actual: str, advice: str):
         super().__init__(expected)
@@ -350,14 +350,14 @@ class _Refused(Exception):
 
 
 class _Strict(Composer, SafeConstructor):
-    """What is left out of a safe loader: dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
+    """Safe loader without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
 
-    # An own, empty table: only the four kinds below are told from texts.
+    # Not the inherited table: only null, bool, int and float, added below, are resolved; all else is a string.
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012
     depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose one node, after a look at what it would be."""
+        """Compose one node; refuse aliases, anchors, tags, deep nesting and control characters."""
         event = self.peek_event()  # type: ignore[attr-defined]
         plain = "write the value out in full"
         if isinstance(event, yaml.AliasEvent):
@@ -372,7 +372,7 @@ class _Strict(Composer, SafeConstructor):
             raise _Refused(mark, "mappings and lists a few levels deep", nested, "check the brackets and indentation")
         node: Any = super().compose_node(parent, index)
         self.depth -= 1
-        # Double quotes can spell what the file itself may not hold.
+        # Escape sequences in double quotes can produce characters that are not allowed in the file itself.
         match = _CONTROL.search(node.value) if isinstance(node, yaml.ScalarNode) else None
         if match:
             actual = f"the control character {ord(match[0]):#04x}"
@@ -380,7 +380,7 @@ class _Strict(Composer, SafeConstructor):
         return node
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Construct a mapping whose keys are the texts that stand there, each of them once."""
+        """Construct a mapping with its keys as unconverted strings; refuse repeated keys."""
         lines: dict[str, int] = {}
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
@@ -393,14 +393,14 @@ class _Strict(Composer, SafeConstructor):
 
 
 class _Loader(_Strict, yaml.SafeLoader):
-    """PyYAML's own parser, whose messages are those that are worded here."""
+    """The pure-Python parser of PyYAML, to whose messages ``_SYNTAX`` refers."""
 
 
-_Libyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # where PyYAML was built with it
+_Libyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # absent if PyYAML was built without libyaml
 
 
 class _FastLoader(_Strict, _Libyaml):
-    """libyaml's parser, with the same nodes and values."""
+    """The faster parser of libyaml, which returns the same values."""
 
     def __init__(self, text: str):
         _Libyaml.__init__(self, text)
@@ -410,7 +410,7 @@ class _FastLoader(_Strict, _Libyaml):
 def _number(loader: Any, node: Any) -> int | float | str:
     text = node.value
     if "." not in text:
-        return int(text) if len(text) <= 18 else text  # longer ones are serial numbers and fit no number of a file
+        return int(text) if len(text) <= 18 else text  # longer ones are serial numbers and may overflow 64 bits
     return float(text) if math.isfinite(float(text)) else text
 
 
@@ -429,10 +429,10 @@ for _loader in (_Loader, _FastLoader):
 
 
 def read(root: Path, name: str, example: str) -> dict[str, Any]:
-    """Read the mapping of a YAML file below a folder; dates in it are texts.
+    """Read a YAML file as a mapping; dates remain strings.
 
     Raises:
-        InputError: where the file is absent, too large, not UTF-8, not YAML, or no mapping.
+        InputError: if the file is absent, too large, not UTF-8, not YAML, or not a mapping.
     """
     path = root / name
     if not path.is_file():
@@ -456,7 +456,7 @@ def read(root: Path, name: str, example: str) -> dict[str, Any]:
 
 
 def _parsed(text: str, name: str) -> Any:
-    if text.isascii() and not {*"\t?|>"} & {*text}:  # which the two parsers may take for different things
+    if text.isascii() and not {*"\t?|>"} & {*text}:  # the two parsers may interpret these characters differently
         with suppress(_Refused, yaml.YAMLError):
             return yaml.load(text, Loader=_FastLoader)
     try:

@@ -1,6 +1,6 @@
-"""The text of a mooring's or calibration's YAML file as a draft: what files tell, and DECIDE where a person must.
+"""Drafts of the YAML files of moorings and calibrations, with values from raw files and DECIDE for those unknown.
 
-DECIDE is the value of a key, which the schema refuses; the comment beside it says what the files show.
+The schema refuses DECIDE, which the user must replace; the comment on the same line gives the evidence in the files.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ moorings: {{moorings}}
 # attributes: {{{{license: ..., institution: ..., publisher_url: ..., principal_investigator: ...}}}}
 """
 HEAD = f"# Drafted by compass init from the files. Replace every {DECIDE} by a value, then: compass check\n"
-STILL_M = 0.3  # tide and weather move an instrument's depth by more
+STILL_M = 0.3  # metres; tides and weather change the depth of an instrument by more
 UNITS = {
     "orientation": "up or down; the files do not tell",
     "bin_size": "m, from one bin that was sent to the next",
@@ -35,23 +35,23 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Drafted:
-    """What the files of one instrument tell; None or NaN where they do not."""
+    """Properties of one instrument found in its files; None or NaN if unknown."""
 
     format: str
     files: tuple[str, ...]  # relative to the cruise folder
-    keys: Mapping[str, Any]  # of the instrument, beside format and files, as they were read; DECIDE: not told
-    trouble: str = ""  # why they could not be read
-    start_s: float = math.nan  # in the water, where pressure or depth tells, else of the record
+    keys: Mapping[str, Any]  # keys of the instrument other than format and files, as read; DECIDE if unknown
+    trouble: str = ""  # reason why the files could not be read
+    start_s: float = math.nan  # begin of the time in the water if pressure or depth shows it, else of the record
     end_s: float = math.nan
-    surfaced: bool = False  # whether pressure or depth tells when it was in the water
+    surfaced: bool = False  # whether pressure or depth shows the time in the water
     step_s: float = math.nan
     bins: int = 0
-    sectors: int = 0  # of 36 that hold headings
+    sectors: int = 0  # number of the 36 sectors that contain headings
     depth_m: float = math.nan
-    depth_range_m: float = math.nan  # of 98 % of the depths
+    depth_range_m: float = math.nan  # between the 1st and 99th percentile of the depths
     looks_up: bool | None = None
-    heading_bias_deg: float | None = None  # taken out by the reader; None: the format does not tell
-    direction_reference: str | None = None  # where the files tell it
+    heading_bias_deg: float | None = None  # removed by the reader; None if the format does not record it
+    direction_reference: str | None = None  # if recorded in the files
     speed: float = math.nan  # median, as read
     serial_number: str = ""
     place: tuple[float, float] | None = None  # latitude, longitude
@@ -60,7 +60,7 @@ class Drafted:
 
 @dataclass(frozen=True)
 class Position:
-    """Where the mooring is as the command line gives it, None where it does not."""
+    """Position and water depth given on the command line, None if not given."""
 
     latitude: float | None = None
     longitude: float | None = None
@@ -69,16 +69,16 @@ class Position:
 
 @dataclass(frozen=True)
 class Roles:
-    """Which instrument is affected and which are references, with the evidence."""
+    """Affected instrument and possible references, with the evidence."""
 
-    affected: str | None  # None: the files do not tell
+    affected: str | None  # None if the files do not show it
     evidence: str
-    others: tuple[str, ...] = ()  # that recorded at the same time
+    others: tuple[str, ...] = ()  # instruments that recorded at the same time
 
 
 @dataclass(frozen=True)
 class Mooring:
-    """Instruments that recorded at the same time, and series beside them."""
+    """Instruments that recorded at the same time, and covariates."""
 
     instruments: Mapping[str, Drafted]
     roles: Roles
@@ -110,7 +110,7 @@ def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str])
     """Compose the text of config/calibrations/NAME.yaml.
 
     Args:
-        keys: what the files tell; DECIDE where a person must say it, None where he may: these stand as comments.
+        keys: values from the files; DECIDE for a required input, None for an optional one (written as a comment).
     """
     lines = [
         _line(key, value, comments.get(key, "")) if value is not None else f"# {key}: ...  # {comments[key]}\n"
@@ -120,13 +120,8 @@ def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str])
 
 
 def decisions(text: str) -> int:
-    """Count the values that a draft leaves to a person."""
+    """Count the values of a draft that the user must decide."""
     return len(re.findall(rf"^[^#\n]*: {DECIDE}\b", text, re.MULTILINE))
-
-
-def overlap_s(first: Drafted, other: Drafted) -> float:
-    """Compute for how long two instruments recorded at the same time; NaN where one's times are not known."""
-    return min(first.end_s, other.end_s) - max(first.start_s, other.start_s)
 
 
 def _place(drafted: Sequence[Drafted], said: Position) -> list[str]:
@@ -146,7 +141,7 @@ def _place(drafted: Sequence[Drafted], said: Position) -> list[str]:
 
 
 def _window(instruments: Mapping[str, Drafted]) -> list[str]:
-    """Give the time in the water where pressure or depth tells it, else ask and say what the records span."""
+    """Draft start and end: the time in the water by pressure or depth, else DECIDE with the span of the records."""
     submerged = [each for each in instruments.values() if each.surfaced]
     spans = [each for each in submerged or instruments.values() if not math.isnan(each.start_s)]
     if not spans:
@@ -210,7 +205,7 @@ def _directions(drafted: Drafted) -> list[str]:
     if drafted.direction_reference is None:
         ask = "magnetic, or true where the directions hold the declination"
         return [*lines, _line("direction_reference", DECIDE, ask, indent=4)]
-    if drafted.format == "netcdf":  # a number here would stand in place of the file's own word
+    if drafted.format == "netcdf":  # a value here would override the attribute of the file
         return [*lines, "    # the declination that the file says is in its directions is taken out\n"]
     if drafted.heading_bias_deg:
         note = f"    # the file's heading bias or declination, {drafted.heading_bias_deg:+.2f}, is taken out\n"

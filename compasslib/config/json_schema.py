@@ -1,4 +1,4 @@
-"""JSON schemas of a cruise's YAML files, made from the models, by which editors complete and check keys.
+"""JSON schemas of a cruise's YAML files, generated from the models, for completion and validation in editors.
 
 ``python -m compasslib.config.json_schema FOLDER`` writes them; ``make schema`` does so for config/schema.
 """
@@ -16,12 +16,12 @@ from pydantic.json_schema import JsonSchemaMode, models_json_schema
 from compasslib.config.calibrations import MODELS, KindKey
 from compasslib.config.schema import CruiseOptions, Mooring
 
-FOLDER = "config/schema"  # in a cruise
+FOLDER = "config/schema"  # relative to the folder of a cruise
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schemas() -> dict[str, str]:
-    """Compose the schema of config.yaml, of a mooring's and of a calibration's file, by the name of its file."""
+    """Generate the JSON schemas of config.yaml, of moorings and of calibrations, by name of the schema file."""
     models: list[type[BaseModel]] = [KindKey, *MODELS.values()]
     named: list[tuple[type[BaseModel], JsonSchemaMode]] = [(model, "validation") for model in models]
     _, kinds = models_json_schema(named)
@@ -39,7 +39,7 @@ def schemas() -> dict[str, str]:
 
 
 def _simplify(schema: Any) -> Any:
-    """Leave out what serves error messages alone, and titles and absent defaults, which say nothing."""
+    """Remove advice and examples, which serve error messages only, and uninformative titles and null defaults."""
     if isinstance(schema, list):
         return [_simplify(part) for part in schema]
     if not isinstance(schema, dict):

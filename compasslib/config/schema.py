@@ -1,7 +1,7 @@
-"""What may stand in a cruise's YAML files: every key, its default, its unit and its bounds, as frozen models.
+"""Schema of a cruise's YAML files: every key with its default, unit and bounds, as immutable models.
 
-The description of a field is what a person reads after the word "expected", its example is what he is told to write.
-Rules that need more than one key are the validators after the keys. ``cruise.load`` makes one line of a violation.
+An error message shows the description of a field after the word "expected", and its example as advice.
+Rules on several keys are validators after the fields. ``cruise.validate`` reports a violation in one line.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from compasslib.readers import TABLE_KEYS
 from compasslib.readers.flags import normalize
 
 TABLES = ("table", "acm_table")
-# Keys that mean something for some formats only: with others they would be silently without effect.
+# Keys that apply to some formats only; with others they would silently have no effect.
 ONLY_FOR = {
     "columns": (*TABLES, "mmp_acm", "netcdf"),
     "pressure_files": ("mmp_acm",),
@@ -56,22 +56,22 @@ ONLY_FOR = {
     "flags": (*TABLES, "netcdf"),
     "bin_size": ("pd12",),
     "first_bin": ("pd12",),
-    **dict.fromkeys(TABLE_KEYS, (*TABLES, "mmp_acm")),  # a profiler's pressure may stand in a table
+    **dict.fromkeys(TABLE_KEYS, (*TABLES, "mmp_acm")),  # the pressure of a profiler may be a text table
 }
-NEEDED = {"pd12": ("orientation", "bin_size", "first_bin")}  # what such files do not tell
-# What the search calls by names of its own; another series of such a name would take their place.
+NEEDED = {"pd12": ("orientation", "bin_size", "first_bin")}  # not recorded in files of this format
+# Names of the covariates built into the diagnosis; a series of the same name would replace them.
 KNOWN_SERIES = (
     *("heading", "time", "pitch", "roll", "tilt", "depth", "separation", "speed", "temperature", "voltage"),
     *("supply_voltage", "hour", "hour_of_day", "tide", "turn_rate", "battery_number", "flow_direction"),
     *("reference_heading", "transmit_current", "heading_spread", "echo", "observatory", "declination_observatory"),
     *("horizontal_observatory", "storm_index", "field_strength", "magnetometer_x", "magnetometer_y", "magnetometer_z"),
 )
-# Other things that stand in results/; a file system may not tell capitals.
+# Other entries of results/, in lower case as some file systems ignore case.
 RESERVED = (
     *("calibrations", "compasses", "proof", "logs", "benchmarks", "figures"),
     *("summary.csv", "report.html", "ro-crate-metadata.json"),
 )
-FOLDERS = ("work", "wide", "figures", "logs", "benchmarks")  # in the results of a mooring
+FOLDERS = ("work", "wide", "figures", "logs", "benchmarks")  # subfolders of results/NAME
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 
@@ -93,7 +93,7 @@ CLOCK_HEADER = key("the header of a column (the time of day, where the date stan
 
 
 class Overlap(Section):
-    """How near two measurements must be to make a pair, and the grid that they are put on."""
+    """Largest separations in time and depth of the measurements of a pair, and the common time grid."""
 
     max_minutes: Number = key("minutes from 0 to 1440", "20", 20.0, ge=0, le=1440)
     max_metres: Number = key("metres from 0 to 1000", "20", 20.0, ge=0, le=1000)
@@ -104,7 +104,7 @@ class Overlap(Section):
 
 
 class Diagnose(Section):
-    """Whether unmodelled effects are searched for, and what is done with what is found."""
+    """Options of the search for unmodelled effects and of their correction."""
 
     enabled: Switch = key("true or false", "true", True)
     apply: Switch = key("true or false", "true", True)
@@ -114,7 +114,7 @@ class Diagnose(Section):
 
 
 class Quality(Section):
-    """Thresholds of the tests that each velocity passes."""
+    """Thresholds of the quality tests of velocities."""
 
     percent_good: Number = key("percent from 0 to 100", "25", 25.0, ge=0, le=100)
     correlation: Number | None = key("counts from 0 to 255", "64", None, ge=0, le=255)
@@ -126,19 +126,19 @@ class Quality(Section):
 
 
 class Confirmed(Section):
-    """What the owner of a mooring states to be real, so that it is not taken for a mistake."""
+    """Differences that the owner of a mooring confirms to be real and not mistakes of the configuration."""
 
     constant: Switch = key("true or false", "true", False)
 
 
 class Conventions(Section):
-    """Whether each run holds its products against CF, ACDD and OceanSITES."""
+    """Whether each run checks its products against CF, ACDD and OceanSITES."""
 
     check: Switch = key("true or false", "true", False)
 
 
 class Figures(Section):
-    """The files that each figure is written to; PNG, which the report shows, is always one."""
+    """File formats of the figures; PNG, which the report shows, is always included."""
 
     formats: Formats = key("a list of png and pdf", "[png, pdf]", ("png",))
 
@@ -182,7 +182,7 @@ class Exclusion(Section):
 
 
 class Columns(Section):
-    """The headers that the columns of a table have, by role, and the factor that turns its speeds to m/s."""
+    """Headers of the columns of a table, by role, and the factor that converts its speeds to m/s."""
 
     time: Text | None = _header("UTC", "time_utc")
     date: Text | None = DATE_HEADER
@@ -219,7 +219,7 @@ class Columns(Section):
 
 
 class TableKeys(Section):
-    """How a text table is written; what is unambiguous is recognised without them."""
+    """Format of a text table; whatever is unambiguous is detected automatically."""
 
     delimiter: Delimiter | None = key("comma, semicolon, tab or blank", "semicolon", None)
     decimal: Decimal | None = key("point or comma", "comma", None)
@@ -236,7 +236,7 @@ class TableKeys(Section):
 
 
 class FlagMeanings(Section):
-    """What the quality flags of a file mean, where they stand in no known vocabulary."""
+    """Meanings of the quality flags of a file that uses no known vocabulary."""
 
     good: Missing = key("a list of meanings or values of flags", "[accepted, 1]", ())
     bad: Missing = key("a list of meanings or values of flags", "[side_lobe, 4]", ())
@@ -253,7 +253,7 @@ class FlagMeanings(Section):
 
 
 class Instrument(TableKeys):
-    """One instrument of a mooring and the files that it left."""
+    """One instrument of a mooring and its raw files."""
 
     format: Form = key("the name of a raw format", "pd0")
     files: Files = key(_FILES_WORDS, "raw/EG4/top.000")
@@ -310,7 +310,7 @@ class Instrument(TableKeys):
 
 
 class CovariateColumns(Section):
-    """The headers of a covariate's table."""
+    """Headers of the table of a covariate."""
 
     time: Text | None = _header("UTC", "time_utc")
     date: Text | None = DATE_HEADER
@@ -319,7 +319,7 @@ class CovariateColumns(Section):
 
 
 class Covariate(TableKeys):
-    """A series that the search for unmodelled effects may use: an observatory's, or any column of a table."""
+    """Covariate for the search for unmodelled effects: an observatory's series, or any column of a table."""
 
     format: Literal["iaga2002", "table"] = key("iaga2002 or table", "iaga2002")
     files: Files = key(_FILES_WORDS, "raw/obs/*.min")
@@ -366,11 +366,11 @@ class Mooring(Section):
 
     @property
     def compromised(self) -> str:
-        """The affected instrument; the first of several."""
+        """Name of the affected instrument, the first if there are several."""
         return self.affected[0]
 
     def split(self) -> dict[str, Mooring]:
-        """Return the mooring as one of each affected instrument, NAME where it is one, else NAME/ROLE."""
+        """Split into one mooring per affected instrument: by NAME if there is only one, else by NAME/ROLE."""
         if len(self.affected) == 1:
             return {self.name: self}
         fits = {role: self.instruments[role].fit or self.fit for role in self.affected}

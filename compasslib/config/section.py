@@ -1,4 +1,4 @@
-"""What every model of a YAML file stands on: types of values, fields with the words of their message, and a section."""
+"""Building blocks of the YAML models: types of values, fields with error messages, and shared sections."""
 
 from __future__ import annotations
 
@@ -54,26 +54,26 @@ Reference = Annotated[Literal["magnetic", "true"], TRUE]
 
 
 def key(expected: str, example: str, default: Any = ..., advice: str | None = None, **limits: Any) -> Any:
-    """Make a field with the words that its error message needs.
+    """Create a field with the texts of its error message.
 
     Args:
-        expected: what may stand there, to be read after "expected".
-        example: a value as it is written in YAML.
-        default: its value where the key is absent; required without one.
-        advice: what to do where the value is wrong; write the example where absent.
-        **limits: bounds and alias, as pydantic names them.
+        expected: description of the allowed values, shown after "expected".
+        example: a value as written in YAML.
+        default: value if the key is absent; without a default the key is required.
+        advice: how to correct a wrong value; by default, to write the example.
+        **limits: bounds and alias, passed to ``pydantic.Field``.
     """
     return Field(default, description=expected, examples=[example], json_schema_extra={"advice": advice}, **limits)
 
 
 def allowed_keys(model: type[BaseModel]) -> dict[str, Any]:
-    """List the fields of a model by the key that stands in the YAML file, those of any table last."""
+    """Map the YAML keys of a model to its fields, with the keys of text tables last."""
     named = sorted(model.model_fields.items(), key=lambda item: item[0] in TABLE_KEYS)
     return {field.alias or name: field for name, field in named}
 
 
 class Section(BaseModel):
-    """A mapping that refuses unknown keys and takes an empty value for an absent one."""
+    """Base class of a mapping that refuses unknown keys and treats an empty value as absent."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -92,7 +92,7 @@ def _auto(expected: str, example: str, **limits: Any) -> Any:
 
 
 class Grid(Section):
-    """Fixed depths and times of the gridded product; ``auto``: as the affected instrument measures."""
+    """Fixed depths and times of the gridded product; ``auto``: those of the affected instrument."""
 
     step_m: Number | None = _auto("metres above 0, at most 1000", "8", gt=0, le=1000)
     from_m: Number | None = _auto("metres from 0 to 12000", "20", ge=0, le=12000)
@@ -114,7 +114,7 @@ class Grid(Section):
 
 
 class ProductOptions(Section):
-    """What is made of the corrected velocities beside corrected.nc."""
+    """Products of the corrected velocities in addition to corrected.nc."""
 
     grid: Annotated[Grid | None, BeforeValidator(lambda value: None if value is False else value)] = key(
         "a mapping, or false", "{step_m: 8}", Grid()
@@ -124,7 +124,7 @@ class ProductOptions(Section):
 
 
 class PairColumns(Section):
-    """The headers, or names of MATLAB variables, of ready-made pairs, and the factor that turns their speeds to m/s."""
+    """Headers, or names of MATLAB variables, of ready-made pairs, and the factor that converts their speeds to m/s."""
 
     time: Text = key("the header of a column (UTC)", "time_utc")
     heading: Text = key("the header of a column (recorded heading, degrees)", "heading_deg")
@@ -136,7 +136,7 @@ class PairColumns(Section):
 
 
 class FitOptions(Section):
-    """The model of the deviation, and where its coefficients or pairs come from."""
+    """Model of the deviation and source of its coefficients or pairs."""
 
     method: Literal["exact", "von_appen", "calibration", "coefficients", "pairs"] = key(
         "exact, von_appen, calibration, coefficients or pairs", "exact", "exact"
@@ -151,7 +151,7 @@ class FitOptions(Section):
 
     @property
     def fitted(self) -> str:
-        """The method by which a fit to pairs is made, or that of a compass known beforehand."""
+        """Model that is fitted to pairs, or the method if the coefficients are known beforehand."""
         return self.model if self.method == "pairs" else self.method
 
     @model_validator(mode="after")

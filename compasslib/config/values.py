@@ -1,6 +1,6 @@
-"""Single values of a cruise's YAML files: text to number, time, path or name, and what to say where that fails.
+"""Validators of single values in a cruise's YAML files: numbers, times, paths, names, with advice on mistakes.
 
-Every function takes what the YAML reader gave and returns the value or raises the error that ``problem`` makes.
+Each takes a value as read from YAML and returns the converted value, or raises the error that ``problem`` creates.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ import numpy as np
 from pydantic import ValidationInfo
 from pydantic_core import PydanticCustomError
 
-DECIDE = "DECIDE"  # in a draft, the value of a key that a person must decide
+DECIDE = "DECIDE"  # placeholder in a draft for a value that the user must decide
 NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
 VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
 SWAPPED = "check the sign and the order of latitude and longitude"
-# What corrected.nc says of itself: computed or fixed by its form, so that no YAML file may say otherwise. Any other
-# attribute, also those that the archive fills in where nobody gives them (title, institution, ...), is the user's.
+# Global attributes of corrected.nc that are computed or fixed by its format; a YAML file may not set them. It may set
+# all others, including those with a default (title, institution, ...).
 STATED = (
     *("Conventions", "featureType", "cdm_data_type", "data_type", "data_mode", "format_version", "update_interval"),
     *("standard_name_vocabulary", "id", "product_version", "processing_level", "QC_indicator"),
@@ -40,11 +40,11 @@ STATED = (
     *("time_coverage_start", "time_coverage_end", "time_coverage_duration", "time_coverage_resolution"),
 )
 
-TIME_SCALES = ("epoch", "epoch_ms", "datenum", "decimal_year", "excel")  # numbers that are times
-FARTHEST_ZONE_H = 14  # of the inhabited earth
+TIME_SCALES = ("epoch", "epoch_ms", "datenum", "decimal_year", "excel")  # numeric time scales
+FARTHEST_ZONE_H = 14  # the largest offset from UTC in use, hours
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-_REPEATS = 20  # of a piece at a name's end, from which on Snakemake takes it for an endless recursion and stops
+_REPEATS = 20  # of a substring at the end of a name, from which on Snakemake assumes an endless recursion and stops
 _REPEATED = re.compile(rf"(.+)\1{{{_REPEATS - 1},}}$")
 _STATED = {name.lower() for name in STATED}
 _ATTRIBUTE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
@@ -57,19 +57,19 @@ _WITH_UNIT = re.compile(
 _POSITION = re.compile(r"[-+]?\d[\d.\s]*[°NSEW'].*", re.IGNORECASE)
 _TIME = re.compile(r"\d{4}-\d\d-\d\d([Tt ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?( ?(Z|z|UTC)|[+-]\d\d(:?\d\d)?)?)?", re.ASCII)
 _EARLIEST, _LATEST = datetime(1980, 1, 1, tzinfo=UTC), datetime(2101, 1, 1, tzinfo=UTC)
-_SHOWN = 60  # characters of a value that a message repeats
+_SHOWN = 60  # characters of a value shown in a message
 
 
 def problem(
     key: str | None = None, expected: str | None = None, actual: str | None = None, advice: str | None = None
 ) -> PydanticCustomError:
-    """Make the error of a value, or of a key below it; what is left out is taken from the field that holds it."""
+    """Create the error of a value, or of a key below it; parts not given are taken from the field."""
     words = {"key": key, "expected": expected, "found": actual, "advice": advice}
     return PydanticCustomError("cruise", "not usable", words)
 
 
 def shown(value: object) -> str:
-    """Write a value as a message repeats it, in the words of YAML."""
+    """Format a value for an error message, as written in YAML."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -82,8 +82,8 @@ def shown(value: object) -> str:
 
 
 def number(value: Any) -> float:
-    """Check a finite number; texts, truth values, NaN and infinities are refused."""
-    # YAML 1.1 reads 1e-2, without a point, as a text.
+    """Check a finite number; other strings, booleans, NaN and infinities are refused."""
+    # YAML 1.1 reads 1e-2, without a point, as a string.
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
         value = float(value)
     if isinstance(value, str):
@@ -115,7 +115,7 @@ def count(value: Any) -> int:
 
 
 def switch(value: Any) -> bool:
-    """Check a truth value; the words yes, no, on and off count as YAML 1.1 reads them."""
+    """Check a boolean; yes, no, on and off are accepted as in YAML 1.1."""
     words = {"yes": True, "on": True, "no": False, "off": False}
     if isinstance(value, str) and value.lower() in words:
         return words[value.lower()]
@@ -126,7 +126,7 @@ def switch(value: Any) -> bool:
 
 
 def text(value: Any) -> str:
-    """Check a text that is not empty."""
+    """Check a non-empty string."""
     if isinstance(value, bool | int | float):
         raise problem(advice=f"write it in quotes: '{shown(value)}'")
     if not isinstance(value, str) or not value.strip():
@@ -135,7 +135,7 @@ def text(value: Any) -> str:
 
 
 def name(value: Any) -> str:
-    """Check a name that can be a folder's."""
+    """Check a name that serves as a folder name."""
     if not _NAME.fullmatch(text(value)):
         raise problem(expected=NAME_WORDS, advice="write for example EG4")
     if match := _REPEATED.search(value):
@@ -145,20 +145,20 @@ def name(value: Any) -> str:
 
 
 def nearest(word: str, allowed: Sequence[str]) -> str | None:
-    """Advise to write the allowed word that is most like another, None where none is."""
+    """Suggest the allowed word that is most similar to a given one; None if none is similar."""
     near = difflib.get_close_matches(word, allowed, 1)
     return f"write {near[0]}" if near else None
 
 
 def names(value: Any) -> Any:
-    """Turn one name or a list into a tuple."""
+    """Convert one name or a list of names to a tuple."""
     if value is None:
         return ()
     return tuple(value) if isinstance(value, list) else (value,)
 
 
 def figure_formats(value: Any) -> tuple[str, ...]:
-    """Return the formats of figures, png first, which is among them whatever else is asked for."""
+    """Check the formats of figures and add png, which always comes first."""
     listed = names(value)
     if not set(listed) <= {"png", "pdf"}:
         raise problem()
@@ -166,7 +166,7 @@ def figure_formats(value: Any) -> tuple[str, ...]:
 
 
 def span(value: Any) -> tuple[float, float]:
-    """Return the two ends of a range of positive numbers, the lower first; a single number is both."""
+    """Check a range of positive numbers, given as [lower, upper] or as a single number for both."""
     ends = tuple(number(end) for end in value) if isinstance(value, list) else (number(value),) * 2
     if len(ends) != 2 or not 0.0 < ends[0] <= ends[1]:
         raise problem()
@@ -174,14 +174,14 @@ def span(value: Any) -> tuple[float, float]:
 
 
 def coefficients(value: Any) -> dict[str, float]:
-    """Return the coefficients A to E, all of them."""
+    """Check the coefficients A to E, all of which are required."""
     if not isinstance(value, dict) or set(value) != set("ABCDE"):
         raise problem()
     return {letter: number(value[letter]) for letter in "ABCDE"}
 
 
 def covariance(value: Any) -> tuple[tuple[float, ...], ...]:
-    """Return a covariance of the five coefficients."""
+    """Check that the covariance of the five coefficients is symmetric and positive semidefinite."""
     if not (isinstance(value, list) and len(value) == 5 and all(isinstance(r, list) and len(r) == 5 for r in value)):
         raise problem()
     rows = np.array([[number(cell) for cell in row] for row in value])
@@ -192,7 +192,7 @@ def covariance(value: Any) -> tuple[tuple[float, ...], ...]:
 
 
 def declination(value: Any) -> float | Literal["auto"]:
-    """Check ``auto`` or a declination, degrees east."""
+    """Check a declination, degrees east, or ``auto``."""
     if value == "auto":
         return "auto"
     degrees = number(value)
@@ -202,7 +202,7 @@ def declination(value: Any) -> float | Literal["auto"]:
 
 
 def quality_flags(value: Any) -> tuple[int, ...]:
-    """Return flags of velocities that a product may be made of, in order."""
+    """Check and sort the quality flags of velocities that products may contain."""
     given = value if isinstance(value, list | tuple) else [value]
     if not given or any(isinstance(flag, bool) or flag not in (1, 2, 3) for flag in given):
         raise problem()
@@ -210,14 +210,14 @@ def quality_flags(value: Any) -> tuple[int, ...]:
 
 
 def time_s(value: Any) -> float:
-    """Parse a date (its midnight) or an ISO 8601 time, UTC without a zone, to UTC seconds since 1970."""
+    """Parse a date (midnight) or an ISO 8601 time, UTC if it has no zone, to UTC seconds since 1970."""
     moment = value
     if not isinstance(value, date):
         if not isinstance(value, str) or not _TIME.fullmatch(value.strip()):
             raise problem()
         try:
             moment = datetime.fromisoformat(re.sub(r" ?(UTC|z|Z)$", "Z", value.strip()))
-        except ValueError as error:  # a month 13, a day 31 in June
+        except ValueError as error:  # for example month 13
             raise problem(advice=f"{error}; write a day and an hour that exist") from None
     if not isinstance(moment, datetime):
         moment = datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
@@ -229,7 +229,7 @@ def time_s(value: Any) -> float:
 
 
 def character(**named: str) -> Callable[[Any], str]:
-    """Make a validator that looks up a character, given as it is or by its name."""
+    """Create a validator of a character that is given literally or by its name."""
 
     def check(value: Any) -> str:
         known = named.get(value, value) if isinstance(value, str) else None
@@ -241,7 +241,7 @@ def character(**named: str) -> Callable[[Any], str]:
 
 
 def time_format(value: Any) -> str:
-    """Check the format of a table's times."""
+    """Check the format of the times in a table."""
     given = text(value)
     if given in TIME_SCALES:
         return given
@@ -252,7 +252,7 @@ def time_format(value: Any) -> str:
 
 
 def zone(value: Any) -> str:
-    """Parse UTC, or an offset from it as +02:00."""
+    """Parse UTC or an offset from it, such as +02:00."""
     given = text(value).strip()
     match = re.fullmatch(r"([+-])(\d\d):?([0-5]\d)?", given)
     if given.upper() in ("UTC", "Z", "GMT"):
@@ -263,7 +263,7 @@ def zone(value: Any) -> str:
 
 
 def declination_applied(value: Any) -> float | dict[str, float]:
-    """Check degrees that the directions of a file hold, one number or one for headings and one for velocities."""
+    """Check the declination contained in a file's directions, degrees: one number, or {heading, velocity}."""
     parts = dict(value) if isinstance(value, dict) else {"": value}
     if isinstance(value, dict) and {*parts} != {"heading", "velocity"}:
         given = ", ".join(map(str, parts)) or "an empty mapping"
@@ -275,7 +275,7 @@ def declination_applied(value: Any) -> float | dict[str, float]:
 
 
 def missing(value: Any) -> tuple[str, ...]:
-    """Check the words and numbers that stand for nothing in a table, a single one too."""
+    """Check the fill values of a table, one or a list of strings and numbers."""
     listed = value if isinstance(value, list | tuple) else [value]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in listed):
         raise problem()
@@ -283,12 +283,12 @@ def missing(value: Any) -> tuple[str, ...]:
 
 
 def iso(seconds: float) -> str:
-    """Write UTC seconds since 1970 as a time in YAML."""
+    """Format UTC seconds since 1970 as an ISO 8601 time."""
     return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
 
 
 def attributes(value: Any) -> dict[str, str | int | float]:
-    """Check attributes for the archive, empty ones left out."""
+    """Check global attributes for the archive and remove empty ones."""
     if not isinstance(value, dict):
         raise problem()
     for attribute, content in value.items():
@@ -304,19 +304,19 @@ def attributes(value: Any) -> dict[str, str | int | float]:
 
 
 def stated(attribute: str) -> bool:
-    """Return whether the product states an attribute itself; in whatever case, as two that differ by it mislead."""
+    """Return whether the product sets an attribute itself, ignoring case as names that differ in it are confusing."""
     return attribute.lower() in _STATED
 
 
 def check_table(headers: dict[str, str], depth: float | None) -> None:
-    """Refuse columns that do not tell time, depth and velocity."""
+    """Check that the columns of a table provide time, depth and exactly one set of velocity components."""
     check_clock(headers)
     if depth is None and not {"depth", "pressure"} & set(headers):
         advice = "add depth: 120 to the instrument, or depth: depth_m to its columns"
         raise problem("columns", "a depth or pressure column where the instrument has no depth", "neither", advice)
     for roles in VELOCITY_SETS:
         absent = [role for role in roles if role not in headers]
-        # A heading may stand beside any velocity, so that alone it begins no set.
+        # A heading may accompany any set, hence a heading alone does not require x and y.
         present = [role for role in roles if role in headers and role != "heading"]
         if present and absent:
             actual, advice = f"{' and '.join(present)} without it", f"add for example {absent[0]}: name_in_the_header"
@@ -329,7 +329,7 @@ def check_table(headers: dict[str, str], depth: float | None) -> None:
 
 
 def check_clock(headers: dict[str, str]) -> None:
-    """Refuse columns that do not tell the time, by one column or by date and clock apart."""
+    """Check that the columns of a table provide the time, in one column or as separate date and clock."""
     apart = {"date", "clock"} & set(headers)
     if "time" in headers and apart:
         expected, advice = "time, or date and clock apart", "keep one of the two ways"
@@ -342,17 +342,17 @@ def check_clock(headers: dict[str, str]) -> None:
         raise problem("columns.time", "the header of the time column", "nothing", "add for example time: time_utc")
 
 
-# Paths: inside the cruise folder, there, and globs written out.
+# Paths: files must exist inside the cruise folder; globs are expanded.
 
 RESULTS = "results"
 
 
 @dataclass(frozen=True)
 class RawFolder:
-    """Where raw files are looked for, given to the models as their validation context."""
+    """Folder in which raw files are searched, passed to the models as their validation context."""
 
     root: Path
-    made_later: bool  # a demonstration: rules make the raw files, so that their absence is no error
+    made_later: bool  # demonstration: the raw files are made by rules of the workflow and may be absent
 
 
 def paths(value: Any) -> tuple[str, ...]:
@@ -367,19 +367,19 @@ def paths(value: Any) -> tuple[str, ...]:
 
 
 def _refuse_unusable(path: str) -> None:
-    if not path.isprintable():  # nor are bytes that are no UTF-8, which Python holds as half characters
+    if not path.isprintable():  # bytes that are not UTF-8 become surrogates, which are not printable
         raise problem(None, "a path in UTF-8 without control characters", shown(path), "rename the file")
-    if "{" in path or "}" in path:  # Snakemake would put the mooring's name or the role there
+    if "{" in path or "}" in path:  # Snakemake would interpret them as wildcards
         raise problem(None, "a path without braces", shown(path), "rename the file")
 
 
 def mooring_paths(value: Any) -> str | tuple[str, ...]:
-    """Check a folder, a text, or mooring files, a tuple."""
+    """Check the folder of the mooring files (a string) or a list of mooring files (a tuple)."""
     return paths(value) if isinstance(value, list | tuple) else paths(value)[0]
 
 
 def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
-    """Find existing raw files, globs expanded and sorted; only checked for form without a ``RawFolder``."""
+    """Find existing raw files, with globs expanded and sorted; without a ``RawFolder`` only check their form."""
     listed, place = paths(value), info.context
     if not listed:
         raise problem(None, "at least one file", "an empty list")
@@ -404,7 +404,7 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
         raise problem(None, expected, shown(path), "list the files")
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
-    # None of them hidden; ** does not go through links, which may lead in circles.
+    # Hidden files are left out; ** does not follow symbolic links, which may form loops.
     pattern = f"{path}/*" if path.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", path)
     there = place.root.glob(pattern) if is_glob else ()
     matches = [match.relative_to(place.root) for match in there if match.is_file()]

@@ -1,9 +1,9 @@
-"""A simulated sea with moorings in it, which writes the raw files that the instruments would have left.
+"""Simulated currents and moorings, written as the raw files of the instruments.
 
-It is the independent check of the analysis: it shares no code with the rest of compasslib, its angles included, and
-derives every reading from the forward physics alone.
+The simulation is an independent check of the analysis: it shares no code with the rest of compasslib, not even that
+for angles, and computes every reading by forward physics alone.
 
-A twelfth of a year under a sphere, as its instruments leave it, and the truth apart:
+Raw files of a short deployment; the truth is returned separately:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

@@ -1,4 +1,4 @@
-"""Raw files of demonstration moorings, in a folder of exports: ``python -m compasslib.demo exports EG4``."""
+"""Write raw files of demonstration moorings into a folder: ``python -m compasslib.demo exports EG4``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from compasslib.demo.demonstration import write_mooring
 
 
 def main(folder: str, *names: str) -> None:
-    """Write raw files of moorings into a folder, and the truth about their compasses into truth/ beside it."""
+    """Write raw files of moorings into a folder, and true headings into the folder truth next to it."""
     for name in names:
         write_mooring(name, folder, Path(folder).absolute().parent / f"truth/{name}.csv")
 

@@ -1,7 +1,7 @@
-"""What an ADCP on a mooring records of the water: bins, noise, the surface's echo, hours on deck.
+"""Simulation of an ADCP on a mooring and of its PD0 file: bins, noise, surface echo, hours on deck.
 
-An instrument in earth coordinates has turned its velocities by its own compass, so that a wrong heading turns them
-too; one in beam coordinates has not.
+In earth coordinates the instrument has rotated its velocities by its own compass, hence they contain its heading
+error; in beam coordinates it has not.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _VARIABLE = np.dtype(
 
 @dataclass(frozen=True)
 class Setup:
-    """How an instrument is programmed and mounted."""
+    """Configuration and mounting of an instrument."""
 
     kilohertz: int
     looks_up: bool
@@ -81,13 +81,13 @@ class Setup:
 
 @dataclass(frozen=True)
 class Ensembles:
-    """What an instrument records: n ensembles of m cells and four components or beams."""
+    """Record of an instrument: n ensembles of m cells and four components or beams."""
 
     time_s: Floats  # (n,) UTC seconds since 1970
-    number: NDArray[np.int64]  # (n,) counted by the instrument
+    number: NDArray[np.int64]  # (n,) ensemble number
     upside: NDArray[np.bool_]  # (n,) the orientation bit: True looks up
     heading_deg: Floats  # (n,)
-    pitch_deg: Floats  # (n,) as the sensor gives it
+    pitch_deg: Floats  # (n,) as recorded by the sensor
     roll_deg: Floats  # (n,)
     depth_m: Floats  # (n,)
     pressure_dbar: Floats  # (n,)
@@ -105,12 +105,12 @@ def write(path: Path, setup: Setup, ensembles: Ensembles) -> None:
 
 
 def encode(setup: Setup, ensembles: Ensembles) -> Counts:
-    """Encode the ensembles, one row of bytes each, checksum included."""
+    """Encode the ensembles in PD0, one row of bytes each, including the checksum."""
     layout = _layout(setup.cells)
     rows = np.zeros(ensembles.time_s.size, dtype=layout)
     rows["header"] = _header(layout)
     rows["fixed"] = _fixed_leader(setup)
-    # Bit 7 of the system configuration follows the instrument's own tilt switch, ensemble by ensemble.
+    # Bit 7 of the system configuration follows the orientation switch of the instrument in each ensemble.
     rows["fixed"]["system"][:, 0] |= np.where(ensembles.upside, UP, 0).astype(np.uint8)
     _fill_variable_leader(rows["variable"], ensembles)
     blocks = (("velocity", 0x0100), ("correlation", 0x0200), ("echo", 0x0300), ("percent_good", 0x0400))
@@ -147,7 +147,7 @@ def _layout(cells: int) -> np.dtype:
 
 def _header(layout: np.dtype) -> Counts:
     offsets = np.cumsum([layout[place].itemsize for place in range(BLOCKS)])
-    # The length counts every byte but the checksum's two.
+    # The length excludes the two bytes of the checksum.
     words = np.array([0x7F7F, layout.itemsize - 2, BLOCKS << 8, *offsets], dtype="<u2")
     return words.view(np.uint8)
 
@@ -191,7 +191,7 @@ def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> Non
     leader["deviation"] = (2, 3, 3)  # of heading in degrees, of pitch and roll in tenths
     leader["adc"] = (78, 0, 98, 255, 255, 95, 130, 159)
     leader["adc"][:, 1] = ensembles.supply_counts
-    # Decapascals: thousandths of a dbar. An unsigned field, so that air reads as zero.
+    # Decapascals, thousandths of a dbar; the field is unsigned, hence negative pressures are set to zero.
     leader["pressure_dapa"] = np.rint(1000 * np.maximum(ensembles.pressure_dbar, 0.0))
 
 
@@ -203,27 +203,27 @@ FLIPPED_ON_DECK = 5
 
 @dataclass(frozen=True)
 class Adcp:
-    """An ADCP's programme, its noise and the phase of its clock."""
+    """Configuration of an ADCP, its noise and the time of its samples."""
 
     setup: Setup
-    noise_m_s: float  # of one bin and horizontal component, at the near end
+    noise_m_s: float  # standard deviation of a horizontal component in the nearest bin
     sample_s: float = 0.0  # seconds after the full hour
     first_number: int = 1
 
 
 @dataclass(frozen=True)
 class Stance:
-    """How the instrument truly stands in the water at its samples, and what its sensors give; (n,) each."""
+    """True depth and attitude of an instrument at its samples, and the readings of its sensors; (n,) each."""
 
     time_s: Floats
     depth_m: Floats
     heading_deg: Floats  # correct, magnetic
     recorded_deg: Floats  # by its compass
     tilt_deg: tuple[Floats, Floats]  # true pitch, forward up, and roll, starboard down
-    sensed_tilt_deg: tuple[Floats, Floats]  # the same with the noise of the inclinometers, which the compass uses too
+    sensed_tilt_deg: tuple[Floats, Floats]  # the same with noise of the inclinometers, as used by the compass
     declination_deg: Floats
     in_water: NDArray[np.bool_]
-    gain: float = 0.0  # of the forward beam pair, beyond the other's
+    gain: float = 0.0  # relative excess gain of the forward beam pair over the other pair
     bias_m_s: complex = 0.0  # starboard + i forward, in every bin
 
 
@@ -233,10 +233,10 @@ def ranges(setup: Setup) -> Floats:
 
 
 def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, *, latitude_deg: float) -> Ensembles:
-    """Simulate what the instrument records."""
+    """Simulate the record of an instrument."""
     setup, n = adcp.setup, stance.time_s.size
     moving = _spoil(rng, setup, stance, _velocity(rng, adcp, stance, water))
-    # The share of pings that give a velocity: fading with range, little from beyond the surface.
+    # Share of pings with a valid velocity: decreasing with range, and small beyond the surface.
     good = np.broadcast_to(1.0 - 0.3 * (ranges(setup) / ranges(setup)[-1]) ** 6, (n, setup.cells))
     good = np.where(ranges(setup) > stance.depth_m[:, None], 0.1, good) if setup.looks_up else good
     wet = stance.in_water[:, None, None]
@@ -263,7 +263,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
 
 
 def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
-    """Average the current over the first bins as the beams have it, true east + i north, m/s, (n,)."""
+    """Average the current over the first bins, including errors of the beams, true east + i north, m/s, (n,)."""
     depth = _bin_depths(setup, stance)[:, :bins]
     return _flawed(stance, sea.velocity(water, stance.time_s, depth)).mean(axis=1)
 
@@ -278,7 +278,7 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
         return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
     depth = _bin_depths(adcp.setup, stance)
     flow = _flawed(stance, sea.velocity(water, stance.time_s, depth))
-    # From true to magnetic north, and on by as much as the compass is wrong.
+    # Rotate from true to magnetic north, and by the error of the compass.
     wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
     flow = clockwise(flow, wrong[:, None])
     still = np.zeros_like(flow.real)
@@ -294,27 +294,27 @@ def _flawed(stance: Stance, flow: Complexes) -> Complexes:
 
 
 def by_beams(body: Complexes, gain: float, bias_m_s: complex) -> Complexes:
-    """Simulate what beams of unequal gain measure of a current in the body, with a constant velocity beside.
+    """Apply unequal gains of the beam pairs and a constant bias to a current in the body frame.
 
     Args:
-        body: starboard + i forward, m/s; so the bias.
-        gain: of the forward pair, beyond the other's.
+        body: current, starboard + i forward, m/s, as is the bias.
+        gain: relative excess gain of the forward pair over the other pair.
     """
     return np.asarray(body + 1j * gain * body.imag + bias_m_s)
 
 
 def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
-    """Compute the speed along each beam, positive towards the head, every beam at its own depth."""
+    """Compute the velocity along each beam, positive towards the head, at the depth of each of its cells."""
     head = _toward_head(setup, stance)
     slant = ranges(setup) / np.cos(SPREAD)
-    # Away from the head is up where the unit vector towards it points down.
+    # The unit vector towards the head points down for a beam that looks up, whose depth decreases with range.
     depth = stance.depth_m[:, None, None] + slant[None, :, None] * head[:, None, 2, :]
     flow = clockwise(sea.velocity(water, stance.time_s, depth), -stance.declination_deg[:, None, None])
     return flow.real * head[:, None, 0, :] + flow.imag * head[:, None, 1, :]
 
 
 def _toward_head(setup: Setup, stance: Stance) -> Floats:
-    """Compute the unit vectors of the four beams towards the head: magnetic east, north, up by beam, (n, 3, 4)."""
+    """Compute unit vectors of the four beams towards the head, in magnetic east, north and up, (n, 3, 4)."""
     s, c = np.sin(SPREAD), np.cos(SPREAD)
     beams = np.array([[s, -s, 0, 0], [0, 0, -s, s], [c, c, c, c]])
     turn, (pitch, roll) = np.deg2rad(stance.heading_deg), np.deg2rad(stance.tilt_deg)
@@ -329,7 +329,7 @@ def _toward_head(setup: Setup, stance: Stance) -> Floats:
 
 
 def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
-    """Turn tilts to those that two inclinometers give: the pitch's is seen through the roll."""
+    """Convert tilts to the readings of two inclinometers, of which that of pitch also depends on roll."""
     return np.rad2deg(np.arctan(np.tan(np.deg2rad(pitch_deg)) / np.cos(np.deg2rad(roll_deg)))), roll_deg
 
 
@@ -340,7 +340,7 @@ def _normal(rng: np.random.Generator, stance: Stance, deviation: Floats) -> Floa
 
 
 def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Floats) -> Floats:
-    """Spoil velocities near and beyond the surface, as an up-looker does."""
+    """Degrade the velocities of an upward-looking instrument near and beyond the surface."""
     if not setup.looks_up:
         return velocity
     height = stance.depth_m[:, None]
@@ -356,7 +356,7 @@ def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Flo
 
 
 def _echo(setup: Setup, stance: Stance) -> Floats:
-    """Simulate the mean echo intensity in counts, (n, m), with the surface's own echo."""
+    """Simulate the mean echo intensity in counts, (n, m), including the surface echo."""
     away = ranges(setup)
     loss_db = 20 * np.log10(away / away[0]) + 2 * ABSORPTION_DB_M[setup.kilohertz] * (away - away[0])
     counts = np.maximum(190.0 - loss_db / DB_PER_COUNT, 42.0)
@@ -372,7 +372,7 @@ def _scatter(rng: np.random.Generator, mean: Floats, deviation: float) -> NDArra
 
 
 def _percent_good(rng: np.random.Generator, setup: Setup, share: Floats) -> NDArray[np.uint8]:
-    """Simulate the four percentages: by beam, or three-beam, rejected, too few beams and four-beam solutions."""
+    """Simulate percent good: by beam, or of three-beam, rejected, too few beams and four-beam solutions."""
     percent = np.clip(100 * share - np.abs(rng.normal(0.0, 1.0, share.shape)), 0, 100)
     if setup.coordinates == "beam":
         return np.repeat(percent[..., None], 4, axis=-1).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""What a compass near iron reads: the earth's field, the iron, tilt and levelling; and its magnetometer."""
+"""Simulation of a compass near iron: the earth's field, iron, tilt and levelling, and its magnetometer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from compasslib.demo.water import DAY_S, Floats, circle
 
 NOISE_DEG = 0.5
-TILT_NOISE_DEG = 0.05  # of an average over an ensemble's pings; the vertical field turns it into heading noise
+TILT_NOISE_DEG = 0.05  # of the mean over the pings of an ensemble; causes heading noise through the vertical field
 NO_SOFT_IRON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -20,7 +20,7 @@ class Iron:
     """The iron fixed to an instrument, in its body frame: forward (beam 3), starboard, down."""
 
     hard_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    soft: tuple[tuple[float, float, float], ...] = NO_SOFT_IRON  # field at the sensor from field of the earth
+    soft: tuple[tuple[float, float, float], ...] = NO_SOFT_IRON  # matrix from the earth's field to that at the sensor
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Field:
 
 def earth_field(latitude_deg: float, longitude_deg: float, span_s: tuple[float, float]) -> Field:
     """Compute the IGRF field over a span of time, at nodes a month apart."""
-    import ppigrf  # half a second, most of it pandas: paid once, and only where a mooring is made
+    import ppigrf  # deferred: the import takes half a second, most of it for pandas
 
     nodes = np.linspace(*span_s, 2 + int((span_s[1] - span_s[0]) / (30 * DAY_S)))
     dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in nodes]
@@ -57,16 +57,16 @@ def recorded_heading(
     sensed_tilt_deg: tuple[ArrayLike, ArrayLike] | None = None,
     iron: Iron,
 ) -> Floats:
-    """Compute the heading that the compass gives, before its noise, degrees in [0, 360).
+    """Compute the recorded heading before noise, degrees in [0, 360).
 
-    The field at the sensor is S C^T F + b with C = Rz(heading) Ry(pitch) Rx(roll); the instrument levels it with the
-    tilts that its own sensor gives and takes the angle of the horizontal part.
+    The field at the sensor is S C^T F + b with C = Rz(heading) Ry(pitch) Rx(roll); the instrument levels it by the
+    tilts of its own sensor and takes the angle of the horizontal part.
 
     Args:
-        field_nt: horizontal and vertical (down) field, each (n,) or one number.
+        field_nt: horizontal and vertical (down) field, each (n,) or a scalar.
         heading_deg: correct magnetic heading of beam 3, (n,).
         tilt_deg: true pitch (forward up) and roll (starboard down), (n,) each.
-        sensed_tilt_deg: the same as the instrument senses them; the true ones where absent.
+        sensed_tilt_deg: the same as recorded by the instrument's sensor; the true tilts if None.
     """
     horizontal, vertical = np.broadcast_arrays(*field_nt, np.asarray(heading_deg, dtype=float))[:2]
     turn = np.deg2rad(np.asarray(heading_deg, dtype=float))
@@ -100,7 +100,7 @@ class Magnet:
 
 @dataclass(frozen=True)
 class Ball:
-    """A ball of soft iron, magnetised by whatever field it stands in."""
+    """A ball of soft iron, magnetised by the ambient field."""
 
     place_m: tuple[float, float, float]
     radius_m: float
@@ -108,14 +108,14 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class Magnetometer:
-    """Three sensors, a row each, and the iron round them."""
+    """Three sensors, one per row, and the iron near them."""
 
     magnets: tuple[Magnet, ...]
     ball: Ball
-    places_m: Floats  # (3, 3) where the sensors are
-    axes: Floats  # (3, 3) what each is sensitive to, nearly the unit vectors
-    trim_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)  # what the maker's calibration takes off
-    even: tuple[float, float, float] = (0.0, 0.0, 0.0)  # share of full scale that the square adds at full scale
+    places_m: Floats  # (3, 3) positions of the sensors
+    axes: Floats  # (3, 3) sensitivity of each sensor, nearly a unit vector
+    trim_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset removed by the maker's calibration
+    even: tuple[float, float, float] = (0.0, 0.0, 0.0)  # quadratic error at full scale, as a fraction of it
     step_nt: float = 40.0
 
 
@@ -123,7 +123,7 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     """Build a magnetometer whose hard iron is a given share of the horizontal field.
 
     Args:
-        strength: of the mean horizontal field of all iron, over the earth's.
+        strength: horizontal field of all magnets relative to the earth's.
     """
     places = rng.normal(0.0, 0.015, (3, 3))
     axes = np.eye(3) * (1.0 + rng.normal(0.0, 0.004, 3))[:, None] + rng.normal(0.0, 0.004, (3, 3))
@@ -134,7 +134,7 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
     bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
     made = Magnetometer(tuple(magnets), ball, places, axes, even=(bent[0], bent[1], bent[2]))
-    # The magnets' moments are scaled so that the horizontal part is as strong as wanted.
+    # Scale the moments of the magnets to the requested horizontal strength.
     _, added = response(made)
     scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
     scaled = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in made.magnets)
@@ -145,7 +145,7 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
 
 
 def response(meter: Magnetometer) -> tuple[Floats, Floats]:
-    """Compute the linear response: what the earth's field is multiplied by, (3, 3), what is added, (3,) nT."""
+    """Compute the linear response to the earth's field: matrix, (3, 3), and offset, (3,) nT."""
     added, soft = np.zeros((3, 3)), np.zeros((3, 3, 3))
     for k, place in enumerate(meter.places_m):
         fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
@@ -160,11 +160,11 @@ def response(meter: Magnetometer) -> tuple[Floats, Floats]:
 
 
 def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | None = None, *, stepped: bool = True) -> Floats:
-    """Simulate what the sensors give, (..., 3) nT.
+    """Simulate the output of the sensors, (..., 3) nT.
 
     Args:
-        body_nt: earth's field in the body frame, (..., 3).
-        nearby_nt: the field at the sensors of what came beside the compass later, (..., 3).
+        body_nt: earth's field in the body frame, (..., 3) nT.
+        nearby_nt: additional field at the sensors by objects that came near the compass later, (..., 3) nT.
     """
     matrix, added = response(meter)
     raw = body_nt @ matrix.T + added + (0.0 if nearby_nt is None else nearby_nt)
@@ -177,7 +177,7 @@ def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
     """Compute the field of a dipole, (3,) nT.
 
     Args:
-        away_m: from it to the place, (3,).
+        away_m: vector from the dipole to the position, (3,).
     """
     distance = float(np.linalg.norm(away_m))
     unit = away_m / distance

@@ -1,6 +1,6 @@
-"""Demonstration moorings C1 to C4: what is wrong with each is drawn by a seed, told in ``concealed/NAME.json`` alone.
+"""Demonstration moorings C1 to C4, whose errors are drawn by a seed and recorded in ``concealed/NAME.json`` only.
 
-python -m compasslib.demo.concealed FOLDER SEED    a cruise of these moorings by another seed
+``python -m compasslib.demo.concealed FOLDER SEED`` writes a cruise of these moorings with another seed.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from compasslib.demo.water import HOUR_S, Floats
 BEGIN_S, HOURS = 1406851200.0, 3000  # 1 August 2014, four months
 IRON_NT, SMALLEST_DEG, LARGEST_DEG = 250.0, 2.5, 4.0
 AXES = ("forward", "starboard", "down")
-SHEAR = 2.2  # of C4's water, over that of the others
+SHEAR = 2.2  # shear of the currents at C4 relative to the other moorings
 
 
 @dataclass(frozen=True)
 class Cause:
-    """What is planted in a mooring."""
+    """A cause of heading errors that is planted in a mooring."""
 
     words: str
     driver: str
-    effect: Callable[[float], Effect]  # by its size
+    effect: Callable[[float], Effect]  # as a function of its size
     date_s: float | None = None
-    along: Floats | None = None  # (n,) what its iron is proportional to, zero apart
-    unit: str = "nT"  # of the iron's field, for one of that
+    along: Floats | None = None  # (n,) driver on which its iron depends linearly; None if it is not iron
+    unit: str = "nT"  # of the field of the iron per unit of ``along``
 
     def field(self, effect: Effect) -> dict[str, int | str] | None:
-        """Give the field of its iron forward, to starboard and down; nothing where it is no iron."""
+        """Compute the field of its iron forward, to starboard and down, per unit of ``along``; None without iron."""
         if self.along is None or effect.body_nt is None:
             return None
         first, last = int(np.argmin(self.along)), int(np.argmax(self.along))
@@ -47,7 +47,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Case:
-    """A mooring of the page: where it stands, its iron, and what may be wrong with it."""
+    """One of the moorings: its properties and the causes that may be planted in it."""
 
     title: str
     wish: Wish
@@ -56,10 +56,10 @@ class Case:
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int) -> None:
-    """Write one mooring's raw files and, elsewhere, what was planted and the correct headings.
+    """Write the raw files of one mooring and, to a separate file, the planted causes and the correct headings.
 
     Args:
-        raw_dir: the cruise's folder of raw files; the mooring's stand in ``raw_dir/name``.
+        raw_dir: folder of raw files of the cruise; those of the mooring are written to ``raw_dir/name``.
     """
     case, rng = CASES[name], np.random.default_rng([seed, *name.encode()])
     ground = sealed.make(seed, name, case.wish)
@@ -88,7 +88,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
 
 
 def visible_deg(ground: Ground, effects: list[Effect]) -> float:
-    """Compute the rms by which effects change the readings, beyond what five coefficients of a deviation take up."""
+    """Compute the rms change of the readings by effects that five coefficients of a deviation cannot fit, degrees."""
     time = ground.stamp_s
     plain, changed = sealed.read(ground, [], time), sealed.read(ground, effects, time)
     turn = np.exp(1j * np.deg2rad(changed.recorded_deg - plain.recorded_deg))
@@ -100,7 +100,7 @@ def visible_deg(ground: Ground, effects: list[Effect]) -> float:
 
 
 def _sized(ground: Ground, effect: Callable[[float], Effect], wanted_deg: float) -> tuple[Effect, float]:
-    """Scale an effect until its visible size is nearly the wanted one."""
+    """Scale an effect iteratively to a visible size near the wanted one."""
     size, visible = 1.0, 0.0
     for _ in range(4):
         visible = visible_deg(ground, [effect(size)])
@@ -115,7 +115,7 @@ def _unit(series: Floats) -> Floats:
 
 
 def _along(ground: Ground, series: Floats) -> Floats:
-    """Interpolate a series of the water's times to the ensembles."""
+    """Interpolate a series on the time axis of the water to the ensembles."""
     return np.interp(ground.stamp_s, ground.currents.time_s, series)
 
 
@@ -191,7 +191,7 @@ CASES = {
 
 
 def main(folder: str, seed: str) -> None:
-    """Write a cruise of these moorings, to be drawn by a seed."""
+    """Write the configuration of a cruise of these moorings with a given seed."""
     to = Path(folder) / "config/moorings"
     to.mkdir(parents=True, exist_ok=True)
     for name in CASES:

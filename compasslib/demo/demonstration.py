@@ -1,4 +1,4 @@
-"""The demonstration cruise: seven simulated moorings, written as the raw files that their instruments would leave."""
+"""Demonstration cruise: seven simulated moorings, written as the raw files of their instruments."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ DEEP_BELOW_SPHERE_M = 4.0
 
 @dataclass(frozen=True)
 class World:
-    """What surrounds the instruments of one mooring."""
+    """Simulated environment of the instruments of one mooring."""
 
     spec: MooringSpec
     seed: int
@@ -46,11 +46,11 @@ class World:
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int = 2007) -> None:
-    """Write one mooring's raw files and, elsewhere, the truth about its upper compass.
+    """Write the raw files of one mooring and, to a separate file, the true headings of its upper instrument.
 
     Args:
-        raw_dir: the cruise's folder of raw files; the mooring's stand in ``raw_dir/name``.
-        seed: the same seed gives the same bytes, whichever other moorings are made.
+        raw_dir: folder of raw files of the cruise; those of the mooring are written to ``raw_dir/name``.
+        seed: seed of the simulation; the same seed gives the same bytes, whichever other moorings are simulated.
     """
     world = make_world(spec_of(name), seed)
     folder = Path(raw_dir) / name
@@ -79,7 +79,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
 
 
 def raw_files(name: str) -> tuple[str, ...]:
-    """List the files of one mooring, EG1 to EG7, relative to the cruise's folder of raw files."""
+    """List the raw files of one mooring, EG1 to EG7, relative to the folder of raw files of the cruise."""
     deep = spec_of(name).deep
     if isinstance(deep, Adcp):
         return f"{name}/top.000", f"{name}/deep.000"
@@ -92,7 +92,7 @@ def spec_of(name: str) -> MooringSpec:
 
 
 def make_world(spec: MooringSpec, seed: int) -> World:
-    """Draw the field, the current and the motion of a mooring."""
+    """Simulate the earth's field, the currents and the motion of a mooring."""
     field = compass.earth_field(spec.latitude_deg, spec.longitude_deg, SPAN_S)
     site = (spec.latitude_deg, spec.water_depth_m)
     currents = water.make_water(seed, spec.name, spec.climate, site=site, span_s=SPAN_S)
@@ -102,7 +102,7 @@ def make_world(spec: MooringSpec, seed: int) -> World:
 
 
 def top_stance(world: World) -> Stance:
-    """Simulate how the upper ADCP stands, its heading recorded beside the sphere's iron."""
+    """Simulate depth and attitude of the upper ADCP, with its heading recorded near the iron of the sphere."""
     time, motion = _hourly(world.spec.top), world.motion
     depth, heading, pitch, roll = (
         np.interp(time, motion.time_s, series)
@@ -113,7 +113,7 @@ def top_stance(world: World) -> Stance:
 
 
 def deep_stance(world: World, instrument: Adcp) -> Stance:
-    """Simulate how the lower ADCP stands: on the bottom, where it turns slowly, or hanging under the sphere."""
+    """Simulate depth and attitude of the lower ADCP, turning slowly on the bottom or hanging under the sphere."""
     motion, rng, time = world.motion, world.random("deep compass"), _hourly(instrument)
     sphere = np.interp(time, motion.time_s, motion.sphere_depth_m)
     if world.spec.deep_depth_m:
@@ -156,7 +156,7 @@ def _stance(
     recorded = compass.recorded_heading(
         (strength[0], strength[1]), heading, tilt_deg=(tilt[0], tilt[1]), sensed_tilt_deg=sensed, iron=iron
     )
-    # On deck the instrument lies still, beside other iron.
+    # On deck the instrument does not move and is near other iron.
     recorded = np.where(in_water, recorded, 137.0) + rng.normal(0.0, compass.NOISE_DEG, time_s.size)
     return Stance(
         time_s=time_s,
@@ -176,17 +176,17 @@ def _write_adcp(path: Path, world: World, purpose: str, instrument: Adcp, stance
     adcp.write(path, instrument.setup, measured)
 
 
-# The seven moorings of the demonstration cruise: where they stand and what is simulated there.
+# The seven moorings of the demonstration cruise: positions and simulated conditions.
 #
-# Positions, depths and kinds of instruments are those of von Appen 2015, Table 1; currents, iron and serial numbers are
-# invented. Two things differ from the table. The bins of EG4's lower instrument begin nearer than its 114 m, because
-# between the means of two bins at 90 m and at 118 m there would be no pair within 20 m. And no lower instrument on the
+# Positions, depths and kinds of instruments are those of von Appen (2015), Table 1; currents, iron and serial numbers
+# are invented. Two properties differ from the table: The bins of EG4's lower instrument begin nearer than its 114 m,
+# because the means of two bins at 90 m and at 118 m would give no pair within 20 m; and no lower instrument on the
 # bottom has a bin above the sphere in still water.
 
 
 @dataclass(frozen=True)
 class MooringSpec:
-    """One mooring: where it stands, what carries it, what spoils its upper compass, what hangs below."""
+    """One mooring: position, currents, rig, iron near the upper compass, and both instruments."""
 
     name: str
     latitude_deg: float
@@ -197,7 +197,7 @@ class MooringSpec:
     iron: Iron
     top: Adcp
     deep: Adcp | Profiler
-    deep_depth_m: float = 0.0  # of a lower ADCP on the bottom; 0 where it hangs under the sphere
+    deep_depth_m: float = 0.0  # of a lower ADCP on the bottom; 0 if it hangs under the sphere
 
 
 def _top(serial: int, coordinates: str = "earth", first_number: int = 1) -> Adcp:
@@ -233,7 +233,7 @@ def _iron(*, hard_nt: tuple[float, float, float], soft_percent: tuple[tuple[floa
 
 
 MOORINGS = (
-    # On the shelf: weak flow, strong tides, headings round the whole circle; a third of the earth's field beside it.
+    # On the shelf: weak flow, strong tides, headings over the full circle; iron of a third of the horizontal field.
     MooringSpec(
         "EG1", 65 + 30.0 / 60, -(33 + 8.8 / 60), 248.0,
         climate=Climate(mean_m_s=0.16, tide_m_s=0.14, cyclone_m_s=0.05),
@@ -242,7 +242,7 @@ MOORINGS = (
                    soft_percent=((1.5, 0.4, 0.3), (0.2, -0.8, -0.4), (0.3, -0.2, 1.0))),
         top=_top(8101), deep=_workhorse(8111, 35, minutes=5.0), deep_depth_m=248.0,
     ),
-    # The minor case of the paper's Fig. 6: a tenth of the earth's field.
+    # The small deviation of von Appen (2015), Fig. 6: a tenth of the horizontal field.
     MooringSpec(
         "EG2", 65 + 26.6 / 60, -(33 + 4.5 / 60), 268.0,
         climate=Climate(mean_m_s=0.18, tide_m_s=0.12, cyclone_m_s=0.08),
@@ -251,7 +251,7 @@ MOORINGS = (
                    soft_percent=((0.8, 0.2, -0.1), (0.3, -0.4, 0.2), (-0.1, 0.1, 0.5))),
         top=_top(8102), deep=_workhorse(8112, 40, minutes=4.0), deep_depth_m=268.0,
     ),
-    # Half of it; the upper instrument was left in beam coordinates.
+    # Half of the horizontal field; the upper instrument records in beam coordinates.
     MooringSpec(
         "EG3", 65 + 23.2 / 60, -(33 + 1.0 / 60), 524.0,
         climate=Climate(mean_m_s=0.22, cyclone_m_s=0.28),
@@ -261,7 +261,7 @@ MOORINGS = (
         top=_top(8103, coordinates="beam"),
         deep=_long_ranger(7513, 52, minutes=7.0, looks_up=True, cell_m=8.0, first_bin_m=10.0), deep_depth_m=524.0,
     ),
-    # The large case of Fig. 7: 1.3 of it, seen where the recorded heading runs backwards (beta near arg p + 180).
+    # The large one of Fig. 7: 1.3 times the field, at headings where the reading decreases (beta near arg p + 180).
     MooringSpec(
         "EG4", 65 + 20.0 / 60, -(32 + 57.3 / 60), 894.0,
         climate=Climate(mean_m_s=0.28, cyclone_m_s=0.35),
@@ -270,7 +270,7 @@ MOORINGS = (
                    soft_percent=((2.0, 0.5, 0.3), (-0.4, -1.0, -0.4), (0.2, 0.5, 1.0))),
         top=_top(8104), deep=_long_ranger(7514, 86, minutes=2.0, looks_up=False, cell_m=4.0, first_bin_m=5.6),
     ),
-    # Three quarters, with a vertical part that tilts into the heading.
+    # Three quarters of the horizontal field, with vertical iron that affects the heading when tilted.
     MooringSpec(
         "EG5", 65 + 16.2 / 60, -(32 + 52.7 / 60), 1163.0,
         climate=Climate(mean_m_s=0.27, cyclone_m_s=0.40),
@@ -279,7 +279,7 @@ MOORINGS = (
                    soft_percent=((2.5, 0.8, -0.5), (-0.6, -1.0, 0.4), (0.4, -0.3, 2.0))),
         top=_top(8105), deep=Profiler(first_s=0.0, bottom_m=1158.0, binary=False, serial=1405),
     ),
-    # One and a half, seen where the compass is sluggish (beta within 130 degrees of arg p).
+    # 1.5 times the field, at headings where the compass turns too little (beta within 130 degrees of arg p).
     MooringSpec(
         "EG6", 65 + 12.3 / 60, -(32 + 47.0 / 60), 1378.0,
         climate=Climate(mean_m_s=0.25, cyclone_m_s=0.40),

@@ -1,8 +1,8 @@
-"""A McLane profiler with a Falmouth 3D-ACM that climbs a mooring's wire twice a day, and what the meter logs.
+"""Simulation of a McLane profiler with a Falmouth 3D-ACM, two profiles a day, and of the files of the meter.
 
-A genuine profiler logs its whole way at 2 Hz, some 600 MB a mooring and year. Here the ACM is switched on for the
+A real profiler logs its whole profile at 2 Hz, about 600 MB per mooring and year. Here the ACM is switched on for the
 uppermost 60 m of each profile only, next to the bumper under the sphere, and logs four minutes at 1 Hz: 20 MB. While
-the wire leans too much the profiler is stuck at depth for days and logs one minute there.
+the wire leans too much, the profiler is stuck at depth for days and logs one minute of each profile there.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ COLUMNS = (
     "      VPAB      VPCD      VPEF      VPGH\r\n"
 )
 STAMP = "%m/%d/%Y %H:%M:%S"
-PARTIAL_EVERY = 97  # one profile in so many ends in the middle of a row
+PARTIAL_EVERY = 97  # one of this number of profiles ends in the middle of a row
 ROW_CHARACTERS, PARTIAL_CHARACTERS = 121, 64
 FLAGS = {
     "op_flag1": " TIME HDNG",
@@ -53,7 +53,7 @@ _RECORD = np.dtype(
 
 @dataclass(frozen=True)
 class Acm:
-    """The current meter, as its header names it."""
+    """Current meter, as described in the header of its files."""
 
     serial: int
     user: str
@@ -64,7 +64,7 @@ class Acm:
 
 @dataclass(frozen=True)
 class Scans:
-    """What it logged: r scans in p profiles; headings magnetic, degrees, paths in cm/s."""
+    """Logged data: r scans in p profiles; magnetic headings in degrees, velocities along paths in cm/s."""
 
     number: NDArray[np.int64]  # (p,) of the profile
     size: NDArray[np.int64]  # (p,) scans in it
@@ -86,7 +86,7 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
         for k, number, begin, end in _profiles(scans):
             cells = np.empty((end - begin, 11), dtype=object)
             cells[:, 0], cells[:, 1:] = stamps[begin:end], scans.values[begin:end]
-            # One template for a whole profile: a call a row would take most of the time of the cruise.
+            # One format for a whole profile, as one call per row would take most of the run time.
             rows = (ROW * (end - begin)) % tuple(cells.ravel())
             if number % PARTIAL_EVERY == 0:
                 rows = rows[: PARTIAL_CHARACTERS - ROW_CHARACTERS] + "\r\n"
@@ -104,7 +104,7 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
 
 
 def write_binary(path: Path, acm: Acm, scans: Scans) -> None:
-    """Write the logger's own binary, one ``A*.DAT`` after another."""
+    """Write the binary format of the logger, with all files ``A*.DAT`` concatenated."""
     days = scans.time_s.astype("datetime64[s]").astype("datetime64[D]")
     months = days.astype("datetime64[M]")
     second = scans.time_s % 86400
@@ -138,7 +138,7 @@ def _shown(name: str, code: str, value: float | int | bytes) -> str:
 
 
 def _header_fields(acm: Acm) -> list[tuple[str, str, float | int | bytes]]:
-    """List name, struct code and value in the order of the file; 279 bytes, nameless ones fill gaps."""
+    """List name, struct code and value in the order of the file; 279 bytes, unnamed fields fill gaps."""
     unity = [(f"T{row}{column}", "f", 0.0002 * (row == column)) for column in (1, 2, 3) for row in (1, 2, 3)]
     zeros = ("tilt_temp0", "K9", "sal", "dbar")
     ks = (0.49, 0.30, 0.0, 0.0, 0.49, 0.30, 0.0, 0.0)
@@ -166,37 +166,37 @@ SPEED_M_S = 0.25
 BUMPER_M = 2.0  # below the sphere
 LOGGED_S, DWELL_S, STUCK_S = 240, 10, 60
 STICKS_M, FREES_M = 100.0, 25.0  # blow-down at which it sticks, and below which it comes free
-LEVER_M = 0.43  # of the paths about the wire
+LEVER_M = 0.43  # distance of the acoustic paths from the wire
 ENGINEERING_S = 10
 
 
 @dataclass(frozen=True)
 class Profiler:
-    """When a profiler starts and how deep it goes."""
+    """First profile, depth range and file format of a profiler."""
 
     first_s: float  # seconds from deployment to the first profile's start, at the bottom
     bottom_m: float
-    binary: bool  # files as logged, not unpacked
+    binary: bool  # whether files are binary as logged, not unpacked to text
     serial: int
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Every profile of the deployment, (p,) each."""
+    """All profiles of the deployment, (p,) each."""
 
     number: NDArray[np.int64]
     ascending: NDArray[np.bool_]
     begin_s: Floats  # first scan
     scans: NDArray[np.int64]
-    top_s: Floats  # at the bumper: arrival, or departure
-    stuck_m: Floats  # depth where it is stuck, NaN where it runs
+    top_s: Floats  # time at the bumper: arrival or departure
+    stuck_m: Floats  # depth at which it is stuck, NaN if it moves
 
 
 def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: tuple[float, float]) -> Plan:
-    """Plan the profiles: up with odd numbers, down with even ones, none that passes the top while it is stuck.
+    """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck.
 
     Args:
-        motion: how the sphere moves; its depth decides where the profiler sticks.
+        motion: motion of the sphere, whose depth determines when the profiler is stuck.
     """
     start = np.arange(span_s[0] + profiler.first_s, span_s[1] - 4 * HOUR_S, 12 * HOUR_S)
     number = np.arange(start.size) + 1
@@ -212,7 +212,7 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
 
 
 def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, *, field: Field) -> Scans:
-    """Simulate what the current meter logs."""
+    """Simulate the data logged by the current meter."""
     count = schedule.number.size
     profile = np.repeat(np.arange(count), schedule.scans)
     first = np.cumsum(schedule.scans) - schedule.scans
@@ -234,7 +234,7 @@ def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, 
 
 
 def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: float) -> None:
-    """Write the profiler's own table of time and pressure around every logged stretch."""
+    """Write the profiler's own table of time and pressure, around the logged part of each profile."""
     steps = 5 + schedule.scans // ENGINEERING_S
     profile = np.repeat(np.arange(steps.size), steps)
     position = np.arange(profile.size) - (np.cumsum(steps) - steps)[profile]
@@ -246,7 +246,7 @@ def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: 
 
 
 def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) -> Floats:
-    """Draw the depth at which each profile finds the profiler jammed, NaN where it is free."""
+    """Draw the depth at which the profiler is stuck in each profile, NaN if it is free."""
     depths = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
     depth, stuck = nan, []
     for blown, here in zip(blown_m.tolist(), depths.tolist(), strict=True):
@@ -271,7 +271,7 @@ def _position(schedule: Plan, profile: NDArray[np.intp], time_s: Floats, sphere_
 def _swing(
     rng: np.random.Generator, flow: Complexes, time_s: Floats, profile: NDArray[np.intp], first: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
-    """Simulate the heading, into the flow and swinging about it, degrees, and its rate of change, radians a second."""
+    """Simulate the heading, oscillating about the upstream direction, degrees, and its rate of change, rad/s."""
     mean = np.add.reduceat(flow, first)
     middle = direction(mean) + 180.0 + rng.normal(0.0, 15.0, first.size)
     angular = 2 * np.pi / rng.uniform(60.0, 100.0, first.size)
@@ -284,7 +284,7 @@ def _swing(
 def _compass(
     rng: np.random.Generator, heading_deg: Floats, profile: NDArray[np.intp], field: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, ...]:
-    """Simulate heading, tilts in degrees and the field's direction cosines, which obey the logger's levelling rule.
+    """Simulate heading, tilts in degrees and direction cosines of the field, which obey the logger's levelling rule.
 
     x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = atan2(y, x), with z upwards.
     """
@@ -311,11 +311,11 @@ def _paths(
     turning: Floats,
     ascending: NDArray[np.bool_],
 ) -> tuple[Floats, ...]:
-    """Compute VPAB, VPCD, VPEF, VPGH in cm/s of the magnetic flow, the meter's own motion in them."""
+    """Compute the velocities along the paths VPAB, VPCD, VPEF, VPGH, cm/s, including the motion of the meter."""
     frame = flow * np.exp(-1j * np.deg2rad(90.0 - heading_deg))
     noise = rng.normal(0.0, 0.6, (4, heading_deg.size))
     x, y = 100 * frame.real, 100 * (frame.imag + LEVER_M * turning)
-    # A meter that sinks sees the water rise past it.
+    # Relative to a sinking meter the water rises.
     z = 100 * sinking
     upper, lower = (x + z) / np.sqrt(2), (x - z) / np.sqrt(2)
     # One of the two inclined paths lies in the wake of the strut, the upper one on the way up.

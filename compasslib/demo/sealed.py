@@ -1,4 +1,4 @@
-"""Moorings with known truth: a sea, a rig, a magnetometer and a battery, drawn anew for each name and seed."""
+"""Simulated moorings with known truth; currents, rig, magnetometer and battery are drawn by name and seed."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ from compasslib.demo.water import (
 )
 
 PINGS, PING_S = 4, 90.0
-TILT_STEP_DEG = 180.0 / 4096.0  # twelve bits over half a circle
-TILT_LAG_S, TILT_PASSES = 20.0, 0.75  # of a fast wobble only this share reaches the sensor
+TILT_STEP_DEG = 180.0 / 4096.0  # resolution of twelve bits over 180 degrees
+TILT_LAG_S, TILT_PASSES = 20.0, 0.75  # lag of the tilt sensor, and share of a fast wobble that it records
 WOBBLE_DEG = 0.35
-NOISE_DEG = 0.4  # of an ensemble's heading
+NOISE_DEG = 0.4  # of the heading of an ensemble
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """An effect planted at the ensembles of one instrument, (n,); what it does not touch stays None or 0."""
+    """An effect planted at the n ensembles of one instrument; quantities that it does not change are None or 0."""
 
     name: str
     parameters: dict[str, float] = field(default_factory=dict)
-    body_nt: Floats | None = None  # (n, 3) added in the body frame
+    body_nt: Floats | None = None  # (n, 3) field added in the body frame
     reading: Callable[[Floats], Floats] | None = None  # added to readings (n, k), degrees
-    trusted: Callable[[Floats], Floats] | None = None  # added to the reference's compass's headings (n,), degrees
-    gain: float = 0.0  # of the reference's forward beam pair, beyond the other's
-    bias_m_s: complex = 0.0  # starboard + i forward, in what the reference measures
+    trusted: Callable[[Floats], Floats] | None = None  # added to the headings of the reference (n,), degrees
+    gain: float = 0.0  # relative excess gain of the reference's forward beam pair
+    bias_m_s: complex = 0.0  # starboard + i forward, added to the velocities of the reference
     size: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """How an instrument stood in its ensembles and what it gave, (n,) each."""
+    """True attitude of an instrument in its ensembles and its readings, (n,) each."""
 
     heading_deg: Floats  # correct, magnetic
     recorded_deg: Floats
@@ -61,8 +61,8 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
     """Simulate the readings of the affected compass.
 
     Args:
-        effects: what is planted in it, at the same ensembles.
-        rng: source of randomness; without it one ping without noise and steps.
+        effects: effects planted in it, at the same ensembles.
+        rng: random generator; without one, a single ping without noise and quantization is simulated.
     """
     pings = 1 if rng is None else PINGS
     times = time_s[:, None] + PING_S * (np.arange(pings) - 0.5 * (pings - 1))
@@ -121,25 +121,25 @@ def _middle(angle_deg: Floats) -> Floats:
 
 FIRST_S = 1.1676e9  # January 2007
 MARGIN_S = 6 * HOUR_S
-STRENGTHS = (0.05, 0.1, 0.2, 0.35, 0.55)  # of the iron, over the earth's horizontal field
+STRENGTHS = (0.05, 0.1, 0.2, 0.35, 0.55)  # field of the iron relative to the earth's horizontal field
 WIDE = Climate(mean_m_s=0.12, tide_m_s=0.16, red_m_s=0.10, cyclone_m_s=0.15)
 NARROW = Climate(mean_m_s=0.30, tide_m_s=0.08, red_m_s=0.06, cyclone_m_s=0.30)
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What a mooring is to be like."""
+    """Requested properties of a mooring; those that are None are drawn at random."""
 
-    wide: bool = False  # headings round the circle, or some seventy degrees of it
+    wide: bool = False  # headings over the full circle, or over about seventy degrees of it
     hours: int = 8800
-    site: tuple[float, float, float] | None = None  # latitude, longitude, depth of the water in metres; else drawn
-    begin_s: float | None = None  # of the deployment; else drawn
-    strength: float | None = None  # of the iron, over the earth's horizontal field; else drawn
+    site: tuple[float, float, float] | None = None  # latitude, longitude, water depth in metres
+    begin_s: float | None = None  # of the deployment
+    strength: float | None = None  # field of the iron relative to the earth's horizontal field
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """One mooring before anything is planted in it; series along the water's axis of time, (g,)."""
+    """One mooring without planted effects; series on the time axis of the water, (g,)."""
 
     seed: int
     name: str
@@ -160,7 +160,7 @@ class Ground:
 
 
 def make(seed: int, name: str, wish: Wish) -> Ground:
-    """Draw a mooring."""
+    """Draw a mooring at random with the requested properties."""
     rng = stream(seed, name, "ground")
     latitude, longitude = float(rng.uniform(52.0, 68.0)), float(rng.uniform(-45.0, 5.0))
     depth = float(rng.uniform(250.0, 700.0))
@@ -183,7 +183,7 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
 
 
 def trusted_heading(ground: Ground) -> Floats:
-    """Simulate the correct heading of the reference at the full hours: it turns by itself, degrees, (n,)."""
+    """Simulate the correct heading of the reference, which turns independently, at full hours, degrees, (n,)."""
     rng = ground.random("deep heading")
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
 
@@ -191,7 +191,7 @@ def trusted_heading(ground: Ground) -> Floats:
 def _currents(
     seed: int, name: str, wish: Wish, *, site: tuple[float, float], span_s: tuple[float, float], along_deg: float
 ) -> Water:
-    """Simulate the water; what shears between the depths grows with the speed, as it does in real records."""
+    """Simulate the currents; the shear between depths increases with speed, as in real records."""
     climate = replace(WIDE if wish.wide else NARROW, along_deg=along_deg)
     made = water.make_water(seed, name, climate, site=site, span_s=span_s)
     speed = np.abs(made.surface + made.column)
@@ -220,12 +220,12 @@ def _supply(rng: np.random.Generator, time_s: Floats, temperature_c: Floats) -> 
 DEEP_BELOW_M, DEEP_SAMPLE_S = 4.0, 180.0
 TOP_NOISE_M_S, DEEP_NOISE_M_S, SOURCE_NOISE_COUNTS, TEMPERATURE_NOISE_K = 0.014, 0.02, 0.5, 0.02
 GAPS, LONGEST_GAP_H = 4, 40
-STUCK_H = 9  # hours for which the compass gave one value
+STUCK_H = 9  # hours during which the compass repeated one value
 
 
 @dataclass(frozen=True)
 class Export:
-    """In which form a mooring's files are."""
+    """Format of the files of a mooring."""
 
     deep: str = "pd0"  # pd0 or table
     coordinates: str = "earth"
@@ -233,10 +233,10 @@ class Export:
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """What the affected compass should have given at the samples that were kept, (m,) each."""
+    """Correct and recorded headings of the affected compass at the samples in the file, (m,) each."""
 
-    time_s: Floats  # as it was stamped
-    heading_deg: Floats  # correct, magnetic; NaN where the compass was stuck and no model can know it
+    time_s: Floats  # as stamped in the file
+    heading_deg: Floats  # correct, magnetic; NaN while the compass was stuck, where no model can predict it
     recorded_deg: Floats
 
 

@@ -1,8 +1,8 @@
-"""The currents of the East Greenland shelf and slope, random series, and the mooring that leans and turns in them.
+"""Simulation of currents of the East Greenland shelf and slope, and of the motion of a mooring in them.
 
-A mean along-slope flow, tides, inertial oscillations, red noise and passing cyclones, each with its own shape over
-depth (orders of magnitude of von Appen 2014b); and layers that part with distance, within hours and over months, as
-docs/sea.md shows beside real profiles.
+A mean along-slope flow, tides, inertial oscillations, red noise and passing cyclones, each with its own vertical
+structure (orders of magnitude of von Appen 2014b); and layers that decorrelate with distance and over hours to
+months, compared with real profiles in docs/sea.md.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ DAY_S = 86400.0
 
 
 def stream(seed: int, mooring: str, purpose: str) -> np.random.Generator:
-    """Seed the generator of one purpose on one mooring, so that nothing depends on what else is made or when."""
+    """Seed the random generator of one purpose on one mooring, independent of all other simulated quantities."""
     return np.random.default_rng([seed, int.from_bytes(f"{mooring}/{purpose}".encode(), "big")])
 
 
@@ -31,7 +31,7 @@ def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation:
     """Draw a stationary first-order autoregressive series, shape (count,).
 
     Args:
-        memory: steps after which the correlation has fallen to 1/e.
+        memory: e-folding time of the autocorrelation, steps.
     """
     keep = float(np.exp(-1.0 / memory))
     kicks = rng.normal(0.0, deviation * np.sqrt(1.0 - keep**2), count)
@@ -40,17 +40,17 @@ def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation:
 
 
 def red_vector(rng: np.random.Generator, count: int, *, memory: float, deviation: float) -> Complexes:
-    """Draw east + i north with independent red components, shape (count,).
+    """Draw a vector series, east + i north, with independent red-noise components, shape (count,).
 
     Args:
-        memory: steps after which the correlation has fallen to 1/e.
+        memory: e-folding time of the autocorrelation, steps.
     """
     east = red_noise(rng, count, memory=memory, deviation=deviation)
     return east + 1j * red_noise(rng, count, memory=memory, deviation=deviation)
 
 
 def white_vector(rng: np.random.Generator, shape: int | tuple[int, ...], deviation: float) -> Complexes:
-    """Draw east + i north with independent normal components."""
+    """Draw vectors, east + i north, with independent normal components."""
     return rng.normal(0.0, deviation, shape) + 1j * rng.normal(0.0, deviation, shape)
 
 
@@ -72,17 +72,17 @@ def circle(angle_deg: ArrayLike) -> Floats:
 
 
 def clockwise(velocity: ArrayLike, by_deg: ArrayLike) -> Complexes:
-    """Turn east + i north clockwise by degrees that broadcast with it."""
+    """Rotate vectors, east + i north, clockwise by angles in degrees that broadcast with them."""
     return np.asarray(velocity * np.exp(-1j * np.deg2rad(np.asarray(by_deg, dtype=float))))
 
 
 STEP_S = 600.0
 TIDES = ((12.4206, 0.55), (12.0000, 0.20), (23.9345, 0.25))  # M2, S2, K1: period in hours, share of the speed
 SIDEREAL_DAY_S = 86164.1
-GAP_M = 14.0  # distance at which layers differ by a climate's ``shear_m_s``: about that across a sphere
-WAVES, SHORTEST_M, LONGEST_M = 8, 12.0, 160.0  # of the layers over depth
-GROWTH = 1.5  # of the mean squared difference with distance: a power of it
-# Of a layer's variance: what is forgotten the later the longer its wave, tides that drift out of phase, slow water.
+GAP_M = 14.0  # distance at which currents differ by ``Climate.shear_m_s``, about that across a sphere
+WAVES, SHORTEST_M, LONGEST_M = 8, 12.0, 160.0  # number and vertical wavelengths of the layers
+GROWTH = 1.5  # exponent of the wavelength in the variance of a layer: larger differences at larger distances
+# Shares of a layer's variance: hours (memory proportional to the wavelength), tides of drifting phase, slow changes.
 HOURS_SHARE, TIDE_SHARE, SLOW_SHARE = 0.65, 0.27, 0.08
 HOURS_AT_GAP, TIDE_MEMORY_S, SLOW_MEMORY_S = 6.0, 5 * DAY_S, 12 * DAY_S
 VEER_MEMORY_S, UNTURNED_M = 30 * DAY_S, 100.0
@@ -90,7 +90,7 @@ VEER_MEMORY_S, UNTURNED_M = 30 * DAY_S, 100.0
 
 @dataclass(frozen=True)
 class Climate:
-    """How the water moves at one place; speeds in m/s, the direction true and towards."""
+    """Statistics of the currents at one place; speeds in m/s, direction true and towards."""
 
     mean_m_s: float
     along_deg: float = 238.0
@@ -99,25 +99,25 @@ class Climate:
     red_m_s: float = 0.07
     cyclone_m_s: float = 0.0  # median peak speed of a passing cyclone
     shear_m_s: float = 0.036  # rms difference of one component at GAP_M
-    veer_deg_100m: float = 4.0  # rms of the slow veer over depth
+    veer_deg_100m: float = 4.0  # rms of the slow turning of the current with depth
 
 
 @dataclass(frozen=True)
 class Layers:
-    """Differences over depth: waves, each with two courses in time of its own."""
+    """Differences over depth as vertical waves, with time series of their cosine and sine components."""
 
     wavenumber: Floats  # (k,) rad/m
     cosine: Complexes  # (k, g) m/s
     sine: Complexes  # (k, g)
 
     def times(self, factor: Floats) -> Layers:
-        """Scale by a factor at each instant, (g,)."""
+        """Scale by a factor at each time, (g,)."""
         return Layers(self.wavenumber, self.cosine * factor, self.sine * factor)
 
 
 @dataclass(frozen=True)
 class Water:
-    """The currents at one mooring: a series for each shape over depth, east + i north, m/s."""
+    """Currents at one mooring: a time series for each vertical structure, east + i north, m/s."""
 
     time_s: Floats  # (g,) UTC seconds since 1970, every STEP_S
     surface: Complexes  # (g,) decays downwards
@@ -153,7 +153,7 @@ def make_water(
         phase = 2 * np.pi * time_s / (period_h * HOUR_S) + rng.uniform(0.0, 2 * np.pi)
         ellipse = np.cos(phase) + 1j * rng.uniform(-0.5, 0.5) * np.sin(phase)
         total += climate.tide_m_s * share * ellipse * towards(climate.along_deg + rng.normal(0.0, 20.0))
-    # Rotate clockwise with the Coriolis frequency, the amplitude forgotten after three days.
+    # Clockwise rotation at the Coriolis frequency, with an amplitude that decorrelates in three days.
     rng = stream(seed, name, "inertial")
     amplitude = red_vector(rng, time_s.size, memory=3 * DAY_S / STEP_S, deviation=climate.inertial_m_s / np.sqrt(2.0))
     turned_deg = 360.0 * 2.0 * np.sin(np.deg2rad(latitude_deg)) * (time_s - time_s[0]) / SIDEREAL_DAY_S
@@ -170,7 +170,7 @@ def make_water(
 
 
 def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
-    """Compute the current, true east + i north in m/s, in the shape of the depths.
+    """Compute the current, true east + i north in m/s, with the shape of ``depth_m``.
 
     Args:
         depth_m: depths below the surface, (n,) or (n, m, ...), metres.
@@ -189,13 +189,13 @@ def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
 
 
 def sea_level(time_s: ArrayLike) -> Floats:
-    """Compute the height of the tide at the surface, metres."""
+    """Compute the tidal elevation of the surface, metres."""
     turns = 2 * np.pi * np.asarray(time_s, dtype=float) / HOUR_S
     return np.asarray(0.7 * np.cos(turns / TIDES[0][0]) + 0.25 * np.cos(turns / TIDES[1][0]))
 
 
 def _layers(rng: np.random.Generator, shear_m_s: float, time_s: Floats) -> Layers:
-    """Draw layers that differ by the shear at GAP_M."""
+    """Draw layers with a given rms difference of one component, m/s, at the distance ``GAP_M``."""
     edges = np.geomspace(SHORTEST_M, LONGEST_M, WAVES + 1)
     lengths = np.exp(rng.uniform(np.log(edges[:-1]), np.log(edges[1:])))
     wavenumber = 2.0 * np.pi / lengths
@@ -209,7 +209,7 @@ def _layers(rng: np.random.Generator, shear_m_s: float, time_s: Floats) -> Layer
 
 
 def _course(rng: np.random.Generator, time_s: Floats, memory_h: float) -> Complexes:
-    """Draw the course of a layer in time, with a variance of one in each component."""
+    """Draw the time series of a layer, with unit variance in each component."""
     parts = ((HOURS_SHARE, memory_h * HOUR_S), (TIDE_SHARE, TIDE_MEMORY_S), (SLOW_SHARE, SLOW_MEMORY_S))
     hours, tide, slow = (
         red_vector(rng, time_s.size, memory=memory_s / STEP_S, deviation=np.sqrt(share)) for share, memory_s in parts
@@ -218,7 +218,7 @@ def _course(rng: np.random.Generator, time_s: Floats, memory_h: float) -> Comple
 
 
 def _cyclones(rng: np.random.Generator, speed_m_s: float, time_s: Floats) -> Complexes:
-    """Draw the pulses of passing cyclones, along-slope real and to the left of it imaginary."""
+    """Draw velocity pulses of passing cyclones, along-slope + i to the left of it, (g,)."""
     total = np.zeros(time_s.size, dtype=complex)
     passage_s = time_s[0] + rng.exponential(3 * DAY_S)
     while passage_s < time_s[-1]:
@@ -234,7 +234,7 @@ def _cyclones(rng: np.random.Generator, speed_m_s: float, time_s: Floats) -> Com
 SEAWATER_KG_M3 = 1027.0
 SPHERE_DRAG_M2 = 0.9  # drag coefficient times area of the sphere with its gear
 WIRE_DRAG_M = 1.7 * 0.008  # drag coefficient of a strumming wire times its diameter of 5/16 inch
-WIRE_WEIGHT_N_M = 1.2  # in water, the glass floats along it included
+WIRE_WEIGHT_N_M = 1.2  # in water, including the glass floats along it
 SEGMENTS = 12
 ITERATIONS = 5
 STEEPEST_DEG = 9.9
@@ -243,28 +243,28 @@ NOMINAL_M = 100.0
 
 @dataclass(frozen=True)
 class Rig:
-    """How a mooring is built and how its sphere hangs."""
+    """Construction of a mooring and attitude of its sphere."""
 
     buoyancy_n: float  # net buoyancy of sphere and gear
     heading_offset_deg: float  # beam 3 from the direction towards which the water flows
-    wobble_deg: float  # standard deviation of the heading about it at 25 cm/s
-    rest_pitch_deg: float  # lean in still water, from how the instrument is clamped
+    wobble_deg: float  # standard deviation of the heading about its equilibrium at 25 cm/s
+    rest_pitch_deg: float  # tilt in still water, due to the clamping of the instrument
     rest_roll_deg: float
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How the top of a mooring stands along the time axis of the water; the heading is magnetic and correct."""
+    """Depth and attitude of the top of a mooring on the time axis of the water; headings are correct and magnetic."""
 
     time_s: Floats  # (g,)
     sphere_depth_m: Floats  # (g,)
-    heading_deg: Floats  # (g,) not wrapped, so that it can be interpolated
+    heading_deg: Floats  # (g,) unwrapped for interpolation
     pitch_deg: Floats  # (g,) forward up
     roll_deg: Floats  # (g,) starboard down
 
 
 def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg: float) -> Motion:
-    """Simulate how the sphere moves.
+    """Simulate depth, heading and tilt of the sphere.
 
     Args:
         declination_deg: east positive; headings are magnetic.
@@ -292,24 +292,24 @@ def blow_down(rig: Rig, water: Water) -> Floats:
     upright = np.ones((hours.size, SEGMENTS))
     for _ in range(ITERATIONS):
         flow = velocity(water, hours, depth)
-        # Half of the newest slope: the full step overshoots where the line leans most.
+        # Only half of the step to the new slope, as the full step overshoots where the line leans most.
         sphere = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * np.abs(flow[:, :1]) * flow[:, :1]
         wire = 0.5 * SEAWATER_KG_M3 * WIRE_DRAG_M * length * np.abs(flow) * flow * upright**2
-        drag = sphere + np.cumsum(wire, axis=1) - 0.5 * wire  # of all that is above
+        drag = sphere + np.cumsum(wire, axis=1) - 0.5 * wire  # of everything above
         upright = 0.5 * upright + 0.5 * (1.0 / np.hypot(1.0, np.abs(drag) / net_n))
         depth = water.water_depth_m - length * (np.cumsum(upright[:, ::-1], axis=1)[:, ::-1] - 0.5 * upright)
     return np.interp(water.time_s, hours, depth[:, 0] - 0.5 * length * upright[:, 0])
 
 
 def wake_heading(rng: np.random.Generator, equilibrium_deg: Floats, speed_m_s: Floats, *, wobble_deg: float) -> Floats:
-    """Simulate the heading of a body turned into its own wake, degrees, not wrapped, shape (g,).
+    """Simulate the heading of a body aligned by its wake, degrees, unwrapped, shape (g,).
 
-    The restoring moment grows with the speed: at 25 cm/s the memory is three hours, in still water the body is free
-    and drifts round the circle.
+    The restoring moment increases with speed: at 25 cm/s the memory is three hours, in still water the heading is a
+    random walk.
 
     Args:
         equilibrium_deg: heading at which the moment vanishes, (g,).
-        wobble_deg: standard deviation about it at 25 cm/s.
+        wobble_deg: standard deviation about the equilibrium at 25 cm/s.
     """
     pull = np.minimum(speed_m_s / 0.25, 2.5) * STEP_S / (3 * HOUR_S)
     kick = rng.normal(0.0, np.deg2rad(wobble_deg) * np.sqrt(2 * STEP_S / (3 * HOUR_S)), equilibrium_deg.size)
@@ -328,7 +328,7 @@ def pressure(depth_m: Floats, latitude_deg: float) -> Floats:
 
 
 def _tilt(rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: Floats) -> tuple[Floats, Floats]:
-    """Simulate pitch and roll: rest, the lean of the sphere downstream, and a wobble; never above STEEPEST_DEG."""
+    """Simulate pitch and roll: tilt at rest, downstream lean of the sphere, and wobble, below ``STEEPEST_DEG``."""
     drag_n = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * speed_m_s**2
     lean_deg = np.rad2deg(np.arctan(drag_n / rig.buoyancy_n))
     relative = np.deg2rad(relative_deg)
@@ -336,6 +336,6 @@ def _tilt(rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: F
     wobble = [red_noise(rng, speed_m_s.size, memory=memory, deviation=0.6) for _ in range(2)]
     pitch = rig.rest_pitch_deg - lean_deg * np.cos(relative) + wobble[0]
     roll = rig.rest_roll_deg + lean_deg * np.sin(relative) + wobble[1]
-    # No instrument of the array ever leaned by ten degrees (von Appen 2015): the approach to it is smooth.
+    # No instrument of the array tilted by ten degrees (von Appen 2015), which is therefore a smooth limit.
     shrink = (1.0 + (np.hypot(pitch, roll) / STEEPEST_DEG) ** 8) ** -0.125
     return pitch * shrink, roll * shrink

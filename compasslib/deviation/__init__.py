@@ -1,6 +1,6 @@
 """Deviation curves: the published series and the exact compass, each with fit, inverse and uncertainty.
 
-Two hundred hours of water that both instruments measure, the upper one under a compass with B = 0.3:
+Two hundred hours of currents measured by both instruments, the upper one with a compass of B = 0.3:
 
 >>> import numpy as np
 >>> from compasslib import angles, compass
@@ -35,13 +35,13 @@ from compasslib.statistics import single_threaded
 
 __all__ = ["METHODS", "DeviationFit", "describe_fit", "deviation_json", "find_implausibility", "fit_deviation"]
 
-BEYOND = 5.0  # compass noises beyond the fold at which a reading is no noise any more
+BEYOND = 5.0  # distance beyond a fold, in compass noises, that noise cannot explain
 SURE_SIGMAS = 2.0
-MOST_IMPOSSIBLE = 0.25  # readings that a model which holds cannot have recorded: outliers are fewer
+MOST_IMPOSSIBLE = 0.25  # share of readings that a valid model cannot have recorded; outliers are fewer
 
 
 def _keep_compass(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
-    """Keep a compass known beforehand: pairs do not change it."""
+    """Return a compass known beforehand, which pairs do not change."""
     if near is None:
         raise ValueError("a compass known beforehand is carried to a mooring, not fitted there")
     return near
@@ -63,8 +63,8 @@ def fit_deviation(
 
     Args:
         method: ``exact`` or ``von_appen``; ``calibration`` and ``coefficients`` return ``near``.
-        near: a fit of the same method to much the same pairs, to start from.
-        dip_ratio: Z/H of the earth's field where tilt is to be in the model (``exact`` only); 0 for a level one.
+        near: a fit of the same method to similar pairs, to start from.
+        dip_ratio: Z/H of the earth's field, to include tilt in the model (``exact`` only); 0 for a level model.
     """
     if near is not None and near.fixed:
         return near
@@ -73,7 +73,7 @@ def fit_deviation(
 
 
 def correctable_fraction(fit: DeviationFit, record: Record) -> float:
-    """Compute the share of the recorded headings that the model can have recorded, 0 to 1."""
+    """Compute the share of the recorded headings that are possible under the model, 0 to 1."""
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size):
@@ -85,10 +85,10 @@ def correctable_fraction(fit: DeviationFit, record: Record) -> float:
 
 
 def find_implausibility(fit: DeviationFit, record: Record) -> str:
-    """Explain why a model cannot be that of the instrument, nothing where it can.
+    """Explain why a fitted model is implausible for the instrument; empty if it is plausible.
 
-    A reference whose components were exchanged or signed wrongly, or that is turned by a right angle, is water that no
-    compass agrees with. What is fitted to it has soft iron without measure, or cannot record what was recorded.
+    If the reference's components were exchanged, rotated by a right angle or wrongly signed, no compass fits the pairs:
+    the fit then has excessive soft iron, or cannot have recorded many of the headings.
     """
     if fit.fitted and fit.method == "exact":
         soft = fit.coefficients[3:5]
@@ -115,7 +115,7 @@ def find_implausibility(fit: DeviationFit, record: Record) -> str:
 
 
 def deviation_json(fit: DeviationFit, record: Record) -> dict[str, Any]:
-    """Compose deviation.json."""
+    """Compose the content of deviation.json."""
     said = tuple(sentence for sentence in (find_implausibility(fit, record),) if sentence)
     fraction = correctable_fraction(fit, record)
     return fit.to_json() | {"correctable_fraction": fraction, "warnings": (*fit.warnings, *said)}

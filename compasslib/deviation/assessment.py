@@ -1,8 +1,8 @@
-"""How well the two instruments agree before and after, on pairs that the fit has not seen.
+"""Agreement of the two instruments before and after correction, on held-out pairs.
 
-Von Appen 2015, section 4, judges by histograms and a scatter of the very pairs that were fitted. Here the record is cut
-into contiguous blocks of ten days (hourly currents remember a day or two; a record of less than forty days is cut into
-four), the model is fitted without some of them and tried on those.
+Von Appen 2015, section 4, assesses the fit by histograms and a scatter plot of the fitted pairs themselves. Here the
+record is divided into contiguous blocks of ten days (hourly currents decorrelate within a day or two; a record of less
+than forty days is divided into four), and the model is fitted without some blocks and evaluated on these.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ BLOCK_S = 10 * 86400.0
 FOLDS = 2
 LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * MIN_PAIRS
-REFUTED_DEG = 75.0  # rms of corrected directions; unrelated ones scatter by 104, slow ones two depths apart by 42
+REFUTED_DEG = 75.0  # rms after correction; unrelated directions scatter by 104, those of slow water at two depths by 42
 FEWEST_TO_REFUTE = 10
-DOUBTED_DEG = 46.0  # rms from which on other readings of the reference are tried: more than slow water of two depths
-FAR_BETTER = 0.6  # of the median: no curve that is merely bent more comes so far
-READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north: signs, exchange, right angles
+DOUBTED_DEG = 46.0  # rms above which misread components of the reference are tested; slow water has less
+FAR_BETTER = 0.6  # ratio of medians that indicates misread components; a more flexible curve alone does not reach it
+READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # misread east + i north: signs, exchange, right angles
     np.negative,
     np.conj,
     lambda z: -np.conj(z),
@@ -45,26 +45,26 @@ READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # of east + i north:
     lambda z: 1j * z,
     lambda z: -1j * z,
 )
-# From this rms on directions of other days must agree less: where a mean flow rules, unrelated ones scatter by as much.
+# Above this rms, directions of other days must agree less: about a mean flow even unrelated directions agree as well.
 SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
-SURE_SIGMAS = 2.0  # of a growth of the rms
-CONTRADICTED, LEAST_APART_DEG = 28.5, 3.0  # chi-squared of four coefficients, exceeded in 1 of 100,000; and rms
+SURE_SIGMAS = 2.0  # standard errors of a significant difference
+CONTRADICTED, LEAST_APART_DEG = 28.5, 3.0  # chi-squared, 4 degrees of freedom, p = 1e-5; and rms of the difference
 SERIES = {
     "series_in_correct": "the Fourier series in correct heading",
     "series_in_recorded": "that in recorded heading",
 }
-WATER = ("mean_of_bins", "predicted")  # by the profile: rms of one component at the reference's depth
-FORM_PAIRS = 1500  # as many pairs, evenly taken, tell the forms apart; more only take longer
+WATER = ("mean_of_bins", "predicted")  # expected rms error of one component at the reference's depth
+FORM_PAIRS = 1500  # evenly spaced pairs used to compare the forms; more only take longer
 
 
 def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
-    """Correct the heading of each pair by a fit that has not seen its block, (n,) degrees, NaN where none.
+    """Correct the heading of each pair by a fit to the other blocks, (n,) degrees, NaN where there is no correction.
 
-    The exact fit starts from the whole one: which fold is the right one is taken as known. A calibration made
-    elsewhere has seen no pair and stays as it is.
+    The exact fit starts from the fit to all pairs, so the right fold is assumed to be known. A calibration made
+    elsewhere used no pairs and is not refitted.
 
     Args:
-        fit: the fit to all of them; its method is repeated.
+        fit: the fit to all pairs; its method is repeated.
     """
     heading = np.full(len(pairs), np.nan)
     block = _blocks(pairs.time_s) % FOLDS
@@ -80,10 +80,10 @@ def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
 def compare_forms(pairs: Pairs, fit: DeviationFit) -> dict[str, Any] | None:
     """Cross-validate each form of the curve against the exact compass on held-out pairs.
 
-    None where another method was fitted or the pairs are too few.
+    The result is None if another method was fitted or the pairs are too few.
 
-    The score is the mean log-likelihood a pair, in contiguous blocks held out in turn; its difference from the exact
-    compass has the standard error of the blocks' sums, because neighbouring hours repeat each other.
+    The score is the mean log-likelihood per pair, with contiguous blocks held out in turn; the standard error of its
+    difference from the exact compass is based on block sums, because neighbouring hours are correlated.
     """
     if fit.method != EXACT.name or len(pairs) < FEWEST_FOR_FORMS:
         return None
@@ -107,18 +107,18 @@ def _block_length(time_s: Floats) -> float:
 
 
 def _blocks(time_s: Floats) -> NDArray[np.int_]:
-    """Number the contiguous blocks that the pairs lie in, (n,)."""
+    """Assign the pairs to contiguous blocks, (n,) block numbers."""
     length = max(_block_length(time_s), 1.0)
     return np.floor((time_s - time_s[0]) / length).astype(int)
 
 
 @single_threaded()
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
-    """Compose assessment.json: direction difference upper minus lower, before and after, and their currents.
+    """Compose assessment.json: direction differences, upper minus lower, before and after correction, and currents.
 
     Args:
-        plain: the same as a compass that the fit holds would have recorded them, where more acted on it; what acted
-            is then taken from the whole record.
+        plain: the pairs as the compass of the fit alone would have recorded them, where further effects acted; these
+            effects are estimated from the whole record, not held out.
     """
     plain = pairs if plain is None else plain
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
@@ -126,7 +126,7 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
     turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
     after = _agreement(turned[0][known], turned[1][known], take(pairs, known))
     before = _agreement(pairs.upper_east[known], pairs.upper_north[known], take(pairs, known))
-    others = None  # the least rms against the reference's directions of other days, where there are enough
+    others = None  # least rms against the reference's directions of other days, given enough pairs
     if known.sum() >= FEWEST_OF_OTHER_DAYS:
         upper = angles.direction(turned[0][known], turned[1][known])
         lower = angles.direction(pairs.lower_east[known], pairs.lower_north[known])
@@ -158,7 +158,7 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
 
 
 def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
-    """Explain why held-out pairs deny the correction, nothing where they do not."""
+    """Explain why held-out pairs refute the correction; empty if they do not."""
     if after["n"] < FEWEST_TO_REFUTE:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
@@ -171,7 +171,7 @@ def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
 
 
 def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
-    """Report where held-out pairs agree less after the correction than before, by more than chance."""
+    """Report if held-out pairs agree significantly less after the correction than before; empty if they do not."""
     if not after["n"]:
         return ""
     sigma = float(np.hypot(before["rms_deg_sigma"], after["rms_deg_sigma"]))
@@ -185,7 +185,7 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
 
 
 def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
-    """Report where another reading of the reference's components agrees far better, nothing where none does."""
+    """Report if exchanged, rotated or re-signed components of the reference agree far better; empty if none do."""
     if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
         return ""
     subset = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
@@ -204,16 +204,16 @@ def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
 
 
 def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
-    """Report where the pairs show another compass than a given one, nothing where they do not.
+    """Report if the pairs show a significantly different compass than the given one; empty if they do not.
 
     Args:
-        pairs: freed of what else acted on the compass.
+        pairs: pairs with further effects on the compass removed.
     """
     if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < FEWEST_FOR_FORMS:
         return ""
     if not (own := fit_exact(pairs)).fitted:
         return ""
-    # A is left out: the mount and the mean veer of the water are in that of the pairs.
+    # A is not compared: that of the pairs includes the mounting and the mean veer of the water.
     off = np.subtract(own.coefficients, fit.coefficients)[1:5]
     score = float(off @ np.linalg.solve(own.covariance[1:5, 1:5] + fit.covariance[1:5, 1:5], off))
     heading = np.arange(0.0, 360.0, 5.0)
@@ -230,9 +230,9 @@ def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
 
 
 def _left_by(pairs: Pairs, reference: Complexes) -> float:
-    """Compute the median size of what a fit leaves, degrees; a heading that it cannot have recorded is unrelated.
+    """Compute the median absolute residual, degrees; a heading that the fit cannot have recorded counts as random.
 
-    Of a folded compass one in five may be such: they would make up most of an rms.
+    For a folded compass these may be one in five, which would dominate an rms.
     """
     pairs = replace(pairs, lower_east=reference.real, lower_north=reference.imag)
     fit = fit_exact(pairs, turned=False)
@@ -288,10 +288,10 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
 
 
 def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[float, float]]:
-    """Compute 95 % intervals of circular mean, rms and median size of differences that repeat their neighbours.
+    """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences.
 
-    They count as many independent ones as the series or its square is worth (``effective_sample_size``), whichever is
-    less. The median's are order statistics; the rms's are symmetric in its logarithm.
+    The effective sample size is that of the series or of its square, whichever is smaller (``effective_sample_size``).
+    The interval of the median is based on order statistics; that of the rms is symmetric in its logarithm.
 
     Args:
         off_deg: (n,), n > 0, in [-180, 180).
@@ -334,12 +334,12 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
     return {"magnitude": float(np.abs(product)), "angle_deg": angle}
 
 
-LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # a smaller constant is not questioned
-NEAR_SIGMAS = 2.0  # within which it equals the angle of a mistake
-ORDINARY_DEG = 4.0  # standard deviation of the constants of correctly configured moorings: mounts and mean veers
-LEAST_ODDS = 10.0  # of the mistake against an ordinary constant
-CRUST_DEG = 5.0  # by which the crust's field may turn the needle at sea, with a margin (IGRF: 0.4 to 2°)
-LARGE_DEG = 10.0  # a constant beyond this is mentioned even where no mistake explains it
+LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # smaller constants are not examined
+NEAR_SIGMAS = 2.0  # largest difference from the angle of a mistake
+ORDINARY_DEG = 4.0  # standard deviation of constants of correctly configured moorings, by mounting and mean veer
+LEAST_ODDS = 10.0  # density of the mistake over that of an ordinary constant
+CRUST_DEG = 5.0  # possible effect of the crustal field on declination at sea, with a margin (IGRF: 0.4 to 2°)
+LARGE_DEG = 10.0  # a larger constant is reported even if no mistake explains it
 DECLINATION = {
     1: "equal to the declination ({:+.1f}°): the directions of the reference hold it twice, being true already "
     "(direction_reference, declination_applied), or it was subtracted from affected headings that never held it "
@@ -359,18 +359,18 @@ BACKWARDS = "half a turn: the instrument is mounted backwards, or both component
 
 @dataclass(frozen=True)
 class ConstantOffset:
-    """The constant of a fit, and the mistake in the configuration that explains it, if one does."""
+    """Constant direction offset of a fit, and the configuration error that explains it, if any."""
 
     angle_deg: float
     sigma_deg: float
-    effect: str = ""  # declination_error or mounting_offset; empty where no mistake explains it
+    effect: str = ""  # declination_error or mounting_offset; empty if no mistake explains it
     cause: str = ""
-    probability: float = 0.0  # of the effect, against an ordinary constant and one of any other cause
-    between_instruments: bool = True  # or of both, against the model of the earth's field
+    probability: float = 0.0  # posterior of the effect, against an ordinary constant and one of any other cause
+    between_instruments: bool = True  # else common to both, relative to the model of the earth's field
 
     @property
     def text(self) -> str:
-        """What is known of it, in words; empty where it is as small as those of correct moorings."""
+        """Description for the report; empty if the constant is as small as in correctly configured moorings."""
         if not self.between_instruments:
             return self.cause
         size = f"the two instruments differ by a constant of {self.angle_deg:+.1f}° (1σ {self.sigma_deg:.1f}°)"
@@ -385,13 +385,13 @@ class ConstantOffset:
 
 
 def find_declination_error(field: EarthField) -> ConstantOffset | None:
-    """Compare the declination of the metadata with IGRF; None where no known mistake turns the one into the other.
+    """Compare the declination of the metadata with IGRF; None if no known mistake explains the difference.
 
-    Directions of both instruments are turned by it, so that they agree whatever it is.
+    A wrong declination rotates the directions of both instruments equally, so their agreement does not reveal it.
     """
     stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
     size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
-    if min(abs(size), abs(stated)) <= CRUST_DEG or not mistake:  # a small one may be meant: magnetic north throughout
+    if min(abs(size), abs(stated)) <= CRUST_DEG or not mistake:  # near 0 may be intended: magnetic north throughout
         return None
     cause = (
         f"the declination of the metadata is {size:+.1f}° off IGRF ({model:+.1f}°){mistake}: it is probably wrong, and "
@@ -403,15 +403,15 @@ def find_declination_error(field: EarthField) -> ConstantOffset | None:
 def find_constant_offset(
     fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
 ) -> ConstantOffset | None:
-    """Compare the constant between the instruments with the angles that mistakes in the configuration leave.
+    """Compare the constant between the instruments with the angles that configuration errors cause.
 
     Args:
-        fit: the fitted compass; of a calibration made elsewhere the constant is the mean residual of the pairs.
+        fit: the fitted compass; for a calibration made elsewhere the constant is the mean residual of the pairs.
         declination_deg: mean declination of the deployment, east positive.
         heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
 
     Returns:
-        The constant; None where the fit has none.
+        The constant; None if the fit has none.
     """
     measured = _measured(fit, pairs)
     if measured is None:
@@ -438,14 +438,14 @@ def find_constant_offset(
         return ConstantOffset(angle, sigma)
     _, effect, _ = max(questioned)
     causes = "; or ".join(dict.fromkeys(cause for _, _, cause in questioned))
-    # A mistake, each as likely, an ordinary constant, and an angle of any other cause have even odds beforehand.
+    # Equal prior odds of a mistake (all kinds equally likely), an ordinary constant and a uniformly distributed angle.
     probability = densities[effect] / (sum(densities.values()) + ordinary + 1.0 / 360.0)
     return ConstantOffset(angle, sigma, effect, causes, float(probability))
 
 
 def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
     """Estimate the constant and its standard error, degrees."""
-    if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant means nothing there
+    if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant has no meaning then
         return None
     if fit.known_beforehand:
         residual = heading_residual(fit, pairs)

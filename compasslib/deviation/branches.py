@@ -1,10 +1,10 @@
-"""Which of two headings: decided over the whole record from persistence, the water, the wake's habit and every overlap.
+"""Choice between the two headings of a folded compass, by a hidden Markov model over the whole record.
 
 Where iron is stronger than the earth's horizontal field each recorded heading has two correct ones. The correct heading
-is a hidden state on a circle of cells. It moves little from sample to sample; when the instrument turns, the water that
-it sees turns against it, because currents change slowly: the right branch keeps the water steady, the wrong one turns
-it twice. The wake prefers some headings, the compass must record what it recorded, and the reference agrees
-where it overlaps. Forward and backward passes give the distribution of the heading at every sample.
+is a hidden state on a circle of cells. It changes little from sample to sample; when the instrument turns, the current
+turns the other way in its frame, because currents change slowly: on the right branch the current is steady, on the
+wrong one it turns by twice the angle. The wake favours some headings, and the recorded heading and any overlapping
+reference are observations. Forward and backward passes yield the distribution of the heading at every sample.
 """
 
 from __future__ import annotations
@@ -23,41 +23,40 @@ from compasslib.deviation.tilt import CompassSeries
 from compasslib.records import Readings
 from compasslib.types import Complexes, Floats
 
-STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0, 80.0)  # persistence of the heading that is tried
-WATER_CHANGES = (0.02, 0.035, 0.06, 0.1, 0.2, 10.0)  # change of the current over an interval that is tried, m/s
-TIGHTEST = 300.0  # the water's grip on a step, as narrow as the cells resolve
-LEAP_SHARES = (0.003, 0.03)  # share of samples at which the heading starts anew
-PRECISION_DEG = 0.5  # assumed of a moored compass; an unfolded record cannot tell it from the water's scatter
-MERGED_DEG = 25.0  # roots nearer than this meet at a fold: one heading between them, not a choice
-BRANCHES_APART = 5.0  # widths of the scatter between two headings of one reading that directions resolve
-FEWEST_SHOWN, SHARE_SHOWN = 200, 0.1  # pairs that show their branch, or share of a few
+STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0, 80.0)  # candidate standard deviations of a heading step
+WATER_CHANGES = (0.02, 0.035, 0.06, 0.1, 0.2, 10.0)  # candidate changes of the current over an interval, m/s
+TIGHTEST = 300.0  # largest von Mises concentration of a step that the cells resolve
+LEAP_SHARES = (0.003, 0.03)  # candidate probabilities of a jump to an unrelated heading
+PRECISION_DEG = 0.5  # assumed for a moored compass; an unfolded record cannot separate it from the water's scatter
+MERGED_DEG = 25.0  # roots closer than this merge at a fold into one heading between them
+BRANCHES_APART = 5.0  # separation of two roots that directions resolve, in widths of the scatter
+FEWEST_SHOWN, SHARE_SHOWN = 200, 0.1  # least number of pairs that show their branch, or their share if pairs are few
 LEARNING_SAMPLES = 2000
-CHUNK = 500  # samples whose evidence is laid out on the fine headings at a time
-LONGEST_GAP = 64.0  # sampling intervals after which nothing is remembered
-SHARED_NOISE = 0.5  # neighbouring overlaps share the water's veer: each counts for this much of an independent one
+CHUNK = 500  # samples whose likelihood is evaluated on the fine headings at a time
+LONGEST_GAP = 64.0  # sampling intervals after which the heading is independent
+SHARED_NOISE = 0.5  # exponent of the overlaps' likelihood, as neighbouring overlaps share the water's veer
 
 
 @dataclass(frozen=True)
 class HeadingDecision:
-    """The heading chosen at each sample, with how sure that is."""
+    """The heading chosen at each sample, with its uncertainty."""
 
     heading_deg: Floats  # (n,) NaN where nothing was recorded
-    sigma_deg: Floats  # (n,) from the compass's noise and the chance of the other branch
-    # Of the chosen branch, (n,): 1 where there is only one or two meet at a fold, 0 where the compass cannot have
-    # recorded what it did.
-    probability: Floats
+    sigma_deg: Floats  # (n,) from the compass's noise and the probability of the other branch
+    probability: Floats  # (n,) of the chosen branch; 1 if single or merged at a fold, 0 if the reading is impossible
     other_deg: Floats  # (n,) the other root, NaN where there is none
 
 
 def choose_branches(
     readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
 ) -> HeadingDecision:
-    """Choose the heading at each sample of a compass that can fold.
+    """Choose the heading at each sample of a compass that may be folded.
 
     Args:
-        fit: the fitted exact compass, for its noise and the headings' distribution.
-        overlap: samples at which the reference overlaps, (k,).
-        scatter: density of its observed heading on the cells, (k, CELLS).
+        along: the compass at each sample.
+        fit: the fitted exact compass, for its noise and the distribution of headings.
+        overlap: indices of the samples at which the reference overlaps, (k,).
+        scatter: density of the heading observed there, on the cells, (k, CELLS).
     """
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
@@ -80,7 +79,7 @@ def choose_branches(
         at = along.coefficients[:, :, None]
         rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], fit.noise.compass_deg) for i in parts])
     evidence = np.where(known[:, None], rows, 1.0 / 360.0)
-    impossible = evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY  # its heading is that of the hours around
+    impossible = evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY  # the heading follows from adjacent samples
     evidence[overlap] *= scatter**SHARED_NOISE
     moves = _water_turns(readings.time_s, readings.water)
     posterior = forward_backward(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
@@ -89,10 +88,10 @@ def choose_branches(
 
 
 def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingDecision:
-    """Leave either of two headings open where too few pairs show which branch is right.
+    """Reduce the branch probability to 0.5 or less if too few pairs show which branch is right.
 
     Args:
-        shown: pairs that show on which branch they are, see ``resolved``.
+        shown: number of pairs that show their branch, see ``shows_branch``.
     """
     if shown >= min(FEWEST_SHOWN, SHARE_SHOWN * pairs):
         return decision
@@ -103,7 +102,7 @@ def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingD
 
 
 def shows_branch(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
-    """Tell at which overlaps the directions show the branch: only one heading, or two far apart, (n,).
+    """Find the overlaps whose directions show the branch: only one root, or two far apart, (n,).
 
     Args:
         roots_deg: correct headings of each recorded one, (n, 2), NaN where there is none.
@@ -115,35 +114,35 @@ def shows_branch(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class WaterTurns:
-    """What is seen between neighbouring samples, (n - 1,) each."""
+    """Changes of the current between neighbouring samples, (n - 1,) each."""
 
-    steps: Floats  # sampling intervals
+    steps: Floats  # time difference in sampling intervals
     turn_deg: Floats  # clockwise turn of the water in the instrument's frame; 0 where unknown
     strength: Floats  # product of the two speeds, m2/s2; 0 where unknown
 
 
 @dataclass(frozen=True)
 class MotionModel:
-    """How the heading and the water move over one sampling interval."""
+    """Parameters of the motion of heading and current over one sampling interval."""
 
-    width_deg: float  # step of the heading
-    water_m_s: float  # change of the current
-    leaps: float  # share of samples at which the heading starts anew
+    width_deg: float  # standard deviation of the heading's step
+    water_m_s: float  # typical change of the current
+    leaps: float  # probability of a jump to an unrelated heading
 
 
 def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, stationary: Floats) -> Floats:
     """Compute the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
 
     Args:
-        evidence: likelihood of what was seen at each sample, (n, CELLS).
-        moves: what was seen between the samples.
-        stationary: distribution when nothing is known, (CELLS,).
+        evidence: likelihood of the observations at each sample, (n, CELLS).
+        moves: changes of the current between the samples.
+        stationary: prior distribution of the heading, (CELLS,).
     """
     kernels, last = _kernels(moves, [habit], stationary), len(evidence) - 1
     forward, backward = np.empty((2, last + 1, CELLS))
     forward[0], backward[last] = stationary * evidence[0] / np.sum(stationary * evidence[0]), 1.0
     for t in range(last):
-        s = last - t  # both ways at once, as the call of a transform costs more than the transform
+        s = last - t  # both directions at once, as calling a transform costs more than the transform
         state, message = kernels.both(t, forward[t], s - 1, backward[s] * evidence[s])
         state *= evidence[t + 1]
         forward[t + 1], backward[s - 1] = state / state.sum(), message / message.sum()
@@ -153,23 +152,23 @@ def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, st
 
 @dataclass(frozen=True)
 class _Kernels:
-    """Transitions over each interval by h habits: a step on the circle, drawn to where the wake holds, or a leap.
+    """Transitions over each interval for h motion models: a step weighted by the wake's preference, or a jump.
 
-    Habits are tried side by side, because the call of a short Fourier transform costs more than the transform.
+    Models are evaluated together, because calling a short Fourier transform costs more than the transform.
     """
 
-    spectrum: NDArray[np.complex64]  # (n - 1, h, CELLS / 2 + 1) of the step's density, times the chance not to leap
-    norm: NDArray[np.float32]  # (n - 1, h, CELLS) sum over where a step may end
-    draw: Floats  # (CELLS,) pull of the wake
+    spectrum: NDArray[np.complex64]  # (n - 1, h, CELLS / 2 + 1) of the step's density, times the chance of no jump
+    norm: NDArray[np.float32]  # (n - 1, h, CELLS) normalization of a step from each cell
+    draw: Floats  # (CELLS,) weight of a step's end by the wake
     stationary: Floats  # (CELLS,)
-    leaps: Floats  # (n - 1, h, 1)
+    leaps: Floats  # (n - 1, h, 1) probability of a jump
 
     def ahead(self, t: int, state: Floats) -> Floats:
         stepped = np.fft.irfft(np.fft.rfft(state / self.norm[t]) * self.spectrum[t], CELLS)
         return np.maximum(stepped, 0.0) * self.draw + self.leaps[t] * self.stationary
 
     def both(self, t: int, state: Floats, s: int, message: Floats) -> tuple[Floats, Floats]:
-        """Carry a state over interval t and a message back over interval s by the first habit, (CELLS,) each."""
+        """Propagate a state over interval t and a message back over s by the first model, (CELLS,) each."""
         begun = np.fft.rfft([state / self.norm[t, 0], message * self.draw])
         begun[0] *= self.spectrum[t, 0]
         begun[1] *= np.conj(self.spectrum[s, 0])
@@ -183,7 +182,7 @@ def _kernels(moves: WaterTurns, habits: Sequence[MotionModel], stationary: Float
     width, change, leap = np.array([(h.width_deg, h.water_m_s, h.leaps) for h in habits]).T[:, :, None]
     away = angles.wrap180(CELL_CENTRES)
     grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), TIGHTEST)
-    # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the water's part is von Mises about -turn
+    # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the factor is von Mises about -turn
     cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1][:, None, :]
     density = grip * (cosine - 1.0)
     density -= 0.5 * away**2 / (width**2 * steps)
@@ -212,13 +211,13 @@ def _water_turns(time_s: Floats, water: Complexes) -> WaterTurns:
 
 
 def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
-    """Choose the habit under which the record itself is likeliest, one trait after the other."""
+    """Select the motion model with the greatest likelihood in the middle of the record, one parameter at a time."""
     begin = max(0, (len(evidence) - LEARNING_SAMPLES) // 2)
     middle = evidence[begin : begin + LEARNING_SAMPLES]
     between = slice(begin, begin + len(middle) - 1)
     part = WaterTurns(moves.steps[between], moves.turn_deg[between], moves.strength[between])
 
-    @cache  # often the width that came first stays, and the water's changes are asked twice
+    @cache  # often the width does not change, and both searches over the water's changes are the same
     def likelier(*habits: MotionModel) -> MotionModel:
         kernels, masses = _kernels(part, habits, density), []
         state = np.broadcast_to(kernels.stationary, (len(habits), CELLS))
@@ -243,9 +242,9 @@ def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compa
 
 
 def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDecision:
-    """Give each cell to the nearer root; take the root with more mass and the mean heading of its cells.
+    """Assign each cell to the nearer root, choose the root with more probability, and average over its cells.
 
-    Near a fold the roots meet and every cell counts.
+    Near a fold the roots merge and the average is over all cells.
     """
     away = np.abs(angles.difference(roots[:, :, None], CELL_CENTRES))
     away = np.where(np.isfinite(away), away, np.inf)
@@ -258,7 +257,7 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDe
     share = chosen.sum(axis=1)
     heading = angles.argument(centre)
     spread = angles.difference(CELL_CENTRES, heading[:, None])
-    variance = np.sum(posterior * spread**2, axis=1)  # about the chosen heading, the other branch included
+    variance = np.sum(posterior * spread**2, axis=1)  # about the chosen heading, including the other branch
     known = np.isfinite(recorded_deg)
     two = np.isfinite(roots).all(axis=1) & ~close
     other = np.where(takes_first, roots[:, 1], roots[:, 0])

@@ -36,20 +36,20 @@ from compasslib.types import Complexes, Floats
 
 Flags = NDArray[np.int8]
 
-PIECE = 32_768  # samples whose velocities are turned at once: of forty bins, 10 MB an array
-FAST = 2.0  # times as fast as its instrument a compass may turn and its recorded headings still tell outliers
-AGREED = 0.9  # weight of compasses that agree below which a heading is flagged
-MIN_PROBABILITY = 0.95  # a branch less probable than this is flagged: the record cannot tell
-# An allowance, a degree of tilt, for what a level model leaves out: at 5 degrees a vertical field of the iron of 4 % of
-# H, or one of 1 % induced where Z is four times H, each turn the compass by some 0.2 degrees along either axis.
+PIECE = 32_768  # samples whose velocities are rotated at once: 10 MB per array with forty bins
+FAST = 2.0  # largest |d recorded / d correct heading| at which recorded headings can be tested for outliers
+AGREED = 0.9  # total weight of agreeing compasses below which a heading is flagged
+MIN_PROBABILITY = 0.95  # a heading is flagged if its branch is less probable
+# Uncertainty per degree of tilt of a level model, degrees: at 5 degrees of tilt a vertical field of the iron of 4 % of
+# H, or one of 1 % induced where Z is four times H, each deflect the compass by some 0.2 degrees along either axis.
 LEFT_OUT_BY_TILT = 0.08
 UNKNOWN_TILT_DEG = 5.0  # assumed where no tilt was recorded (von Appen 2015: typically 5)
-DECLINATION_SIGMA_DEG = 0.5  # assumed of a main-field model at high latitude; crust and storms are left out
+DECLINATION_SIGMA_DEG = 0.5  # assumed for a main-field model at high latitude, without crustal field and storms
 
 
 @dataclass(frozen=True)
 class CorrectedPieces:
-    """A corrected record in pieces along time, at least one; a piece's velocities are turned when it is asked for."""
+    """A corrected record as an iterable of at least one piece in time, whose velocities are rotated on access."""
 
     record: Record
     decision: HeadingDecision
@@ -75,12 +75,12 @@ def correct(
     """Correct a record; headings that cannot be corrected are NaN with flag 4.
 
     Args:
-        record: the affected instrument inside the deployment.
-        fit: the deviation model, perhaps without coefficients.
-        pairs: where the reference overlaps.
-        at: the compass at each sample, where more acted on it than the fit holds.
-        unmodelled_deg: standard deviation of what the fit is known to lack.
-        doubts: stretches whose headings are flagged doubtful and less certain.
+        record: the affected instrument's record, cut to the deployment.
+        fit: the deviation model, possibly without coefficients.
+        pairs: overlapping measurements with the reference.
+        at: the compass at each sample, if effects beyond those of the fit acted on it.
+        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
+        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     return _turned(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
@@ -95,7 +95,7 @@ def correct_in_pieces(
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedPieces:
-    """Correct like ``correct``, in pieces along time: a decade's velocities fit in memory."""
+    """Correct like ``correct``, in pieces along time, so that a decade of velocities fits in memory."""
     return CorrectedPieces(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
 
 
@@ -121,10 +121,10 @@ def _decided(
 
 
 def _without_outliers(record: Record, decision: HeadingDecision, fit: DeviationFit) -> tuple[Record, HeadingDecision]:
-    """Flag headings to which no instrument turned, and remove the decision where that is certain.
+    """Flag outlying headings, and set the decision to NaN where they are certain.
 
-    Where iron makes the compass turn much faster than the instrument, a right heading may be an outlier as it was
-    recorded: there the corrected headings are judged, but for those whose branch is unsure, which are flagged anyway.
+    If iron makes the compass turn much faster than the instrument, a valid recorded heading may look like an outlier:
+    then corrected headings are tested instead, except those with an uncertain branch, which are flagged anyway.
     """
     judged = record.heading_deg
     if _slope(fit, np.arange(360.0)).max() > FAST:
@@ -187,13 +187,13 @@ def describe_correction(name: str, product: CorrectedPieces) -> str:
 def correct_headings(
     readings: Readings, fit: DeviationFit, pairs: Pairs, at: CompassSeries | None = None
 ) -> HeadingDecision:
-    """Estimate the correct heading, its standard deviation and how sure its branch is.
+    """Estimate the correct heading, its standard deviation and the probability of its branch.
 
     Args:
-        readings: what the compass recorded, n samples.
-        fit: the deviation model, perhaps without coefficients.
-        pairs: overlaps that may decide between branches; their times are among those of the readings.
-        at: the compass at each sample, where more acted on it than the fit holds.
+        readings: readings of the compass, n samples.
+        fit: the deviation model, possibly without coefficients.
+        pairs: overlapping measurements that help to choose the branch; their times must be among those of the readings.
+        at: the compass at each sample, if effects beyond those of the fit acted on it.
     """
     if not fit.fitted:
         nothing = np.full(readings.heading_deg.shape, np.nan)
@@ -225,7 +225,7 @@ def correct_headings(
 
 
 def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
-    """Move the decision to the average of the compasses, as unsure as they where they do not agree."""
+    """Shift the decision to the average of the compasses, and lower its probability where they disagree."""
     heading = angles.wrap360(decision.heading_deg + average.shift_deg)
     probability = np.where(average.agreed < AGREED, average.agreed, np.inf)
     return replace(
@@ -242,7 +242,7 @@ def readings_at_pairs(pairs: Pairs) -> Readings:
 
 
 def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
-    """Turn a current into the instrument's frame, speed times e^{i alpha}, alpha clockwise from forward.
+    """Rotate a current into the instrument's frame: speed times e^{i alpha}, alpha clockwise from forward.
 
     Args:
         east: by the recorded heading, m/s, (n,).
@@ -253,17 +253,17 @@ def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexe
 
 
 def record_readings(record: Record) -> Readings:
-    """Extract the affected compass's readings, headings that are flagged bad left out.
+    """Extract the affected compass's readings, with headings flagged bad set to NaN.
 
     Args:
-        record: the affected instrument.
+        record: the affected instrument's record.
     """
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, _water(record))
 
 
 def _water(record: Record) -> Complexes:
-    """Average the good bins of each sample: the whole layer turns less from hour to hour than one bin."""
+    """Average the good bins of each sample, as a whole layer veers less from hour to hour than one bin."""
     good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east) & np.isfinite(record.north)
     count = good.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -279,14 +279,14 @@ def _heading_quality(record: Record, decision: HeadingDecision) -> Flags:
 
 
 LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg", "root")
-MIN_READING_SLOPE = 0.05  # least slope that the precision of a reading is divided by
+MIN_READING_SLOPE = 0.05  # lower bound of the slope by which the precision of a reading is divided
 
 
 def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
     """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is no root.
 
     Args:
-        recorded_deg: (n,).
+        recorded_deg: recorded headings, (n,) degrees.
     """
     if fit.method != "von_appen":
         return compass.inverse(fit.coefficients, recorded_deg)
@@ -297,17 +297,17 @@ def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
 def tabulate_deviation(
     fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = ()
 ) -> dict[str, Floats]:
-    """Tabulate the level compass at every whole recorded degree that is reachable; empty without coefficients.
+    """Tabulate the level compass at every whole degree that it can record; empty without coefficients.
 
-    The standard deviation is that of a heading whose branch is known: of the coefficients, of a reading, of what is
-    seen and not modelled, and of what makes the whole record doubtful.
+    The standard deviation is that of a heading on a known branch and combines the coefficients, the precision of a
+    reading, known unmodelled effects, and doubts about the whole record.
 
     Args:
-        unmodelled_deg: standard deviation of what the fit is known to lack.
-        doubts: those of single stretches are left out.
+        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
+        doubts: only those about the whole record are included.
 
     Returns:
-        The columns of ``LOOKUP_COLUMNS``, root 1 (the steadier) or 2 of a two-valued compass.
+        The columns of ``LOOKUP_COLUMNS``; root is 1 (larger slope) or 2 for a two-valued compass.
     """
     if not fit.fitted:
         return {name: np.zeros(0) for name in LOOKUP_COLUMNS}

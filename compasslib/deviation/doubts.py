@@ -1,10 +1,10 @@
-"""Stretches of a record whose corrected headings may be wrong by more than the fit's own uncertainty.
+"""Periods of a record whose corrected headings may be wrong by more than the fit's own uncertainty.
 
-Part of a record may be repeated, stuck, taken out of the water, or measured by another compass. The observed heading
-minus the corrected one is described window by window: its mean, its dependence on the corrected heading, its scatter,
-and how often the compass cannot have recorded what it did. A window that lies far outside the other windows is
-doubtful, whatever the fit to the whole record says. So is a record of which every k-th sample, or one hour of the day,
-differs from the others: two recordings were put together, or samples have another sample's time.
+Part of a record may be repeated, stuck, recorded out of the water, or measured by another compass. The residual,
+observed minus corrected heading, is described in windows: its mean, its dependence on the corrected heading, its
+scatter, and the share of headings that the fitted compass cannot have recorded. A window that is far outside the other
+windows is doubtful, even if the whole record fits well. So is a record in which every k-th sample, or one hour of the
+day, differs from the others: two recordings were merged, or time stamps are mixed up.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 @dataclass(frozen=True)
 class Doubt:
-    """A stretch of time whose headings are flagged doubtful."""
+    """A period whose headings are flagged as doubtful."""
 
-    from_s: float  # first and last instant, UTC seconds; -inf and inf: the whole record
+    from_s: float  # begin and end, UTC seconds; -inf and inf: the whole record
     to_s: float
-    sigma_deg: float  # standard deviation of the error that is suspected
+    sigma_deg: float  # standard deviation of the suspected error
     why: str
 
     def to_json(self) -> dict[str, Any]:
-        """Compose it for deviation.json; the ends of a whole record are null."""
+        """Convert to the content of deviation.json; infinite ends become null."""
         ends = {"from": self.from_s, "to": self.to_s}
         return {name: iso_time(when) if np.isfinite(when) else None for name, when in ends.items()} | {
             "sigma_deg": self.sigma_deg,
@@ -43,12 +43,12 @@ class Doubt:
 
 
 def doubt_whole_record(sigma_deg: float, why: str) -> Doubt:
-    """Doubt every heading of a record."""
+    """Make a doubt about every heading of a record."""
     return Doubt(-np.inf, np.inf, sigma_deg, why)
 
 
 def doubts_from_json(content: Sequence[Mapping[str, Any]]) -> tuple[Doubt, ...]:
-    """Read the doubts that a deviation.json lists."""
+    """Build the doubts from the content of deviation.json."""
 
     def instant(text: str | None, absent: float) -> float:
         return absent if text is None else datetime.fromisoformat(text).timestamp()
@@ -60,7 +60,7 @@ def doubts_from_json(content: Sequence[Mapping[str, Any]]) -> tuple[Doubt, ...]:
 
 
 def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Floats]:
-    """Find the samples that are doubted, and the standard deviation that the doubts add, (n,) degrees."""
+    """Find the doubtful samples, (n,), and the standard deviation added by the doubts, (n,) degrees."""
     doubted, variance = np.zeros(time_s.shape, dtype=bool), np.zeros(time_s.shape)
     for doubt in doubts:
         inside = (time_s >= doubt.from_s) & (time_s <= doubt.to_s)
@@ -69,38 +69,38 @@ def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Flo
     return doubted, np.minimum(np.sqrt(variance), angles.UNIFORM_SIGMA_DEG)
 
 
-WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days of water, and enough pairs for four numbers
-MIN_WINDOWS = 6  # from which the others tell what is usual
-# Robust standard deviations beyond which a window is far off the others: turn, log scatter, share lost; of the heading
-# dependence, medians of what it makes. Real water between two depths turned for five days by 28° (eh2): 6 of them.
+WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days, and enough pairs for four parameters
+MIN_WINDOWS = 6  # needed to estimate the usual spread
+# Outlier limits of a window: mean, log scatter and share lost in robust standard deviations, heading dependence (the
+# second) in medians. Real water between two depths veered for five days by 28° (eh2): 6 standard deviations.
 FAR_SIGMAS = np.array([8.0, 6.0, 3.0, 6.0])
-GROWS = 0.5  # of these, for a window beside one that is far off
-# Least spread between windows: mean turn and what the heading dependence makes in degrees, log scatter, share lost.
+GROWS = 0.5  # factor on these limits for a window adjacent to an outlying one
+# Lower bounds of the spread between windows: mean and heading dependence in degrees, log scatter, share lost.
 LEAST_SPREAD = np.array([5.0, 3.0, 0.2, 0.03])
-# Least departure that matters, in the same units.
+# Smallest relevant departure, in the same units.
 LEAST_DEPARTURE = np.array([20.0, 20.0, 0.5, 0.25])
-# Turn and heading dependence together in each of two windows in a row, degrees, and over the median window's: sound
-# moorings, real water included, have at most 13 degrees and 3.7 times.
+# Mean and heading dependence combined in each of two consecutive windows, degrees, and ratio to the median window's:
+# sound moorings, real water included, have at most 13 degrees and 3.7.
 IN_A_ROW_DEG, IN_A_ROW_TIMES, LEAST_USUAL_DEG = 15.0, 4.5, 2.0
-# Share of the pairs in far-off windows above which the fit may describe these as well as the others: chosen, not
+# Share of the pairs in outlying windows above which the fit may be to the wrong part of the record: chosen, not
 # measured.
 LARGE_SHARE = 0.25
-LEAST_DOUBT_DEG = 10.0  # standard deviation of the error that a doubt suspects
-# Period and remainder of the index of samples that are compared with the others.
+LEAST_DOUBT_DEG = 10.0  # lower bound of the standard deviation of a suspected error
+# Periods and remainders of the sample index whose samples are compared with the others.
 INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
-# Least turn and log scatter of one index against the others, and excess of its rms; sound moorings 5°, 0.26.
+# Limits of mean and log scatter of one index against the others, and excess of its rms; sound moorings 5°, 0.26.
 INDEX_TURN_DEG, INDEX_TURN_SIGMAS, INDEX_LOG_SCATTER, INDEX_RMS_DEG = 12.0, 6.0, 0.5, 15.0
-CLEARER = 1.5  # times more of a departure before a longer period is taken
-CLIP = 4.0  # widths beyond which a residual counts no more: slow water may point anywhere
+CLEARER = 1.5  # factor by which the departure must be larger to prefer a longer period
+CLIP = 4.0  # bound of residuals in widths: slow water may have any direction
 
 
 @dataclass(frozen=True)
 class Windows:
-    """What each of k windows shows."""
+    """Statistics of the residuals in k windows."""
 
     first: NDArray[np.intp]  # (k,) index of the first pair
     last: NDArray[np.intp]  # (k,) index of the last pair
-    features: Floats  # (k, 5) mean turn, sine and cosine of the corrected heading (degrees), log scatter, share lost
+    features: Floats  # (k, 5) mean, coefficients of sine and cosine of heading (degrees), log scatter, share lost
     spread: Floats  # (k, 2, 2) covariance of sine and cosine of the corrected heading
     rms_deg: Floats  # (k,) of the residual
 
@@ -109,27 +109,27 @@ class Windows:
 class Residuals:
     """Observed minus corrected headings of n pairs."""
 
-    residual_deg: Floats  # (n,) NaN where the compass cannot have recorded what it did
-    width_deg: Floats  # (n,) that is expected of each
+    residual_deg: Floats  # (n,) NaN where the fitted compass cannot have recorded the heading
+    width_deg: Floats  # (n,) expected scatter
     heading_deg: Floats  # (n,) corrected
 
     @property
     def lost(self) -> Bools:
-        """(n,) where the compass cannot have recorded what it did."""
+        """Mask of headings that the fitted compass cannot have recorded, (n,)."""
         return np.isnan(self.residual_deg)
 
     def rms_deg(self, selected: NDArray[np.intp] | Bools) -> float:
-        """Compute the rms of some residuals; the lost ones count as directions that may be anything."""
+        """Compute the rms of selected residuals; lost ones count as uniformly distributed directions."""
         return angles.rms(np.where(self.lost[selected], angles.UNIFORM_SIGMA_DEG, self.residual_deg[selected]))
 
 
 def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     """Find the windows of a record, and the samples of one index, that disagree with the rest of it.
 
-    Where the windows hold a large share of the pairs the whole record is doubted: the fit may be to the wrong part.
+    If the windows contain a large share of the pairs, the whole record is doubtful: the fit may be to the wrong part.
 
     Args:
-        pairs: overlapping measurements as the compass of the fit would have recorded them.
+        pairs: overlapping measurements as the compass of the fit alone would have recorded them.
     """
     if not fit.fitted or fit.method == "von_appen" or len(pairs) < MIN_WINDOWS * MIN_WINDOW_PAIRS:
         return ()
@@ -156,7 +156,7 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
 
 
 def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
-    """Doubt a record of which every k-th sample, or one hour of the day, differs most from the others."""
+    """Make a doubt if every k-th sample, or one hour of the day, differs from the others; the clearest case only."""
     step_s = float(np.median(np.diff(time_s)))
     index = np.rint(time_s / step_s).astype(int)
     worst, why = 0.0, ""
@@ -172,7 +172,7 @@ def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
         excess = float(np.sqrt(max(rms**2 - usual_rms**2, 0.0)))
         turned = turn > max(INDEX_TURN_DEG, INDEX_TURN_SIGMAS * error)
         scattered = scatter - usual > INDEX_LOG_SCATTER and excess > INDEX_RMS_DEG
-        if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period holds the shorter one
+        if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period contains the shorter one
             worst = max(turn, excess)
             day = f"those of {k * step_s / HOUR_S:02.0f}:00 UTC" if abs(period * step_s - DAY_S) < 1.0 else ""
             why = (
@@ -184,7 +184,7 @@ def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
 
 
 def _turn_and_scatter(selected: Bools, residuals: Residuals) -> tuple[float, float, float]:
-    """Compute the mean residual of some pairs, its standard error (degrees) and the log of its scatter in widths."""
+    """Compute mean residual of selected pairs, its standard error (degrees each), and log of the scatter in widths."""
     known = selected & ~residuals.lost
     if known.sum() < MIN_WINDOW_PAIRS:
         return np.nan, np.nan, np.nan
@@ -196,7 +196,7 @@ def _turn_and_scatter(selected: Bools, residuals: Residuals) -> tuple[float, flo
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
-    """Cut the pairs into windows: as many windows of WINDOW_S as hold enough pairs on the average."""
+    """Divide the pairs into windows of WINDOW_S, or longer ones if these have too few pairs on average."""
     span = float(np.ptp(time_s))
     length = max(WINDOW_S, span * MIN_WINDOW_PAIRS / len(time_s))
     number = np.floor((time_s - time_s[0]) / length).astype(int)
@@ -205,7 +205,7 @@ def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
 
 
 def _features(selected: NDArray[np.intp], residuals: Residuals) -> tuple[list[float], Floats]:
-    """Describe the residuals of a window, see ``Windows``; the mean turn is that at its mean heading."""
+    """Compute features and spread of a window, see ``Windows``; the mean residual is that at its mean heading."""
     residual, lost, width, heading = residuals.residual_deg, residuals.lost, residuals.width_deg, residuals.heading_deg
     known = selected[~lost[selected]]
     if len(known) < MIN_WINDOW_PAIRS // 4:
@@ -214,9 +214,9 @@ def _features(selected: NDArray[np.intp], residuals: Residuals) -> tuple[list[fl
     turn = float(angles.argument(np.sum(weight * angles.phasor(residual[known]))))
     left = angles.difference(residual[known], turn)
     columns = np.column_stack(angles.sin_cos(heading[known]))
-    # About their mean: where a window has few headings, a turn and a dependence would else stand for each other.
+    # Centred columns, so that mean and heading dependence are not confounded in a narrow range of headings.
     design = np.column_stack([np.ones(len(known)), columns - np.average(columns, axis=0, weights=weight)])
-    # The prior keeps a window of one heading from telling a turn as a dependence on heading.
+    # The prior keeps the heading dependence small in a window with nearly constant heading.
     normal = (design.T * weight) @ design + np.diag([0.0, 1.0, 1.0]) / 30.0**2
     bounded = np.clip(left, -CLIP * width[known], CLIP * width[known])
     fitted = np.linalg.solve(normal, (design.T * weight) @ bounded)
@@ -227,7 +227,7 @@ def _features(selected: NDArray[np.intp], residuals: Residuals) -> tuple[list[fl
 
 
 def _far_windows(windows: Windows) -> Bools:
-    """Find the windows that lie far outside the others and differ by an amount that matters, (k,)."""
+    """Find the windows that are far outside the others and differ by a relevant amount, (k,)."""
     features = windows.features
     if len(features) < MIN_WINDOWS:
         return np.zeros(len(features), dtype=bool)
@@ -240,13 +240,13 @@ def _far_windows(windows: Windows) -> Bools:
     size = np.hypot(off[:, 0], off[:, 1])
     large = size > max(IN_A_ROW_DEG, IN_A_ROW_TIMES * max(float(np.median(size)), LEAST_USUAL_DEG))
     far = far | (large & adjacent(large))
-    for _ in range(len(far)):  # a stretch begins in a window: those beside it that are nearly far off belong to it
+    for _ in range(len(far)):  # a period may begin within a window: add adjacent windows that are nearly outlying
         far = far | (near & adjacent(far))
     return far
 
 
 def _doubts(pairs: Pairs, windows: Windows, far: Bools, usual_deg: float) -> Iterator[Doubt]:
-    """Give a doubt for each run of neighbouring windows that are far off."""
+    """Yield a doubt for each run of outlying windows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(int), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         n = len(far)

@@ -1,7 +1,7 @@
 """The exact compass fitted to overlapping instruments by the latent-heading likelihood.
 
-Compasses with iron weaker and stronger than the earth's horizontal field are one family here: the same five numbers, no
-change of method at the fold. Starts cover the direction and the strength of the iron on both sides of it.
+The same five coefficients describe iron weaker and stronger than the earth's horizontal field, without a change of
+method at the fold. Starting values cover directions and strengths of the iron on both sides of it.
 """
 
 from __future__ import annotations
@@ -55,38 +55,38 @@ STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the ear
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
 START_PAIRS, START_COUNT, START_REFINED, START_ROUNDS = 900, 5, 2, 2
 START_NOISE, START_COMPASS_DEG = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
-MAX_SOFT_IRON = 0.3  # D and E together; spheres and frames induce a few per cent
-TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # of all readings, that these begin with
+MAX_SOFT_IRON = 0.3  # magnitude of (D, E); spheres and frames induce a few per cent
+TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # constant rotations of all readings, as starting values
 ROUNDS, STEPS, NOISE_PAIRS = 2, 40, 1000
-# Weak beliefs that only matter where the record says nothing: centre and width of A..E and log(compass noise / degree).
+# Weak priors that only matter without data: mean and standard deviation of A..E and log(compass noise / degree).
 PRIOR_CENTRE = np.zeros(6)
 PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
-HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start finds its fold
-# |D|, |E| under |u| keeps the induced part from turning the field round, which no iron near an instrument does. The
-# grids resolve no less compass noise than the last.
+HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start locates its fold
+# Bounding |D|, |E| below |u| prevents the induced part from reversing the field, which no iron near an instrument does.
+# The last lower bound is the smallest compass noise that the grids resolve.
 PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
 PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
-# The cells resolve no less than these: log(floor), log(slow part), logit(outliers).
+# Bounds of log(floor), log(slow part), logit(outliers); the cells do not resolve a smaller floor.
 NOISE_BOUNDS = np.array([(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)])
-NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # weak, of width 1
+NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # means of weak priors with standard deviation 1
 NOISE_STEPS = 15
-POWER = (STUDENT_DOF + 1.0) / 2.0  # of Student's t: three
+POWER = (STUDENT_DOF + 1.0) / 2.0  # exponent of Student's t: three
 
 
 def fit_exact(pairs: Pairs, near: DeviationFit | None = None, *, turned: bool = True) -> DeviationFit:
-    """Fit the exact compass that best explains the overlap's directions given the recorded headings.
+    """Fit the exact compass to the pairs' directions, given the recorded headings, by penalized maximum likelihood.
 
     Args:
-        near: a fit to start from, where the right fold is known already.
-        turned: whether readings that are all turned by one angle are tried.
+        near: a fit to start from, if the right fold is already known.
+        turned: whether to also try starts with all readings rotated by a constant angle.
     """
     if len(pairs) < MIN_PAIRS:
         return unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
     state = _refined(_start(overlap, EXACT) if near is None else _at(near), overlap)
     if turned and near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
-        # More soft iron than an instrument has stands for something else: where a compass is two-valued, for readings
-        # that are all turned by one angle.
+        # Implausibly large soft iron substitutes for another cause: for a two-valued compass, a constant rotation of
+        # all readings.
         others = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
         state = min([state, *others], key=lambda each: each.loss)
     if prior is None or near is None:
@@ -99,7 +99,7 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None, *, turned: bool = 
 
 
 def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
-    """Start a fit of which other records tell the compass: its A is that of the pairs' middle."""
+    """Make a starting fit from a prior by other records; if A is unconstrained, add the pairs' mean residual."""
     unscored = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
     off = heading_residual(unscored, pairs)
     turned = np.where(np.isfinite(off), angles.phasor(off), 0.0).sum()
@@ -136,7 +136,7 @@ def _refined(state: OptimizerState, overlap: Overlap) -> OptimizerState:
 
 
 def _start_turned(overlap: Overlap, angle_deg: float) -> OptimizerState:
-    """Start from readings that an angle was added to: q e^{i angle} is q with other coefficients, up to a factor."""
+    """Find a start for readings rotated by an angle: q e^{i angle} is q with other coefficients, up to a factor."""
     start = _start(replace(overlap, recorded_deg=angles.wrap360(overlap.recorded_deg - angle_deg)), EXACT)
     turn = angles.phasor(angle_deg) / float(angles.sin_cos(angle_deg)[1])
     a, b, c, d, e = start.parameters[:5]
@@ -151,7 +151,7 @@ def _overlap(pairs: Pairs) -> Overlap:
 
 
 def scores_at(coefficients: Floats, pairs: Pairs, fit: DeviationFit) -> tuple[float, Floats]:
-    """Compute the log-likelihood of other A..E under a fit's scatter, and each pair's gradient by them, (n, 5)."""
+    """Compute the log-likelihood at given A..E under a fit's scatter, and each pair's gradient, (n, 5)."""
     data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
     parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
     value = log_likelihood(parameters, data, fit.heading_density, FINE)
@@ -160,7 +160,7 @@ def scores_at(coefficients: Floats, pairs: Pairs, fit: DeviationFit) -> tuple[fl
 
 @dataclass(frozen=True)
 class Overlap:
-    """The pairs as the fit needs them, (n,) each."""
+    """Columns of the pairs that the fit uses, (n,) each."""
 
     recorded_deg: Floats
     observed_deg: Floats
@@ -181,7 +181,7 @@ class Overlap:
 
 @dataclass(frozen=True)
 class OptimizerState:
-    """Where a search for the maximum stands."""
+    """Current state of the optimization."""
 
     parameters: Floats  # A..E and log(compass noise / degree)
     noise: ScatterNoise
@@ -190,10 +190,10 @@ class OptimizerState:
 
 
 def _start(overlap: Overlap, form: CurveForm) -> OptimizerState:
-    """Climb from the best of many strengths and directions of the iron, on the pairs whose directions say most.
+    """Optimize from the best of many strengths and directions of the iron, using the pairs with the least scatter.
 
-    The scatter is fitted anew for each maximum before they are compared: under too wide a scatter a fold blurs and a
-    wrong compass looks as good as the right one.
+    The scatter is refitted at each maximum before they are compared: too wide a scatter blurs a fold, and a wrong
+    compass then fits as well as the right one.
     """
     width = overlap.width_deg(START_NOISE)
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))])
@@ -223,7 +223,7 @@ def _improve(
     *,
     external: CoefficientPrior | None = None,
 ) -> OptimizerState:
-    """Climb with the scatter held, then fit the scatter and the headings' distribution with the compass held."""
+    """Optimize the compass at fixed scatter, then the scatter and the distribution of headings at fixed compass."""
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, external=external)
     prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
@@ -289,7 +289,7 @@ def _maximise(
 
 
 def smooth_density(mass: Floats) -> Floats:
-    """Smooth a distribution of headings, with a uniform floor; it sums to 1.
+    """Smooth a distribution of headings and add a uniform floor; the result sums to 1.
 
     Args:
         mass: counts on the cells, (CELLS,), not all zero.
@@ -303,16 +303,16 @@ def smooth_density(mass: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class ScatterData:
-    """What the scatter is fitted to; n pairs."""
+    """Input of the scatter fit, n pairs."""
 
-    given: Floats  # (n, CELLS) distribution of the correct heading, the direction left out
+    given: Floats  # (n, CELLS) distribution of the correct heading given the recorded one only
     squared_chord: Floats  # (n, CELLS) of the observed heading, square degrees
     upper_speed: Floats  # (n,) m/s
     lower_speed: Floats  # (n,) m/s
 
 
 def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
-    """Fit the scatter under which the observed headings are likeliest; the compass's own noise is not in it."""
+    """Fit the scatter of the observed headings, without the compass's own noise, by penalized maximum likelihood."""
 
     def loss(x: Floats) -> tuple[float, Floats]:
         value, slope = scatter_log_likelihood(x, data)
@@ -326,8 +326,8 @@ def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
 def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]:
     """Compute the log-likelihood and its gradient.
 
-    With r = 1 / (1 + chord^2 / (FREEDOM width^2)) the density is r^POWER over its sum, and a relative change of the
-    width moves the logarithm of r^POWER by 2 POWER (1 - r).
+    With r = 1 / (1 + chord^2 / (STUDENT_DOF width^2)) the density is r^POWER over its sum, and the derivative of
+    log r^POWER with respect to log width is 2 POWER (1 - r).
 
     Args:
         x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
@@ -337,14 +337,14 @@ def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]
     ratio = data.squared_chord / (STUDENT_DOF * width[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
-    density = ratio * ratio  # a power is ten times as slow
+    density = ratio * ratio  # products, as a power is ten times slower
     density *= ratio
     whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", data.given, density)
     density *= ratio
     by_width = 2.0 * POWER * (agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", data.given, density))
     scale = (1.0 - noise.outliers) / (CELL_DEG * whole)
     joint = scale * agreeing + noise.outliers / 360.0
-    by_width *= scale / joint * (width < 360.0) / width**2  # capped at a full turn
+    by_width *= scale / joint * (width < 360.0) / width**2  # the width is capped at a full turn
     by_outliers = (noise.outliers / 360.0 - noise.outliers * agreeing / (CELL_DEG * whole)) * (1.0 - noise.outliers)
     floor = noise.floor_deg**2
     slope = [np.sum(by_width) * floor, np.sum(by_width * (width**2 - floor)), np.sum(by_outliers / joint)]
@@ -355,17 +355,17 @@ def _scatter_noise(x: Floats) -> ScatterNoise:
     return ScatterNoise(float(np.exp(x[0])), float(np.exp(x[1])), float(1.0 / (1.0 + np.exp(-x[2]))))
 
 
-BLOCK_S = 5 * DAY_S  # longer than the memory of the currents' veer
+BLOCK_S = 5 * DAY_S  # longer than the decorrelation time of the currents' veer
 MIN_BLOCKS = 12
-# Independent pairs in time, and by water that is passed through, as a lowered instrument does: days show hardly any of
-# the veer's own memory, which takes itself for its mean.
+# Upper bounds of independent pairs: per day, and per layer that a lowered instrument passes. In a record of days the
+# autocorrelation of the veer is underestimated, as its slow part is absorbed in its mean.
 MAX_PER_DAY, LAYER_M = 4.0, 20.0
 OCTANTS = 8
-# Gradient by a dimensionless coefficient: of a direction known to a degree it is 60. Where the iron's field cancels
-# the earth's the compass turns round at once, the gradient has no bound, and one pair would settle all coefficients.
+# Gradient with respect to a dimensionless coefficient; it is 60 for a direction known to a degree. Where the iron
+# cancels the earth's field the gradient is unbounded, and one pair would determine all coefficients.
 MAX_SCORE = 1e3
-# Correlation of the veer with the heading's own excursions. The wake locks the heading to water that is itself sheared
-# across the sphere; simulated moorings show 0.03 to 0.1, and no record can tell that part from iron. Assumed.
+# Assumed correlation of the veer with the heading's excursions. The wake locks the heading to water that is itself
+# sheared across the sphere; simulated moorings show 0.03 to 0.1, which no record can distinguish from iron.
 WAKE_LOCKED_VEER = 0.05
 
 
@@ -377,23 +377,23 @@ def robust_covariance(
     effective: float,
     external: CoefficientPrior | None = None,
 ) -> Floats:
-    """Estimate the covariance that holds for autocorrelated pairs and for water that veers by direction.
+    """Estimate the covariance, allowing for autocorrelated pairs and for veer that depends on flow direction.
 
-    Along time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed:
-    real water veers between two depths differently for each direction of flow, for months, which no block of days
-    shows. What the octants vary beyond the blocks is added, and so is what the profile tells of water turned for good;
-    then an allowance for veer that follows the heading.
+    In time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: the
+    veer between two depths differs between flow directions for months, which blocks of days do not show. Variance
+    between octants in excess of the blocks is added, then the mean veer expected from the profile, then an allowance
+    for veer that is correlated with the heading.
 
     Args:
         scores: each pair's gradient of the log-likelihood, (n, p).
-        precision: of the weak priors, (p,).
-        external: of other records, times ``pairs_per_independent``.
+        precision: precision of the weak priors, (p,).
+        external: prior from other records, its precision multiplied by ``pairs_per_independent``.
     """
     scores = np.clip(scores, -MAX_SCORE, MAX_SCORE)
     information = scores.T @ scores + np.diag(precision)
     if external is not None:
         information[:5, :5] += external.precision
-    # The information is the scores' outer product: it stays positive where the record hardly determines a coefficient.
+    # The outer product of scores stays positive where the record hardly constrains a coefficient, unlike the Hessian.
     inverse = np.linalg.inv(information)
     block = blocks_by_span(pairs.time_s, BLOCK_S)
     few = len(np.unique(block)) < MIN_BLOCKS
@@ -412,30 +412,30 @@ def robust_covariance(
     width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
     by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * width**2 + left**2)
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
-    # Veer in step with the heading at each pair, one standard deviation.
+    # Veer correlated with the heading at each pair, one standard deviation.
     heading, weight = angles.wrap360(observed_heading(pairs) - left), width**-2.0
     excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
     excursion = excursion - np.average(excursion, weights=weight)
     excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
     locked = inverse @ (scores.T @ (by_degree * (WAKE_LOCKED_VEER * robust_width(left) * excursion)))
-    if external is not None and not few:  # with few, the inverse holds it already
+    if external is not None and not few:  # with few blocks, the inverse includes it
         along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
     shown = along_time + positive_part(across - along_time)
     return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
 
 
 def independent_pairs(pairs: Pairs, effective: float) -> float:
-    """Count the independent pairs, less the five fitted coefficients."""
+    """Estimate the number of independent pairs, less the five fitted coefficients."""
     apart = MAX_PER_DAY * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
     return max(min(effective, apart) - 5.0, 3.0)
 
 
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:
-    """Compute how many pairs count as one independent pair."""
+    """Compute the number of pairs per independent pair."""
     return len(pairs) / independent_pairs(pairs, effective)
 
 
 def positive_part(matrix: Floats) -> Floats:
-    """Project a symmetric matrix, (p, p), on the positive semidefinite ones."""
+    """Project a symmetric matrix, (p, p), onto the positive semidefinite matrices."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -1,4 +1,4 @@
-"""How often each heading and direction occurs before and after the correction (von Appen 2015, Figs 8 and 9)."""
+"""Histograms of headings and directions before and after the correction (von Appen 2015, Figs 8 and 9)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Counts = NDArray[np.int_]
 
 BIN_DEG = 5.0
 BINS = round(360.0 / BIN_DEG)
-SAME_INSTANT_S = 60.0  # pairs keep the times of the record; files round them
-# Quantities of histograms.csv by where their first bin begins, degrees.
+SAME_INSTANT_S = 60.0  # pairs have the times of the record, which files round
+# Lower edge of the first bin of each quantity in histograms.csv, degrees.
 QUANTITIES = {
     "heading_recorded": 0.0,
     "heading_corrected": 0.0,
@@ -33,8 +33,8 @@ def count_angles(angle_deg: ArrayLike, from_deg: float = 0.0) -> Counts:
     """Count angles in bins of 5 degrees over one turn, (72,).
 
     Args:
-        angle_deg: angles of any shape, degrees, NaN left out.
-        from_deg: where the first bin begins.
+        angle_deg: angles of any shape, degrees; NaN is ignored.
+        from_deg: lower edge of the first bin, degrees.
     """
     angle = np.asarray(angle_deg, dtype=float)
     turn = angles.wrap360(angle[np.isfinite(angle)] - from_deg)
@@ -45,19 +45,19 @@ def count_differences(east: Floats, north: Floats, pairs: Pairs) -> Counts:
     """Count the directions of a current at the pairs minus the reference's, (72,) from -180 degrees.
 
     Args:
-        east: of the affected instrument, (n,).
-        north: the same.
+        east: eastward velocity of the affected instrument, (n,).
+        north: northward velocity of the affected instrument, (n,).
     """
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return count_angles(angles.difference(angles.direction(east, north), lower), -180.0)
 
 
 def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute directions at each pair, (n,) degrees each: reference's, affected recorded, affected corrected.
+    """Compute directions at each pair, (n,) degrees each: reference, affected as recorded, affected corrected.
 
     Args:
-        time_s: of the record at some of whose samples they were taken, (m,).
-        heading_corrected_deg: of the record, (m,); NaN where there is no correction.
+        time_s: times of the affected record, which include those of the pairs, (m,).
+        heading_corrected_deg: corrected headings of that record, (m,); NaN where there is no correction.
     """
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     upper = angles.direction(pairs.upper_east, pairs.upper_north)
@@ -72,10 +72,10 @@ def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Flo
 def build_histograms(
     record: Record, heading_corrected_deg: Floats, pairs: Pairs, differences: Mapping[str, ArrayLike]
 ) -> dict[str, Counts]:
-    """Count headings of the record, directions at the pairs and held-out differences by their quantity.
+    """Count headings of the record, directions at the pairs and held-out differences, for each of ``QUANTITIES``.
 
     Args:
-        record: the affected instrument; headings that are flagged bad are left out.
+        record: the affected instrument's record; headings flagged bad are ignored.
         heading_corrected_deg: (n,), NaN where there is no correction.
         differences: counts ``before`` and ``after`` of assessment.json.
     """

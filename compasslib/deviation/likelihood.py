@@ -1,14 +1,14 @@
-"""The likelihood of the overlap's directions given the recorded headings, smooth across the folds of the compass.
+"""Likelihood of the pairs' directions given the recorded headings, smooth across the folds of the compass.
 
-For each pair the observed heading d scatters about the unknown correct heading beta, and beta must make the compass
-record gamma. Both are written on grids:
+For each pair the observed heading d scatters about the unknown correct heading beta, and beta makes the compass record
+gamma. Both are discretized:
 
     p(d | gamma) = [ sum_b G(gamma, b) pi(b) K(d, b) + e0 sum_b pi(b) K(d, b) ] / [ sum_b G(gamma, b) pi(b) + e0 ]
 
-G is the compass's own noise about arg q(beta), pi the distribution of correct headings (the wake locks them), K the
-scatter of directions: heavy-tailed, circular, wider for slower water. All roots are in the sum by themselves and meet
-smoothly at a fold; e0 lets a heading that the model cannot record count as uninformative instead of impossible. gamma
-is conditioned on and d stands on one side only, so that the noise of the lower direction cannot bias the slope.
+G is the compass's own noise about arg q(beta), pi the distribution of correct headings (locked by the wake), K the
+scatter of directions: heavy-tailed, circular, wider for slower water. The sum includes all roots, which merge smoothly
+at a fold; e0 makes a heading that the model cannot record uninformative instead of impossible. The likelihood is
+conditional on gamma, and d appears on one side only, so noise of the lower direction cannot bias the slope.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
 CELL_DEG = 360.0 / CELLS
 STUDENT_DOF = 5.0  # degrees of freedom of the scatter's tails
 UNEXPLAINED_DENSITY = 1e-5  # e0, density per degree of recorded headings that the model does not explain
-REACH = 8.0  # of the compass's noise; beyond, its density is 1e-14 of its peak and far below e0
+REACH = 8.0  # standard deviations of the compass noise; beyond, its density is 1e-14 of its peak and far below e0
 
 CELL_CENTRES = CELL_DEG * np.arange(CELLS)
 Indices = NDArray[np.intp]
-ROWS_PER_BLOCK = 8  # rows that are multiplied at once; a bin's last block is filled up
+ROWS_PER_BLOCK = 8  # rows multiplied at once; a bin's last block is padded
 
 
 Sides = tuple[Floats, Floats]
@@ -44,18 +44,18 @@ class CurveForm(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in the results."""
+        """Name in the results."""
 
     def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Evaluate both sides of the curve's equation, which agree at the true heading, (k,) and (f,) degrees."""
+        """Evaluate both sides of the curve's equation, equal at the true heading, (k,) and (f,) degrees."""
 
     def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Compute the derivative by the coefficients of the second side less the first, (5, 1 or k, 1 or f) degrees."""
+        """Compute the derivative of the second side minus the first by A..E, (5, 1 or k, 1 or f) degrees."""
 
 
 @dataclass(frozen=True)
 class ExactForm:
-    """The exact compass, gamma = arg q(beta): any strength of iron (compass.py)."""
+    """The exact compass, gamma = arg q(beta), for any strength of iron (compass.py)."""
 
     name: str = "exact"
 
@@ -98,24 +98,24 @@ FORMS: tuple[CurveForm, ...] = (EXACT, SeriesInCorrect(), SeriesInRecorded())
 
 @dataclass(frozen=True)
 class BinnedSample:
-    """The pairs as the likelihood needs them, in order of the recorded heading's bin."""
+    """The pairs sorted by the bin of their recorded heading, as input of the likelihood."""
 
-    row: NDArray[np.intp]  # (n,) which occupied bin each sample lies in
+    row: NDArray[np.intp]  # (n,) index of the occupied bin of each sample
     occupied: NDArray[np.intp]  # the occupied bins
     scatter: RowBlocks  # (n, CELLS) K, by occupied bin
     order: NDArray[np.intp]  # position of each row in the pairs
-    form: CurveForm = EXACT  # the curve that is held against them
+    form: CurveForm = EXACT  # the curve to be fitted
 
 
 @dataclass(frozen=True)
 class HeadingGrid:
-    """Fine headings on which the compass is evaluated, and how they share out on the cells."""
+    """Fine headings on which the compass is evaluated, and their weights on the cells."""
 
     fine: int  # points over the circle, a multiple of CELLS
 
     @property
     def heading_deg(self) -> Floats:
-        """Fine headings, also the centres of the recorded headings' bins."""
+        """Fine headings, degrees, which are also the centres of the recorded headings' bins."""
         return 360.0 / self.fine * np.arange(self.fine)
 
     def bin_of(self, recorded_deg: Floats) -> NDArray[np.intp]:
@@ -125,7 +125,7 @@ class HeadingGrid:
     def hats(self) -> Floats:
         """Compute cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
 
-        Splines instead of linear hats: kinks every cell would make the likelihood rough where it is flat.
+        Linear hats have a kink at every cell, which would make the likelihood rough where it is flat.
         """
         away = np.abs(angles.difference(self.heading_deg[:, None], CELL_CENTRES)) / CELL_DEG
         inner = 2.0 / 3.0 - away**2 + away**3 / 2.0
@@ -149,13 +149,13 @@ def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -
 
     Args:
         squared_chord: of the observed headings, (n, CELLS), square degrees.
-        outliers: share that says nothing.
+        outliers: share of uniformly distributed directions.
     """
     ratio = squared_chord / (STUDENT_DOF * width_deg[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
     density = ratio * ratio
-    density *= ratio  # Student's t with FREEDOM 5: the power is (5 + 1) / 2
+    density *= ratio  # Student's t with STUDENT_DOF 5: the exponent is (5 + 1) / 2
     density *= (1.0 - outliers) / (density.sum(axis=1, keepdims=True) * CELL_DEG)
     density += outliers / 360.0
     return density
@@ -168,7 +168,7 @@ def bin_sample(
 
     Args:
         scatter_density: K, (n, CELLS).
-        form: the curve that is held against them.
+        form: the curve to be fitted.
     """
     bins = grid.bin_of(recorded_deg)
     order = np.argsort(bins, kind="stable")
@@ -177,7 +177,7 @@ def bin_sample(
 
 
 def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
-    """Compute G, the density of recorded headings about what the curve predicts, per degree, of the offsets' shape.
+    """Compute G, the density of recorded headings about the predicted ones, per degree, in the shape of the offsets.
 
     Args:
         offset_deg: recorded minus predicted heading, degrees.
@@ -206,7 +206,7 @@ def pair_log_likelihoods(parameters: Floats, data: BinnedSample, prior: Floats, 
 def log_likelihood_and_gradient(
     parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid
 ) -> tuple[float, Floats]:
-    """Compute the log-likelihood and its gradient by A..E and log(compass noise), (6,); arguments as before."""
+    """Compute the log-likelihood and its gradient by A..E and log(compass noise), (6,); see ``log_likelihood``."""
     parts, joint = _parts(parameters, data, prior, grid)
     total = float(np.sum(np.log(joint) - np.log(parts.marginal[data.row])))
     pull = data.scatter.summed(1.0 / joint) - (np.bincount(data.row) / parts.marginal)[:, None]
@@ -229,7 +229,7 @@ def pair_scores(parameters: Floats, data: BinnedSample, prior: Floats, grid: Hea
 
 
 def heading_occupancy(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
-    """Sum the posterior of the pairs' correct headings in each cell, (CELLS,)."""
+    """Sum the posterior distributions of the pairs' correct headings on the cells, (CELLS,)."""
     parts, joint = _parts(parameters, data, prior, grid)
     return np.asarray(np.sum(parts.given * data.scatter.summed(1.0 / joint), axis=0))
 
@@ -245,15 +245,15 @@ def heading_given_reading(
 
 @dataclass(frozen=True)
 class _Layout:
-    near: NearbyHeadings  # correct headings, fine, near the recorded ones; k of them
-    cell: NDArray[np.intp]  # (k, 4) recorded heading and cell as one number
+    near: NearbyHeadings  # k fine correct headings near the recorded ones
+    cell: NDArray[np.intp]  # (k, 4) flat index of recorded heading and cell
     share: Floats  # (k, 4) prior times G times spline
     given: Floats  # (occupied, CELLS) joint density of recorded heading and cell
     marginal: Floats  # (occupied,)
 
 
 def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> tuple[_Layout, Floats]:
-    """Lay out the sample, and compute each pair's joint density, (n,), as the sample is sorted."""
+    """Compute the intermediate results, and each pair's joint density, (n,), in the order of the sample."""
     laid = _laid_out(parameters, data.occupied, prior, grid, data.form)
     return laid, data.scatter.times(laid.given)
 
@@ -266,7 +266,7 @@ def _laid_out(
     near = nearby_headings(*sides, min(REACH * width, 180.0))
     cells, weights = _splines(grid)
     prior_fine = _hats(grid) @ prior
-    # take() copies whole rows, where an index in brackets picks number by number: a third of the time.
+    # take() copies whole rows and needs a third of the time of indexing with brackets.
     density = compass_noise_density(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
     cell = (near.row * CELLS)[:, None] + cells.take(near.column, axis=0)
     share = density[:, None] * weights.take(near.column, axis=0)
@@ -279,9 +279,9 @@ def _sum_cells(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
 
 
 def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:
-    """Compute minus the offset's derivative by A..E at the places laid out, (5, k) degrees."""
+    """Compute minus the derivative of the nearby offsets by A..E, (5, k) degrees."""
     slopes = data.form.slopes(parameters[:5], grid.heading_deg[data.occupied], grid.heading_deg)
-    _, rows, columns = slopes.shape  # one of them is 1: the form's slopes vary along the other
+    _, rows, columns = slopes.shape  # one of them is 1, and the slopes vary along the other
     return slopes.reshape(5, -1).T.take(parts.near.row if rows > columns else parts.near.column, axis=0).T
 
 
@@ -292,7 +292,7 @@ def _hats(grid: HeadingGrid) -> Floats:
 
 @cache
 def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
-    """Find the four cells that each fine heading shares out on, and its shares, (fine, 4) each."""
+    """Find the four cells that each fine heading contributes to, and its weights, (fine, 4) each."""
     hats = _hats(grid)
     first = np.arange(grid.fine) * CELLS // grid.fine
     cells = (first[:, None] + np.arange(-1, 3)) % CELLS
@@ -300,26 +300,25 @@ def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
 
 
 def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats) -> Floats:
-    """Compute the scatter's width of each pair, never over a full turn, degrees."""
+    """Compute the width of each pair's scatter, at most a full turn, (n,) degrees."""
     return np.minimum(noise.width_deg(np.maximum(upper_speed, 1e-3), np.maximum(lower_speed, 1e-3)), 360.0)
 
 
-# Sums of the likelihood without its zeros: few correct headings can have made a recorded one, pairs share a bin.
-#
-# A compass's noise of 1 degree reaches a twentieth of the circle. Only those cells are laid out, as a list.
+# Sparse sums: pairs share a bin, and only a few correct headings can produce a recorded one. Compass noise of 1 degree
+# reaches a twentieth of the circle, and only the cells within reach are stored, as a list.
 
 
 @dataclass(frozen=True)
 class NearbyHeadings:
-    """Which correct headings lie near which recorded ones; k of them."""
+    """Index pairs of k correct headings near recorded ones."""
 
-    row: Indices  # (k,) of the recorded heading
-    column: Indices  # (k,) of the correct heading
+    row: Indices  # (k,) index of the recorded heading
+    column: Indices  # (k,) index of the correct heading
     offset: Floats  # (k,) first side minus second, degrees
 
 
 def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> NearbyHeadings:
-    """Find all places where two sides differ by less than a reach.
+    """Find all pairs of elements of the two sides that differ by less than a reach.
 
     Args:
         recorded_deg: one side, (r,), degrees.
@@ -338,26 +337,26 @@ def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: floa
 
 @dataclass(frozen=True)
 class RowBlocks:
-    """The rows of a matrix in groups of different lengths, laid out in blocks of one length."""
+    """The rows of a matrix in groups of different lengths, padded to blocks of equal length."""
 
-    rows: Floats  # (b, PAIRS_A_BLOCK, c), ones where a block is filled up
-    place: Indices  # (n,) of each row
-    group: Indices  # (b,) that each block belongs to
-    first: Indices  # (g,) block of each group
+    rows: Floats  # (b, ROWS_PER_BLOCK, c), padded with ones
+    place: Indices  # (n,) position of each row
+    group: Indices  # (b,) group of each block
+    first: Indices  # (g,) first block of each group
 
     def times(self, vectors: Floats) -> Floats:
-        """Multiply each row by its group's vector, (g, c); (n,)."""
+        """Multiply each row by the vector of its group, vectors (g, c), result (n,)."""
         return np.asarray(np.matmul(self.rows, vectors[self.group][:, :, None]).ravel()[self.place])
 
     def summed(self, weights: Floats) -> Floats:
-        """Sum each group's rows, weighted by (n,); (g, c)."""
+        """Sum the rows of each group with weights, (n,); result (g, c)."""
         laid = np.zeros(self.rows.shape[:2])
         laid.ravel()[self.place] = weights
         return np.add.reduceat(np.matmul(laid[:, None, :], self.rows)[:, 0, :], self.first, axis=0)
 
 
 def block_rows(matrix: Floats, begins: Indices) -> RowBlocks:
-    """Lay out a matrix whose rows are sorted by group.
+    """Divide a matrix whose rows are sorted by group into blocks.
 
     Args:
         begins: first row of each group, (g,).

@@ -1,8 +1,8 @@
 """The fitted deviation: coefficients with covariance, noise, prior, and their transfer to another place.
 
-B and C are (P + cZ)/(lambda H) and (Q + fZ)/(lambda H): the hard iron's part P, Q falls as 1/H, the part cZ, fZ that
-the vertical field induces as tan I = Z/H. A, D and E come from horizontal induction and do not change. One calibration
-shows the sum only; two at different tan I separate the parts (physics page, section 3; von Appen 2015, introduction).
+B and C are (P + cZ)/(lambda H) and (Q + fZ)/(lambda H): the hard iron's part P, Q varies as 1/H, the part cZ, fZ
+induced by the vertical field as tan I = Z/H. A, D and E result from horizontal induction and do not change. One place
+yields only the sum; two of different tan I separate the parts (physics page, section 3; von Appen 2015, introduction).
 """
 
 from __future__ import annotations
@@ -37,40 +37,40 @@ class ScatterNoise:
 
     floor_deg: float = 8.0  #: degrees, one standard deviation in fast water
     slow_deg_m_s: float = 2.5  #: degrees times m/s
-    outliers: float = 0.02  #: share of pairs whose direction says nothing
+    outliers: float = 0.02  #: share of pairs whose direction is random
     compass_deg: float = 1.5  #: degrees, noise of the recorded heading itself
 
     def width_deg(self, upper_speed: Floats, lower_speed: Floats) -> Floats:
-        """Compute the width for each pair, (n,) degrees: slow water has no direction."""
+        """Compute the width for each pair, (n,) degrees, which grows as the water becomes slow."""
         slow = self.slow_deg_m_s**2 * (1.0 / upper_speed**2 + 1.0 / lower_speed**2)
         return np.sqrt(self.floor_deg**2 + slow)
 
 
 @dataclass(frozen=True)
 class DeviationFit:
-    """A deviation model fitted to one mooring; without coefficients where there was too little to fit."""
+    """A deviation model fitted to one mooring; without coefficients if there were too few pairs."""
 
-    method: str  #: von_appen | exact; calibration | coefficients, the exact compass known beforehand
-    n_pairs: int  #: pairs that were fitted
+    method: str  #: von_appen | exact (fitted); calibration | coefficients (exact compass known beforehand)
+    n_pairs: int  #: number of pairs
     coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees for von_appen, dimensionless for exact
     covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E, (6, 6) with ``heeling``
-    n_effective: float = 0.0  #: number of independent pairs; residuals of neighbours are correlated
-    residual_rms_deg: float = float("nan")  #: degrees, of the fitted pairs
-    #: headings that the compass can show, from and to, clockwise, degrees; to may exceed 360; None if unknown
+    n_effective: float = 0.0  #: effective number of independent pairs, allowing for autocorrelated residuals
+    residual_rms_deg: float = float("nan")  #: degrees, of the pairs
+    #: range of headings that the compass can record, clockwise, degrees; the second may exceed 360; None if unknown
     recorded_range_deg: tuple[float, float] | None = None
-    folded: bool = False  #: whether a recorded heading has two correct ones
-    noise: ScatterNoise = ScatterNoise()  #: only the exact fit estimates it
-    heeling: float = 0.0  #: K, vertical hard iron over the horizontal field; its row of the covariance is the sixth
-    dip_ratio: float = 0.0  #: Z/H that the tilt was fitted with; 0 for a level model
+    folded: bool = False  #: whether a recorded heading can have two correct ones
+    noise: ScatterNoise = ScatterNoise()  #: estimated by the exact fit only
+    heeling: float = 0.0  #: K, vertical hard iron over the horizontal field; sixth row of the covariance
+    dip_ratio: float = 0.0  #: Z/H used to fit the tilt; 0 for a level model
     heading_density: Floats = field(default_factory=_empty)  #: prior of the correct heading on its cells, sums to 1
-    why: str = ""  #: the reason, where nothing was fitted
+    why: str = ""  #: the reason why nothing was fitted, else empty
     warnings: tuple[str, ...] = ()  #: sentences for the report
-    fixed: bool = False  #: whether the coefficients were given and no pair changes them
-    covariance_known: bool = True  #: else the covariance stands for what no one knows
-    prior: CoefficientPrior | None = None  #: what other records of the same compass told beforehand
+    fixed: bool = False  #: whether the coefficients were given and are not fitted to pairs
+    covariance_known: bool = True  #: if False, the covariance is a wide placeholder
+    prior: CoefficientPrior | None = None  #: prior from other records of the same compass
 
     def to_json(self) -> dict[str, Any]:
-        """Compose it for deviation.json."""
+        """Convert to the content of deviation.json."""
         return {
             "method": self.method,
             "coefficients": dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None,
@@ -94,22 +94,22 @@ class DeviationFit:
 
     @property
     def fitted(self) -> bool:
-        """Whether there is anything to correct with."""
+        """Whether there are coefficients to correct with."""
         return self.coefficients.size > 0
 
     @property
     def known_beforehand(self) -> bool:
-        """Whether it is an exact compass that the pairs are compared with and do not change."""
+        """Whether it is an exact compass known beforehand, which the pairs check but do not change."""
         return self.method in ("calibration", "coefficients")
 
     @property
     def tilted(self) -> bool:
-        """Whether pitch and roll enter."""
+        """Whether the model includes pitch and roll."""
         return self.dip_ratio != 0.0
 
 
 def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
-    """Read the fit that a deviation.json describes."""
+    """Build a fit from the content of deviation.json."""
     letters, span, rms = content["coefficients"], content["recorded_range_deg"], content["residual_rms_deg"]
     return DeviationFit(
         method=content["method"],
@@ -133,18 +133,18 @@ def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
 
 
 def unfitted(method: str, n_pairs: int) -> DeviationFit:
-    """Make the fit that says there was not enough to fit."""
+    """Make a fit without coefficients that states that there are too few pairs."""
     why = "no overlapping pairs" if n_pairs == 0 else f"{n_pairs} overlapping pairs, at least {MIN_PAIRS} are needed"
     return DeviationFit(method=method, n_pairs=n_pairs, why=why)
 
 
 def observed_heading(pairs: Pairs) -> Floats:
-    """Compute the correct heading as the overlap shows it, beta = D_bot - D_top + gamma (von Appen 2015, eq. 2)."""
+    """Compute the correct heading observed by the pairs, beta = D_bot - D_top + gamma (von Appen 2015, eq. 2)."""
     return angles.wrap360(observed_deviation(pairs) + pairs.heading_deg)
 
 
 def observed_deviation(pairs: Pairs) -> Floats:
-    """Compute the deviation as the overlap shows it, D_bot - D_top in [-180, 180) (von Appen 2015, eq. 3)."""
+    """Compute the deviation observed by the pairs, D_bot - D_top in [-180, 180) degrees (von Appen 2015, eq. 3)."""
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return angles.difference(lower, angles.direction(pairs.upper_east, pairs.upper_north))
 
@@ -157,44 +157,44 @@ def nearest_root(roots_deg: Floats, observed_deg: Floats) -> Floats:
 
 
 def heading_residual(fit: DeviationFit, pairs: Pairs) -> Floats:
-    """Compute the observed heading minus the model's, the nearer of two roots, degrees; NaN without a root."""
+    """Compute the observed heading minus the model's nearest root, (n,) degrees; NaN without a root."""
     roots = compass.inverse(fit.coefficients, pairs.heading_deg)
     observed = observed_heading(pairs)
     return angles.difference(observed, nearest_root(roots, observed))
 
 
 def pair_speeds(pairs: Pairs) -> tuple[Floats, Floats]:
-    """Compute the speeds of the upper and the lower water, m/s."""
+    """Compute the current speeds at the upper and the lower instrument, (n,) m/s each."""
     return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
 
 
 @dataclass(frozen=True)
 class CoefficientPrior:
-    """A normal law of A..E; where its precision is 0 it tells nothing."""
+    """Normal prior of A..E; a precision of 0 leaves a coefficient unconstrained."""
 
     mean: Floats  #: (5,) A..E of the exact compass, dimensionless
     precision: Floats  #: (5, 5) inverse covariance
 
     def to_json(self) -> dict[str, Any]:
-        """Compose it for deviation.json."""
+        """Convert to the content of deviation.json."""
         return {"mean": self.mean.tolist(), "precision": self.precision.tolist()}
 
 
 def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | None:
-    """Read the prior that a deviation.json holds, None where it holds none."""
+    """Build the prior from the content of deviation.json, None if it has none."""
     return None if content is None else CoefficientPrior(np.array(content["mean"]), np.array(content["precision"]))
 
 
 SEMICIRCULAR = (1, 2)  # B and C
-MIN_DIP_CHANGE = 0.2  # of Z/H between two places, over the larger, from which hard and induced iron separate
-MIN_HORIZONTAL_NT = 5000.0  # below this horizontal field no correction is to be trusted (Le Menn et al. 2023)
+MIN_DIP_CHANGE = 0.2  # relative change of Z/H between two places that separates hard and induced iron
+MIN_HORIZONTAL_NT = 5000.0  # horizontal field below which no correction is reliable (Le Menn et al. 2023)
 
 
 def weak_field_warnings(horizontal_nT: ArrayLike) -> tuple[str, ...]:
     """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7).
 
     Args:
-        horizontal_nT: along time, or at a calibration; none or NaN where it is not known.
+        horizontal_nT: horizontal field along time or at a calibration, nT; empty or NaN if unknown.
     """
     least = float(np.nanmin(horizontal_nT, initial=np.inf))
     if least >= MIN_HORIZONTAL_NT:
@@ -207,7 +207,7 @@ def weak_field_warnings(horizontal_nT: ArrayLike) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class FieldAtPlace:
-    """The earth's field where a compass is."""
+    """The earth's field at the place of a compass."""
 
     horizontal_nT: float
     vertical_nT: float  # down positive
@@ -215,13 +215,13 @@ class FieldAtPlace:
 
 @dataclass(frozen=True)
 class TransferredCoefficients:
-    """Coefficients at another place, with what is not known about them."""
+    """Coefficients transferred to another place, with their uncertainty."""
 
     coefficients: Floats  # (5,) A..E of the exact compass, dimensionless
-    covariance: Floats  # (5, 5) the ambiguity between hard and induced iron included
-    if_all_hard: Floats  # (5,) the one extreme
-    if_all_induced: Floats  # (5,) the other
-    warning: str  # a sentence where the two differ or the field is too weak, else empty
+    covariance: Floats  # (5, 5) includes the ambiguity between hard and induced iron
+    if_all_hard: Floats  # (5,) coefficients if B and C are due to hard iron only
+    if_all_induced: Floats  # (5,) coefficients if B and C are due to the vertical field only
+    warning: str  # a sentence if the two differ or the field is too weak, else empty
 
 
 def transfer_coefficients(
@@ -229,8 +229,8 @@ def transfer_coefficients(
 ) -> TransferredCoefficients:
     """Transfer coefficients calibrated at one place to another.
 
-    How much of B and C hard iron makes is unknown: the middle between all and none is taken, and half their distance is
-    a uniform uncertainty.
+    The share of hard iron in B and C is unknown: the result is the mean of the two extremes, with an uncertainty
+    uniformly distributed between them.
 
     Args:
         coefficients: A..E of the exact compass at home, dimensionless, (5,).
@@ -250,15 +250,15 @@ def transfer_coefficients(
 def separate_iron(
     here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace
 ) -> dict[str, dict[str, float]] | None:
-    """Separate hard iron from what the vertical field induces, by coefficients at two dips; None where they are alike.
+    """Separate hard from vertically induced iron by coefficients at two dips; None if the dips are too similar.
 
-    B H = (P + c Z) / lambda and C H = (Q + f Z) / lambda: two places give both terms.
+    B H = (P + c Z) / lambda and C H = (Q + f Z) / lambda: two places determine both terms.
 
     Args:
-        here: A to E of the exact compass, dimensionless, (5,); those of the other place follow.
+        here: A to E of the exact compass at the first place, dimensionless, (5,); ``there`` at the other place.
 
     Returns:
-        By B and C: hard_nT and induced_nT at the first place, both over lambda.
+        For B and C: hard_nT and induced_nT at the first place, both over lambda.
     """
     ratios = [each.vertical_nT / each.horizontal_nT for each in (field, field_there)]
     if abs(ratios[0] - ratios[1]) < MIN_DIP_CHANGE * max(map(abs, ratios)):
@@ -288,20 +288,20 @@ def _transfer_warning(all_hard: Floats, all_induced: Floats, away: FieldAtPlace)
 
 
 DISTANCES_M = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)
-ORIENTATION = (0.5, 2.0)  # a dipole's field along its axis is twice that across it, and either may have been met
+ORIENTATION = (0.5, 2.0)  # a dipole's field along its axis is twice that across it, and either may have been measured
 
 
 def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, float] | None) -> dict[str, Any] | None:
-    """Estimate the largest deviation at other distances from the iron's centre, as of a dipole: asin(|p| (r0/r)^3).
+    """Estimate the largest deviation at other distances from the iron's centre, as for a dipole: asin(|p| (r0/r)^3).
 
-    |p| is the field of hard and induced iron over the earth's horizontal one, at this latitude. A range holds the
-    bounds of r0, a factor of 0.5 to 2 for the orientation, and 95 % of |p|.
+    |p| is the field of hard and induced iron over the earth's horizontal one, at this latitude. Each range combines the
+    bounds of r0, a factor of 0.5 to 2 for the orientation, and the 95 % interval of |p|.
 
     Args:
-        sphere_distance_m: bounds of the distance r0 from the compass to the iron's centre, which no mooring can tell.
+        sphere_distance_m: bounds of the distance r0 from compass to iron's centre, not determined by the record.
 
     Returns:
-        The block ``safe_distance`` of deviation.json; None without bounds, or of a series, whose terms are no field.
+        The block ``safe_distance`` of deviation.json; None without bounds, or for a series, whose terms are not fields.
     """
     if sphere_distance_m is None or not fit.fitted or fit.method == "von_appen":
         return None
@@ -323,7 +323,7 @@ def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, fl
 
 
 def _largest_deviation(relative_field: float) -> float:
-    """Compute the largest deviation that a field beside the earth's makes, degrees; 180 where it is the stronger."""
+    """Compute the largest deviation by a field relative to the earth's horizontal one, degrees; 180 from 1 on."""
     if relative_field >= 1.0:
         return 180.0
     return float(angles.argument(complex(np.sqrt(1.0 - relative_field**2), relative_field)))

@@ -1,7 +1,7 @@
 """The published method: Smith's series in the correct heading, inverted where the compass is most sluggish.
 
-Von Appen 2015, eqs. (1) to (4), section 4. Faithful, flaws included: the noisy lower direction stands in both axes of
-the scatter, and headings outside the inverted region are given up. Coefficients are A to E of eq. (1), degrees.
+Von Appen 2015, eqs. (1) to (4), section 4, reproduced with its flaws: the noisy lower direction enters both axes of the
+scatter plot, and headings outside the inverted region are discarded. Coefficients are A to E of eq. (1), degrees.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
 STEP_DEG = 0.25  # of the lookup table
-STARTS_DEG = (30.0, 60.0, 90.0, 120.0)  # amplitudes of the semicircular part that are tried beside none
+STARTS_DEG = (30.0, 60.0, 90.0, 120.0)  # starting amplitudes of the semicircular part, in addition to zero
 
 
 def series_design(heading_deg: ArrayLike) -> Floats:
@@ -60,9 +60,9 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 
 
 def fit_series_about_mean(pairs: Pairs) -> Floats:
-    """Fit the series to deviations on the turn about their mean, as an author sees them plotted, (5,) degrees.
+    """Fit the series to deviations unwrapped about their mean, as in a plot, (5,) degrees.
 
-    Von Appen 2015, Figs 6 and 7. ``fit_series`` compares them around the circle, which admits curves of any amplitude.
+    See von Appen 2015, Figs 6 and 7. ``fit_series`` minimizes wrapped residuals, which admits curves of any amplitude.
     """
     heading, deviation = observed_heading(pairs), observed_deviation(pairs)
     middle = angles.wrap180(angles.mean(deviation))
@@ -70,7 +70,7 @@ def fit_series_about_mean(pairs: Pairs) -> Floats:
 
 
 def series_range(coefficients: Floats) -> tuple[tuple[float, float], bool]:
-    """Compute the recorded headings that a series inverts, from and to, and whether others fold.
+    """Compute the range of recorded headings that a series inverts, degrees, and whether the series folds.
 
     Args:
         coefficients: A, B, C, D, E, degrees, (5,).
@@ -82,7 +82,7 @@ def series_range(coefficients: Floats) -> tuple[tuple[float, float], bool]:
 
 
 def series_folds(coefficients: ArrayLike) -> bool:
-    """Return whether d gamma / d beta turns negative somewhere, so that beta(gamma) is many-valued."""
+    """Check whether d gamma / d beta is negative somewhere, which makes beta(gamma) many-valued."""
     return bool(np.min(series_slope(coefficients, np.arange(0.0, 360.0, STEP_DEG))) < 0.0)
 
 
@@ -97,11 +97,11 @@ def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 def inverse_table(coefficients: ArrayLike, headings_deg: ArrayLike | None = None) -> tuple[Floats, Floats]:
     """Tabulate (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
 
-    Without a fold the region is the whole circle. With one it is the stretch around the least d gamma / d beta where
-    the compass runs backwards (the green curves of the paper's Fig. 7), or the stretch that holds most headings.
+    Without a fold the region is the whole circle. With a fold it is the interval around the minimum of d gamma / d beta
+    in which the compass turns backwards (green curves of the paper's Fig. 7), or the one that contains most headings.
 
     Args:
-        headings_deg: correct headings, (n,), most of which the region is to hold.
+        headings_deg: correct headings, (n,), to select the region that contains most of them.
     """
     grid = np.arange(0.0, 360.0, STEP_DEG)
     steepness = series_slope(coefficients, grid)
@@ -111,7 +111,7 @@ def inverse_table(coefficients: ArrayLike, headings_deg: ArrayLike | None = None
     seed = int(np.argmin(steepness))
     if headings_deg is not None:
         stretch = np.cumsum(np.diff(steepness >= 0.0, prepend=steepness[-1] >= 0.0))
-        stretch[stretch == stretch[-1]] = stretch[0] if stretch[0] == 0 else stretch[-1]  # the last one ends at north
+        stretch[stretch == stretch[-1]] = stretch[0] if stretch[0] == 0 else stretch[-1]  # the last one ends past north
         cell = (angles.wrap360(headings_deg) / STEP_DEG).astype(int) % grid.size
         seed = int(np.argmax(stretch == np.argmax(np.bincount(stretch[cell]))))
     around, forward = np.roll(np.arange(grid.size), -seed), steepness >= 0.0
@@ -126,7 +126,7 @@ def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike, headings_deg
     """Invert the series for each recorded heading, NaN outside the inverted region.
 
     Args:
-        headings_deg: correct headings, (n,), most of which the region is to hold; the most sluggish one where absent.
+        headings_deg: correct headings, (n,), see ``inverse_table``.
     """
     gamma, beta = inverse_table(coefficients, headings_deg)
     recorded = np.asarray(recorded_deg, dtype=float)
@@ -137,7 +137,7 @@ def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike, headings_deg
 
 
 def series_sigma(fit: DeviationFit, heading_deg: ArrayLike) -> Floats:
-    """Compute the standard error of the inverted heading that the coefficients' covariance makes, degrees."""
+    """Compute the standard error of the inverted heading due to the coefficients' covariance, (n,) degrees."""
     columns = series_design(heading_deg)
     variance = np.einsum("ni,ij,nj->n", columns, fit.covariance, columns)
     return np.sqrt(variance) / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), 0.05)
@@ -147,14 +147,14 @@ def multistart_least_squares(columns: Floats, deviation: Floats) -> Floats:
     """Find the coefficients with the least sum of squared, wrapped residuals over all starts, (5,) degrees.
 
     Args:
-        columns: of eq. (1) at the correct headings, (n, 5).
+        columns: columns of eq. (1) at the correct headings, (n, 5).
         deviation: beta - gamma, (n,), degrees.
     """
     eight = [tuple(map(float, angles.sin_cos(direction))) for direction in range(0, 360, 45)]
     starts = [np.zeros(5), *(np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in eight)]
     solver = np.linalg.pinv(columns)
     solved = []
-    for coefficients in starts:  # a linear step on the wrapped residuals until it no longer moves
+    for coefficients in starts:  # iterate linear steps on the wrapped residuals until convergence
         for _ in range(50):
             step = solver @ angles.wrap180(deviation - columns @ coefficients)
             coefficients = coefficients + step

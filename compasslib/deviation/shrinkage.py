@@ -1,9 +1,9 @@
-"""A compass without deviation as a hypothesis: the average of the fitted coefficients and none at all.
+"""Bayesian average of the fitted compass and a compass without deviation.
 
-Between two depths real water veers, for months, by its direction and its season, and a fit takes part of that for iron:
-an untouched compass would be turned by several degrees. The coefficients therefore have a prior of physical size, and
-beside it stands the hypothesis that there is no deviation. Their likelihood is the normal law of the fit with its
-robust covariance, so that the evidence of each hypothesis has a closed form.
+Between two depths real water veers for months, depending on flow direction and season, and a fit attributes part of it
+to iron: an undisturbed compass would be changed by several degrees. The coefficients therefore have priors of physical
+size, and a further hypothesis is that there is no deviation. The likelihood is the normal distribution of the fit with
+its robust covariance, so the evidence of each hypothesis has a closed form.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from compasslib.deviation.model import DeviationFit
 
-# Probability beforehand, and the temperature of all evidence: water that a fit takes for iron is no independent noise.
+# Prior probability, and exponent of the likelihood, as veer that a fit attributes to iron is not independent noise.
 NO_DEVIATION_PRIOR, TEMPERATURE = 0.2, 0.5
-# Prior scales, each as probable as the others: of B and C, the iron's field over the earth's horizontal one, and of A,
-# the instrument's alignment in radians. D and E are induced and have a tenth of the former; K is the heeling's.
+# Equally probable prior scales: of B and C, the iron's field over the earth's horizontal one, and of A, the
+# instrument's alignment in radians. D and E are induced and have a tenth of the former; the last is that of heeling K.
 IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
 INDUCED_SHARE, LEAST_INDUCED, HEELING_SCALE = 0.1, 0.02, 0.3
 
@@ -26,9 +26,9 @@ INDUCED_SHARE, LEAST_INDUCED, HEELING_SCALE = 0.1, 0.02, 0.3
 def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
 
-    The covariance becomes that of the average, the spread between the hypotheses included. Coefficients that the record
-    shows well stay as they are. A two-valued compass, which is never without iron, and one that was known beforehand
-    are not averaged; their probability is None.
+    The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
+    hardly change. A two-valued compass, which cannot be free of iron, a fixed compass and one with a prior from other
+    records are not averaged; their probability is None.
     """
     if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
         return fit, None

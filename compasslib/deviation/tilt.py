@@ -1,10 +1,10 @@
 """The exact compass with tilt, and any compass along the samples of a record.
 
-Iron turns with the instrument, the earth's field does not. With the level coefficients known, tilt adds one unknown at
-first order: what stands along the instrument's own vertical, the hard iron's third axis and (S33 - S11) Z together.
-It is carried here as hard iron, K = b_z / H; the other parts of the tilted compass follow from A, D, E and the dip
-(physics page, section 4; von Appen 2015 leaves them out). A pair's scores of B and C times pitch and roll are its score
-of K, so the level likelihood serves.
+Iron rotates with the instrument, the earth's field does not. Given the level coefficients, tilt adds one unknown at
+first order: the field along the instrument's own vertical, the hard iron's third axis and (S33 - S11) Z combined. It is
+represented as hard iron, K = b_z / H; the other parts of the tilted compass follow from A, D, E and the dip (physics
+page, section 4; von Appen 2015 omits them). A pair's scores of B and C times pitch and roll give its score of K, so the
+level likelihood can be used.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ def tilted_coefficients(level: Floats, heeling: float, dip_ratio: float, pitch_d
 
 
 def coefficients_along(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
-    """Compute the coefficients of a fit at each sample, (5, n), or (5,) where it is level."""
+    """Compute the coefficients of a fit at each sample, (5, n), or (5,) for a level model."""
     if not fit.tilted:
         return fit.coefficients
     return tilted_coefficients(fit.coefficients, fit.heeling, fit.dip_ratio, pitch_deg, roll_deg)
 
 
 def tilt_jacobian(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Floats:
-    """Compute the derivative of the coefficients at each tilt by A..E and K, (5, 6, n)."""
+    """Compute the derivative of the coefficients at each tilt with respect to A..E and K, (5, 6, n)."""
     at = np.append(fit.coefficients, fit.heeling)
     columns = []
     for unit in 1e-5 * np.eye(6):
@@ -67,7 +67,7 @@ def tilt_jacobian(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Flo
 
 
 def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFit:
-    """Fit the compass with heeling that best explains the pairs, starting from the level one.
+    """Fit the compass including the heeling coefficient K to the pairs, starting from the level fit.
 
     Args:
         level: the exact compass fitted without tilt.
@@ -76,7 +76,7 @@ def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFi
     value, scores = _scores(at, pairs, level, dip_ratio)
     precision = np.append(PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
     external, prior_precision, expected = None, np.zeros((6, 6)), np.zeros(6)
-    if level.prior is not None:  # scaled to the pairs' repetition
+    if level.prior is not None:  # scaled for the autocorrelation of the pairs
         counted = pairs_per_independent(pairs, level.n_effective)
         external = replace(level.prior, precision=counted * level.prior.precision)
         prior_precision[:5, :5], expected[:5] = external.precision, external.mean
@@ -97,14 +97,14 @@ def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFi
 
 
 def _scores(at: Floats, pairs: Pairs, level: DeviationFit, dip_ratio: float) -> tuple[float, Floats]:
-    """Compute the log-likelihood and each pair's gradient by A..E and K, (n, 6)."""
+    """Compute the log-likelihood and each pair's gradient with respect to A..E and K, (n, 6)."""
     value, scores = scores_at(at[:5], _levelled(at, pairs, dip_ratio), level)
     trial = replace(level, coefficients=at[:5], heeling=float(at[5]), dip_ratio=dip_ratio)
     return value, np.einsum("nj,jkn->nk", scores, tilt_jacobian(trial, pairs.pitch_deg, pairs.roll_deg))
 
 
 def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
-    """Turn the pairs to what a level compass would have recorded, at the heading that the overlap favours."""
+    """Convert the pairs to those of a level compass, using the root nearest to the observed heading."""
     tilted = tilted_coefficients(at[:5], at[5], dip_ratio, pairs.pitch_deg, pairs.roll_deg)
     heading = nearest_root(compass.inverse(tilted, pairs.heading_deg), observed_heading(pairs))
     moved = compass.recorded_heading(tilted, heading) - compass.recorded_heading(at[:5], heading)
@@ -113,48 +113,48 @@ def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg - shift), upper_east=east, upper_north=north)
 
 
-DISTINCT_SIGMAS = 3.0  # standard errors by which two compasses are apart that do not agree
-MIN_SLOPE = 0.3  # least slope that is divided by; at a fold the spread over both branches holds the rest
+DISTINCT_SIGMAS = 3.0  # difference in standard errors above which two compasses disagree
+MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread over both branches dominates
 
 
 @dataclass(frozen=True)
 class CompassSeries:
-    """What turns recorded headings into correct ones, sample by sample; n samples, p parameters."""
+    """The compass at each of n samples, with p parameters."""
 
-    reading_deg: Floats  # (n,) recorded headings, what acts on the readout undone
+    reading_deg: Floats  # (n,) recorded headings, corrected for effects on the readout
     coefficients: Floats  # (5,) or (5, n) A..E of the exact compass
     covariance: Floats  # (p, p) of the parameters
-    sensitivity: Callable[[Floats], Floats]  # correct headings (n,) -> how far each moves by each parameter, (n, p)
-    north_deg: Floats | float = 0.0  # how far magnetic north stood east of where the declination puts it, (n,)
-    tilted: bool = False  # whether the iron that only tilt shows is in the model
-    weight: float = 1.0  # probability that this compass is the right one
-    others: tuple[CompassSeries, ...] = ()  # that may be it too
+    sensitivity: Callable[[Floats], Floats]  # correct headings (n,) -> their derivatives by the parameters, (n, p)
+    north_deg: Floats | float = 0.0  # (n,) magnetic north relative to the assumed declination, east positive
+    tilted: bool = False  # whether the model includes the heeling coefficient
+    weight: float = 1.0  # posterior probability of this compass
+    others: tuple[CompassSeries, ...] = ()  # alternative compasses
 
     def roots(self) -> Floats:
-        """Find the correct headings that the compass recorded as it did, (n, 2), NaN where there is none."""
+        """Compute the correct headings of each reading, (n, 2) degrees, NaN where there is none."""
         roots = compass.inverse(self.coefficients, self.reading_deg)
         return roots + np.broadcast_to(self.north_deg, self.reading_deg.shape)[:, None]
 
     def sigma(self, heading_deg: Floats) -> Floats:
-        """Compute the standard error that the parameters' covariance makes at correct headings, (n,) degrees."""
+        """Compute the standard error of correct headings due to the parameters' covariance, (n,) degrees."""
         columns = self.sensitivity(heading_deg)
         return np.sqrt(np.einsum("ni,ij,nj->n", columns, self.covariance, columns))
 
 
 @dataclass(frozen=True)
 class CompassAverage:
-    """What all compasses that may be the right one make of each heading, (n,) each."""
+    """Average of each heading over all possible compasses, (n,) each."""
 
-    shift_deg: Floats  # from the heading of the likeliest one
-    sigma_deg: Floats  # what parameters, and the choice between the compasses, leave open
-    agreed: Floats  # weight of those that agree, or of those that do not where it is more
+    shift_deg: Floats  # average minus the heading of the most probable compass
+    sigma_deg: Floats  # standard error, from the parameters and the choice between the compasses
+    agreed: Floats  # weight of the compasses that agree with the most probable one, or its complement if larger
 
 
 def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
-    """Average all compasses on the branch of a heading.
+    """Average all possible compasses on the branch of given headings.
 
     Args:
-        heading_deg: correct headings by the likeliest compass, (n,), degrees, NaN where there is none.
+        heading_deg: correct headings by the most probable compass, (n,), degrees, NaN where there is none.
     """
     first = at.sigma(heading_deg)
     shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]

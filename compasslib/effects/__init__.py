@@ -1,6 +1,6 @@
-"""The catalogue of physics that a recording may show and its simulation may lack.
+"""The catalogue of physical effects that a recording may show and its forward model may lack.
 
-Heeling, the vertical iron that only tilt shows: at 3 degrees of roll 2000 nT turn a reading of north by half a degree.
+Heeling, the effect of vertical iron under tilt: at 3 degrees of roll 2000 nT turn a reading of north by half a degree.
 
 >>> import numpy as np
 >>> from compasslib import effects
@@ -27,7 +27,7 @@ from compasslib.effects.effect import Effect as Effect
 from compasslib.effects.effect import Scene as Scene
 from compasslib.errors import InputError
 
-# Roughly in the order in which they act, the forms of an effect together; other packages' come after them.
+# Roughly in the order in which they act, with the forms of an effect together; effects of other packages follow.
 CATALOGUE: tuple[type[Effect], ...] = (
     *(iron.HardIron, iron.LevelHardIron, iron.LevelSoftIron, iron.SoftIronInSpace, iron.Heeling),
     *(iron.HardIronDrift, iron.HardIronTrend, iron.HardIronStep, iron.BatteryChange),
@@ -47,16 +47,16 @@ CATALOGUE: tuple[type[Effect], ...] = (
     *(water.ClockOffset, ship.ClocksApart, water.ClockDrift),
 )
 
-SLOW_WATER = "current_shear_slow"  # no term: it stands in the noise, and in sets as the rival of what changes slowly
-SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # what each effect acts on
+SLOW_WATER = "current_shear_slow"  # not a term but part of the noise; listed as the alternative to slow effects
+SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # side of each effect
 
 
 @cache
 def all_effects() -> tuple[type[Effect], ...]:
-    """List the catalogue and what other packages add, which is looked for when it is first asked for.
+    """List the effects of the catalogue and of other packages, which are loaded on the first call.
 
     Raises:
-        InputError: a name that is taken, or something else than an effect of the name that it is declared by.
+        InputError: a name is already used, or an entry point does not provide an effect of its name.
     """
     effects = [*CATALOGUE]
     for name, point in plugins.plugin_table(plugins.EFFECTS, SIDES).items():
@@ -69,7 +69,7 @@ def all_effects() -> tuple[type[Effect], ...]:
 
 
 def side_of(effect: str) -> str:
-    """Look up the side of an effect; a composed one, written composed:ACTS_ON/DRIVER/FORM, has that of what it acts on.
+    """Look up the side of an effect; that of a composed one, composed:ACTS_ON/DRIVER/FORM, follows from its target.
 
     Raises:
         KeyError: no such effect.
@@ -81,17 +81,13 @@ def side_of(effect: str) -> str:
 
 
 def driver_of(effect: str) -> str:
-    """Return the driver of an effect: of a composed one its second word, of slow water time.
-
-    Raises:
-        KeyError: no such effect.
-    """
+    """Look up the driver of an effect, for a composed one the second part of its name; ``time`` if unknown."""
     if effect.startswith(COMPOSED):
         return effect.split("/")[1]
     return {term.name: term.driver for term in reversed(all_effects())}.get(effect, "time")
 
 
 def meanings(effect: str) -> dict[str, str]:
-    """Describe an effect's parameters by name, without the details behind a comma."""
+    """Describe an effect's parameters by name, without details after a comma or semicolon."""
     forms = [term for term in all_effects() if term.name == effect]
     return {part.name: re.split("[,;]", part.metadata["meaning"])[0] for form in forms for part in fields(form)}

@@ -1,8 +1,8 @@
-"""Physics that nobody listed: what is acted on, by which driver, in which form; terms made of these three words.
+"""Effects beyond the catalogue, composed of three words: a target, a driver and a form.
 
-A composed term is a term like any other. What it acts on gives its parameters and its side, driver and form give one or
-two series of time, by which the parameters are multiplied. Places (a threshold, a date, a time constant) are looked for
-and not fitted.
+A composed effect is used like any other. The target defines its parameters and side; driver and form define one or two
+time series by which the parameters are multiplied. Places (a threshold, a date, a time constant) are searched for and
+not fitted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ COMPOSED = "composed:"
 TIDE_S = 12.4206 * HOUR_S
 MIN_SLOPE = 0.2  # slope of a reading below which it is not inverted
 
-# Drivers: departure that the scene must have, unit. Those without a departure come from the time itself.
+# Drivers: covariate departure required in the scene, unit. Drivers without a departure are functions of time.
 DRIVERS: Mapping[str, tuple[str, str]] = {
     "time": ("", "year"),
     "hour": ("", "1"),
@@ -42,7 +42,7 @@ DRIVERS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class EffectTarget:
-    """What composed terms act on: parameters of unit size with units and steps, and the term's kind."""
+    """Target of composed effects: parameters as (name, unit, step), and where and on what the effect acts."""
 
     parameters: tuple[tuple[str, str, float], ...]
     acts_on: str
@@ -72,14 +72,14 @@ Series = Callable[[Any, Floats, Floats], Floats]  # (term, driver, times) -> (n,
 
 @dataclass(frozen=True)
 class Form:
-    """A form of dependence: its series of time, what each multiplies, and its places."""
+    """Functional form of the dependence on a driver: its time series and its places."""
 
     series: Series
-    suffixes: tuple[str, ...] = ("",)  # of the parameters, one a series
-    powers: tuple[float, ...] = (0.0,)  # of the driver's unit that a parameter is per
-    places: tuple[tuple[str, str], ...] = ()  # name and unit; "of the driver" stands for its unit
+    suffixes: tuple[str, ...] = ("",)  # of the parameter names, one per series
+    powers: tuple[float, ...] = (0.0,)  # exponent of the driver's unit in the denominator of the parameter's unit
+    places: tuple[tuple[str, str], ...] = ()  # name and unit; "of the driver" means the driver's unit
     words: str = ""
-    formula: str = ""  # p each parameter, x the driver minus its mean, {} the driver
+    formula: str = ""  # p: each parameter, x: driver minus its mean, {}: name of the driver
 
 
 def _columns(*series: Floats) -> Floats:
@@ -87,7 +87,7 @@ def _columns(*series: Floats) -> Floats:
 
 
 def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
-    """Follow a driver by a first-order lag, (n,)."""
+    """Apply a first-order low-pass filter to a driver, (n,)."""
     step = max(float(np.median(np.diff(time_s))), 1.0)
     grid = np.arange(time_s[0], time_s[-1] + step, step)
     share = -np.expm1(-step / max(constant_s, step / 10.0))
@@ -97,7 +97,7 @@ def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
 
 
 def _play(x: Floats, width: float) -> Floats:
-    """Follow a driver with a play of some width (backlash): the output stays until it is pushed, (n,)."""
+    """Apply a play operator (backlash) to a driver: the output stays until the driver moves it, (n,)."""
     half, result, at = width / 2.0, np.empty(len(x)), float(x[0]) if len(x) else 0.0
     for i, now in enumerate(x.tolist()):
         at = min(max(at, now - half), now + half)
@@ -173,7 +173,7 @@ FORMS: Mapping[str, Form] = {
 
 
 def effect_formula(acts_on: str, driver: str, form: str) -> str:
-    """Write a composition as a formula: p its parameters, x its driver's departure from the mean."""
+    """Compose the formula of a composed effect: p its parameters, x its driver's departure from the mean."""
     drives, text = driver.replace("_", " ").replace("*", " · "), FORMS[form].formula
     order = LOBES.get(acts_on.replace("_", ""), 0.0)
     lobe = f", times sine and cosine of {order:.0f} × reading" if order else ""
@@ -181,25 +181,25 @@ def effect_formula(acts_on: str, driver: str, form: str) -> str:
 
 
 def bump(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
-    """Evaluate a raised-cosine bump around a heading, (n,) 0 to 1, which ends at its reach to either side."""
+    """Evaluate a raised-cosine bump of given half-width around a heading, (n,), 0 to 1."""
     away = np.abs(angles.difference(heading_deg, centre_deg)) / max(reach_deg, 1e-9)
     return np.where(away < 1.0, (1.0 + np.cos(np.pi * away)) / 2.0, 0.0)
 
 
 @dataclass(frozen=True)
 class ComposedEffect(Effect):
-    """An effect made of what it acts on, its driver and its form."""
+    """An effect composed of a target, a driver and a form."""
 
     literature: ClassVar[str] = "none: composed by the search of what it acts on, its driver and its form"
-    composition: ClassVar[tuple[str, str, str]]  # acts on, driver, form
+    composition: ClassVar[tuple[str, str, str]]  # target, driver, form
     scale: ClassVar[float]
 
     def series(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
-        """Compute the series of time by which the parameters are multiplied, (n, c), by readings where these drive."""
+        """Compute the time series that multiply the parameters, (n, c); readings are needed only if they drive."""
         _, driver, form = self.composition
         if driver == "heading":
             return self.made(scene, reading_deg)
-        stored: dict[Any, Floats] = scene.__dict__.setdefault("composed", {})  # many derivatives at one place
+        stored: dict[Any, Floats] = scene.__dict__.setdefault("composed", {})  # cache for derivatives at one place
         key = (driver, form, *(getattr(self, name) for name, _ in FORMS[form].places))
         if key not in stored:
             stored[key] = self.made(scene)
@@ -214,11 +214,11 @@ class ComposedEffect(Effect):
 
     @property
     def placed(self) -> bool:
-        """Whether it has places that are looked for."""
+        """Whether it has places to be searched for."""
         return bool(FORMS[self.composition[2]].places) and self.composition[2] != "periodic"
 
     def said(self) -> tuple[str, str, str]:
-        """Name target, driver and form as a diagnosis does: of a field its larger part."""
+        """Return target, driver and form as reported by a diagnosis; for a horizontal field its larger component."""
         acted, driver, form = self.composition
         if acted == "field_horizontal":
             forward, starboard = np.abs(self.values).reshape(2, -1).max(axis=1)
@@ -226,7 +226,7 @@ class ComposedEffect(Effect):
         return acted, driver, form
 
     def span(self, first_s: float, last_s: float) -> tuple[float, float]:
-        """Find from when to when it acts in a recording, UTC seconds."""
+        """Compute the period in which the effect acts within a recording, UTC seconds."""
         begin = float(getattr(self, "begin_s", first_s))
         return begin, float(getattr(self, "end_s", last_s)) if self.composition[2] == "box" else last_s
 
@@ -269,12 +269,12 @@ class ComposedEffect(Effect):
 
     @property
     def possible(self) -> bool:
-        """Whether a reading that is off at some headings always turns with the field."""
+        """Whether a reading with a bump around one heading still increases with the angle of the field."""
         reach = float(getattr(self, "reach_deg", np.inf))
         return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > MIN_SLOPE
 
     def single(self, scene: Scene) -> bool:
-        """Return whether every reading has one heading: it always turns with the field."""
+        """Check whether every reading has a unique inverse, i.e. increases with the angle of the field."""
         acted = self.composition[0]
         if acted in LOBES:
             size = np.hypot(*self.amplitudes(scene).T)
@@ -286,10 +286,10 @@ NEWTON, PROBE_DEG = 8, 1e-3
 
 
 def driver_series(scene: Scene, driver: str) -> Floats:
-    """Compute a driver's departure from its reference, (n,); of two joined by * their product.
+    """Compute a driver's departure from its reference, (n,); for two joined by * their product.
 
     Raises:
-        KeyError: the recording does not have it.
+        KeyError: the scene does not have it.
     """
     if "*" in driver:
         first, second = driver.split("*")
@@ -301,7 +301,7 @@ def driver_series(scene: Scene, driver: str) -> Floats:
 
 
 def driver_needs(driver: str) -> tuple[str, ...]:
-    """List the departures that a driver is made of."""
+    """List the departures that a driver requires."""
     names = [DRIVERS[part][0] if part in DRIVERS else part for part in driver.split("*")]
     return tuple(name for name in names if name)
 
@@ -310,10 +310,10 @@ def driver_needs(driver: str) -> tuple[str, ...]:
 def compose_effect(
     acts_on: str, driver: str, form: str, *, name: str = "", words: str = "", usual: float = np.inf
 ) -> type[ComposedEffect]:
-    """Make the class of the terms that are composed of three words.
+    """Create the class of a composed effect from its target, driver and form.
 
     Args:
-        usual: standard deviation that is expected of its parameters beforehand.
+        usual: prior standard deviation of its parameters.
     """
     acted, shape = TARGETS[acts_on], FORMS[form]
     unit = " ".join(DRIVERS[each][1] if each in DRIVERS else each for each in driver.split("*"))
@@ -341,8 +341,8 @@ def compose_effect(
     return make_dataclass(title, members, bases=(ComposedEffect,), frozen=True, namespace=space)
 
 
-# What is common enough to have a name.
-USUAL_GAIN, USUAL_BIAS_M_S = 0.05, 0.02  # of one beam pair over the other's; of a velocity, by ringing
+# Composed effects that are common enough to have a name.
+USUAL_GAIN, USUAL_BIAS_M_S = 0.05, 0.02  # of one beam pair relative to the other; of a velocity, by ringing
 MOVES = "iron near the compass moves as the instrument leans, a battery or a cable"
 Pressure = compose_effect(
     "field_horizontal", "depth", "linear", name="pressure",
@@ -370,12 +370,12 @@ def effect_by_name(effect: str) -> type[ComposedEffect]:
 
 
 def as_current(term: ComposedEffect) -> ComposedEffect:
-    """Make the term by which the current would follow the same driver in the same form, of no size."""
+    """Make the corresponding term of the current's direction, with the same driver, form and places and zero size."""
     kind = compose_effect("flow_direction", *term.composition[1:])
     return kind(**{f.name: getattr(term, f.name) for f in fields(term) if not f.metadata["step"]})
 
 
 def place_effect(kind: type[ComposedEffect], *at: float) -> ComposedEffect:
-    """Make a term of no size at some places, in the order of the form's places."""
+    """Make a term of zero size with given places, in the order of the form's places."""
     names = [f.name for f in fields(kind) if not f.metadata["step"]]
     return kind(**dict(zip(names, at, strict=True)))

@@ -1,4 +1,4 @@
-"""Secular variation: magnetic north drifts over the years."""
+"""Effects on the direction of magnetic north: secular variation, storms, daily variation, declination errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from compasslib.types import Floats
 
 @dataclass(frozen=True)
 class SecularVariation(Effect):
-    """Magnetic north drifts faster than the declination that was applied says."""
+    """Magnetic north drifts differently from the declination that was applied."""
 
     name = "secular_variation"
     words = "magnetic north drifts more than the declination that was applied"
@@ -25,10 +25,10 @@ class SecularVariation(Effect):
         return x + self.deg_year * scene.years
 
 
-# Storms and daily variation: magnetic north itself moves.
+# Storms and daily variation.
 @dataclass(frozen=True)
 class FieldDisturbance(Proportional):
-    """Magnetic north moves by a share of what an observatory recorded."""
+    """Magnetic north moves by a share of the declination variation recorded at an observatory."""
 
     name, driver = "field_disturbance", "observatory"
     words = "magnetic north moved as the observatory recorded it, most of all on these dates"
@@ -42,7 +42,7 @@ class FieldDisturbance(Proportional):
 
 @dataclass(frozen=True)
 class VectorDisturbance(Proportional):
-    """Magnetic north moves by shares of both horizontal components that an observatory recorded."""
+    """Magnetic north moves by shares of both horizontal components recorded at an observatory."""
 
     name, driver = "field_disturbance", "observatory"
     acts_on = "north"
@@ -55,7 +55,7 @@ class VectorDisturbance(Proportional):
 
 @dataclass(frozen=True)
 class IndexedDisturbance(Effect):
-    """Magnetic north is the less sure, the larger a global index of storms: its course is not known."""
+    """The uncertainty of magnetic north grows with a global storm index; its actual variation is unknown."""
 
     name, driver = "field_disturbance", "index"
     detector = "directions that scatter more where the index is larger"
@@ -72,7 +72,7 @@ class IndexedDisturbance(Effect):
 # Declination error: a wrong number in the metadata.
 @dataclass(frozen=True)
 class DeclinationError(Effect):
-    """Magnetic north lies elsewhere than the declination that was applied says, by the same angle always."""
+    """The declination that was applied has a constant error."""
 
     name, driver = "declination_error", ""
     words = "the declination is off by a constant"

@@ -1,8 +1,8 @@
-"""What a term of physics is: a few parameters with units, and one method that acts.
+"""Base classes of effects: a few parameters with units, and one method that applies the effect.
 
-A compass term acts on the magnetic field in the body frame, on the direction of magnetic north, or on the reading; a
-water term on the direction of the water, or on the velocity of what carries a ship, a clock term on time. Terms compose
-in the order of their stages, on the field vector: deviations are never added.
+A compass effect acts on the magnetic field in the body frame, on the direction of magnetic north, or on the reading; a
+water effect on the direction of the current, or on the velocity of the water that carries a ship; a clock effect on
+time. Effects are applied in sequence to the field vector or the reading; deviations are never added.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]
 
 HOUR_S, DAY_S, YEAR_S = 3600.0, 86400.0, 365.25 * 86400.0
-USUAL_DEG = 4.0  # turn of the heading, rms, that an effect usually makes where its physics sets no size
+USUAL_DEG = 4.0  # prior rms change of heading by an effect whose physics sets no size
 READINGS = ("mooring", "platform", "swing", "magnetometer", "two_heads")  # recordings of a compass
 
 
 @dataclass(frozen=True)
 class Scene:
-    """In what a recording was made, sample by sample."""
+    """Conditions of a recording at each sample."""
 
     time_s: Floats  # (n,)
     horizontal_nT: Floats  # (n,) earth's field
     vertical_nT: Floats  # (n,) down positive
     pitch_deg: Floats  # (n,) forward up
     roll_deg: Floats  # (n,) starboard down
-    begin_s: float  # drifts count from here
+    begin_s: float  # origin of drifts
     departures: Mapping[str, Floats] = field(default_factory=dict)  # (n,) covariates minus their references
 
     def __len__(self) -> int:
@@ -44,7 +44,7 @@ class Scene:
 
     @cached_property
     def levelling(self) -> Floats:
-        """What turns the body level at each sample, (n, 3, 3)."""
+        """Rotation from the body frame to the level frame at each sample, (n, 3, 3)."""
         return compass.levelling(np.nan_to_num(self.pitch_deg), np.nan_to_num(self.roll_deg))
 
     @property
@@ -53,7 +53,7 @@ class Scene:
         return (self.time_s - self.begin_s) / YEAR_S
 
     def since(self, date_s: float) -> Floats:
-        """Step from 0 to 1 at a date, UTC seconds since 1970, (n,)."""
+        """Compute a step from 0 to 1 at a date in UTC seconds since 1970, (n,)."""
         return np.asarray(self.time_s >= date_s, dtype=float)
 
 
@@ -61,26 +61,26 @@ def parameter(unit: str, meaning: str, step: float, *, usual: float = np.inf) ->
     """Declare a parameter that is 0 where the effect is absent.
 
     Args:
-        step: a change that turns the heading by very roughly a degree, for differences.
-        usual: standard deviation of its prior; where absent that of a turn of some degrees in the record.
+        step: a change that turns the heading by very roughly a degree, for finite differences.
+        usual: standard deviation of its prior; by default that of an effect of ``USUAL_DEG`` in the record.
     """
     described = {"unit": unit, "meaning": meaning, "step": step, "usual": usual}
     return field(default=0.0, metadata=described)
 
 
 def date_parameter() -> Any:
-    """Declare a date that is searched for and not fitted; without effect by itself."""
+    """Declare a date that is searched for and not fitted."""
     return field(default=0.0, metadata={"unit": "s", "meaning": "UTC seconds since 1970 of the change", "step": 0.0})
 
 
 def place_parameter(unit: str) -> Any:
-    """Declare a place along a covariate that is searched for and not fitted, as a date is."""
+    """Declare a place along a covariate that is searched for and not fitted, like a date."""
     return field(default=0.0, metadata={"unit": unit, "meaning": "place that was looked for", "step": 0.0})
 
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """One effect; its fields are parameters, its defaults mean that it is absent."""
+    """One effect; its fields are parameters, whose default values mean that the effect is absent."""
 
     name: ClassVar[str]
     side: ClassVar[Side] = "compass"
@@ -88,42 +88,42 @@ class Effect(ABC):
     acts_on: ClassVar[Literal["field", "north", "reading", "water", "velocity", "time"]] = "field"
     literature: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # covariates without which it cannot be tested
-    recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # whose search tests it
-    driver: ClassVar[str] = "time"  # on what its size depends; empty where it is constant
-    words: ClassVar[str] = ""  # its physics in words, of all forms of an effect on the first
-    shows_along: ClassVar[tuple[str, ...]] = ()  # covariates along which it shows, on the first form; empty: time
-    separated_by: ClassVar[Mapping[str, str]] = {}  # by the name of another effect: what observation separates the two
-    detector: ClassVar[str] = ""  # what finds it apart from the search: a comparison that needs no forward model
-    instrument: ClassVar[bool] = False  # whether it is of the instrument itself, the same in every record of it
-    # Whether what it needs is there only where it acts: only its size is asked for.
+    recordings: ClassVar[tuple[str, ...]] = ("mooring",)  # kinds of recordings in which it is tested
+    driver: ClassVar[str] = "time"  # quantity that its size depends on; empty if constant
+    words: ClassVar[str] = ""  # description of its physics, given on the first form of an effect
+    shows_along: ClassVar[tuple[str, ...]] = ()  # covariates that reveal it, on the first form; empty: time
+    separated_by: ClassVar[Mapping[str, str]] = {}  # name of another effect -> observation that separates the two
+    detector: ClassVar[str] = ""  # comparison without forward model that detects it apart from the search
+    instrument: ClassVar[bool] = False  # whether it belongs to the instrument and is the same in all its records
+    # Whether its covariates exist only where it acts, so that only its size is estimated.
     always_present: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Apply the effect to what it acts on.
+        """Apply the effect to the quantity that it acts on.
 
         Args:
-            x: field in the body frame, (n, 3) nT; else direction of north, reading or direction of the water's veer,
-                (n,) degrees; velocity of the water a ship swims in, (n, 2) m/s; for a clock its error, (n,) seconds.
+            x: field in the body frame, (n, 3) nT; or shift of north, reading, or veer of the water, (n,) degrees; or
+                velocity of the water that carries a ship, (n, 2) m/s; or clock error, (n,) seconds.
         """
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
-        """Remove the effect from a reading, (n,) degrees; here for effects that add the same to any reading."""
+        """Remove the effect from a reading, (n,) degrees; this default is for shifts independent of the reading."""
         return reading_deg - self.apply(np.zeros_like(reading_deg), scene)
 
     @classmethod
     def fitted(cls) -> tuple[str, ...]:
-        """List the names of the fitted parameters, dates left out."""
+        """List the names of the fitted parameters, without dates and places."""
         return tuple(f.name for f in fields(cls) if f.metadata["step"])
 
     @classmethod
     def steps(cls) -> Floats:
-        """Give a change of each fitted parameter that turns the heading by very roughly a degree."""
+        """Return changes of the fitted parameters that each turn the heading by very roughly a degree, (p,)."""
         return np.array([f.metadata["step"] for f in fields(cls) if f.metadata["step"]])
 
     @classmethod
     def expected(cls) -> Floats:
-        """Give the prior precision about 0 of each fitted parameter, 0 for most."""
+        """Return the prior precision of each fitted parameter about 0, (p,); 0 for most."""
         return np.array([f.metadata["usual"] for f in fields(cls) if f.metadata["step"]]) ** -2.0
 
     @classmethod
@@ -132,22 +132,22 @@ class Effect(ABC):
 
     @classmethod
     def dated(cls) -> bool:
-        """Return whether the effect has a date."""
+        """Check whether the effect has a date."""
         return any(f.name == "date_s" for f in fields(cls))
 
     @property
     def date(self) -> float:
-        """The date of a term that has one, UTC seconds since 1970; else 0."""
+        """Date of the effect, UTC seconds since 1970; 0 if it has none."""
         return float(getattr(self, "date_s", 0.0))
 
     @property
     def possible(self) -> bool:
-        """Whether such a compass can be: a reading has one heading, and none precedes it. No size is excluded else."""
+        """Whether the values are possible, e.g. readings invertible and delays not negative; True by default."""
         return True
 
     @property
     def values(self) -> Floats:
-        """The fitted parameters' values."""
+        """Values of the fitted parameters, (p,)."""
         return np.array([getattr(self, name) for name in self.fitted()])
 
     def at(self, values: Floats) -> Self:
@@ -157,10 +157,10 @@ class Effect(ABC):
 
 @dataclass(frozen=True)
 class Proportional(Effect):
-    """An effect that adds each parameter times the departure of a covariate, in the order of what it needs."""
+    """An effect that adds each parameter times the departure of a covariate, in the order of ``needs``."""
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Add each parameter times its departure."""
+        """Add each parameter times its covariate's departure."""
         each = zip(self.fitted(), self.needs, strict=True)
         return x + sum(getattr(self, factor) * scene.departures[name] for factor, name in each)
 
@@ -174,13 +174,13 @@ class OfReading(Effect):
 
 
 def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:
-    """Locate the fitted parameters of each term among those of all, ``first`` others before them."""
+    """Locate the fitted parameters of each term in the joint parameter vector, after ``first`` others."""
     ends = np.cumsum([first, *(len(term.fitted()) for term in terms)])
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
 def horizontal_field(forward: Floats, starboard: Floats) -> Floats:
-    """Build a field in the body's horizontal plane, (n, 3), of its parts forward and to starboard, (n,) each."""
+    """Build a field in the body's horizontal plane, (n, 3), from its forward and starboard components, (n,) each."""
     return np.stack([forward, starboard, np.zeros_like(forward)], axis=-1)
 
 
@@ -188,17 +188,17 @@ SHORT_RECORDINGS = ("platform", "swing", "magnetometer", "two_heads")
 
 
 def elapsed_share(scene: Scene) -> Floats:
-    """Compute the share of the record that is over, (n,)."""
+    """Compute the elapsed share of the record at each sample, (n,)."""
     return (scene.time_s - scene.time_s[0]) / max(float(np.ptp(scene.time_s)), 1e-9)
 
 
 @dataclass(frozen=True)
 class TurningScene(Scene):
-    """A scene that knows how the instrument turns between its samples."""
+    """A scene with the rotation of the instrument between samples."""
 
-    turned: Callable[[float], Floats] | None = None  # seconds ahead -> change of the heading until then, (n,) degrees
+    turned: Callable[[float], Floats] | None = None  # seconds ahead -> change of heading until then, (n,) degrees
 
 
 def turning_scene(scene: Scene, turned: Callable[[float], Floats]) -> TurningScene:
-    """Add the turns of its instrument to a scene: see ``TurningScene.turned``."""
+    """Add the rotation of the instrument to a scene, see ``TurningScene.turned``."""
     return TurningScene(**vars(scene), turned=turned)

@@ -1,12 +1,12 @@
-"""A compass near iron with terms of physics beside it: what it records at a heading, and its inverse in closed form.
+"""Forward model of a compass near iron with further effects, and its inverse in closed form.
 
-The field's terms are affine in the field, so that at every sample iron and terms together are one matrix and one
-vector, which the levelling makes five coefficients; the quadratic of compass.py inverts them. Readout terms are undone
-first. A of the fitted compass is carried as a turn of the reading and not as antisymmetric iron: a mean veer of the
-water, which every overlap has, must not tilt with the instrument.
+Effects on the field are affine in the field, so that at every sample iron and effects together are one matrix and one
+vector, which levelling converts to five coefficients; the quadratic of compass.py inverts them. Effects on the readout
+are inverted first. A of the fitted compass is modelled as a rotation of the reading and not as antisymmetric iron: it
+includes the mean veer of the water, which must not tilt with the instrument.
 
-Everywhere ``heading_deg`` are correct magnetic headings, ``recorded_deg`` readings, and ``earth_nT`` is the earth's
-field in the body, (n, 3).
+``heading_deg`` always means correct magnetic headings, ``recorded_deg`` readings, and ``earth_nT`` the earth's field in
+the body frame, (n, 3).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from compasslib import angles, compass
 from compasslib.effects.effect import Effect, Scene, parameter_slices
 from compasslib.types import Floats
 
-MIN_HEADING_SLOPE = 0.2  # least |d gamma / d beta| that is divided by: nearer to a fold nothing is linear
+MIN_HEADING_SLOPE = 0.2  # lower bound of |d gamma / d beta| in denominators; closer to a fold linearization fails
 COMPASS_STEPS = np.full(5, 0.02)  # of A..E: very roughly a degree
-PROBE_DEG = 0.01  # difference by heading
+PROBE_DEG = 0.01  # step of finite differences with respect to heading
 
 
 @dataclass(frozen=True)
 class ForwardModel:
-    """A fitted compass and the terms beside it."""
+    """A fitted compass with further effects."""
 
     coefficients: Floats  #: (5,) A..E of the level exact compass, dimensionless
     horizontal_nT: float  #: earth's horizontal field that B and C were scaled with, nT
@@ -34,16 +34,16 @@ class ForwardModel:
 
     @property
     def parameters(self) -> Floats:
-        """A..E and the terms' values, (p,)."""
+        """A..E and the values of the terms, (p,)."""
         return np.concatenate([self.coefficients, *(term.values for term in self.terms)])
 
     @property
     def steps(self) -> Floats:
-        """For each parameter a change that turns the heading by very roughly a degree, (p,)."""
+        """Changes of the parameters that each turn the heading by very roughly a degree, (p,)."""
         return np.concatenate([COMPASS_STEPS, *(term.steps() for term in self.terms)])
 
     def at(self, parameters: Floats) -> ForwardModel:
-        """Replace the parameters, (p,) in the order of ``parameters``."""
+        """Replace the parameters, (p,), in the order of ``parameters``."""
         each = zip(self.terms, parameter_slices(self.terms, 5), strict=True)
         terms = tuple(term.at(parameters[place]) for term, place in each)
         return replace(self, coefficients=parameters[:5], terms=terms)
@@ -56,7 +56,7 @@ def recorded_heading(simulation: ForwardModel, scene: Scene, heading_deg: Floats
 
 
 def earth_field_in_body(scene: Scene, heading_deg: Floats) -> Floats:
-    """Compute the earth's field forward, starboard, down in the tilted body, (n, 3) nT, headings to where north is."""
+    """Compute the earth's field forward, starboard, down in the tilted body, (n, 3) nT; headings to actual north."""
     sine, cosine = angles.sin_cos(heading_deg)
     level = np.stack([scene.horizontal_nT * cosine, -scene.horizontal_nT * sine, scene.vertical_nT], axis=-1)
     return np.einsum("nji,nj->ni", scene.levelling, level)
@@ -70,7 +70,7 @@ def sensed_angle(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Fl
 
 
 def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
-    """Compute the field in the body with iron and terms, (n, 3) nT."""
+    """Compute the field in the body frame with iron and further effects, (n, 3) nT."""
     soft, hard = _iron(simulation)
     field: Floats = earth_nT @ soft.T + hard
     for term in _acting(simulation, "field"):
@@ -79,14 +79,14 @@ def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Fl
 
 
 def invert_heading(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
-    """Find the correct headings that make the compass record what it recorded, (n, 2), NaN where there is none."""
+    """Compute the correct headings that give the recorded ones, (n, 2) degrees, NaN where there is none."""
     sensed = invert_readout(simulation, scene, recorded_deg)
     roots = compass.inverse(coefficients_with_effects(simulation, scene), sensed)
     return angles.wrap360(roots + np.broadcast_to(north_shift(simulation, scene), recorded_deg.shape)[:, None])
 
 
 def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
-    """Compute B..E of iron and field terms at each sample's tilt and time, A being carried by the readout, (5, n)."""
+    """Compute A..E of iron and field effects at each sample's tilt and time, (5, n); the fitted A is in the readout."""
     soft, hard = _iron(simulation)
     acting = _acting(simulation, "field")
     if acting:
@@ -102,7 +102,7 @@ def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
 
 
 def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) -> Floats:
-    """Compute the reading that the readout makes of the angle of the levelled field, (n,) degrees, not wrapped."""
+    """Compute the reading from the angle of the levelled field, (n,) degrees, not wrapped."""
     reading = sensed_deg - float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
     for term in _acting(simulation, "reading"):
         reading = term.apply(reading, scene)
@@ -110,7 +110,7 @@ def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) ->
 
 
 def invert_readout(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
-    """Compute the angle of the levelled field from a reading, (n,) degrees; NaN where more than one gives it."""
+    """Compute the angle of the levelled field from a reading, (n,) degrees; NaN where it is not unique."""
     reading = recorded_deg
     for term in reversed(_acting(simulation, "reading")):
         reading = term.invert(reading, scene)
@@ -123,7 +123,7 @@ def north_shift(simulation: ForwardModel, scene: Scene) -> Floats | float:
 
 
 def water_veer(simulation: ForwardModel, scene: Scene) -> Floats | float:
-    """Compute the directional shear of the reference's current against the other's, (n,) degrees or 0."""
+    """Compute the veer of the reference's current relative to the affected instrument's, (n,) degrees or 0."""
     return _total(simulation, scene, "water")
 
 
@@ -132,11 +132,11 @@ def heading_jacobian(
 ) -> Floats:
     """Differentiate the correct heading by each parameter at constant recorded heading, (n, p) degrees per unit.
 
-    For the compass it is -(d gamma / d parameter) / (d gamma / d beta): the recorded heading is conditioned on. The
-    water's veer counts as it is, because it moves what the reference shows.
+    For compass effects it is -(d gamma / d parameter) / (d gamma / d beta), conditional on the recorded heading. The
+    derivative of the water's veer is added directly, because it shifts the heading observed with the reference.
 
     Args:
-        last: parameter to end before; all where absent.
+        last: index of the parameter to stop before; all if None.
     """
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
     still = None if _acting(simulation, "north") else earth_field_in_body(scene, heading_deg)
@@ -157,10 +157,10 @@ def heading_jacobian(
 
 
 def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Floats, term: Effect) -> Floats:
-    """Differentiate by the parameters of a term added to the model, (n, p) degrees a unit.
+    """Differentiate the correct heading by the parameters of an added term, (n, p) degrees per unit.
 
-    What stands at the readout would bend the reading on which another one acts after it: beside it both act on the
-    same, as either would in the other's place.
+    Terms on the reading are differentiated without the model's other terms on the reading, so that all of them act on
+    the same reading and are comparable.
     """
     if term.acts_on != "reading":
         both = replace(simulation, terms=(term, *simulation.terms))
@@ -184,7 +184,7 @@ def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -
 
 
 def _iron(simulation: ForwardModel) -> tuple[Floats, Floats]:
-    """Express the level compass as a soft-iron matrix and a hard iron in nT, A left to the readout."""
+    """Express the level compass as soft-iron matrix and hard-iron vector in nT; the readout accounts for A."""
     a, b, c, d, e = simulation.coefficients
     u = 1.0 - 1j * a
     p, v = (b - 1j * c) / u, (d - 1j * e) / u
@@ -204,7 +204,7 @@ def _total(simulation: ForwardModel, scene: Scene, what: str) -> Floats | float:
 
 
 def _composed(soft: Floats, hard: Floats, acting: list[Effect], scene: Scene) -> tuple[Floats, Floats]:
-    """Combine iron and terms into matrix and vector by letting them act on no field and on unit fields."""
+    """Combine iron and terms into one matrix and one vector by applying them to zero field and to unit fields."""
 
     def chain(field_nT: Floats) -> Floats:
         field: Floats = np.array(np.broadcast_to(field_nT, (len(scene), 3)))

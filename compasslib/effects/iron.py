@@ -46,12 +46,12 @@ class HardIron(Effect):
 
 # Step of the hard iron: a knock, a shackle that shifts, gear that comes or goes.
 
-USUAL_NT = 2000.0  # of a step, and within a year: some degrees where the earth's horizontal field is weak
+USUAL_NT = 2000.0  # prior of a step, and of a year's drift: some degrees where the horizontal field is weak
 
 
 @dataclass(frozen=True)
 class HardIronStep(Effect):
-    """A horizontal field in the body frame is there from a date on."""
+    """A horizontal field in the body frame is added from a date on."""
 
     name = "hard_iron_step"
     words = "the hard iron near the compass changed in a step"
@@ -91,10 +91,10 @@ class HardIronDrift(Effect):
         return x + horizontal_field(self.b_x_nT_year * scene.years, self.b_y_nT_year * scene.years)
 
 
-# A battery change: another battery is other iron.
+# A battery change: each battery has its own magnetization.
 @dataclass(frozen=True)
 class BatteryChange(Effect):
-    """A horizontal field in the body frame is there from each jump of the supply voltage on; every jump has its own."""
+    """A horizontal field in the body frame is added from each jump of the supply voltage on, a different one each."""
 
     name = "battery_change"
     words = "a battery was changed, and with it the iron near the compass"
@@ -109,17 +109,17 @@ class BatteryChange(Effect):
     third_y_nT: float = parameter("nT", "step to starboard at the third change and each later one", 200.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Add the new batteries' field; the departure counts them."""
+        """Add the field of the new batteries, which the departure counts."""
         number = scene.departures["battery_number"]
         first, second, third = number.clip(0.0, 1.0), (number - 1.0).clip(0.0, 1.0), (number - 2.0).clip(0.0)
         forward = self.b_x_nT * first + self.second_x_nT * second + self.third_x_nT * third
         return x + horizontal_field(forward, self.b_y_nT * first + self.second_y_nT * second + self.third_y_nT * third)
 
 
-# Supply voltage: the current that the battery gives, and its stray field, change as it runs down.
+# Supply voltage: the battery's current and its stray field change as it discharges.
 @dataclass(frozen=True)
 class SupplyVoltageOfField(Effect):
-    """A horizontal field in the body frame grows with the supply voltage."""
+    """A horizontal field in the body frame is proportional to the change of the supply voltage."""
 
     name, driver = "supply_voltage", "voltage"
     words = "the compass depends on its supply voltage"
@@ -145,7 +145,7 @@ class SupplyVoltageOfField(Effect):
 
 @dataclass(frozen=True)
 class SupplyVoltageOfReading(OfReading, Proportional):
-    """The reading grows with the supply voltage."""
+    """The reading changes in proportion to the supply voltage."""
 
     name, driver = "supply_voltage", "voltage"
     instrument = True
@@ -155,10 +155,10 @@ class SupplyVoltageOfReading(OfReading, Proportional):
     deg_V: float = parameter("degrees/V", "change of the reading; V or counts as logged", 0.5)
 
 
-# Temperature: the magnetometer's zero or the iron beside it change with it, or the reading does.
+# Temperature: it changes the magnetometer's zero, the iron near it, or the reading.
 @dataclass(frozen=True)
 class TemperatureOfField(Effect):
-    """A horizontal field in the body frame grows with temperature."""
+    """A horizontal field in the body frame is proportional to the change of temperature."""
 
     name, driver = "temperature", "temperature"
     words = "the compass, its iron or the zero of its tilts depends on temperature"
@@ -183,7 +183,7 @@ class TemperatureOfField(Effect):
 
 @dataclass(frozen=True)
 class TemperatureOfReading(OfReading, Proportional):
-    """The reading grows with temperature."""
+    """The reading changes in proportion to temperature."""
 
     name, driver = "temperature", "temperature"
     recordings = ("mooring", "magnetometer")
@@ -194,10 +194,10 @@ class TemperatureOfReading(OfReading, Proportional):
     deg_K: float = parameter("degrees/K", "change of the reading", 1.0)
 
 
-# Heeling error: iron along the instrument's own vertical turns into the horizontal when it tilts.
+# Heeling error: the field along the instrument's own vertical gains a horizontal component when it tilts.
 @dataclass(frozen=True)
 class Heeling(Effect):
-    """A constant field along the body's vertical is added; the levelling brings it into the heading."""
+    """A constant field along the body's vertical is added; with tilt it affects the heading."""
 
     name, driver = "heeling", "tilt"
     words = "the compass tilts over iron along its own vertical (heeling error)"
@@ -233,7 +233,7 @@ class HardIronTrend(Effect):
 
 @dataclass(frozen=True)
 class LevelHardIron(Effect):
-    """Hard iron as a level turn shows it: two components."""
+    """Hard iron as seen in a level turn: two components."""
 
     name, driver = "hard_iron", "heading"
     recordings = ("magnetometer",)
@@ -246,12 +246,12 @@ class LevelHardIron(Effect):
         return x + np.array([self.b_x_nT, self.b_y_nT, 0.0])
 
 
-USUAL_SHARE = 0.3  # of soft iron: what a magnetometer beside a battery shows
+USUAL_SHARE = 0.3  # prior of soft iron, as of a magnetometer next to a battery
 
 
 @dataclass(frozen=True)
 class LevelSoftIron(Effect):
-    """Soft iron as the modulus of a level turn shows it: what stretches the circle to an ellipse."""
+    """Soft iron as seen in the modulus of a level turn, which deforms the circle to an ellipse."""
 
     name, driver = "soft_iron", "heading"
     words = "a part that the earth's field magnetises distorts it (soft iron)"
@@ -271,13 +271,13 @@ class LevelSoftIron(Effect):
 
     @property
     def possible(self) -> bool:
-        """Whether no field is turned over: the ellipse keeps its sense."""
+        """Whether no field is reversed, i.e. the ellipse keeps its sense of rotation."""
         return float(np.hypot(self.stretch, self.shear)) < 1.0
 
 
 @dataclass(frozen=True)
 class SoftIronInSpace(Effect):
-    """Soft iron as the modulus over all orientations shows it: a symmetric matrix whose trace is the scale."""
+    """Soft iron as seen in the modulus over all orientations: a symmetric matrix, trace-free as the scale is fitted."""
 
     name, driver = "soft_iron", "heading"
     recordings = ("magnetometer",)
@@ -301,5 +301,5 @@ class SoftIronInSpace(Effect):
 
     @property
     def possible(self) -> bool:
-        """Whether no field is turned over."""
+        """Whether no field is reversed."""
         return bool(np.linalg.eigvalsh(np.eye(3) + self._induced).min() > 0.0)

@@ -1,4 +1,4 @@
-"""The catalogue as a page to read: ``python -m compasslib.effects.page > docs/physics.md``."""
+"""The catalogue as a documentation page: ``python -m compasslib.effects.page > docs/physics.md``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ this order. *Side* says what an effect may change: only those of the compass ent
 
 
 def page() -> str:
-    """Format the catalogue as Markdown, one section an effect."""
+    """Format the catalogue as Markdown, one section per effect."""
     sections = groupby(CATALOGUE, lambda term: term.name)
     return "\n".join([HEAD, *(text for name, forms in sections for text in (f"## {name}\n", *map(_form, forms)))])
 

@@ -1,4 +1,4 @@
-"""Effects on the sensor and its readout: large deviation, harmonics, drifts, lags, levelling by wrong tilts."""
+"""Effects on the sensor and its readout: large deviation, harmonics, drifts, lags, levelling with wrong tilts."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ class LargeDeviation(Proportional):
     share: float = parameter("1", "share of the difference; 1 is the exact compass", 0.2)
 
 
-# A harmonic of the recorded heading: a readout or a calibration table with teeth.
+# Harmonics of the recorded heading, as of a periodic error of the readout or of a calibration table.
 
-NEWTON_STEPS = 4  # Newton's steps from a table of whole degrees: the last digit of a double
+NEWTON_STEPS = 4  # from a table of whole degrees to double precision
 
 
 @dataclass(frozen=True)
 class Harmonic(OfReading):
-    """The reading is shifted by a harmonic of what the compass would have recorded."""
+    """The reading is shifted by a harmonic of the undisturbed reading."""
 
     order: ClassVar[float]
 
@@ -56,7 +56,7 @@ class Harmonic(OfReading):
 
     @property
     def possible(self) -> bool:
-        """Whether the reading always turns with the field: the order times the amplitude is under a radian."""
+        """Whether the reading always increases with the angle of the field: order times amplitude below a radian."""
         return 1.0 - self.order * angles.DEGREE * float(np.hypot(self.sine_deg, self.cosine_deg)) > 0.0
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
@@ -64,7 +64,7 @@ class Harmonic(OfReading):
         return x + self.sine_deg * sine + self.cosine_deg * cosine
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
-        """Invert the harmonic; NaN everywhere where some readings have three solutions."""
+        """Remove the harmonic from a reading; NaN everywhere if some readings have three solutions."""
         if not self.possible:
             return np.full_like(reading_deg, np.nan)
         period = 360.0 / self.order
@@ -81,7 +81,7 @@ class Harmonic(OfReading):
 
 @dataclass(frozen=True)
 class Sextantal(Harmonic):
-    """The reading is shifted by the third harmonic of what the compass would have recorded."""
+    """The reading is shifted by a third harmonic of the undisturbed reading."""
 
     name, driver = "sextantal", "heading"
     words = "the reading has a third harmonic of the recorded heading (sextantal deviation)"
@@ -97,7 +97,7 @@ class Sextantal(Harmonic):
 
 @dataclass(frozen=True)
 class Octantal(Harmonic):
-    """The reading is shifted by the fourth harmonic of what the compass would have recorded."""
+    """The reading is shifted by a fourth harmonic of the undisturbed reading."""
 
     name, driver = "octantal", "heading"
     words = "the reading has a fourth harmonic of the recorded heading (octantal deviation)"
@@ -122,10 +122,10 @@ class CompassDrift(OfReading):
         return x + self.deg_year * scene.years
 
 
-# A mount that slips: the compass sits at another angle from a date on.
+# A slipping mount: the compass is mounted at another angle from a date on.
 @dataclass(frozen=True)
 class HeadingSlip(OfReading):
-    """The reading is shifted from a date on: a step in A."""
+    """The reading is shifted by a constant from a date on: a step in A."""
 
     name = "heading_slip"
     words = "the mount turned: all headings are off by a constant from then on"
@@ -143,10 +143,10 @@ class HeadingSlip(OfReading):
         return x + self.offset_deg * scene.since(self.date_s)
 
 
-# Lag of the compass: a damped needle or filter reads an earlier heading.
+# Lag of the compass: a damped needle or a filter shows an earlier heading.
 @dataclass(frozen=True)
 class CompassLag(OfReading):
-    """The reading is what the heading was some time before."""
+    """The reading lags behind the heading by a constant time, to first order."""
 
     name, driver = "compass_lag", "turn_rate"
     words = "the compass lags when the instrument turns"
@@ -164,10 +164,10 @@ class CompassLag(OfReading):
         return x - self.lag_s * scene.departures["turn_rate"]
 
 
-# Tilt that is not compensated: the compass takes the angle in its own plane, not in the level one.
+# Missing tilt compensation: the compass measures the angle in its own plane instead of the horizontal one.
 @dataclass(frozen=True)
 class TiltUncompensated(Effect):
-    """A share of the levelling is left out."""
+    """A share of the tilt compensation is missing."""
 
     name, driver = "tilt_uncompensated", "tilt"
     words = "the reading is not compensated for tilt"
@@ -180,25 +180,25 @@ class TiltUncompensated(Effect):
     share: float = parameter("1", "share of the levelling that is left out", 0.05, usual=1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Turn the field so that correct levelling gives what is left without levelling."""
+        """Rotate the field so that full levelling yields the partly levelled field."""
         level = scene.levelling
         return (1.0 - self.share) * x + self.share * np.einsum("nji,nj->ni", level, x)
 
 
-# A tilt sensor whose zero is off, always or with the temperature: the earth's vertical field comes into the horizontal.
+# A tilt sensor with a zero offset, constant or with temperature, mixes the vertical into the horizontal field.
 
-OFF_DEG_K = 0.1  # usual of a tilt sensor
+OFF_DEG_K = 0.1  # typical of a tilt sensor
 
 
 def _levelled_off(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: Floats | float) -> Floats:
-    """Turn the field so that levelling by the given tilts is off as by tilts that are too large."""
+    """Rotate the field so that levelling by the recorded tilts has the effect of tilt errors, recorded minus true."""
     right = compass.levelling(scene.pitch_deg - pitch_deg, scene.roll_deg - roll_deg)
     return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
 
 
 @dataclass(frozen=True)
 class TemperatureOfTilt(Effect):
-    """The zero of the tilt sensor shifts with temperature, and the compass levels by it."""
+    """The zero of the tilt sensor shifts with temperature, which affects the levelling of the compass."""
 
     name, driver = "temperature", "temperature"
     stage = "sensor"
@@ -215,7 +215,7 @@ class TemperatureOfTilt(Effect):
 
 @dataclass(frozen=True)
 class TiltOffset(Effect):
-    """The tilts are off by constants, and the compass levels by them."""
+    """The tilts used for levelling the compass have constant errors."""
 
     name, driver = "tilt_offset", "tilt"
     words = "the tilts by which the compass is compensated have constant errors"
@@ -230,22 +230,22 @@ class TiltOffset(Effect):
         return _levelled_off(x, scene, self.pitch_deg, self.roll_deg)
 
 
-# A tilt sensor that sticks: the compass levels with the wrong tilt.
+# A stuck tilt sensor: the compass is levelled with a wrong tilt.
 @dataclass(frozen=True)
 class StuckTilt(Effect):
-    """While the tilts stick, the compass levels without the lean that the flow then gave the instrument."""
+    """While the tilts are stuck, the compass is levelled without the tilt that the flow predicts for the instrument."""
 
     name, driver = "stuck_tilt", "tilt"
     words = "the tilt sensors are stuck, and the compass is compensated with their last values"
     stage = "sensor"
     literature = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
     needs = ("lean_pitch", "lean_roll")
-    always_present = True  # a sensor that shows one value for weeks
+    always_present = True  # it is tested only for a sensor that shows one value for weeks
 
     share: float = parameter("1", "share of the predicted lean", 0.05, usual=1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Replace the field by that of the leaning body, in place of the body as the tilts have it."""
+        """Replace the field at the recorded tilt by that at the tilt predicted from the flow."""
         pitch, roll = (scene.departures[name] for name in self.needs)
         right = compass.levelling(scene.pitch_deg + self.share * pitch, scene.roll_deg + self.share * roll)
         return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
@@ -253,7 +253,7 @@ class StuckTilt(Effect):
 
 @dataclass(frozen=True)
 class CompassDelay(OfReading):
-    """The reading is the heading of some time before, exactly: quick swings are no straight lines."""
+    """The reading is delayed exactly, not to first order, as the instrument may swing quickly."""
 
     name, driver = "compass_lag", "turn_rate"
     recordings = ("magnetometer", "two_heads")
@@ -268,7 +268,7 @@ class CompassDelay(OfReading):
 
 @dataclass(frozen=True)
 class CompassTrend(OfReading):
-    """The reading grows along the record."""
+    """The reading drifts linearly along the record."""
 
     name = "compass_drift"
     recordings = SHORT_RECORDINGS
@@ -282,7 +282,7 @@ class CompassTrend(OfReading):
 
 @dataclass(frozen=True)
 class MountingOffset(OfReading):
-    """The heading is counted from another direction than the axes."""
+    """The recorded heading is rotated by a constant from that of the magnetometer's axes."""
 
     name, driver = "mounting_offset", ""
     words = "the heading is turned by a constant from the magnetometer's axes"
@@ -302,7 +302,7 @@ class MountingOffset(OfReading):
 
 @dataclass(frozen=True)
 class ReadingLevelled(Effect):
-    """The recorded heading is levelled by the tilts, the simulated one is not."""
+    """The recorded heading is compensated for tilt, the simulated one is not."""
 
     name, driver = "tilt_uncompensated", "tilt"
     recordings = ("magnetometer",)
@@ -313,5 +313,5 @@ class ReadingLevelled(Effect):
     share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, usual=1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Level the field in part."""
+        """Level a share of the field."""
         return (1.0 - self.share) * x + self.share * np.einsum("nij,nj->ni", scene.levelling, x)

@@ -1,7 +1,7 @@
-"""Terms as a swing's log shows them: water that carries the ship, and courses and readings that belong apart in time.
+"""Effects in the log of a swing: water that carries the ship, and time offsets between courses and readings.
 
-Those of the water act on its velocity, (n, 2) m/s true east and north. Those of time act on how much later than a
-course the reading stands that belongs to it, (n,) seconds. A filter acts on the heading that the course follows.
+Effects of the water act on its velocity, (n, 2) m/s true east and north. Effects on time act on the delay of a reading
+relative to its course, (n,) seconds. A filter acts on the heading that the course follows.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from compasslib import angles
 from compasslib.effects.effect import Effect, Scene, elapsed_share, parameter
 from compasslib.types import Floats
 
-FILTER_REACH = 5.0  # time constants after which a filter has forgotten
+FILTER_REACH = 5.0  # length of a filter's impulse response in time constants
 TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over ground less that of the water"
 
 
 @dataclass(frozen=True)
 class SetAndDrift(Effect):
-    """The water carries the ship; it keeps its set and drift."""
+    """A current of constant set and drift carries the ship."""
 
     name, driver = "water_drift", "heading"
     words = "the current carries the vessel sideways, so that its course over ground differs from its heading"
@@ -49,7 +49,7 @@ class SetAndDrift(Effect):
 
 @dataclass(frozen=True)
 class TidalSetAndDrift(Effect):
-    """The water carries the ship; its set and drift change evenly along the log."""
+    """A current that changes linearly along the log carries the ship."""
 
     name = "water_drift"
     recordings = ("swing",)
@@ -69,7 +69,7 @@ class TidalSetAndDrift(Effect):
 
 @dataclass(frozen=True)
 class Late(Effect):
-    """What comes some time later than it should; never earlier, as then another side is late."""
+    """An effect that delays a quantity; a negative delay would mean that another quantity is late."""
 
     driver = "turn_rate"
     recordings = ("swing",)
@@ -79,13 +79,13 @@ class Late(Effect):
 
     @property
     def possible(self) -> bool:
-        """Whether it is late: else another side is."""
+        """Whether the delay is not negative."""
         return self.lag_s >= 0.0
 
 
 @dataclass(frozen=True)
 class LateReading(Late):
-    """The compass shows the heading of some time before."""
+    """The reading of the compass is delayed by a constant time."""
 
     name = "compass_lag"
     acts_on = "time"
@@ -100,7 +100,7 @@ class LateReading(Late):
 
 @dataclass(frozen=True)
 class LateCourse(Late):
-    """The course over ground is that of some time before: a receiver's filter, a hull that slides on in a turn."""
+    """The course over ground is delayed by a constant time, by a receiver's filter or a hull sliding on in a turn."""
 
     name = "course_lag"
     words = "the course over ground lags: the receiver filters it, and a hull slides on in a turn"
@@ -113,13 +113,13 @@ class LateCourse(Late):
     lag_s: float = parameter("s", "time by which the course is late", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Add to the delay of the reading, seconds."""
+        """Subtract from the delay of the reading relative to the course, seconds."""
         return x - self.lag_s
 
 
 @dataclass(frozen=True)
 class FilteredCourse(Late):
-    """The course over ground follows the heading as a filter of first order does."""
+    """The course over ground follows the heading through a first-order low-pass filter."""
 
     name = "course_lag"
     side = "reference"
@@ -129,11 +129,11 @@ class FilteredCourse(Late):
     lag_s: float = parameter("s", "mean delay of the filter", 1.0)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Filter headings of a sample a second, not wrapped."""
+        """Filter headings sampled once per second, not wrapped, (n,) degrees."""
         return self.delayed(x)
 
     def delayed(self, x: Floats) -> Floats:
-        """Filter headings of a sample a second, not wrapped, (n,)."""
+        """Filter headings sampled once per second, not wrapped, (n,) degrees; a negative lag gives a lead."""
         size = abs(self.lag_s)
         kernel = (size / (1.0 + size)) ** np.arange(int(FILTER_REACH * size) + 2) / (1.0 + size)
         unit = angles.phasor(np.concatenate([np.full(len(kernel) - 1, x[0]), x]))
@@ -143,7 +143,7 @@ class FilteredCourse(Late):
 
 @dataclass(frozen=True)
 class ClocksApart(Effect):
-    """Headings and courses were logged by two clocks."""
+    """Headings and courses were logged by clocks that differ by a constant."""
 
     name = "clock_offset"
     recordings = ("swing",)

@@ -1,4 +1,4 @@
-"""What turns the comparison and not the compass: water between the two depths, the reference, clocks."""
+"""Effects on the comparison and not on the compass: water between the two depths, the reference, clocks."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from compasslib import angles
 from compasslib.effects.effect import Effect, Proportional, Scene, date_parameter, parameter
 from compasslib.types import Floats
 
-USUAL_DEG = 6.0  # of each harmonic: real directional shear ran from +22 to -7 degrees round the directions of the flow
+USUAL_DEG = 6.0  # prior of each harmonic: real directional shear ranged from +22 to -7 degrees over flow directions
 
 
 @dataclass(frozen=True)
 class VeerWithSpeed(Proportional):
-    """The directional shear between the two depths grows with the speed of the flow."""
+    """The directional shear between the two depths changes in proportion to the speed of the flow."""
 
     name, driver = "current_veer", "speed"
     words = "directional shear of the current between the two depths"
@@ -28,7 +28,7 @@ class VeerWithSpeed(Proportional):
 
 @dataclass(frozen=True)
 class VeerWithSeparation(Proportional):
-    """The directional shear is in proportion to the metres between the two depths."""
+    """The directional shear is proportional to the vertical distance between the two depths."""
 
     name, driver = "current_veer", "separation"
     side = "water"
@@ -41,7 +41,7 @@ class VeerWithSeparation(Proportional):
 
 @dataclass(frozen=True)
 class VeerWithDepth(Effect):
-    """The directional shear changes as the pair is blown down to other water."""
+    """The directional shear changes with depth as the mooring is blown down."""
 
     name, driver = "current_veer", "depth"
     side = "water"
@@ -57,7 +57,7 @@ class VeerWithDepth(Effect):
 
 @dataclass(frozen=True)
 class VeerWithDirection(Proportional):
-    """The directional shear differs by direction of the flow."""
+    """The directional shear depends on the direction of the flow."""
 
     name, driver = "current_veer", "flow_direction"
     side = "water"
@@ -71,10 +71,10 @@ class VeerWithDirection(Proportional):
     cosine2_deg: float = parameter("degrees", "part with the cosine of its double", 1.0, usual=USUAL_DEG)
 
 
-# Motion of the mooring: the sphere is carried to and fro as the flow changes.
+# Motion of the mooring: the sphere is displaced as the flow changes.
 @dataclass(frozen=True)
 class MooringMotion(Proportional):
-    """The instrument's own velocity is missing from what it measures, across the flow while the lean turns."""
+    """The instrument's own velocity is missing from the measured current, across the flow when its direction turns."""
 
     name, driver = "mooring_motion", "motion"
     words = "the mooring's own motion is in the measured current"
@@ -87,10 +87,10 @@ class MooringMotion(Proportional):
     m_s2_m2: float = parameter("m/(m/s)^2", "excursion by speed squared", 200.0)
 
 
-# Faults of the reference: its own compass, and what its beams make of the water.
+# Faults of the reference: of its own compass, and of its beams.
 @dataclass(frozen=True)
 class OfReference(Effect):
-    """The reference's directions are turned: what it does stands where a veer of the water would."""
+    """An effect that rotates the reference's directions, modelled like a veer of the water."""
 
     side = "reference"
     acts_on = "water"
@@ -127,7 +127,7 @@ class ReferenceSlip(OfReference):
 
 @dataclass(frozen=True)
 class ReferenceBeams(OfReference):
-    """One beam pair of the reference gives larger velocities than the other."""
+    """One beam pair of the reference measures larger velocities than the other."""
 
     name, driver = "reference_beams", "reference_heading"
     words = "the beams of the reference are of unequal gain"
@@ -143,7 +143,7 @@ class ReferenceBeams(OfReference):
 
 @dataclass(frozen=True)
 class ReferenceBias(OfReference):
-    """A constant velocity in its own frame is added to what the reference measures, as by ringing."""
+    """A constant velocity in its own frame is added to the reference's measurements, as by ringing."""
 
     name, driver = "reference_bias", "reference_heading"
     words = "the velocities of the reference have a constant offset in its own frame"
@@ -155,7 +155,7 @@ class ReferenceBias(OfReference):
     starboard_m_s: float = parameter("m/s", "velocity added to starboard", 0.003)
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Compute the veer; the departures are sine and cosine of the flow's angle in the body, over the speed."""
+        """Add the veer; the departures are sine and cosine of the flow's angle in the body frame, over the speed."""
         sine, cosine = (scene.departures[name] for name in self.needs)
         return x + (self.starboard_m_s * cosine - self.forward_m_s * sine) / angles.DEGREE
 
@@ -182,7 +182,7 @@ class ClockOffset(Effect):
 
 @dataclass(frozen=True)
 class ClockDrift(Effect):
-    """The affected instrument's clock gains on the reference's."""
+    """The affected instrument's clock gains relative to the reference's at a constant rate."""
 
     name = "clock_drift"
     words = "the two clocks drift apart"

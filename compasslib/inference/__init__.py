@@ -1,9 +1,9 @@
-"""Where a recording and its simulation differ, what physics was left out, and how certain that is.
+"""Search for unmodelled effects: where recording and simulation differ, what physics is missing, and how certain it is.
 
 ``kinds.mooring.diagnose`` searches a mooring, ``kinds.diagnose`` a calibration's recording; ``joint.join_compass``
-joins the records of one compass. Nothing is imported here: the jobs that only correct need no search.
+joins the records of one compass. Nothing is imported here, because jobs that only correct need no search.
 
-An error of a bench that its curve cannot take, here three cycles a turn:
+An error on a test bench that the fitted curve cannot represent, here with three cycles per turn:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
@@ -21,7 +21,7 @@ An error of a bench that its curve cannot take, here three cycles a turn:
 >>> diagnosis.verdict, [finding.effect for finding in diagnosis.findings]
 ('explained', ['sextantal'])
 
-Three deployments in other fields of the same iron, 600 nT forward, each known to some 60 nT; the fourth is another:
+Three deployments in different fields with the same iron, 600 nT forward, known to about 60 nT; the fourth differs:
 
 >>> from compasslib.inference.joint_compass import Member, join_records
 >>> fields = {"A": 12000.0, "B": 15000.0, "C": 12000.0, "D": 12000.0}

@@ -1,7 +1,7 @@
-"""A recording compared with its simulation: what every search starts from, and the findings made of its terms.
+"""Comparison of a recording with its simulation, the input of every search, and the findings built from its terms.
 
-Hypotheses of a long record are weighed by the slopes of their columns, beside slow noise (``long_record``); those of a
-short one, whose effects may be a thousand times its noise, are each refitted in the forward model (``short_fit``).
+Hypotheses on a long record are evaluated in a linearized model with slow noise (``long_record``); those on a short
+one, whose effects may exceed the noise a thousandfold, are each refitted in the forward model (``short_fit``).
 """
 
 from __future__ import annotations
@@ -27,15 +27,14 @@ from compasslib.records import EarthField, Pairs
 from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
-BAND_SIGMAS = 2.5  # standard errors by which a bin leaves the band
+BAND_SIGMAS = 2.5  # standard errors beyond which a bin is outside its band
 
-TILT_HIGHPASS_HOURS = 6.0  # tilts faster than this are mostly the sensor's and the waves'
+TILT_HIGHPASS_HOURS = 6.0  # tilt variations faster than this are mostly sensor noise and waves
 TIDE_PERIODS_H = (TIDE_S / HOUR_S, 12.0, 12.6583, 23.9345, 25.8193)  # periods of M2, S2, N2, K1, O1
-LEAST_SPREAD = 1e-9  # of a column, rounding aside: sampled exactly twice a day the tide of the sun is a constant
-TIDE_RESOLVING_STEP_S = 3 * 3600.0  # sampling that still follows them
-LEAST_WAVE_SPREAD = (
-    0.1  # standard deviation of a wave of the tide: one that stands nearly still is a mean shear, and A's
-)
+LEAST_SPREAD = 1e-9  # of a column, to exclude constants: S2 sampled exactly twice a day is one up to rounding
+TIDE_RESOLVING_STEP_S = 3 * 3600.0  # longest sampling interval that resolves the tides
+# Least standard deviation of an aliased tidal wave: a nearly constant one cannot be separated from A or a mean shear.
+LEAST_WAVE_SPREAD = 0.1
 CANCELS = "it acts on both compasses alike and cancels in the difference of their directions"
 IN_FITTED_IRON = "constant errors of the tilts turn the heading as iron does: B and C of the fitted curve contain them"
 CONSTANT_IN_A = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
@@ -62,36 +61,36 @@ MISSING_SERIES = {
 }
 
 
-# Information (k, k) and score (k,) of each term's parameters by other records of the same compass, in their units.
+# Information (k, k) and score (k,) of each term's parameters from other records of the same compass, in their units.
 SharedInformation = Mapping[type[Effect], tuple[Floats, Floats]]
 
-FEWEST_PAIRS, SHORTEST_DAYS = 200, 20.0  # below which an effect is not told from the water
+FEWEST_PAIRS, SHORTEST_DAYS = 200, 20.0  # least record in which an effect can be distinguished from directional shear
 
 
 @dataclass(frozen=True)
 class Options:
-    """What may be chosen about a diagnosis."""
+    """Options of a diagnosis."""
 
-    min_effect_deg: float = 0.5  # visible size, rms, below which a mismatch does not matter
-    apply: bool = True  # whether findings on the compass side are handed to the correction
-    alarm: float = 0.006  # probability that noise alone gives an unexplained mismatch, or a name of a short record
-    prior_odds: float = 1.0  # of a fault of compass or clock in a long record, beforehand
-    surrogates: int = 19  # of a record without an effect, by which a finding is held against chance
-    reference_magnetic: bool = True  # whether the reference has a compass too
+    min_effect_deg: float = 0.5  # visible size, degrees rms, below which a mismatch is negligible
+    apply: bool = True  # whether findings on the compass side are corrected
+    alarm: float = 0.006  # false alarm probability of an unexplained mismatch, and of a finding in a short record
+    prior_odds: float = 1.0  # of a fault of compass or clock in a long record
+    surrogates: int = 19  # simulated records without the effect, against which the gain of a finding is ranked
+    reference_magnetic: bool = True  # whether the reference has a magnetic compass too
     share: bool = False  # whether to collect information for other records of the compass
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """A recording held against its simulation; n samples in the order of time."""
+    """A recording and what its search needs; n samples in the order of time."""
 
-    time_s: Floats  # (n,) increasing: UTC seconds, or the number of the reading where there is no clock
-    terms: tuple[type[Effect], ...]  # that can be tested
-    covariates: Mapping[str, Floats]  # (n,) each; what the omnibus tests look along
-    not_testable: tuple[tuple[str, str], ...] = ()  # (effect, why)
-    units: Mapping[str, str] = field(default_factory=dict)  # of covariates that have no name of their own here
-    what: str = ""  # is compared, in words, where a recording may hold several comparisons
-    clocked: bool = True  # whether its times are UTC
+    time_s: Floats  # (n,) increasing: UTC seconds, or the number of the reading if there is no clock
+    terms: tuple[type[Effect], ...]  # effects that can be tested
+    covariates: Mapping[str, Floats]  # (n,) each, along which the omnibus tests look for a mismatch
+    not_testable: tuple[tuple[str, str], ...] = ()  # (effect, reason)
+    units: Mapping[str, str] = field(default_factory=dict)  # of instrument-specific covariates, by name
+    what: str = ""  # description of the comparison, if the recording may contain several
+    clocked: bool = True  # whether the times are UTC
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -102,7 +101,7 @@ class Comparison:
         return float(self.time_s[0]), float(self.time_s[-1])
 
     def unit(self, term: Effect, k: int) -> tuple[float, str]:
-        """Give the factor and the unit by which a parameter is shown."""
+        """Give the factor and the unit in which a parameter is reported."""
         return 1.0, self.driven(term, term.units()[k])
 
     def driven(self, term: Effect, unit: str) -> str:
@@ -116,13 +115,13 @@ class Comparison:
         return unit
 
     def where(self, name: str, span: tuple[float, float] | None = None) -> CovariateRange:
-        """Describe a range of a covariate, by default the one that it covers."""
+        """Describe a range of a covariate, by default the one that most of its values cover."""
         low, high = span or tuple(np.quantile(self.covariates[name], findings.SHOWN_QUANTILES).tolist())
         text = wording.range_text(name, low, high, on_land=bool(self.what), clocked=self.clocked)
         return CovariateRange(name, low, high, text)
 
     def outside(self, curve: BinnedResidual) -> CovariateRange:
-        """Describe the range in which a binned residual leaves its band; all of the covariate where no bin does."""
+        """Describe the range in which a binned residual is outside its band, the whole range if no bin is."""
         far = np.abs(curve.before_deg) > BAND_SIGMAS * curve.sigma_deg
         if not far.any() or len(curve.centre) < 2:
             return self.where(curve.covariate)
@@ -132,7 +131,7 @@ class Comparison:
         return self.where(curve.covariate, (float(low), float(high)))
 
     def since(self, date_s: float) -> CovariateRange:
-        """Describe the time from a date on."""
+        """Describe the period from a date to the end of the recording."""
         last = self.span_s[1]
         if self.clocked:
             return CovariateRange("time", date_s, last, f"from {wording.date_text(date_s, last - self.span_s[0])} on")
@@ -140,7 +139,7 @@ class Comparison:
         return CovariateRange("reading", first, last, f"from reading {first:.0f} on")
 
     def main_covariate(self, term: Effect) -> str:
-        """Choose the covariate along which an effect shows: of those it depends on the one that varies most."""
+        """Choose the covariate along which an effect is shown: the most variable of those it depends on."""
         listed = term.needs if isinstance(term, ComposedEffect) else wording.SHOWN_ALONG.get(term.name, ("time",))
         known = [name for name in listed if name in self.covariates]
         known = [name for name in known if name in term.needs] or known
@@ -154,13 +153,13 @@ class Comparison:
         named: Sequence[str],
         place: CovariateRange | None = None,
     ) -> Unexplained:
-        """Describe the mismatch that the named terms leave: where, how large, its empirical curve.
+        """Describe the mismatch that remains with the named effects: where, how large, its empirical curve.
 
         Args:
-            curves: along its covariates.
-            size_deg: visible size, rms.
-            named: effects that stand beside it.
-            place: where it is known; else where the curves leave their bands.
+            curves: residual along each of its covariates.
+            size_deg: visible size, degrees rms.
+            named: effects that are found in addition.
+            place: range in which it shows; by default where the curves are outside their bands.
         """
         places = [place] if place else [self.outside(curve) for curve in curves]
         dates = next(((where.low, where.high) for where in places if where.covariate == "time"), self.span_s)
@@ -171,23 +170,22 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True)
 class LongComparison(Comparison):
-    """A recording of weeks or years held against its simulation; n samples in the order of time."""
+    """A recording of weeks or years with its simulation; n samples in the order of time."""
 
-    simulation: ForwardModel  # what the recording is held against
-    scene: Scene  # in what it was made, with the departures that terms need
-    recorded_deg: Floats  # (n,) heading that the affected compass gave
-    observed_deg: Floats  # (n,) heading that the reference's side shows
-    slowness: Floats  # (n,) what widens the scatter, 1/speed; 0 where nothing does
-    expected_deg: (
-        Floats  # (n,) width of the scatter as the fit has it; two headings nearer than a few are not told apart
-    )
+    simulation: ForwardModel  # the fitted compass with which the recording is compared
+    scene: Scene  # conditions of the recording, with the departures that terms need
+    recorded_deg: Floats  # (n,) heading recorded by the affected compass
+    observed_deg: Floats  # (n,) heading derived from the reference
+    slowness: Floats  # (n,) 1/speed, with which the scatter grows; 0 where it does not
+    # (n,) width of the scatter according to the fit, by which the branches of a two-valued compass are distinguished
+    expected_deg: Floats
     precision_deg: float  # noise of the recorded heading itself
-    nuisance: Floats  # (n, k) columns that are fitted and never named
-    has_slow_noise: bool = True  # whether slow water of two depths may stand between both sides
-    low_rank: LowRankNoise | None = None  # slow water, once it was learnt
-    usual: Mapping[type[Effect], Floats] = field(default_factory=dict)  # standard deviation expected of each parameter
-    prior: CoefficientPrior | None = None  # what other records of the compass tell of A..E
-    shared: SharedInformation = field(default_factory=dict)  # and of its effects
+    nuisance: Floats  # (n, k) columns that are fitted and never reported
+    has_slow_noise: bool = True  # whether directional shear between two depths adds slow noise
+    low_rank: LowRankNoise | None = None  # the slow noise, once estimated
+    usual: Mapping[type[Effect], Floats] = field(default_factory=dict)  # prior standard deviation of each parameter
+    prior: CoefficientPrior | None = None  # of A..E, from other records of the compass
+    shared: SharedInformation = field(default_factory=dict)  # on effects, from other records of the compass
 
 
 def compare_pairs(
@@ -202,9 +200,9 @@ def compare_pairs(
     """Compare the overlap of a mooring with its fitted exact compass.
 
     Args:
-        logged: other series at their times, (n,) each.
-        reference_magnetic: whether the reference has a compass too.
-        units: of series that have no name of their own here; 1 where absent.
+        logged: other logged series at the times of the pairs, (n,) each.
+        reference_magnetic: whether the reference has a magnetic compass too.
+        units: units of instrument-specific series, by name; 1 where absent.
     """
     columns = covariate_series.pair_covariates(pairs, logged)
     references = covariate_series.reference_values(columns)
@@ -244,7 +242,7 @@ def scene_of_pairs(
     field: EarthField,
     heading_deg: Floats,
 ) -> Scene:
-    """Build the scene in which the pairs were measured."""
+    """Build the scene of the pairs."""
     h, z = (np.interp(pairs.time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
     return Scene(
         time_s=pairs.time_s,
@@ -260,7 +258,7 @@ def scene_of_pairs(
 def testable_effects(
     scene: Scene, reference_magnetic: bool
 ) -> tuple[tuple[type[Effect], ...], tuple[tuple[str, str], ...]]:
-    """Select the terms that a mooring's record can test; give the reason for every other."""
+    """Select the terms that can be tested in a mooring's record, and give the reason for every other."""
     terms, missing = [], []
     for term in all_effects():
         if "mooring" not in term.recordings or term.acts_on == "time":
@@ -282,11 +280,11 @@ def testable_effects(
 
 
 def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: ForwardModel) -> Floats:
-    """Build the columns that every overlap has: noise of the tilt sensor through Z, and the flow's rate of turn.
+    """Build the nuisance columns of every overlap: tilt sensor noise, rate of turn of the flow, aliased tides.
 
-    The noise of a recorded tilt stands in the heading and in the tilt alike; on the fast part of the tilt it looks
-    like heeling. A clock, or water that arrives at one depth later, shows as the rate of turn of the flow, and a clock
-    that drifts as the same growing.
+    Noise of the tilt sensor enters both tilt and heading, so that the fast part of the tilt resembles heeling. A clock
+    offset, or a current that changes later at one depth, is proportional to the rate of turn of the flow, a clock drift
+    to this rate times time.
     """
     span = max(int(TILT_HIGHPASS_HOURS * 3600.0 / np.median(np.diff(pairs.time_s))), 1)
     fast, n = [], len(scene.pitch_deg)
@@ -304,11 +302,11 @@ def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: ForwardModel) -> F
 
 
 def _aliased_tides(time_s: Floats) -> Floats:
-    """Build waves of the tides where they are sampled too rarely to be resolved, else none, (n, k).
+    """Build sine and cosine columns of aliased tides, (n, k); k is 0 if the sampling resolves the tides.
 
-    A profiler that passes twice a day sees the tides' directional shear as waves of weeks to a year, and that of the
-    sun's tide as very nearly a constant. The mean of each wave is A's, as any mean shear is, and what hardly varies
-    beside it is left out: else nothing would be known of A.
+    A profiler that passes twice a day aliases the tidal directional shear to periods of weeks to a year, that of S2 to
+    nearly a constant. The mean of each wave belongs to A, as any mean shear does, and waves that hardly vary are left
+    out: otherwise A would be undetermined.
     """
     if np.median(np.diff(time_s)) < TIDE_RESOLVING_STEP_S:
         return np.zeros((len(time_s), 0))
@@ -317,12 +315,12 @@ def _aliased_tides(time_s: Floats) -> Floats:
 
 
 def tide_waves(time_s: Floats) -> Floats:
-    """Build sine and cosine of the five largest tides, (n, 10)."""
+    """Build sine and cosine columns of the five largest tidal constituents, (n, 10)."""
     return np.column_stack(angles.sin_cos(360.0 * (time_s - time_s[0])[:, None] / 3600.0 / np.array(TIDE_PERIODS_H)))
 
 
 def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
-    """State the size on held-out days beside the prediction, its rank, and the heading error without the effect."""
+    """State held-out and predicted size of an effect, the rank of its gain, and the heading error without it."""
     texts = []
     if proof.amplitude is not None:
         size = (
@@ -350,17 +348,17 @@ def build_finding(
     heading_error_deg: float | None = None,
     others: Sequence[Effect] = (),
 ) -> Finding:
-    """Build the finding of one term of the likeliest hypothesis.
+    """Build the finding of one term of the most probable hypothesis.
 
     Args:
-        chances: probability of the effect, which is first, and of what else may stand in its place.
-        parameters: by name, for people.
-        size_deg: visible size, rms.
-        place: where it shows; of a term with a date, since then.
-        span_s: when it acts, where that is not always.
-        heading_error_deg: rms error that headings would have without it.
-        others: the other terms of the hypothesis. A composed term that shares its driver with another one means that
-            neither has the right form: only the driver is established.
+        chances: probability of the effect, which comes first, and of each alternative.
+        parameters: fitted parameters by name, in the units of the report.
+        size_deg: visible size, degrees rms.
+        place: range in which it shows; replaced by the period from its date on if the term has a date.
+        span_s: UTC seconds from and to when it acts; by default the whole recording.
+        heading_error_deg: rms error of the headings if it were not corrected.
+        others: the other terms of the hypothesis. If a composed term shares its driver with another one, neither has
+            the right form, and only the driver is established.
     """
     probability, alternatives = next(iter(chances.values())), dict(list(chances.items())[1:])
     effect, composition = _name_and_composition(term)
@@ -404,7 +402,7 @@ def build_finding(
 
 
 def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") -> Finding:
-    """Build the finding that the exact compass fits where the five-term series does not."""
+    """Build the finding that the exact compass fits better than the five-term series."""
     effect, place = "large_deviation", CovariateRange("heading", 0.0, 360.0, "along the recorded heading")
     shown = (proof.rms_before_deg, proof.rms_after_deg, proof.p_value)
     text = wording.finding_text(effect, (), where=place.text, parameters={}, size_deg=size_deg, proof=shown, what=what)

@@ -1,6 +1,6 @@
-"""Series logged beside the headings, as the search may use them; never anything derived from the lower direction alone.
+"""Covariates of the search: logged series, and quantities derived from them and the pairs.
 
-A regressor built from the lower direction shares its noise with the residual and alarms in every record.
+No covariate is derived from the lower direction alone: it would share its noise with the residual and always alarm.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from compasslib.preparation.pairs import mean_of_nearest_bins
 from compasslib.records import MAGNETOMETER, Pairs, Record
 from compasslib.types import Floats
 
-TILT_CORRECTIONS = ("lean_pitch", "lean_roll")  # names of the series, degrees
-NEAR_CELLS = 2  # whose mean is the water at the instrument
-SHORTEST_STUCK_S, FEWEST_MOVING = 10 * 86400.0, 100  # of a stretch without any change, and of moving tilts beside it
-HIGHEST = 0.01  # quantile of the depths at which an instrument stands upright
-LEAST_EXPLAINED = 0.25  # share of the moving tilts' variance from which on the flow predicts them
+TILT_CORRECTIONS = ("lean_pitch", "lean_roll")  # true minus recorded tilt, degrees
+NEAR_CELLS = 2  # nearest bins, whose mean is taken as the velocity at the instrument
+SHORTEST_STUCK_S, FEWEST_MOVING = 10 * 86400.0, 100  # least duration of stuck tilts, and number of other tilts
+HIGHEST = 0.01  # quantile of the depth at which the instrument is taken as upright
+LEAST_EXPLAINED = 0.25  # share of the variance of the tilts that the flow must explain to be used as their predictor
 
-FEWEST_VALUES = 5  # different values below which a covariate says nothing
+FEWEST_VALUES = 5  # distinct values that a covariate needs at least
 OBSERVATORY = ("declination_observatory", "horizontal_observatory")
-INDICES = ("ap", "kp")  # of storms: how far magnetic north swings, and never whereto, so that they drive nothing
+INDICES = ("ap", "kp")  # of magnetic storms: they give the size of a disturbance, not its sign, and cannot be drivers
 NAMED_SERIES = (
     "temperature",
     "supply_voltage",
@@ -34,31 +34,31 @@ NAMED_SERIES = (
     *OBSERVATORY,
     *INDICES,
     *TILT_CORRECTIONS,
-)  # else: a channel
-ZERO_WHERE_MISSING = (*OBSERVATORY, *TILT_CORRECTIONS)  # departures: what is missing counts as none
-WITHOUT_REFERENCE = TILT_CORRECTIONS  # departures whose zero means something
-BATTERY_JUMP = 0.3  # of its whole range: a supply voltage that rises by more within a day was given a new battery
-FEWEST_PREDICTED = 100  # samples that tell the weights
-SHEAR_REACH = 6  # samples to either side over which water shears and instruments' own noise averages out
-NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # samples before and after; the nearest may share the residual's noise
-FAINTEST = 0.03  # of the harmonics' largest combination: what an arc of flow hardly separates is not scaled up
-CLIPPED_RAD = 0.6  # of the angle between two directions, for its memory: slow water may point anywhere
+)  # any other name is an instrument-specific channel
+ZERO_WHERE_MISSING = (*OBSERVATORY, *TILT_CORRECTIONS)  # missing values are set to 0
+WITHOUT_REFERENCE = TILT_CORRECTIONS  # series with a meaningful zero, from which no mean is subtracted
+BATTERY_JUMP = 0.3  # share of its range: a supply voltage that rises by more within a day indicates a new battery
+FEWEST_PREDICTED = 100  # samples needed to estimate the weights
+SHEAR_REACH = 6  # samples to either side over which shear persists while instrument noise averages out
+NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # lags in samples, before and after; at lag 1 the residual's noise may be shared
+FAINTEST = 0.03  # relative cutoff of singular values: flow from a narrow arc hardly separates the harmonics
+CLIPPED_RAD = 0.6  # clip of the angle between both directions, for its autocorrelation: slow flow has any direction
 FLOW_NAMES = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
 # ap of every third of Kp, from 0 to 9 (Bartels 1957)
 AP_OF_KP = np.array([
     0, 2, 3, 4, 5, 6, 7, 9, 12, 15, 18, 22, 27, 32, 39, 48, 56, 67, 80, 94, 111, 132, 154, 179, 207, 236, 300, 400.0
 ])  # fmt: skip
-HIGHEST_KP = 9.0  # of its scale
-SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # of the speed by which a constant velocity turns a direction
-NEIGHBOUR_S = 1.5 * HOUR_S  # neighbours farther apart say nothing of a rate
+HIGHEST_KP = 9.0  # end of the scale of Kp
+SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # averaging span, and least value, of a speed in a denominator
+NEIGHBOUR_S = 1.5 * HOUR_S  # largest interval between neighbours from which a rate is computed
 
 
 def tilt_corrections(record: Record) -> dict[str, Floats]:
-    """Estimate true minus recorded pitch and roll while the tilts stick, (n,) each, 0 elsewhere; empty if they do not.
+    """Estimate true minus recorded pitch and roll while both are stuck, (n,) each, 0 elsewhere; empty if never stuck.
 
-    A moored instrument leans with the drag of the water, and sinks with the square of the lean. Flow in its own frame
-    and depth need no compass, so that what the healthy part of the record shows of lean against both predicts the tilt
-    when the sensor no longer tells it. Where the lean follows neither, its mean over the healthy part does.
+    A moored instrument leans with the drag of the flow and sinks with the square of the lean. Flow in the instrument's
+    frame and depth need no compass: a regression of the tilt on both, fitted to the valid part of the record, predicts
+    the tilt while the sensor is stuck. If they explain little of it, the mean tilt of the valid part is used.
     """
     if not np.isfinite(record.pitch_deg + record.roll_deg).any():
         return {}
@@ -67,7 +67,7 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
     moving[stretch] = False
     if stretch.stop == stretch.start or moving.sum() < FEWEST_MOVING:
         return {}
-    # Powers of the flow along and across the instrument, and the direction of flow times the lean by depth.
+    # Flow along and across the instrument, linear and quadratic, and its direction times the lean derived from depth.
     velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     sine, cosine = angles.sin_cos(record.heading_deg)
     along, across = velocity.imag * cosine + velocity.real * sine, velocity.real * cosine - velocity.imag * sine
@@ -91,7 +91,7 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
 
 
 def longest_constant_tilt(record: Record) -> slice:
-    """Find the longest stretch in which neither tilt changes, empty where none is long enough."""
+    """Find the longest period in which neither tilt changes, empty if none is long enough."""
     still = (np.diff(record.pitch_deg) == 0.0) & (np.diff(record.roll_deg) == 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     if not len(edges):
@@ -104,15 +104,15 @@ def longest_constant_tilt(record: Record) -> slice:
 
 
 def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | None = None) -> dict[str, Floats]:
-    """Collect the series beside heading and tilt that hold anything, (n,) each.
+    """Collect the logged series other than heading and tilt that contain data, (n,) each.
 
     Args:
-        record: the affected instrument.
-        observatory_files: IAGA-2002 files of one observatory, perhaps none.
-        at: overlaps at whose times they are wanted; at every sample of the record where absent.
+        record: of the affected instrument.
+        observatory_files: IAGA-2002 files of one observatory, may be empty.
+        at: pairs at whose times the series are returned; by default all samples of the record.
 
     Raises:
-        InputError: an observatory's file cannot be read.
+        InputError: an observatory file cannot be read.
     """
     velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
     series = {
@@ -123,7 +123,7 @@ def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | 
         **{name: channel for name, channel in record.channels.items() if name not in MAGNETOMETER},
     } | tilt_corrections(record)
     if observatory_files:
-        from compasslib.calibrations import observatory  # only where one is named
+        from compasslib.calibrations import observatory  # deferred: rarely needed
 
         series |= zip(OBSERVATORY, observatory.covariates(observatory_files, record.time_s), strict=True)
     where = slice(None) if at is None else np.searchsorted(record.time_s, at.time_s)
@@ -131,7 +131,7 @@ def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | 
 
 
 def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Collect the covariates along which the residual is tested, (n,) each; constants are left out."""
+    """Collect the covariates along which the residual is tested, (n,) each, without those that hardly vary."""
     upper, _ = pair_speeds(pairs)
     series = {
         "heading": pairs.heading_deg,
@@ -152,23 +152,23 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
 
 
 def reference_values(columns: Mapping[str, Floats]) -> dict[str, float]:
-    """Compute the references of departures by covariate: means, or 0 for what is a departure itself."""
+    """Compute the reference of each covariate: its mean, or 0 if it is a departure already."""
     means = {name: 0.0 if name in WITHOUT_REFERENCE else float(np.mean(column)) for name, column in columns.items()}
     tilts = [columns[name] for name in ("pitch", "roll") if name in columns]
     return means | ({"tilt": float(np.mean(np.hypot.reduce(tilts)))} if tilts else {})
 
 
 def smooth_supply(name: str, column: Floats, time_s: Floats) -> Floats:
-    """Average a supply voltage over a day; other series are returned as they are, (n,).
+    """Average a supply voltage over a day, (n,); other series are returned unchanged.
 
-    Batteries change within days; what is faster is mostly the converter's count, and would hide that a voltage falls as
-    evenly as time goes.
+    A battery voltage changes over days; faster variations are mostly quantization, and would hide that a steadily
+    falling voltage is collinear with time.
     """
     return running_mean(column, time_s, DAY_S) if name == "supply_voltage" and len(column) else column
 
 
 def running_mean(column: Floats, time_s: Floats, span_s: float) -> Floats:
-    """Average a series over a span around each sample, (n,).
+    """Average a series over a time span around each sample, (n,).
 
     Args:
         column: (n,), NaN where missing.
@@ -183,13 +183,13 @@ def running_mean(column: Floats, time_s: Floats, span_s: float) -> Floats:
 
 
 def varies(column: Floats) -> bool:
-    """Return whether most samples of a covariate are there and take more than a few values."""
+    """Return whether a covariate is available at most samples and has more than a few distinct values."""
     known = column[np.isfinite(column)]
     return 2 * len(known) > len(column) and len(np.unique(known)) >= FEWEST_VALUES
 
 
 def fill_gaps(column: Floats) -> Floats:
-    """Fill missing values with the median, which is neutral."""
+    """Fill missing values with the median."""
     return np.where(np.isfinite(column), column, np.nanmedian(column))
 
 
@@ -199,9 +199,9 @@ def departures(
     """Compute the series that the terms need: covariates minus their references, and rates, (n,) each.
 
     Args:
-        covariates: as ``pair_covariates`` gives them.
-        references: what is taken off, by name.
-        heading_deg: headings as the fit corrects them, (n,), degrees; NaN where it cannot.
+        covariates: from ``pair_covariates``.
+        references: value that is subtracted, by name; see ``reference_values``.
+        heading_deg: magnetic headings corrected by the fit, (n,), degrees; NaN where there is none.
     """
     result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
     if np.any(rate := turn_rate(pairs.heading_deg, pairs.time_s)):
@@ -231,10 +231,10 @@ def departures(
 
 
 def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
-    """Take the storm index ap, or convert Kp to it; None where neither was given, (n,).
+    """Get the storm index ap, (n,), converted from Kp if only this was logged; None if neither was.
 
     Args:
-        covariates: by name, of which ``ap`` and ``kp`` count; tenths of Kp are known by values beyond its highest.
+        covariates: by name, of which ``ap`` and ``kp`` are used; Kp is taken to be in tenths if it exceeds 9.
     """
     if "ap" in covariates:
         return np.maximum(covariates["ap"], 0.0)
@@ -245,7 +245,7 @@ def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
 
 
 def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
-    """Differentiate an angle between the neighbours of each sample, (n,) degrees/s, 0 where they are too far."""
+    """Compute the rate of an angle from the neighbours of each sample, (n,) degrees/s; 0 if they are too far apart."""
     turn, apart = angles.difference(angle_deg[2:], angle_deg[:-2]), time_s[2:] - time_s[:-2]
     result = np.zeros(len(time_s))
     result[1:-1] = np.where(apart <= 2.0 * NEIGHBOUR_S, turn / apart, 0.0)
@@ -253,7 +253,7 @@ def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
 
 
 def battery_count(voltage: Floats) -> Floats:
-    """Count the batteries replaced since the first, (n,): each makes the voltage rise and stay."""
+    """Count the batteries replaced so far, (n,), detected as a lasting rise of the voltage."""
     window = min(24, len(voltage) // 8)
     if window == 0:
         return np.zeros(len(voltage))
@@ -264,24 +264,24 @@ def battery_count(voltage: Floats) -> Floats:
     padded = np.pad(rise, window, constant_values=-np.inf)
     highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * window + 1).max(axis=1)
     for at in np.flatnonzero((rise > least) & (rise >= highest)):
-        if at - last > window:  # whole counts rise alike from several neighbours: one battery all the same
+        if at - last > window:  # quantized voltages have equal maxima at several neighbours: count one battery
             number[at + window :] += 1.0
         last = int(at)
     return number
 
 
 def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
-    """Predict the flow's direction from the hours around, and compute the turn of the mooring's excursion.
+    """Predict the direction of the flow from neighbouring hours, its rate of turn, and the turn by mooring motion.
 
-    The noise of either instrument's direction is in the residual too. In the middle between them what shears over hours
-    cancels, in their mean weighted by what each one's own noise is what changes from sample to sample; and the noise of
-    the hours around is hardly in what the residual's filter leaves. The prediction is smaller than what the
-    water does: it is scaled by how the direction follows it, as the first of two stages of least squares, so that a
-    veer by direction keeps its size.
+    The directional noise of both instruments is part of the residual too, and a regressor must not contain it. Slow
+    shear cancels in the mean of the two velocities, sample-to-sample noise in their mean weighted by the noise of each,
+    and the noise of neighbouring hours is mostly removed by the residual's whitening filter. Since such a prediction is
+    attenuated, it is scaled by a regression of the observed direction on it (first stage of two-stage least squares),
+    which keeps the size of a veer with direction unbiased.
     """
     upper = _complex(*angles.turn(pairs.upper_east, pairs.upper_north, deviation_deg))
     lower = _complex(pairs.lower_east, pairs.lower_north)
-    # Weight the upper direction so that the mean's noise is independent of the difference: the lower's noise share.
+    # With the lower instrument's noise share as weight of the upper, the noise of mean and difference is uncorrelated.
     a, b = np.diff(upper, 2), np.diff(lower, 2)
     common = float(np.real(np.mean(a * np.conj(b))))
     noise = [max(float(np.mean(np.abs(x) ** 2)) - common, 0.0) for x in (a, b)]
@@ -301,7 +301,7 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     span_s = pairs.time_s[2:] - pairs.time_s[:-2]
     moved[1:-1] = np.where(span_s <= 2.0 * NEIGHBOUR_S, (lean[2:] - lean[:-2]) / span_s, 0.0)
     across = -np.imag(moved * np.conj(upper)) / np.maximum(np.abs(upper), 0.02) ** 2 / angles.DEGREE
-    # The flow's rate of turn by a straight line through five samples, degrees/h, 0 at gaps.
+    # Rate of turn of the flow from a straight line through five samples, degrees/h, 0 at gaps.
     five = np.lib.stride_tricks.sliding_window_view(both, 5)
     hours = np.lib.stride_tricks.sliding_window_view(pairs.time_s, 5) / HOUR_S
     away = hours - hours.mean(axis=1, keepdims=True)
@@ -318,13 +318,13 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
 def _body_frame_flow(
     heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], whose: str
 ) -> dict[str, Floats]:
-    """Compute sine and cosine of the flow's angle in an instrument's body over its speed, and the sine of twice it.
+    """Compute sine and cosine of the flow's angle in the body frame divided by speed, and the sine of twice the angle.
 
     Args:
-        heading_deg: to true north, (n,).
-        speed: as that instrument measured it, mean of some hours, (n,) m/s.
-        of_flow: the flow's direction as the hours around tell it.
-        whose: what the names begin with.
+        heading_deg: heading relative to true north, (n,).
+        speed: measured by that instrument, averaged over some hours, (n,) m/s.
+        of_flow: predicted direction of the flow, see ``FLOW_NAMES``.
+        whose: prefix of the names.
     """
     (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * heading_deg) for k in (1.0, 2.0))
     east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW_NAMES)
@@ -337,14 +337,14 @@ def _body_frame_flow(
 
 
 def _harmonics(flow: NDArray[np.complex128]) -> Floats:
-    """Compute sine and cosine of the flow's direction and of its double, (n, 4); 0 where it does not flow."""
+    """Compute sine and cosine of the flow's direction and of twice it, (n, 4); 0 where the velocity is 0."""
     size = np.abs(flow)
     unit = np.where(size > 0.0, flow / np.where(size > 0.0, size, 1.0), 0.0)
     return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
 
 
 def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Floats:
-    """Scale the predicted harmonics by how the observed ones follow them, lag-one memory filtered out, (n, k)."""
+    """Scale predicted harmonics by regressing the observed ones on them, lag-one autocorrelation removed, (n, k)."""
     x, z = (series[1:] - memory * series[:-1] for series in (harmonics, around))
     known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)
     if not known.any():
@@ -356,7 +356,7 @@ def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Float
 
 
 def _predict_from_neighbours(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
-    """Predict the flow from samples some hours before and after, by least squares; 0 where they are missing."""
+    """Predict the flow by least squares from samples some hours before and after; 0 where these are missing."""
     result, most = np.zeros(len(flow), dtype=complex), NEIGHBOURS[-1]
     inside = np.arange(most, len(flow) - most)
     inside = inside[time_s[inside + most] - time_s[inside - most] <= (2 * most + 0.5) * HOUR_S]
@@ -373,7 +373,7 @@ def _complex(east: Floats, north: Floats) -> NDArray[np.complex128]:
 
 
 def hat_columns(x: Floats, count: int) -> Floats:
-    """Build hat functions on knots at even quantiles, (n, k)."""
+    """Build piecewise linear hat functions on knots at equally spaced quantiles, (n, k)."""
     knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
     if len(knots) < 2:
         return np.zeros((len(x), 0))
@@ -382,5 +382,5 @@ def hat_columns(x: Floats, count: int) -> Floats:
 
 
 def standardize(x: Floats) -> Floats:
-    """Standardize a series and clip far outliers, (n,)."""
+    """Standardize a series and clip it at 4 standard deviations, (n,)."""
     return np.clip((x - np.mean(x)) / np.std(x), -4.0, 4.0)

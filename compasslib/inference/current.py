@@ -1,9 +1,9 @@
-"""The current between the two depths: part of the noise beside every hypothesis, and what is stated of it.
+"""The current between the two depths: its contribution to the noise of every hypothesis, and statements on it.
 
-Directions of two depths differ with the speed, depth, tide and direction of the flow, with the mooring's own motion,
-and by errors of the velocity measurement (bias, beam gain). None of it turns a heading. All of these columns are
-Gaussian of a usual size in the noise of every hypothesis; which of them are there, and how large, is asked beside the
-likeliest one: by that a compass is refitted.
+The directions at two depths differ with the speed, depth, tide and direction of the flow, with mooring motion, and by
+errors of the velocity measurement (bias, beam gain). None of this changes a heading. The noise of every hypothesis
+contains all these columns with Gaussian coefficients of typical size; which of them act, and how strongly, is inferred
+under the most probable hypothesis and used when a compass is refitted.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from compasslib.inference.comparison import TIDE_RESOLVING_STEP_S, LongCompariso
 from compasslib.inference.finding import SURE
 from compasslib.types import Floats
 
-KNOTS = 6  # of a directional shear along speed or depth
-USUAL_TIDE_DEG = 2.0  # of one wave of a tide's directional shear
-PRESENT = 0.75  # probability from which a driver is taken to act where a compass is refitted: a Bayes factor of 3
-LEAN_SHARE = 0.05  # of the scatter of directions, usual to go with a tilt: the flow at the instrument leans it
-# What varies together: as a mooring is blown down, and as its instrument leans.
+KNOTS = 6  # of the directional shear along speed or depth
+USUAL_TIDE_DEG = 2.0  # prior standard deviation of each sine and cosine of tidal directional shear
+PRESENT = 0.75  # probability from which a driver enters the noise of a refit: a Bayes factor of 3
+LEAN_SHARE = 0.05  # of the scatter of directions, prior standard deviation by tilt: the flow leans the instrument
+# Drivers that vary together: by mooring knock-down, and by the lean of the instrument.
 COUPLED = (frozenset({"speed", "depth", "separation"}), frozenset({"tilt", "pitch", "roll"}))
-VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # with what they may change
-DRAWS, SEED = 2000, 5  # of the current's size: a probability of 0.95 within 0.5 %
-LEAST_SPREAD = 1e-6  # degrees of a column that says nothing
+VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # that may modulate the former
+DRAWS, SEED = 2000, 5  # of the current's size: standard error 0.5 % of a probability of 0.95
+LEAST_SPREAD = 1e-6  # standard deviation, degrees, below which a column is left out
 WORDS = {
     "speed": "with the speed of the flow",
     "depth": "with depth",
@@ -49,34 +49,34 @@ RIVAL = (
     "{separated_by} would separate them."
 )
 SEPARATED_BY = "a second current meter at the depth of the affected instrument"
-CONTESTED = 0.05  # probability of the compass from which a statement on the current is contested
+CONTESTED = 0.05  # probability of a compass effect instead, from which a statement on the current is qualified
 
 
 @dataclass(frozen=True)
 class CurrentBlock:
-    """Columns of one driver, at their usual sizes."""
+    """Columns of the current by one driver."""
 
     driver: str
-    columns: Floats  # (n, k) degrees for one standard deviation
+    columns: Floats  # (n, k) degrees per prior standard deviation
 
 
 @dataclass(frozen=True)
 class CurrentStatement:
-    """What the current, or the velocity measurement, does and the simulation assumed it would not."""
+    """An effect of the current, or of the velocity measurement, that the simulation does not contain."""
 
-    driver: str | None  #: what it depends on; None where the side alone is established
-    probability: float  #: that it exceeds the size that matters
+    driver: str | None  #: variable on which it depends; None if only the side is established
+    probability: float  #: that its size exceeds ``min_effect_deg``
     size_deg: float  #: visible size, degrees rms
-    low_deg: float  #: lower end of its 95 % interval
-    high_deg: float  #: upper end of its 95 % interval
-    text: str  #: in sentences
+    low_deg: float  #: lower end of the 95 % interval of ``size_deg``
+    high_deg: float  #: upper end of the 95 % interval of ``size_deg``
+    text: str  #: the statement in sentences
 
     def contested(self, rival: float, followed: str) -> CurrentStatement:
-        """Lower the probability by that of a compass whose reading follows the driver, and say so.
+        """Reduce the probability by that of a compass reading that depends on the driver, and mention it.
 
         Args:
             rival: probability of such a compass.
-            followed: driver that its reading follows.
+            followed: driver on which its reading depends.
         """
         if rival < CONTESTED:
             return self
@@ -95,18 +95,18 @@ class CurrentStatement:
             "unit": "degrees",
             "low": self.low_deg,
             "high": self.high_deg,
-            "heldout": None,  # the current is not tested on held-out days
+            "heldout": None,  # not tested on held-out days
             "text": self.text,
         }
 
 
 def coupled_drivers(driver: str) -> frozenset[str]:
-    """Collect the drivers of the current that are not separated from a driver."""
+    """Collect the drivers of the current that cannot be separated from a driver, including itself."""
     return next((group for group in COUPLED if driver in group), frozenset({driver}))
 
 
 def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
-    """Build the columns of the current of a mooring, by driver."""
+    """Build the columns of the current of a mooring by driver."""
     columns: dict[str, list[Floats]] = {}
     for name in ("speed", "depth"):
         if name in case.covariates:
@@ -119,7 +119,7 @@ def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
         columns["tide"] = [USUAL_TIDE_DEG * tide_waves(case.scene.time_s)]
     for kind in case.terms:
         if kind.side == "water" and kind.driver not in ("speed", "depth"):
-            # The turn by each parameter at its usual size, (n, k) degrees.
+            # The turn by each parameter at its prior standard deviation, (n, k) degrees.
             unit, still = np.eye(len(kind.fitted())), np.zeros(len(case))
             turn = np.stack([kind().at(values).apply(still, case.scene) for values in unit], axis=1)
             size, usual = np.sqrt(np.mean(turn**2, axis=0)), kind.expected()
@@ -137,39 +137,39 @@ def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
 
 @dataclass(frozen=True)
 class CurrentPosterior:
-    """Which drivers act, and by how much: every subset is weighed, sizes are drawn from the mixture."""
+    """Posterior over all subsets of drivers, with coefficients drawn from the mixture."""
 
     drivers: tuple[str, ...]  # of each column, (p,)
-    values: Floats  # (d, p) drawn, in usual sizes
-    acting: float  # probability that any driver acts, which beforehand is as probable as not
+    values: Floats  # (d, p) drawn coefficients, in prior standard deviations; 0 if the driver does not act
+    acting: float  # posterior probability that any driver acts; the prior is 0.5
 
     @property
     def variances(self) -> Floats:
-        """The variance about none of each coefficient whose driver is taken to act, 0 of the others, (p,).
+        """Mean square of each coefficient whose driver is likely to act, 0 for the others, (p,).
 
-        One that is hardly there would widen a compass by all that it might do in the directions that nothing shows.
+        A driver that hardly acts would otherwise widen the covariance of a compass where the data do not constrain it.
         """
         present = np.mean(self.values != 0.0, axis=0) >= PRESENT
         return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
 
     def exceeds(self, driver: str | None, visible: Floats, min_effect_deg: float) -> float:
-        """Compute the probability that the current exceeds a size by one driver, by all where None, see ``state``."""
+        """Compute the probability that the current by one driver, or by all if None, exceeds a size; see ``state``."""
         sizes = self._sizes_by(driver, visible)
         share = float(np.mean(sizes > min_effect_deg)) if len(sizes) else 0.0
         return self.acting * share if driver is None else share
 
     def _sizes_by(self, driver: str | None, visible: Floats) -> Floats:
-        """Compute the drawn sizes by one driver, (d,), or by all where any acts, degrees rms."""
+        """Compute drawn sizes, degrees rms: by one driver, (d,), or by all, only draws in which any acts."""
         if driver is None:
             return _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
         return _sizes(self.values * [driver == name for name in self.drivers], visible)
 
     def state(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
-        """State what the current does: the probability that it exceeds a size, and by which drivers.
+        """Compute the probability that the current exceeds a size, and state by which drivers it does.
 
         Args:
-            visible: mean products of the columns, what the compass can take projected out, square degrees, (p, p).
-            min_effect_deg: rms below which nothing matters.
+            visible: mean products of the columns with the compass projected out, square degrees, (p, p).
+            min_effect_deg: size, degrees rms, below which an effect is negligible.
         """
         probability = self.exceeds(None, visible, min_effect_deg)
         if probability < SURE:
@@ -183,15 +183,15 @@ class CurrentPosterior:
 
 
 def infer_current(drivers: Sequence[str], information: Floats, score: Floats) -> CurrentPosterior:
-    """Infer which drivers of the current act, each as probably as not beforehand.
+    """Infer which drivers of the current act, each with even prior odds.
 
-    With these odds some current would be nearly sure before any record was seen. That any acts has even odds too, for
-    which each driver is less probable.
+    With these odds it would be nearly certain a priori that some driver acts. For the probability that any acts, the
+    prior odds of each driver are lowered until those of any driver are even.
 
     Args:
-        drivers: of each column, (p,).
-        information: products of the columns, all other unknowns integrated over, in units of the noise, (p, p).
-        score: products with the residual, (p,).
+        drivers: driver of each column, (p,).
+        information: products of the columns, all other unknowns marginalized, in units of the noise, (p, p).
+        score: products of the columns with the residual, (p,).
     """
     names = list(dict.fromkeys(drivers))
     at = np.array([names.index(driver) for driver in drivers])
@@ -201,14 +201,14 @@ def infer_current(drivers: Sequence[str], information: Floats, score: Floats) ->
         lower = np.linalg.cholesky(information[np.ix_(subset, subset)] + np.eye(len(subset)))
         half, root = np.linalg.solve(lower, score[subset]), np.linalg.inv(lower).T
         fits.append((root @ half, root, float(0.5 * half @ half - np.sum(np.log(np.diag(lower))))))
-    log = np.array([fit[2] for fit in fits])  # drivers are there as probably as not
+    log = np.array([fit[2] for fit in fits])  # even prior odds of each driver
     weight = np.exp(log - log.max())
     rng, values = np.random.default_rng(SEED), np.zeros((DRAWS, len(at)))
     chosen = rng.choice(len(subsets), DRAWS, p=weight / weight.sum())
     for k in np.unique(chosen):
         mine, (mean, root, _) = np.flatnonzero(chosen == k), fits[k]
         values[np.ix_(mine, subsets[k])] = mean + rng.normal(size=(len(mine), len(mean))) @ root.T
-    each = 1.0 - 0.5 ** (1.0 / len(names))  # probability of a driver by which there is none in half of all cases
+    each = 1.0 - 0.5 ** (1.0 / len(names))  # prior probability of a driver for which none acts with probability 0.5
     count = np.array([len(set(at[subset])) for subset in subsets])
     few = log + count * np.log(each / (1.0 - each))
     return CurrentPosterior(tuple(drivers), values, float(1.0 - np.exp(few[0] - np.logaddexp.reduce(few))))

@@ -1,8 +1,8 @@
-"""A fitted simulation, its whitened residual, and the columns of effects that are tested on it.
+"""A fitted simulation, its whitened residual, and the design-matrix columns of the effects that are tested.
 
-The residual is observed minus simulated heading at the recorded one; it is never regressed on the observed heading,
-whose noise it shares. The compass's coefficients and the nuisances are projected out of everything that is tested:
-what remains of an effect after their refit is its visible size.
+The residual is observed minus simulated heading, given the recorded heading; it is never regressed on the observed
+heading, whose noise it shares. Compass coefficients and nuisance columns are projected out of every tested column: what
+remains of an effect is its visible size.
 """
 
 from __future__ import annotations
@@ -41,45 +41,45 @@ from compasslib.statistics.whitening import (
 )
 from compasslib.types import Floats
 
-WIDTH_ROUNDS = 2  # of widths and fit
-FEWEST_SAMPLES = 50  # samples that show where they are, below which there is nothing to examine
-TINY = 1e-12  # of any unit: a parameter of which nothing is expected
-BASE_RIDGE = 1e-4  # prior precision of a baseline column in whitened units, against columns that hardly vary
+WIDTH_ROUNDS = 2  # iterations between widths and fit
+FEWEST_SAMPLES = 50  # usable samples below which the residual is not tested
+TINY = 1e-12  # least prior standard deviation, in any unit
+BASE_RIDGE = 1e-4  # ridge of the base, relative to the mean square of its columns, for columns that hardly vary
 
-DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # dates of steps that are tried, and how near to the ends
+DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # least spacing of step dates, and share without them at each end
 
-REFIT_ROUNDS = 4  # of refitting, at most
-MOST_HALVINGS = 4  # times that the sizes of terms are halved before a compass is given up
-CONVERGED_DEG = 0.02  # degrees, roughly, of a step that is the last
-MISFIT_GROWTH = 1.5  # growth of the residual at which a step is not taken
-DAMPING = 1e-4  # of whitened columns of length one: waves of the tides, sampled twice a day, stand for a constant too
-DATE_REACH_S, DATE_SPACING_S = 12 * 86400.0, 86400.0  # reach and spacing of the finer search of a date
+REFIT_ROUNDS = 4  # maximum number of Gauss-Newton steps
+MOST_HALVINGS = 4  # maximum number of times that the sizes of the initial terms are halved
+CONVERGED_DEG = 0.02  # step length at convergence, approximately degrees
+MISFIT_GROWTH = 1.5  # growth of the misfit at which a step is rejected
+DAMPING = 1e-4  # ridge of unit-length whitened columns: tides sampled twice a day are nearly collinear with a constant
+DATE_REACH_S, DATE_SPACING_S = 12 * 86400.0, 86400.0  # half-width and spacing of the refined date grid
 
 
 class TooFewSamples(ArithmeticError):
-    """Hardly any sample shows on which branch of the simulated compass it is, or any direction at all."""
+    """Raised if hardly any sample has a known branch of the simulated compass, or an informative direction."""
 
 
 @dataclass(frozen=True)
 class FittedModel:
-    """A simulation held against a recording, everything else refitted; n samples."""
+    """A simulation with its whitened residual from a recording; n samples."""
 
     case: LongComparison
     simulation: ForwardModel
-    nuisance: Floats  # (k,) values of the nuisances
-    heading_deg: Floats  # (n,) simulated correct heading at the recorded one, NaN without a root
+    nuisance: Floats  # (k,) coefficients of the nuisance columns
+    heading_deg: Floats  # (n,) simulated correct heading given the recorded one, NaN without a root
     residual_deg: Floats  # (n,) observed minus simulated, degrees, NaN without a root
-    base: Floats  # (n, b) columns of A..E, of the terms unless freed, and of the nuisances, degrees a unit
+    base: Floats  # (n, b) columns of A..E, the terms unless freed, and the nuisances, degrees per unit
     whitener: Whitener
-    basis: Floats  # (n, b) orthonormal, of the whitened base
-    standard: Floats  # (n,) clipped residual over its width
-    shift: Floats  # (b,) of the base's values that the residual was freed of, by the widths alone
-    innovation: Floats  # (n,) whitened residual, the base projected out
-    sigma: float  # its standard deviation
-    response: float  # share of a small shift that survives the clip
+    basis: Floats  # (n, b) orthonormal basis of the whitened base
+    standard: Floats  # (n,) clipped residual divided by its width
+    shift: Floats  # (b,) coefficients of the base already subtracted from the residual, from a fit without filter
+    innovation: Floats  # (n,) whitened residual with the base projected out
+    sigma: float  # standard deviation of ``innovation``
+    response: float  # share of a small shift that remains after clipping
 
     def ridge(self, terms: Iterable[type[Effect] | Effect]) -> Floats:
-        """Compute the prior precision of terms' parameters, in units of products of whitened columns, (k,)."""
+        """Compute the prior precision of the terms' parameters, scaled as the products of whitened columns, (k,)."""
         usual = self.case.usual
         each: list[Floats] = [np.zeros(0)]
         for term in terms:
@@ -89,14 +89,14 @@ class FittedModel:
 
     @property
     def base_ridge(self) -> Floats:
-        """The same of the base's columns, (b,)."""
+        """Prior precision of the columns of the base, scaled as in ``ridge``, (b,)."""
         ridge = np.zeros(self.base.shape[1])
         terms = self.ridge(self.simulation.terms)
         ridge[5 : 5 + len(terms)] = terms
         return ridge
 
     def external_information(self) -> tuple[Floats, Floats]:
-        """Collect what other records tell of the base's columns: information (b, b) and score (b,)."""
+        """Collect the information (b, b) and score (b,) on the base's coefficients from other records."""
         information, score = np.zeros((self.base.shape[1],) * 2), np.zeros(self.base.shape[1])
         if self.case.prior is not None:
             information[:5, :5] = self.case.prior.precision
@@ -115,7 +115,7 @@ class FittedModel:
         return project_out(white, self.basis.astype(white.dtype))
 
     def visible(self, columns_deg: Floats) -> Floats:
-        """Subtract from columns what the base can take, by the widths, not whitened, (n, k) degrees."""
+        """Project the base out of columns weighted by the widths, not whitened; usable samples only, (m, k) degrees."""
         weight = 1.0 / self.whitener.width_deg
         columns = np.where(np.isfinite(columns_deg), columns_deg, 0.0)
         taken, *_ = np.linalg.lstsq(self.base * weight[:, None], columns * weight[:, None], rcond=1e-9)
@@ -129,12 +129,12 @@ def evaluate_model(
     """Compute the residual of a simulation, whiten it and project the base out.
 
     Args:
-        nuisance: values of the nuisances, (k,).
-        freed_deg: the terms' effects, (n,), which are then given back to the residual, so that other terms can be tried
-            in their place; else the terms belong to the base.
+        nuisance: coefficients of the nuisance columns, (k,).
+        freed_deg: total effect of the terms, (n,) degrees, which is added back to the residual so that other terms can
+            be tested in their place; if absent, the terms belong to the base.
 
     Raises:
-        TooFewSamples: too few samples are left to be examined.
+        TooFewSamples: fewer than ``FEWEST_SAMPLES`` are usable.
     """
     heading, residual, width_floor = _residual(case, simulation, nuisance)
     if (usable := int(np.isfinite(residual).sum())) < FEWEST_SAMPLES:
@@ -159,7 +159,7 @@ def evaluate_model(
     projected = innovation - basis @ (basis.T @ innovation)
     counts = np.isfinite(width)
     sigma = float(np.sqrt(projected @ projected / max(counts.sum() - basis.shape[1], 1)))
-    if freed_deg is not None:  # the clip and the filter are those of what is left, not of the effect
+    if freed_deg is not None:  # added after clipping and filtering, which are those of the residual without the effect
         innovation = innovation + response * white(freed_deg[:, None])[:, 0]
     innovation = innovation - basis @ (basis.T @ innovation)
     return FittedModel(
@@ -170,10 +170,10 @@ def evaluate_model(
 
 
 def midpoint_linearization(state: FittedModel) -> FittedModel:
-    """Halve the terms of a model for columns only; nothing is refitted there.
+    """Halve the terms of a model as the linearization point of columns, without refitting.
 
-    There the slopes are those of the chord from none to all of an effect; where it stands whole they are not, and what
-    would do as well in its place looks worse than it is.
+    At the midpoint the slopes approximate the chord from no effect to the full effect. At the full effect they do not,
+    which would put alternatives to it at a disadvantage.
     """
     terms = tuple(term.at(term.values / 2.0) for term in state.simulation.terms)
     simulation = replace(state.simulation, terms=terms)
@@ -182,53 +182,53 @@ def midpoint_linearization(state: FittedModel) -> FittedModel:
 
 
 def count_usable(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> int:
-    """Count the samples whose branch of a simulation's compass is known."""
+    """Count the samples for which the branch of the simulated compass is known."""
     return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
 
 
 def _residual(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute simulated heading, residual, and its noise from the compass itself, (n,) each."""
+    """Compute simulated heading, residual, and the heading error due to compass noise, (n,) degrees each."""
     shown = case.observed_deg - water_veer(simulation, case.scene) - case.nuisance @ nuisance
     roots = invert_heading(simulation, case.scene, case.recorded_deg)
     heading = nearest_root(roots, shown)
     slope = np.maximum(np.abs(heading_slope(simulation, case.scene, heading)), MIN_HEADING_SLOPE)
-    # Where a folded compass leaves two headings close together, the nearer one to a noisy direction is no residual.
+    # Where both branches of a two-valued compass are close, taking the one nearer to a noisy direction is biased.
     heading = np.where(shows_branch(roots, case.expected_deg), heading, np.nan)
     return heading, angles.difference(shown, heading), case.precision_deg / slope
 
 
 def slow_hats(time_s: Floats) -> Floats:
-    """Build hat functions of time that follow what changes over weeks, (n, k)."""
+    """Build piecewise linear hat functions of time that resolve changes over weeks, (n, k)."""
     knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / trend_spacing_s(time_s)), 1) + 1)
     return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
 
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns that are tested together, (n, k) degrees a unit."""
+    """Columns that are tested together, (n, k) degrees per unit."""
 
     name: str  # effect, or covariates joined by x
     columns: Floats
-    term: Effect | None = None  # at zero size, its date set
+    term: Effect | None = None  # at zero size, with its date
     covariates: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Products:
-    """Products of the candidates' columns beside slow water."""
+    """Products of the candidates' columns with slow noise marginalized."""
 
     information: Floats  #: (p, p) of the columns with each other
-    score: Floats  #: (p,) products with the residual
-    log_likelihood: float  #: of the water alone, over that of white noise
+    score: Floats  #: (p,) of the columns with the residual
+    log_likelihood: float  #: of slow noise without candidates, relative to white noise
 
 
 def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:
-    """Build the columns of one term beside a simulation."""
+    """Build the columns of one term added to a simulation."""
     return ColumnGroup(term.name, _term_derivative(state, term), term)
 
 
 def step_columns(state: FittedModel, kind: type[Effect], dates_s: Floats) -> list[ColumnGroup]:
-    """Build the columns of a term that begins at each of some dates."""
+    """Build the columns of a step term for each of several dates."""
     always = _term_derivative(state, kind())
     since = state.case.scene.since
     return [ColumnGroup(kind.name, always * since(d)[:, None], replace(kind(), date_s=float(d))) for d in dates_s]  # type: ignore[call-arg]
@@ -247,14 +247,14 @@ def _term_derivative(state: FittedModel, term: Effect) -> Floats:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The refit's solution."""
+    """A fitted model with the covariance of its parameters."""
 
     state: FittedModel
     covariance: Floats  # (b, b) of A..E, the terms' parameters and the nuisances
 
     @property
     def term_covariances(self) -> list[Floats]:
-        """Covariance of each term's own parameters."""
+        """Covariance of each term's parameters."""
         return [self.covariance[columns, columns] for columns in parameter_slices(self.state.simulation.terms, 5)]
 
 
@@ -266,17 +266,17 @@ def refit(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
 
 @dataclass(frozen=True)
 class _RefitState:
-    """A state as a point of a fit."""
+    """A fitted model as a point of the Gauss-Newton iteration."""
 
     state: FittedModel
 
     def step(self) -> tuple[Floats, float]:
-        """Solve for the step of all parameters; nuisances do not count for its length."""
+        """Compute the step of all parameters, and its length, for which nuisances do not count."""
         step, simulation = _least_squares_step(self.state), self.state.simulation
         return step, float(np.max(np.abs(step[: len(simulation.parameters)]) / simulation.steps))
 
     def moved(self, step: Floats) -> _RefitState | None:
-        """Take a step; None where there is no such compass."""
+        """Take a step; None if too few samples are usable there."""
         state, count = self.state, len(self.state.simulation.parameters)
         simulation = state.simulation.at(state.simulation.parameters + step[:count])
         try:
@@ -285,15 +285,15 @@ class _RefitState:
             return None
 
     def misfit(self, other: _RefitState) -> float:
-        """Compare another model's median residual with this one's, by the widths of this."""
+        """Compute the ratio of another model's median absolute residual to this one's, both in widths of this one."""
         return _median_misfit(other.state, self.state) / max(_median_misfit(self.state, self.state), TINY)
 
 
 def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
-    """Evaluate the model with terms, halved in size until there is such a compass.
+    """Evaluate the model with terms, halving their sizes until enough samples are usable.
 
     Raises:
-        TooFewSamples: there is none however small they are.
+        TooFewSamples: too few are usable even at the smallest sizes tried.
     """
     for _ in range(MOST_HALVINGS):
         try:
@@ -308,7 +308,7 @@ def _median_misfit(state: FittedModel, common: FittedModel) -> float:
 
 
 def refine_dates(state: FittedModel) -> FittedModel:
-    """Search the dates of the terms on a finer grid and refit."""
+    """Refine the dates of the terms on a finer grid and refit."""
     terms = list(state.simulation.terms)
     if not any(term.dated() for term in terms):
         return state
@@ -326,7 +326,7 @@ def refine_dates(state: FittedModel) -> FittedModel:
 
 
 def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
-    """Compute the drop of the whitened residual's square by each group of columns, (g,)."""
+    """Compute the decrease of the sum of squares of the whitened residual by each group of columns, (g,)."""
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1))
     parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
     pulls = [part.T @ state.innovation for part in parts]
@@ -334,7 +334,7 @@ def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
 
 
 def visible_columns(state: FittedModel, k: int) -> Floats:
-    """Project compass and nuisances out of a fitted term's columns, (n, k) degrees a unit."""
+    """Project compass and nuisances out of a fitted term's columns, (n, k) degrees per unit."""
     columns = state.base[:, parameter_slices(state.simulation.terms, 5)[k]]
     others = np.column_stack([state.base[:, :5], state.base[:, len(state.simulation.parameters) :]])
     weight = 1.0 / state.whitener.width_deg
@@ -343,21 +343,21 @@ def visible_columns(state: FittedModel, k: int) -> Floats:
 
 
 def visible_size_deg(state: FittedModel, k: int, covariance: Floats) -> float:
-    """Compute the visible size of a fitted term, rms degrees, its own uncertainty taken off."""
+    """Compute the visible size of a fitted term, rms degrees, with the bias by its uncertainty subtracted."""
     values, columns = state.simulation.terms[k].values, visible_columns(state, k)[np.isfinite(state.whitener.width_deg)]
     product = columns.T @ columns / len(columns)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
 def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
-    """Compute the log likelihood that one hypothesis gains on another, each where it stands.
+    """Compute the log likelihood gained by one fitted model over another.
 
-    It is followed along the straight way from one to the other, by the mean of the clipped and whitened residuals at
-    its ends: squares of clipped residuals alone do not see by how much a direction far off moves. What the base of
-    either could still take is no gain. A sample without a root counts in full.
+    The score is integrated along the straight line between them, as the mean of the clipped, whitened residuals at both
+    ends: squares of clipped residuals do not show by how much a clipped direction moves. The base of each is projected
+    out of its residual. A sample that loses its root gets the largest residual.
 
     Args:
-        before: the hypothesis that gives widths and filter.
+        before: the model that gives widths and filter.
     """
     whitener = before.whitener
     lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
@@ -373,11 +373,11 @@ def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
 
 
 def _least_squares_step(state: FittedModel) -> Floats:
-    """Solve for the step of all parameters from the whitened, clipped residual."""
+    """Compute the Gauss-Newton step of all parameters from the clipped, whitened residual."""
     white = state.whitener(state.base)
     scale = np.linalg.norm(white, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    # The residual of the state has the base taken out already: put the step back that did so.
+    # ``shift`` was already subtracted from the residual and is therefore added to the step.
     total = state.whitener.filtered(state.standard[:, None])[:, 0]
     unit, ridge = white / scale, state.base_ridge / scale**2
     values = np.zeros(len(scale))
@@ -394,7 +394,7 @@ def _least_squares_step(state: FittedModel) -> Floats:
 
 
 def freed_model(state: FittedModel) -> tuple[FittedModel, FittedModel]:
-    """Give the terms back to the residual, without slow water, and build a state for slopes half way."""
+    """Add the terms' effect back to the residual, without slow noise, and build the midpoint model for slopes."""
     quiet, half = replace(state.case, low_rank=None), midpoint_linearization(state)
     slopes = heading_jacobian(half.simulation, quiet.scene, half.heading_deg, first=5)
     effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]

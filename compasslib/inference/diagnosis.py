@@ -1,8 +1,8 @@
-"""The diagnosis of a recording: findings of all comparisons, the verdict, and whether a mooring is sound as a whole.
+"""Diagnosis of a recording: findings of all comparisons, the verdict, and checks of a mooring's record as a whole.
 
-A search names what bends the compass where the record as a whole is sound. Whether it is sound is judged here, so that
-verdict, flags and uncertainty agree: a constant that a mistake in the configuration explains, stretches that disagree
-with the other pairs, and a correction that held-out pairs deny.
+The search for unmodelled effects assumes that the record as a whole is valid. The checks here test this and keep
+verdict, flags and uncertainty consistent: a constant offset that matches a configuration error, periods that disagree
+with the other pairs, and a correction that held-out pairs contradict.
 """
 
 from __future__ import annotations
@@ -50,18 +50,18 @@ from compasslib.types import Floats
 
 VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
 
-LISTED_SHARE = 0.1  # of the size that matters: less is not even listed
+LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 
 UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
-SURE_CONSTANT = 0.95  # probability above which no other name is listed
-MOST_OUTLIERS = 0.03  # share of directions that say nothing; of 19 sound moorings up to 0.006, of a refuted one 0.02
+SURE_CONSTANT = 0.95  # probability from which no alternative cause is listed
+MOST_OUTLIERS = 0.03  # outlier share that flags a record; of 19 valid moorings up to 0.006, of a refuted one 0.02
 SIDES = ("none", "compass", "clock", "reference", "water")
-MOST_FACTOR = 1e12  # Bayes factor that is stated
-UNEXPLAINED_FACTOR = 15.0  # by which an established mismatch that nothing fits denies that nothing acts
-RIVALS = {  # what acts as well as the compass along some covariates
+MOST_FACTOR = 1e12  # largest Bayes factor that is reported
+UNEXPLAINED_FACTOR = 15.0  # Bayes factor of an established, unexplained mismatch against the side "none"
+RIVALS = {  # sides that can cause a mismatch along these covariates as well as the compass can
     "water": ("speed", "depth", "separation", "time"),
     "reference": ("reference_heading",),
 }
@@ -69,48 +69,48 @@ RIVALS = {  # what acts as well as the compass along some covariates
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result of holding one recording against its simulation."""
+    """Result of comparing one recording with its simulation."""
 
     verdict: str  #: consistent | explained | ambiguous | unexplained | insufficient
-    findings: tuple[Finding, ...] = ()  #: effects attributed to compass, clock or reference
-    unexplained: Unexplained | None = None  #: a mismatch that nothing in the catalogue fits; None without one
-    separated_by: str | None = None  #: what would distinguish the alternatives; None without any
-    not_testable: tuple[tuple[str, str], ...] = ()  #: effect, and why this record cannot show it
-    negligible: tuple[tuple[str, float], ...] = ()  #: effect or covariate, and its visible size, degrees rms
-    why: str = ""  #: what the verdict rests on, or why there is none
-    curves: tuple[BinnedResidual, ...] = ()  #: residual before and after along the covariates of what was found
-    applied: tuple[WeightedCompass, ...] = ()  #: compasses whose average corrects the record, the chosen one first
-    fit: DeviationFit | None = None  #: the exact compass that the search stood on, where it may correct the record
-    covariance: Floats | None = None  #: (5, 5) of A..E without terms, slow water in the noise
-    sides: Mapping[str, float] = field(default_factory=dict)  #: probability of each; empty where nothing was judged
-    noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  #: each with its standard error
-    #: visible size that each effect needs to be named
+    findings: tuple[Finding, ...] = ()  #: effects that were found, on any side: compass, clock, reference or water
+    unexplained: Unexplained | None = None  #: mismatch that no effect of the catalogue explains; None if there is none
+    separated_by: str | None = None  #: observations that would distinguish the alternatives; None without alternatives
+    not_testable: tuple[tuple[str, str], ...] = ()  #: (effect, reason why this record cannot show it)
+    negligible: tuple[tuple[str, float], ...] = ()  #: (effect or covariate, visible size in degrees rms)
+    why: str = ""  #: basis of the verdict, or the reason why there is none
+    curves: tuple[BinnedResidual, ...] = ()  #: residuals without and with the effects, along the covariates concerned
+    applied: tuple[WeightedCompass, ...] = ()  #: compasses whose average corrects the record, the selected one first
+    fit: DeviationFit | None = None  #: exact compass on which the search was based; None if it must not be applied
+    covariance: Floats | None = None  #: (5, 5) of A..E fitted without terms; the noise includes slow directional shear
+    sides: Mapping[str, float] = field(default_factory=dict)  #: probability of each side; empty if not computed
+    noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  #: (value, standard error) by parameter
+    #: detection limit of each effect: visible size, degrees rms
     detectable_deg: Mapping[str, float] = field(default_factory=dict)
-    hypotheses: tuple[RankedEffect, ...] = ()  #: the best first
-    threshold: Mapping[str, float] = field(default_factory=dict)  #: scores that noise alone hardly exceeds
+    hypotheses: tuple[RankedEffect, ...] = ()  #: effects that were tested alone, highest score first
+    threshold: Mapping[str, float] = field(default_factory=dict)  #: test statistics that noise alone rarely exceeds
     warnings: tuple[str, ...] = ()  #: sentences for the summary
-    information: RecordInformation | None = None  #: for other records of the same compass
-    experiments: tuple[tuple[str, float], ...] = ()  #: what to observe, and the chance that one name is left then
-    current: tuple[CurrentStatement, ...] = ()  #: what the current does, which the simulation assumed it would not
-    prior_odds: float | None = None  #: of a fault of compass or clock, where they were asked for
-    refutes_fit: bool = False  #: whether an insufficient record contradicts its fit, so that no heading can be believed
+    information: RecordInformation | None = None  #: what this record contributes to others of the same compass
+    experiments: tuple[tuple[str, float], ...] = ()  #: (observation, probability that it leaves a single explanation)
+    current: tuple[CurrentStatement, ...] = ()  #: statements on the current, which the simulation does not contain
+    prior_odds: float | None = None  #: of a fault of compass or clock; None if the search does not use them
+    refutes_fit: bool = False  #: whether a record with too little data contradicts its fit: all headings are flagged
 
     def __post_init__(self) -> None:
-        """Keep an effect that was judged in any of its forms from standing among those that could not be tested."""
+        """Remove from ``not_testable`` the effects of which at least one form was tested."""
         judged = {*self.detectable_deg, *(finding.effect for finding in self.findings)}
         untested = tuple(entry for entry in self.not_testable if entry[0] not in judged)
         object.__setattr__(self, "not_testable", untested)
 
     @property
     def bayes_factor(self) -> float | None:
-        """The factor by which the record changes the odds of a fault of compass or clock."""
+        """Bayes factor for a fault of compass or clock: posterior odds over prior odds; None if not computed."""
         if self.prior_odds is None or not self.sides:
             return None
         fault = self.sides["compass"] + self.sides["clock"]
         return min(fault / max(1.0 - fault, 1e-300) / self.prior_odds, MOST_FACTOR)
 
     def to_json(self) -> dict[str, Any]:
-        """Encode diagnosis.json."""
+        """Encode the diagnosis for diagnosis.json."""
         return {
             "verdict": self.verdict,
             "prior_odds": self.prior_odds,
@@ -150,7 +150,7 @@ def insufficient(why: str, not_testable: tuple[tuple[str, str], ...] = ()) -> Di
 def overall_verdict(
     findings: Sequence[Finding], unexplained: Unexplained | None, current: Sequence[CurrentStatement] = ()
 ) -> str:
-    """Choose the verdict from findings, an unexplained mismatch and what the current does."""
+    """Derive the verdict from the findings, an unexplained mismatch and the statements on the current."""
     if unexplained is not None:
         return "unexplained"
     contested = any(item.probability < SURE for item in current)
@@ -163,22 +163,22 @@ def overall_verdict(
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the search of one comparison tells, however its hypotheses were weighed."""
+    """Result of the search of one comparison, in the same form for long and short recordings."""
 
     comparison: Comparison
     posterior: Posterior
-    findings: tuple[Finding, ...]  # of the likeliest hypothesis, in the order of its terms
-    finding_posteriors: tuple[FindingPosterior, ...]  # places of the findings
-    left: Unexplained | None
-    small: tuple[tuple[str, float], ...]  # what is left and does not matter, visible degrees
-    curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of what was found and is left
-    noise: Mapping[str, tuple[float, float]]  # each with its standard error
+    findings: tuple[Finding, ...]  # of the most probable hypothesis, in the order of its terms
+    finding_posteriors: tuple[FindingPosterior, ...]  # of each finding and its alternatives
+    left: Unexplained | None  # mismatch that the most probable hypothesis does not explain
+    small: tuple[tuple[str, float], ...]  # (covariate, visible degrees rms) of remaining mismatches that are negligible
+    curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of findings and mismatch
+    noise: Mapping[str, tuple[float, float]]  # (value, standard error) by parameter
     current: tuple[CurrentStatement, ...] = ()
-    current_probability: float = 0.0  # that the current exceeds the size that matters
-    prior_odds: float | None = None  # of a fault
-    taken_back: frozenset[str] = frozenset()  # names that the search gave, and that only stood for something else
-    ranked: tuple[RankedEffect, ...] = ()  # each effect alone
-    deniable: bool = False  # whether held-out readings that agree worse take a name back
+    current_probability: float = 0.0  # that the effect of the current exceeds ``min_effect_deg``
+    prior_odds: float | None = None  # of a fault of compass or clock
+    taken_back: frozenset[str] = frozenset()  # effects that the search selected and then withdrew as imitations
+    ranked: tuple[RankedEffect, ...] = ()  # effects tested alone
+    deniable: bool = False  # whether a finding is withdrawn if held-out readings refute it
 
 
 def combine_outcomes(
@@ -192,8 +192,8 @@ def combine_outcomes(
     """Combine the comparisons of a recording into its diagnosis.
 
     Args:
-        extra: findings that were made apart from a search.
-        separated_by: an observation that this kind of recording always lacks, said beside a finding.
+        extra: findings made outside a search.
+        separated_by: observation that this kind of recording always lacks, reported with a finding on the compass side.
     """
     findings = [*extra, *(finding for part in parts for finding in part.findings)]
     denied = {id(item) for part in parts if part.deniable for item in part.findings if item.held_out.refuted}
@@ -203,14 +203,14 @@ def combine_outcomes(
         [[item for item in group if item in stands] for group in (extra, *(part.findings for part in parts))]
     )
     unnamed = [part.left for part in parts if part.left is not None]
-    for item in (item for item in matter if id(item) in denied):  # its name only
+    for item in (item for item in matter if id(item) in denied):  # the mismatch remains, without an attribution
         text = wording.unexplained_text(item.where.text, item.rms_effect_deg, [])
         place = (item.where.covariate,), item.where, item.when_s, item.rms_effect_deg, ()
         unnamed.append(Unexplained(*place, text))
     left = max(unnamed, key=lambda item: item.rms_effect_deg, default=None)
     small = [(item.effect, item.rms_effect_deg) for item in findings if item.rms_effect_deg < options.min_effect_deg]
     small += [item for part in parts for item in part.small]
-    by_part = []  # the probability of each side; what is too small or was taken back counts as nothing
+    by_part = []  # probability of each side; effects that are negligible or withdrawn count as none
     for part in parts:
         standing, fallen = set[str](), set(part.taken_back)
         for item, slot in zip(part.findings, part.finding_posteriors, strict=True):
@@ -221,7 +221,7 @@ def combine_outcomes(
         sides = exclude_nothing(item.side, sides) if item in merged else sides
     if left is not None:
         sides = spread_unexplained(sides, left.covariates)
-    if sides:  # the water takes from none as the current exceeds the size that matters
+    if sides:  # move probability from none to water, by the probability that the current matters
         water = sides["none"] * max((part.current_probability for part in parts), default=0.0)
         sides = dict(sides) | {"none": sides["none"] - water, "water": sides["water"] + water}
     current = tuple(stated for part in parts for stated in part.current)
@@ -248,7 +248,7 @@ def combine_outcomes(
 
 
 def exclude_nothing(side: str, sides: Mapping[str, float]) -> dict[str, float]:
-    """Condition the probabilities of sides on something that surely acts on one."""
+    """Condition the probabilities of the sides on an effect that certainly acts on one of them."""
     if not sides:
         return {}
     yielding = ("none", "water") if side == "clock" else ("none", "water", "clock", "reference")
@@ -259,7 +259,7 @@ def exclude_nothing(side: str, sides: Mapping[str, float]) -> dict[str, float]:
 
 
 def spread_unexplained(sides: Mapping[str, float], covariates: Sequence[str]) -> dict[str, float]:
-    """Move what an established mismatch takes from none to the sides that act along its covariates."""
+    """Move probability from none to the sides that can cause an established mismatch along its covariates."""
     if not sides:
         return {}
     moved = sides["none"] * (1.0 - 1.0 / UNEXPLAINED_FACTOR)
@@ -271,7 +271,7 @@ def spread_unexplained(sides: Mapping[str, float], covariates: Sequence[str]) ->
 
 
 def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosis:
-    """Add findings that were made before the search, strongest first."""
+    """Add findings made before the search, and sort all by visible size, largest first."""
     if not first:
         return diagnosis
     findings = tuple(sorted((*first, *diagnosis.findings), key=lambda finding: -finding.rms_effect_deg))
@@ -281,7 +281,7 @@ def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosi
 
 
 def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:
-    """Rank the effects that were tested alone, the best first, each once."""
+    """Rank the effects that were tested alone by their highest score, each effect once."""
     best: dict[str, RankedEffect] = {}
     for effect in (effect for part in parts for effect in part.ranked):
         if effect.effect not in best or best[effect.effect].score < effect.score:
@@ -290,7 +290,7 @@ def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:
 
 
 def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
-    """Merge findings, strongest first: what two comparisons show is one effect."""
+    """Merge the findings of several comparisons, one per effect, largest visible size first."""
     merged: list[Finding] = []
     for group in groups:
         again = {finding.effect: finding for finding in group}
@@ -306,15 +306,15 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
 
 
 def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
-    """Choose what corrects the record after the search for unmodelled effects.
+    """Derive the correction of the record from the result of the search for unmodelled effects.
 
-    Where no effect is corrected the fit is averaged with a compass that has no deviation.
+    If no effect is corrected, the fit is averaged with a compass without deviation.
     """
-    # Sum the visible sizes of what may bend the compass and does not enter the product, rms degrees.
+    # Sum the visible sizes, rms degrees, of effects that may act on the compass and are not corrected.
     uncorrected = [
         finding for finding in diagnosis.findings if not finding.applied and finding.held_out is not UNTESTED
     ]
-    if diagnosis.applied:  # an average holds what may not be as well, but for storms whose course nobody knows
+    if diagnosis.applied:  # the average of hypotheses covers a compass effect that is only an alternative
         uncorrected = [finding for finding in uncorrected if finding.side == "compass"]
     sizes = [finding.rms_effect_deg for finding in uncorrected if finding.of_compass]
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
@@ -331,7 +331,7 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What is said of a mooring, and what corrects it."""
+    """Diagnosis of a mooring, its correction, and the assessment of the correction."""
 
     diagnosis: Diagnosis
     product: Product
@@ -339,9 +339,9 @@ class Conclusion:
 
 
 def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
-    """Diagnose a mooring whose constant a mistake in the configuration explains.
+    """Diagnose a mooring whose constant offset matches a configuration error.
 
-    Nothing else is attributed until the constant is settled.
+    No other effect is attributed until the offset is resolved.
     """
     span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
     p = constant.probability
@@ -381,16 +381,16 @@ def conclude(
     calibration: str = "",
     with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
 ) -> Conclusion:
-    """Judge a mooring as a whole.
+    """Diagnose a mooring as a whole: search, constant offset, doubtful periods and agreement on held-out pairs.
 
     Args:
-        search: the search for unmodelled effects, of pairs.
-        series: what was logged besides at the record's samples.
+        search: searches pairs for unmodelled effects.
+        series: other series that the instrument logged, at the record's samples.
         fit: the configured fit.
-        find_constant: of a fit, between the instruments; gives None where the constant is confirmed.
-        calibration: name of the calibration that corrects the mooring, if one does.
-        with_effects: puts effects that other records of the compass know into a product, given whether it comes from
-            a search.
+        find_constant: estimates the constant offset of a fit; gives None if there is none or it is confirmed.
+        calibration: name of the calibration that corrects the mooring; empty if none does.
+        with_effects: adds effects known from other records of the compass to a product; the second argument is whether
+            the product comes from a search.
     """
     diagnosis, constant = _search_or_question(search, pairs, fit, find_constant)
     questioned = constant is not None and bool(constant.effect)
@@ -402,7 +402,7 @@ def conclude(
     denied = refuted or find_implausibility(made.fit, record) or find_implausibility(fit, record)
     if calibration and (denied := denied or at_mooring.contradiction(fit, pairs)):
         denied = f"calibration {calibration}: {denied}"
-    suspected = () if fit.known_beforehand else pairs.doubts  # what was known before the pairs does not rest on them
+    suspected = () if fit.known_beforehand else pairs.doubts  # errors of the pairs do not affect a given fit
     nothing_known = (why for sigma_deg, why in suspected if sigma_deg >= angles.UNIFORM_SIGMA_DEG)
     if why := next(nothing_known, denied):
         diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)
@@ -410,7 +410,7 @@ def conclude(
     elif constant is not None and questioned:
         made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
     elif doubts := (
-        *(() if made.effects else _doubt_outliers(fit)),  # effects that are corrected explain outliers
+        *(() if made.effects else _doubt_outliers(fit)),  # corrected effects explain the outliers
         *(doubt_whole_record(sigma_deg, why) for sigma_deg, why in suspected),
         *doubts,
     ):
@@ -418,7 +418,7 @@ def conclude(
         made = replace(made, doubts=doubts)
     elif diagnosis.unexplained is not None and diagnosis.unexplained.rms_effect_deg >= LEAST_DOUBT_DEG:
         size = f"a mismatch of {diagnosis.unexplained.rms_effect_deg:.0f}° rms is unexplained and not corrected"
-        # It stands in the uncertainty already.
+        # The uncertainty already includes the mismatch: only the flag is added, with a standard deviation of 0.
         made = replace(made, doubts=(doubt_whole_record(0.0, f"{size}: all headings are flagged doubtful"),))
     said = [constant.text] if constant is not None and not questioned and constant.text else []
     said += [why for _, why in pairs.doubts if fit.known_beforehand]
@@ -433,10 +433,10 @@ def _search_or_question(
     fit: DeviationFit,
     find_constant: Callable[[DeviationFit], ConstantOffset | None],
 ) -> tuple[Diagnosis, ConstantOffset | None]:
-    """Search a mooring, unless a mistake in its configuration explains its constant.
+    """Search a mooring, unless its constant offset matches a configuration error.
 
-    Where currents rotate, as inertial ones do, a clock error is nearly a constant angle: a search that finds one, and
-    leaves no constant that is questioned, explains both.
+    In rotating (e.g. inertial) currents a clock error resembles a constant angle. A search that finds a clock error and
+    whose fit then has no offset that matches a configuration error is therefore used.
     """
     constant = find_constant(fit)
     if constant is None or not constant.effect:
@@ -451,7 +451,7 @@ def _search_or_question(
 
 
 def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
-    """Doubt a record of which more directions than usual agree with no heading of the fitted compass."""
+    """Flag a record in which an unusual share of the directions fits no heading of the fitted compass."""
     share = fit.noise.outliers
     if fit.method != "exact" or share < MOST_OUTLIERS:
         return ()
@@ -463,7 +463,7 @@ def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
 
 
 def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
-    """Add the stretches that disagree with the other pairs as an unexplained mismatch."""
+    """Report periods that disagree with the other pairs as an unexplained mismatch."""
     worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
     first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
     span = (max(worst.from_s, first), min(worst.to_s, last))

@@ -1,8 +1,8 @@
-"""How likely the recording is under each hypothesis: sizes integrated over, beside any kind of slow water.
+"""Evidence of the recording under each hypothesis, with the sizes of effects and slow noise marginalized.
 
-All columns of effects are in units of the sizes that physics makes usual, so that the prior of every parameter is a
-standard normal law; products of all columns with each other and with the residual hold all that any hypothesis needs
-(Gaussian linear model; Bishop, Pattern Recognition and Machine Learning, 2006, section 3.5).
+All columns of effects are scaled by the prior standard deviation of their parameters, which makes every prior standard
+normal; products of all columns with each other and with the residual are sufficient for any hypothesis (Gaussian linear
+model; Bishop, Pattern Recognition and Machine Learning, 2006, section 3.5).
 """
 
 from __future__ import annotations
@@ -31,38 +31,38 @@ from compasslib.statistics.resampling import EVEN_BLOCKS, blocks_by_span, cluste
 from compasslib.statistics.whitening import whitened_basis
 from compasslib.types import Floats
 
-# Power of all evidence: the form of what acts and the noise are both simpler than nature (benchmarks/temperature.py).
+# Power of all evidence, since the models of effects and noise are simpler than reality (benchmarks/temperature.py).
 TEMPERATURE = 0.5
-ALIKE = 4  # power of what two groups have in common, by which they share their noise
-BLOCK_S = 3 * 86400.0  # longer than the memory that the filter leaves
-ANYTHING = 1e6  # variance of what is free, in units of one sample's
-FAINT = 1e-3  # of a wave of slow water: variance over that of white noise below which it is left out
+ALIKE = 4  # power of the similarity of two groups, as weight in the average of their inflations
+BLOCK_S = 3 * 86400.0  # longer than the autocorrelation that the filter leaves
+ANYTHING = 1e6  # prior variance of free coefficients, in units of one sample's noise
+FAINT = 1e-3  # variance over that of white noise below which a column of slow noise is left out
 
 
 @dataclass(frozen=True)
 class HypothesisIndex:
-    """Columns of some hypotheses, those of as many columns together."""
+    """Column indices of several hypotheses, grouped by their number of columns."""
 
     count: int
-    parts: list[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]  # positions, (h,); columns, (h, k); unevenness, (h,)
+    parts: list[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]  # positions, (h,); columns, (h, k); inflation, (h,)
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Every effect in every form and at every date, and slow water, on one scale."""
+    """Linear model of every effect in every form and at every date, with slow noise."""
 
     groups: list[ColumnGroup]
-    parts: list[NDArray[np.intp]]  # columns of each group
-    usual: Floats  # (p,) standard deviation that is expected of each parameter
-    information: Floats  # (p + q, p + q) products of the whitened columns, those of slow water last
-    score: Floats  # (p + q,)
+    parts: list[NDArray[np.intp]]  # column indices of each group
+    usual: Floats  # (p,) prior standard deviation of each parameter
+    information: Floats  # (p + q, p + q) products of the whitened columns, those of slow noise last
+    score: Floats  # (p + q,) products with the whitened residual
     visible: Floats  # (p, p) mean products of the visible columns, square degrees
-    current_visible: Floats  # the same of the current's columns
-    uneven: Floats  # (g,) variance of each group's score over what the fitted noise makes of it, at least 1
-    scatter: float  # variance of blocks of days over that of even noise, of the middle group; it is in the products
+    current_visible: Floats  # the same for the columns of the current
+    uneven: Floats  # (g,) variance inflation of each group's score relative to ``scatter``, at least 1
+    scatter: float  # median variance inflation of the scores, by which the products are already divided
     slow: SlowNoiseBasis | None
-    shares: Sequence[float]  # (g,) log share of each group in the odds of its effect
-    currents: Mapping[int, NDArray[np.intp]] = field(default_factory=dict)  # columns by which the current does the same
+    shares: Sequence[float]  # (g,) log share of each group in the prior odds of its effect
+    currents: Mapping[int, NDArray[np.intp]] = field(default_factory=dict)  # columns of the same form in the current
 
     @cached_property
     def kinds(self) -> list[type[Effect]]:
@@ -70,20 +70,20 @@ class Candidates:
         return [type(group.term) for group in self.groups if group.term is not None]
 
     def marginalize(self, water: SlowNoiseParams | None, absent: Collection[str] = ()) -> Products:
-        """Integrate slow water of one kind and the current out of the products.
+        """Marginalize slow noise of given parameters and the current in the products.
 
         Args:
-            absent: drivers that the current is taken not to follow.
+            absent: drivers on which the current is assumed not to depend.
         """
         slow = self.slow.without_current(absent) if self.slow is not None and absent else self.slow
         return marginalize_slow_noise(self.information, self.score, len(self.usual), noise_variances(slow, water))
 
     def rivals(self, hypothesis: Hypothesis) -> set[str]:
-        """Collect the drivers of the current that a compass's reading follows instead under a hypothesis."""
+        """Collect the drivers on which, under a hypothesis, the compass reading depends instead of the current."""
         return set().union(*(coupled_drivers(self.kinds[k].driver) for k in hypothesis if k in self.currents))
 
     def current(self, hypothesis: Hypothesis, water: SlowNoiseParams | None) -> CurrentPosterior | None:
-        """Infer what the current does beside a hypothesis and slow water, None where it is not in the noise."""
+        """Infer the drivers of the current under a hypothesis and slow noise; None if the noise has no current."""
         if self.slow is None or not self.slow.drivers:
             return None
         last, end = len(self.score), len(self.usual)
@@ -97,7 +97,7 @@ class Candidates:
         return infer_current(self.slow.drivers, products.information, products.score)
 
     def subset(self, selection: Sequence[int]) -> Candidates:
-        """Select some of the candidates, with the same slow noise."""
+        """Select candidates by index, with the same slow noise."""
         count = np.array([len(self.parts[k]) for k in selection], dtype=int)
         columns = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in selection)])
         at = np.concatenate([columns, np.arange(len(self.usual), len(self.score))])
@@ -115,7 +115,7 @@ class Candidates:
         )
 
     def index(self, hypotheses: Sequence[Hypothesis]) -> HypothesisIndex:
-        """Index the columns of hypotheses, those of as many columns together."""
+        """Index the columns of hypotheses, grouped by their number of columns."""
         count = np.array([len(part) for part in self.parts])
         sizes = np.array([sum(count[k] for k in hypothesis) for hypothesis in hypotheses], dtype=int)
         parts = []
@@ -128,10 +128,10 @@ class Candidates:
         return HypothesisIndex(len(hypotheses), parts)
 
     def log_evidence(self, products: Products, hypotheses: HypothesisIndex, best: Hypothesis = ()) -> Floats:
-        """Compute the log Bayes factor of each hypothesis over none, sizes integrated over, (h,).
+        """Compute the log Bayes factor of each hypothesis over none, with sizes marginalized, (h,).
 
-        Gains are divided by the inflation of the score's variance: against none the whole gain, against the best only
-        the difference. Rivals of a strong effect would otherwise be separated by their inflation alone.
+        Gains are divided by the variance inflation of the score: that of the best hypothesis by its own, the difference
+        of another from it by the larger of the two, since inflation alone must not separate alternatives.
 
         Args:
             best: the most probable hypothesis so far.
@@ -141,7 +141,7 @@ class Candidates:
         return reference / least + (gain - reference) / np.maximum(uneven, least) - charge
 
     def _gains(self, products: Products, hypotheses: HypothesisIndex) -> tuple[Floats, Floats, Floats]:
-        """Compute the gain of each hypothesis, its Occam factor and its inflation, (h,) each."""
+        """Compute the gain of each hypothesis, its log Occam factor and its variance inflation, (h,) each."""
         gain, charge, inflation = (np.zeros(hypotheses.count), np.zeros(hypotheses.count), np.ones(hypotheses.count))
         for at, index, uneven in hypotheses.parts:
             information = products.information[index[:, :, None], index[:, None, :]] / uneven[:, None, None]
@@ -153,11 +153,11 @@ class Candidates:
         return gain, charge, inflation
 
     def terms(self, products: Products, hypothesis: Hypothesis) -> list[Effect]:
-        """Make the terms of a hypothesis at their likeliest values."""
+        """Build the terms of a hypothesis at their posterior means."""
         index = np.concatenate([np.zeros(0, dtype=np.intp), *(self.parts[k] for k in hypothesis)])
         uneven = self.uneven[list(hypothesis)].max(initial=1.0)
         inverse = np.linalg.inv(products.information[np.ix_(index, index)] / uneven + np.eye(len(index)))
-        values = inverse @ products.score[index] / uneven  # in units of their prior scales
+        values = inverse @ products.score[index] / uneven  # in units of their prior standard deviations
         terms, at = [], 0
         for k in hypothesis:
             term, part = self.groups[k].term, self.parts[k]
@@ -168,20 +168,20 @@ class Candidates:
 
 
 def noise_variances(slow: SlowNoiseBasis | None, water: SlowNoiseParams | None) -> Floats:
-    """Compute the variance of each column of slow noise, none of them where there is no basis."""
+    """Compute the prior variance of the coefficient of each column of slow noise; empty without a basis."""
     if slow is None or water is None:
         return np.zeros(0 if slow is None else slow.columns.shape[1])
     return slow.variances(water)
 
 
 def marginalize_slow_noise(information: Floats, score: Floats, n: int, variance: Floats) -> Products:
-    """Integrate the coefficients of noise columns out of products of columns.
+    """Marginalize the coefficients of noise columns in the products of columns.
 
     Args:
-        information: products of all columns, those of the noise last.
-        score: products with the residual.
-        n: number of columns that are kept.
-        variance: of the noise's coefficients.
+        information: products of all columns, those of the noise last, (n + q, n + q).
+        score: products with the residual, (n + q,).
+        n: number of columns that are not marginalized.
+        variance: prior variance of the noise's coefficients, (q,).
     """
     active = np.flatnonzero(variance * np.diag(information)[n:] > FAINT)
     if not len(active):
@@ -198,10 +198,10 @@ def marginalize_slow_noise(information: Floats, score: Floats, n: int, variance:
 def build_candidates(
     view: FittedModel, slow: SlowNoiseBasis | None, columns: CandidateColumns, uneven: Floats
 ) -> Candidates:
-    """Whiten the columns of all candidates and of slow noise, and multiply them by each other.
+    """Whiten the columns of all candidates and of slow noise, and compute their products.
 
     Args:
-        view: whose base holds the compass and the nuisances, and no slow water.
+        view: model whose base contains compass and nuisances, and whose whitener does not contain slow noise.
     """
     groups, usual = columns.groups, columns.usual
     none = np.zeros((len(view.case), 0))
@@ -241,20 +241,20 @@ def build_candidates(
 
 
 def follows_current(term: Effect | None, drivers: Collection[str]) -> bool:
-    """Check whether a compass's reading follows what the current may follow in nearly the same column."""
+    """Return whether a term makes the compass reading depend on a driver of the current, or one coupled to it."""
     if not isinstance(term, ComposedEffect) or term.composition[0] != "reading":
         return False
     return not coupled_drivers(term.driver).isdisjoint(drivers)
 
 
 def score_inflation(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
-    """Compute the variance of each group's score by blocks of days, over even noise's (a sandwich by clusters), (g,).
+    """Compute the variance of each group's score from blocks of days, over that of homogeneous noise, (g,).
 
-    Real water scatters more in some weeks and at some headings than speeds tell (Liang and Zeger, Biometrika 73, 13,
-    1986). What few blocks tell is columns towards what all groups do.
+    Real directions scatter more in some weeks and at some headings than their widths imply, which a cluster-robust
+    variance includes (Liang and Zeger, Biometrika 73, 13, 1986). With few blocks it is shrunk to the median of groups.
 
     Args:
-        state: with slow water in its noise.
+        state: model whose whitener contains slow noise.
     """
     ends = np.cumsum([0, *(group.columns.shape[1] for group in groups)])
     white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1, dtype=np.float32))
@@ -272,7 +272,7 @@ def score_inflation(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats
 
 
 def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:
-    """Average over the groups that are alike, (g,): rivals must not differ by chance."""
+    """Average over similar groups, (g,), since the inflations of alternatives must not differ by chance."""
     columns = np.concatenate(bases, axis=1)
     begins = np.cumsum([0, *(basis.shape[1] for basis in bases)])[:-1]
     filled = np.array([basis.shape[1] > 0 for basis in bases])
@@ -286,15 +286,15 @@ def _as_neighbours(bases: Sequence[Floats], each: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class CandidateColumns:
-    """Columns of every effect in every form and at every place, what is expected of them, and their shares."""
+    """Columns of every effect in every form and at every place, with prior standard deviations and shares."""
 
     groups: list[ColumnGroup]
-    usual: Floats  # (p,) standard deviation that is expected of each parameter
-    shares: list[float]  # (g,) log share of each in the odds of its effect
+    usual: Floats  # (p,) prior standard deviation of each parameter
+    shares: list[float]  # (g,) log share of each group in the prior odds of its effect
 
     @property
     def by_kind(self) -> dict[type[Effect], Floats]:
-        """What is expected of each kind of term, (k,) each."""
+        """Prior standard deviations of the parameters of each kind of term, (k,) each."""
         ends = np.cumsum([group.columns.shape[1] for group in self.groups])
         parts = zip(self.groups, np.split(self.usual, ends[:-1]), strict=True) if self.groups else ()
         return {type(group.term): part for group, part in parts if group.term is not None}
@@ -303,14 +303,14 @@ class CandidateColumns:
 def enumerate_candidates(view: FittedModel, composed: Sequence[Composition]) -> CandidateColumns:
     """Enumerate every effect of the catalogue that can be tested, and compositions.
 
-    Where physics sets no size, the prior scale is a turn of some degrees, whatever the driver does in this recording.
-    A prior that was set once stays, wherever the columns are linearized.
+    Where physics gives no size, the prior standard deviation corresponds to a turn of ``USUAL_DEG`` in this recording.
+    Priors set once are not changed when the columns are linearized again.
     """
     groups, usual, shares = [], [], []
     standing, forms = _linearized_terms(view), Counter(kind.name for kind in view.case.terms)
     for kind in view.case.terms:
         if kind.side == "water" and view.case.has_slow_noise:
-            continue  # it stands in the noise
+            continue  # part of the noise
         always = design.term_columns(view, kind())
         steps = design.step_columns(view, kind, design.step_dates(view.case.scene.time_s)) if kind.dated() else [always]
         groups += [standing.get(group.term, group) for group in steps]
@@ -339,8 +339,7 @@ def _expected(view: FittedModel, group: ColumnGroup) -> Floats:
 def _linearized_terms(view: FittedModel) -> dict[Effect | None, ColumnGroup]:
     """Collect the columns of the terms of a simulation, linearized at their values.
 
-    A second harmonic laid over a first of many degrees begins at a reading that is bent already: its column is not
-    that of the first one growing.
+    A second term of the same kind would act on a reading that the first has already turned, and have other columns.
     """
     terms = view.simulation.terms
     if not terms:

@@ -1,8 +1,8 @@
-"""What to measure next: the chance that an observation would leave one name.
+"""Experimental design: the probability that a further observation leaves a single explanation.
 
-An observation is some further rows of the linear model in which the hypotheses were weighed. What it would show is
-drawn from each hypothesis by its probability, and the hypotheses are weighed anew with it (preposterior analysis;
-Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961).
+An observation adds rows to the linear model from which the posterior of the hypotheses was computed. Outcomes are drawn
+from the hypotheses by their probability, and the posterior is updated with each (preposterior analysis; Raiffa and
+Schlaifer, Applied Statistical Decision Theory, 1961).
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from compasslib.inference.posterior import MOST_TERMS, Hypothesis
 from compasslib.inference.weighing import Inference
 from compasslib.types import Floats
 
-LEAST, MOST = 0.002, 40  # probability of the hypotheses that are weighed, and how many
-DRAWS, SEED = 400, 7  # a probability of a half within 2.5 %
+LEAST, MOST = 0.002, 40  # least probability of the hypotheses that are considered, and their maximum number
+DRAWS, SEED = 400, 7  # standard error 2.5 % of a probability of one half
 COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
-STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength, the earth's own changes with it, and its memory
-SOFT_NT = 100.0  # a unit of what constant soft iron makes
-TREND = 0.9  # correlation with time from which a series is taken to go on as it did
-SHARED = 0.5  # of a pair's noise: the affected instrument's own, which a second reference sees alike
+STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength including geomagnetic variation, and its memory
+SOFT_NT = 100.0  # scales the columns of constant soft iron
+TREND = 0.9  # correlation with time from which a series is extrapolated
+SHARED = 0.5  # share of a pair's noise that is the affected instrument's own, and common to a second reference
 
 
 @dataclass(frozen=True)
 class Rows:
-    """What an observation adds to the linear model, in units of its noise; m rows."""
+    """Rows that an observation adds to the linear model, in units of its noise; m rows."""
 
-    known: Floats  # (m, p + q + b) by candidates, slow water and base of the recording
-    free: Floats  # (m, f) by what it brings of its own
-    precision: Floats  # (f,) of that beforehand
+    known: Floats  # (m, p + q + b) derivatives by candidates, slow noise and base of the recording
+    free: Floats  # (m, f) derivatives by nuisance parameters of the observation itself
+    precision: Floats  # (f,) prior precision of these parameters
 
     @property
     def information(self) -> Floats:
-        """What it tells of the recording's unknowns, (p + q + b, p + q + b)."""
+        """Information on the recording's unknowns, own parameters marginalized, (p + q + b, p + q + b)."""
         cross = self.free.T @ self.known
         free_information = self.free.T @ self.free + np.diag(self.precision)
         return self.known.T @ self.known - cross.T @ np.linalg.solve(free_information, cross)
@@ -59,25 +59,25 @@ class Rows:
 
 @dataclass(frozen=True)
 class Model:
-    """The linear model of a recording: candidates of the likely hypotheses, slow water, compass and nuisances."""
+    """The linear model of a recording: candidates of the likely hypotheses, slow noise, compass and nuisances."""
 
-    state: FittedModel  # for slopes
-    view: FittedModel  # for whitening
-    scale: float  # that makes whitened columns those of noise of unit variance
+    state: FittedModel  # linearization point of the columns
+    view: FittedModel  # model that whitens
+    scale: float  # factor that scales whitened columns to noise of unit variance
     terms: list[Effect]
-    ends: NDArray[np.intp]  # of each term's columns
-    usual: Floats  # (p,)
-    rows: Floats  # (n, p + q + b)
-    slow: int  # columns of slow water
+    ends: NDArray[np.intp]  # boundaries between the columns of the terms, from 0
+    usual: Floats  # (p,) prior standard deviations
+    rows: Floats  # (n, p + q + b) whitened columns
+    slow: int  # q, the number of columns of slow noise
     score: Floats  # (p + q + b,)
 
     @property
     def n_candidates(self) -> int:
-        """Columns of the candidates."""
+        """Number of columns of the candidates, p."""
         return int(self.ends[-1])
 
     def columns(self, scene: Scene, heading_deg: Floats) -> Floats:
-        """Evaluate the candidates' slopes in another scene, in their usual sizes, (n, p) degrees."""
+        """Compute the candidates' columns in another scene, for one prior standard deviation, (n, p) degrees."""
         simulation = self.state.simulation
         each = [added_term_jacobian(simulation, scene, heading_deg, term) for term in self.terms]
         return np.nan_to_num(np.concatenate(each, axis=1)) * self.usual
@@ -89,23 +89,23 @@ class Model:
 
 @dataclass(frozen=True)
 class Prospects:
-    """What could be observed, and the likely hypotheses with what the recording tells of their unknowns."""
+    """Possible observations, and the likely hypotheses with their posterior from the recording."""
 
     model: Model
     weighed: _Weighed
     names: list[tuple[str, ...]]  # effects of each hypothesis
-    probability: Floats  # (h,) of each now
+    probability: Floats  # (h,) of each hypothesis before the observation
     observations: dict[str, Rows]
 
     def chance(self, what: str) -> float:
-        """Estimate the probability that an observation leaves one name."""
+        """Estimate the probability that an observation leaves a single explanation."""
         return self.weighed.decided(self.observations[what], self.names, self.probability)
 
     def after(self, what: str, observed: Floats) -> float:
-        """Give 1 where an observation that was made left one name, else 0.
+        """Give 1 if an actual observation leaves a single explanation, else 0.
 
         Args:
-            observed: observed minus expected by the compass refitted without terms, in units of its noise, (m,).
+            observed: observed minus predicted by the compass refitted without terms, in units of its noise, (m,).
         """
         rows = self.observations[what]
         free_information = rows.free.T @ rows.free + np.diag(rows.precision)
@@ -116,7 +116,7 @@ class Prospects:
 
 
 def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
-    """Rank observations by the probability that each leaves one name."""
+    """Rank observations by the probability that each leaves a single explanation."""
     if (ahead := prospects(inferred)) is None:
         return ()
     return tuple(
@@ -125,7 +125,7 @@ def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
 
 
 def prospects(inferred: Inference) -> Prospects | None:
-    """Build the linear model of what could be observed, None where there is nothing to separate."""
+    """Build the linear model of possible observations; None if there is nothing to separate."""
     posterior = inferred.posterior
     order = np.argsort(-posterior.probability)[:MOST]
     likely = [int(i) for i in order if posterior.probability[i] >= LEAST]
@@ -181,9 +181,9 @@ def _parts(model: Model) -> tuple[Floats, Floats, Floats]:
 
 
 def _longer(model: Model, variance: Floats) -> Rows:
-    """As many pairs again, in water of their own that is as slow.
+    """Build the rows of as many pairs again, with independent slow noise of the same size and memory.
 
-    Headings and what was logged come back; what only rose or fell, as a battery does, goes on.
+    Headings and logged series repeat; series that are mostly a trend, such as a battery voltage, are extrapolated.
     """
     _, slow, base = _parts(model)
     scene = model.state.case.scene
@@ -196,7 +196,7 @@ def _longer(model: Model, variance: Floats) -> Rows:
 
 
 def _continued(column: Floats, time_s: Floats, span_s: float) -> Floats:
-    """Extrapolate a series by a span, (n,): unchanged, or further along if it is mostly a trend."""
+    """Extrapolate a series by a time span, (n,): repeated, or continued along its trend if it is mostly that."""
     spread = float(np.std(column))
     if not spread:
         return column
@@ -205,9 +205,9 @@ def _continued(column: Floats, time_s: Floats, span_s: float) -> Floats:
 
 
 def _second(model: Model, variance: Floats) -> Rows:
-    """As many pairs with water of another depth: of its noise that half is new which is not the affected instrument's.
+    """Build the rows of as many pairs with a second reference at another depth, whose noise is only partly new.
 
-    What is known of that noise by the first reference is taken off: second minus a share of the first.
+    The affected instrument's noise is common to both pairs: the rows are the second pair minus ``SHARED`` of the first.
     """
     candidate_columns, slow, base = _parts(model)
     new = np.sqrt(1.0 - SHARED**2)
@@ -222,7 +222,7 @@ def _second(model: Model, variance: Floats) -> Rows:
 
 
 def _swing(model: Model) -> Rows:
-    """Headings all around on a level deck, with everything logged as usual; the mark on the mount may be off."""
+    """Build the rows of a swing on a level deck, all departures 0; the alignment of the mount is free."""
     scene, none = model.state.case.scene, np.zeros(COURSES)
     deck = replace(
         scene,
@@ -243,7 +243,7 @@ def _swing(model: Model) -> Rows:
 
 
 def _strength(model: Model) -> Rows:
-    """The length of the field in the body; constant iron in all three axes is free, a heading tells only its ratios."""
+    """Build the rows of a logged total field strength; constant iron on all three axes is free."""
     scene, simulation = model.state.case.scene, model.state.simulation
     heading = known_heading(model.state)
     earth = earth_field_in_body(scene, heading - north_shift(simulation, scene))
@@ -270,18 +270,18 @@ def _strength(model: Model) -> Rows:
 
 
 def known_heading(state: FittedModel) -> Floats:
-    """Take the fitted headings, the recorded ones where there is none, (n,) degrees."""
+    """Get the fitted headings, or the recorded ones where the fit has none, (n,) degrees."""
     return np.where(np.isfinite(state.heading_deg), state.heading_deg, state.case.recorded_deg)
 
 
 def strength_unit(time_s: Floats) -> float:
-    """Scale a logged field strength to noise of unit variance without memory, 1/nT."""
+    """Compute the factor that scales a logged field strength to independent noise of unit variance, 1/nT."""
     spacing = float(np.median(np.diff(time_s)))
     return float(np.sqrt(min(spacing / (2.0 * STRENGTH_S), 1.0))) / STRENGTH_NT
 
 
 class _Weighed:
-    """Hypotheses with what the recording tells of their unknowns."""
+    """Hypotheses with the posterior of their unknowns from the recording."""
 
     def __init__(self, model: Model, variance: Floats, hypotheses: Sequence[Hypothesis]):
         present = np.flatnonzero(variance > 0.0)
@@ -303,7 +303,7 @@ class _Weighed:
             self.precision.append(information[np.ix_(at, at)] + np.diag(np.concatenate([np.ones(len(columns)), known])))
 
     def decided(self, rows: Rows, names: Sequence[tuple[str, ...]], probability: Floats) -> float:
-        """Estimate the probability that an observation leaves one name."""
+        """Estimate the probability that an observation leaves a single explanation, by simulation."""
         rng, information = np.random.default_rng(SEED), rows.information
         values, vectors = np.linalg.eigh((information + information.T) / 2.0)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -318,12 +318,12 @@ class _Weighed:
         return _single_name_share(names, self.updated(information, shown, probability))
 
     def updated(self, information: Floats, shown: Floats, probability: Floats) -> Floats:
-        """Update the probability of each hypothesis by simulated observations, (h, d).
+        """Update the probability of each hypothesis with observations, (h, d).
 
         Args:
-            information: information of the observation.
-            shown: its pull on the recording's unknowns, (p + q + b, d).
-            probability: of each hypothesis before, (h,).
+            information: information of the observation, (p + q + b, p + q + b).
+            shown: score of the observations for the recording's unknowns, (p + q + b, d).
+            probability: of each hypothesis before the observation, (h,).
         """
         log = np.empty((len(probability), shown.shape[1]))
         for h, at in enumerate(self.index[: len(probability)]):  # log probability of the observations, up to a constant
@@ -340,7 +340,7 @@ class _Weighed:
 
 
 def _single_name_share(names: Sequence[tuple[str, ...]], probability: Floats) -> float:
-    """Average how often each place that is filled has one sure name, or none is filled surely, as verdicts have it.
+    """Compute the share of draws in which every stated effect, or their absence, is at least as probable as ``SURE``.
 
     Args:
         names: effects of each hypothesis.

@@ -1,8 +1,8 @@
-"""Which compositions a recording may show: all of them tried against what is left, the likeliest kept.
+"""Screening of composed effects: all compositions are scored against a residual, and the most probable are selected.
 
-There are some thousands. Each is linear in its size, so that a product of two series is all that one costs; those that
-are kept are weighed like any effect of the catalogue, by odds that share one effect's among all of them: equally among
-what is acted on, the drivers, their forms and their places (description length).
+There are some thousands. Each is linear in its size, so that its score costs one product of two series. Selected
+compositions enter the posterior like effects of the catalogue. The prior odds of a single effect are divided among all
+of them: equally among targets, drivers, forms and places (description length).
 """
 
 from __future__ import annotations
@@ -35,38 +35,38 @@ from compasslib.types import Floats
 VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
 OF_VALUE = ("linear", "quadratic", "threshold", "saturating", "lagged", "memory", "latch")
 OF_TIME = ("linear", "quadratic", "step", "box", "ramp", "decay", "growth")
-LISTED = {  # what the catalogue has as a class of its own; named compositions are taken from the catalogue
+LISTED = {  # driver/form by target that the catalogue has as a class of its own
     "field_horizontal": {"time/linear", "time/step", "temperature/linear", "voltage/linear"},
     "reading": {"time/linear", "time/step", "temperature/linear", "voltage/linear", "turn_rate/linear"},
 }
 NAMED = {kind.composition for kind in CATALOGUE if issubclass(kind, ComposedEffect)}
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96)  # quantiles of the driver
-CENTRES = (0.2, 0.5, 0.8)  # quantiles of the driver, of what saturates
-LATCHES = (0.98, 0.995)  # quantiles that a driver exceeds rarely
-SCALES, WIDTHS = (0.3, 1.0), (1.0, 2.5)  # of the driver's standard deviation
-LAGS_S = (0.5 * DAY_S, 3 * DAY_S, 15 * DAY_S)  # time constants, of a sphere's warming to a month of the sea
-DATES, EDGES, LIFETIMES = 30, 13, (0.04, 0.12, 0.35)  # dates tried, begins and ends, lives in shares of the record
-SECTORS, REACHES_DEG = 24, (20.0, 40.0)  # of what acts around one heading
-AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # steps, or powers of 2, between the places that are tried
-MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8  # compositions that are weighed: seconds
-MOST_NUMBERS = 1_500_000  # of columns that are held at once, which sets the memory of long records
+CENTRES = (0.2, 0.5, 0.8)  # quantiles of the driver at the middle of a saturating form
+LATCHES = (0.98, 0.995)  # quantiles of the driver at the threshold of a latch, rarely exceeded
+SCALES, WIDTHS = (0.3, 1.0), (1.0, 2.5)  # range of saturation and width of hysteresis, in driver standard deviations
+LAGS_S = (0.5 * DAY_S, 3 * DAY_S, 15 * DAY_S)  # time constants, from warming of an instrument to monthly changes
+DATES, EDGES, LIFETIMES = 30, 13, (0.04, 0.12, 0.35)  # step dates; box and ramp edges; time constants over duration
+SECTORS, REACHES_DEG = 24, (20.0, 40.0)  # centres and half-widths of a bump along heading
+AROUND = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)  # refinement of places, in grid steps or powers of 2
+MOST, MOST_OF_KIND, MOST_RIVALS = 40, 3, 8  # compositions selected, of one kind, and refined; limited for speed
+MOST_NUMBERS = 1_500_000  # values of series held at once, which limits the memory for long records
 
 
 @dataclass(frozen=True)
 class Composition:
-    """A composition that may be there."""
+    """A composition that passed the screening."""
 
     term: ComposedEffect
-    log_share: float  # of the odds of one effect
-    usual: Floats  # (p,) standard deviation that is expected of each parameter
-    moved: bool = False  # whether it is at a place between those that are tried of all
+    log_share: float  # of the prior odds of a single effect
+    usual: Floats  # (p,) prior standard deviation of each parameter
+    moved: bool = False  # whether its place is refined between those of the screening
 
 
 def screen(state: FittedModel, drivers: Collection[str] = ()) -> list[Composition]:
-    """Select the compositions that would make what a simulation leaves likeliest, each with its share of the odds.
+    """Select the compositions of highest posterior probability given the residual of a simulation.
 
     Args:
-        drivers: readings that follow one of these only; all compositions where empty.
+        drivers: only effects on the reading with one of these drivers; all compositions if empty.
     """
     if not state.case.has_slow_noise:
         return []
@@ -89,12 +89,15 @@ def screen(state: FittedModel, drivers: Collection[str] = ()) -> list[Compositio
 def screen_folds(
     state: FittedModel, targets: Floats, fold: NDArray[np.intp], most: int
 ) -> dict[tuple[int, int], list[Composition]]:
-    """Screen compositions without each part of the recording, for several residuals at once.
+    """Screen compositions with each fold of the recording left out, for several residuals at once.
 
     Args:
-        targets: whitened, (n, r).
-        fold: number of the part of each sample, (n,).
-        most: compositions that are kept of each part and residual.
+        targets: whitened residuals, (n, r).
+        fold: number of the fold of each sample, (n,).
+        most: number of compositions selected for each fold and residual.
+
+    Returns:
+        Compositions by number of fold and residual, most probable first.
     """
     best: dict[tuple[int, int], list[tuple[float, Composition]]] = {}
     if not state.case.has_slow_noise:
@@ -111,7 +114,7 @@ def screen_folds(
 def _screened(
     state: FittedModel, targets: Floats, fold: NDArray[np.intp], drivers: Collection[str] = ()
 ) -> Iterator[tuple[list[Composition], Floats]]:
-    """Yield compositions with their log evidence alone without each part, (m, f, r); a part of -1 is none."""
+    """Yield compositions with the log evidence of each alone, one fold left out, (m, f, r); a fold of -1 is none."""
     acted = {
         name: design.term_columns(state, compose_effect(name, "time", "always")()).columns
         for name, target in TARGETS.items()
@@ -139,11 +142,7 @@ def _screened(
 
 
 def near(term: ComposedEffect, scene: Scene) -> list[ComposedEffect]:
-    """Place a composition around its place, at no size.
-
-    Args:
-        scene: of the recording.
-    """
+    """List a composition, at zero size, at places around its own."""
     steps = _steps(term, scene)
     places = {f.name: float(getattr(term, f.name)) for f in fields(term) if not f.metadata["step"]}
     grid = [
@@ -155,11 +154,7 @@ def near(term: ComposedEffect, scene: Scene) -> list[ComposedEffect]:
 
 
 def spacings(term: ComposedEffect, scene: Scene) -> dict[str, float]:
-    """Compute how far apart the places of a composition were tried in the end, by their names, dates left out.
-
-    Args:
-        scene: of the recording.
-    """
+    """Compute the spacing of the refined places of a composition, by name, without begin and end."""
     if not term.placed:
         return {}
     steps, apart = _steps(term, scene), AROUND[1] - AROUND[0]
@@ -168,7 +163,7 @@ def spacings(term: ComposedEffect, scene: Scene) -> dict[str, float]:
 
 
 def _steps(term: ComposedEffect, scene: Scene) -> dict[str, float]:
-    """Compute the distance of the places that are tried of all, those that are tried in proportion left out."""
+    """Compute the grid steps of the places, by name, without those that are refined by powers of 2."""
     spread, span = float(np.std(driver_series(scene, term.composition[1]))), float(np.ptp(scene.time_s))
     return {
         "begin_s": span / (EDGES + 1), "end_s": span / (EDGES + 1), "centre_deg": 360.0 / SECTORS,
@@ -177,7 +172,7 @@ def _steps(term: ComposedEffect, scene: Scene) -> dict[str, float]:
 
 
 def rivals(term: ComposedEffect, composed: Sequence[Composition]) -> list[Composition]:
-    """Select a composition and others of its driver that have places, each kind at its best place so far."""
+    """Select a composition and its alternatives with the same driver and with places, each kind at its best place."""
     driver = term.composition[1]
     alike = [rival for rival in composed if rival.term.composition[1] == driver and rival.term.placed]
     alike = [*(rival for rival in reversed(alike) if not rival.moved), *(rival for rival in alike if rival.moved)]
@@ -186,33 +181,33 @@ def rivals(term: ComposedEffect, composed: Sequence[Composition]) -> list[Compos
 
 
 def merge_compositions(first: Sequence[Composition], second: Sequence[Composition]) -> list[Composition]:
-    """Merge compositions that were kept in different steps, each once."""
+    """Merge two selections of compositions without duplicates."""
     return list({each.term: each for each in (*first, *second)}.values())
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Drivers in a form at a place, and the series that each makes, m of c columns."""
+    """Combinations of driver, form and place, with the series of each; m combinations of c columns."""
 
     places: list[tuple[str, str, tuple[float, ...]]]
     series: Floats  # (n, m, c) float32
-    square: Floats  # (n, m, c)
+    square: Floats  # (n, m, c) squares of ``series`` in full precision
 
     def only(self, indices: Sequence[int]) -> Batch:
-        """Select some of them."""
+        """Select combinations by index."""
         if len(indices) == len(self.places):
             return self
         return Batch([self.places[k] for k in indices], self.series[:, indices], self.square[:, indices])
 
 
 def _batches(state: FittedModel, places: Mapping[tuple[str, str], Sequence[tuple[float, ...]]]) -> Iterator[Batch]:
-    """Yield every driver in every form at every place, together those that have as many columns each."""
+    """Yield every driver in every form at every place, in batches with the same number of columns each."""
     scene, most = state.case.scene, max(MOST_NUMBERS // len(state.case), 1)
     for _, alike in itertools.groupby(places, key=lambda pair: len(FORMS[pair[1]].suffixes)):
         combinations = [(*pair, at) for pair in alike for at in places[pair]]
         for chunk in (combinations[k : k + most] for k in range(0, len(combinations), most)):
             terms = [place_effect(compose_effect("reading", driver, form), *at) for driver, form, at in chunk]
-            makers = [term.series if term.composition[2] == "memory" else term.made for term in terms]  # slow: kept
+            makers = [term.series if term.composition[2] == "memory" else term.made for term in terms]  # cached if slow
             series = np.stack([make(scene, state.case.recorded_deg) for make in makers], axis=1)
             yield Batch(chunk, series.astype(np.float32), series**2)
 
@@ -220,12 +215,12 @@ def _batches(state: FittedModel, places: Mapping[tuple[str, str], Sequence[tuple
 def _gains(
     state: FittedModel, derivative: Floats, batch: Batch, targets: Floats, fold: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
-    """Compute the log evidence of each composition alone without each part, and the usual sizes, (m, f, r), (m, k).
+    """Compute log evidence of each composition alone, one fold left out, (m, f, r), and prior sizes, (m, k).
 
     Args:
-        derivative: derivative of the heading by what is acted on, (n, p).
+        derivative: derivative of the heading with respect to the target's parameters, (n, p).
         targets: whitened residuals, (n, r).
-        fold: number of the part of each sample, (n,).
+        fold: number of the fold of each sample, (n,).
     """
     n, m, c = batch.series.shape
     turn = ((derivative**2).T @ batch.square.reshape(n, -1) / n) ** 0.5
@@ -247,12 +242,12 @@ def _gains(
 
 
 def _squares(white: Floats, m: int) -> Floats:
-    """Multiply the columns of each composition by each other, (m, k, k)."""
+    """Compute the products of the columns of each composition with each other, (m, k, k)."""
     return np.array([part.T @ part for part in np.split(white, m, axis=1)])
 
 
 def _is_unlisted(name: str, driver: str, form: str) -> bool:
-    """Check that a driver and a form compose with what is acted on, and that the catalogue has no name for it."""
+    """Return whether a driver and a form can be combined with a target and are not an effect of the catalogue."""
     if driver == "heading":
         return name == "reading"
     listed = (name, driver, form) in NAMED or f"{driver}/{form}" in LISTED.get(name, set())
@@ -268,10 +263,10 @@ def _varies(scene: Scene, driver: str) -> bool:
 
 
 def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list[tuple[float, ...]]]:
-    """List every driver that the recording has with every form, and the places at which it is tried.
+    """List every available driver with every form, and the places at which each is screened.
 
     Args:
-        channels: series that have no name of their own here.
+        channels: names of instrument-specific series.
     """
     there = [driver for driver in (*VALUES, *channels) if _varies(scene, driver)]
     joined = [driver for driver in there if driver in VALUES and driver != "tilt"]
@@ -288,7 +283,7 @@ def _places(scene: Scene, channels: Iterable[str]) -> dict[tuple[str, str], list
 
 
 def _places_of(scene: Scene, driver: str, form: str) -> list[tuple[float, ...]]:
-    """List the places at which a form is tried."""
+    """List the places at which a form is screened."""
     time_s, x = scene.time_s, driver_series(scene, driver)
     span, width = float(np.ptp(time_s)), float(np.std(x))
     if form == "threshold":

@@ -1,13 +1,13 @@
-"""Held-out days: whether what was learnt elsewhere predicts what was left out, with everything chosen anew.
+"""Cross-validation on held-out days, with the effect selected anew without them.
 
-For each part that is left out the effect, its driver, its date and its sizes are chosen from the other parts, all
-compositions included; compass, nuisances, slow water and the current are free beside it. What the part then adds to
-the log score is the gain; the amplitude is that of the held-out days along the predicted turn. Surrogates are records
-of the fitted noise beside the real covariates, through all of the same: the rank of the gain among theirs is what
-chance does. Every part is predicted by the others and predicts them: were slope and interval those of a regression on
-given predictions, the slope would be 1 - 1.25/z^2 of five equal parts whatever the noise, and the interval cover 1
-always. Both are therefore held against records that are simulated with the effect. (Slow water alone, searched for a
-step, has an amplitude above 0 in 23 to 85 % of such intervals; the best of 300 columns chosen from all days in 93 %.)
+For each fold that is left out, the effect, its driver, its date and its sizes are selected from the other folds, among
+all compositions; compass, nuisances, slow noise and the current are free. The gain is what the fold then adds to the
+log score; the amplitude is the size of the held-out residual along the predicted turn. Surrogates are draws of the
+fitted noise with the real covariates, processed alike; the rank of the gain among theirs measures its significance.
+Every fold is predicted by the others and predicts them: a regression on the predictions as if they were given would
+have a slope of 1 - 1.25/z^2 for five equal folds whatever the noise, and an interval that always covers 1. Both are
+therefore calibrated by records simulated with the effect. (Slow noise alone, searched for a step, has an amplitude
+above 0 in 23 to 85 % of such intervals; the best of 300 columns selected from all days in 93 %.)
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from compasslib.statistics.resampling import NORMAL_95, blocks_by_count, blocks_
 from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats
 
-MOST_CHOICES = 2  # compositions that each choice may take: seconds
+MOST_CHOICES = 2  # compositions admitted per fold and record, limited for speed
 SEED = 11  # of the surrogates
-CLEAR_Z = 4.0  # fitted amplitude over its standard error from which a slope says anything of size and form
-RECORDS = 200  # simulated with the effect, whose slopes tell what chance does to the slope
-FEWEST_IN_BIN = 10  # samples of a figure's point
+CLEAR_Z = 4.0  # signal-to-noise ratio of the predicted turn from which a slope is informative
+RECORDS = 200  # simulated with the effect to calibrate the slope
+FEWEST_IN_BIN = 10  # samples of a bin that is plotted
 
 
 def cross_validate(inferred: Inference, k: int, without: FittedModel, surrogates: int) -> HeldOut:
-    """Score a term on days that were left out, and against surrogates of the record without it.
+    """Score a term on held-out days, and rank its gain among surrogates of the record without it.
 
     Args:
         without: the same recording, refitted without the term.
-        surrogates: how many; none where 0.
+        surrogates: number of surrogates, may be 0.
     """
     state, term = inferred.state, inferred.state.simulation.terms[k]
     time_s = state.case.scene.time_s
@@ -58,68 +58,68 @@ def cross_validate(inferred: Inference, k: int, without: FittedModel, surrogates
     method = "fifths" if lasting else "within_event"
     in_water = state.case.has_slow_noise
     scored = refit_folds(inferred, without, fold, surrogates if in_water else 0)
-    if not in_water:  # neither water nor a search of thousands can feign it
+    if not in_water:  # no surrogates are needed without slow noise and without compositions
         scored["placebo"] = None
     return replace(finding.bootstrap_gain(each, block, rms_deg), method=method, **scored)
 
 
 @dataclass(frozen=True)
 class _Alternatives:
-    """What may stand in a place: columns of each candidate and its log share of the odds."""
+    """Candidates in the place of a term: their columns and their log shares of the prior odds."""
 
     groups: list[ColumnGroup]
     usual: list[Floats]
     log_share: Floats  # (g,)
-    allowed: Floats  # (g, f, r) 0 where a fold of a target may choose it, else minus infinity
+    allowed: Floats  # (g, f, r) 0 if the candidate is admitted for a fold of a target, else minus infinity
 
     @cached_property
     def parts(self) -> list[NDArray[np.intp]]:
-        """Columns of each candidate."""
+        """Column indices of each candidate."""
         ends = np.cumsum([0, *(len(usual) for usual in self.usual)])
         return [np.arange(a, b) for a, b in itertools.pairwise(ends)]
 
     def choose(self, products: _Marginal, fold: int | slice) -> NDArray[np.intp]:
-        """Choose the likeliest candidate for each target, among those that some folds may choose, (r,)."""
+        """Select the most probable candidate for each target, among those admitted for any of the folds, (r,)."""
         allowed = self.allowed[:, fold].reshape(len(self.groups), -1, self.allowed.shape[2]).max(axis=1)
         return np.argmax(_log_evidence(products, self.parts) + self.log_share[:, None] + allowed, axis=0)
 
 
 class _Marginal(NamedTuple):
-    """Products of the candidates' columns, those of the noise integrated out, and of all columns as they are."""
+    """Products of the candidates' columns with the noise marginalized, and of all columns before that."""
 
     information: Floats  # (p, p)
     score: Floats  # (p, r)
-    square: Floats
-    pull: Floats
+    square: Floats  # (p + q, p + q) of all columns
+    pull: Floats  # (p + q, r) of all columns with the targets
 
     def without(self, square: Floats, pull: Floats, variance: Floats) -> _Marginal:
-        """Leave out some days, of which the products of all columns are given."""
+        """Leave out some days, given the products of all columns over these days."""
         return _marginalize(self.square - square, self.pull - pull, len(self.information), variance)
 
     def fit(self, at: NDArray[np.intp], r: NDArray[np.intp]) -> Floats:
-        """Fit a candidate to some targets, its prior included, (k, r)."""
+        """Compute the posterior mean of a candidate's parameters for some targets, (k, r)."""
         return np.linalg.solve(self.information[np.ix_(at, at)] + np.eye(len(at)), self.score[np.ix_(at, r)])
 
 
 @dataclass(frozen=True)
 class _Prediction:
-    """How held-out days follow what the others predict, summed over folds; r targets."""
+    """Agreement of held-out days with the prediction from the others, summed over folds; r targets."""
 
-    gain: Floats  # (r,) log score
-    predicted: Floats  # (r,) square of the predicted turn
-    followed: Floats  # (r,) product of the predicted turn and the left-out residual
-    values: Floats  # (f, p) as fitted without each fold to the first target
-    chosen: Floats  # (p,) the same from all days
+    gain: Floats  # (r,) in log score
+    predicted: Floats  # (r,) sum of squares of the predicted turn, in units of the noise
+    followed: Floats  # (r,) product of the predicted turn and the held-out residual, in units of the noise
+    values: Floats  # (f, p) parameters fitted to the first target without each fold
+    chosen: Floats  # (p,) parameters fitted to the first target on all days
 
 
 @dataclass(frozen=True)
 class _PartitionedRecord:
-    """A record in parts, each to be predicted from the others; noise is integrated out."""
+    """A record in folds, each predicted from the others with the noise marginalized."""
 
-    quiet: FittedModel  # whose whitener knows no slow water
-    unit: float  # of whitened columns, so that the noise is 1
-    noise: Floats  # (n, q) whitened columns of slow water, the current, compass and nuisances
-    variance: Floats  # (q,) of their coefficients
+    quiet: FittedModel  # whose whitener does not contain slow noise
+    unit: float  # factor that scales whitened columns to noise of unit variance
+    noise: Floats  # (n, q) whitened columns of slow noise, the current, compass and nuisances
+    variance: Floats  # (q,) prior variance of their coefficients
     folds: list[NDArray[np.bool_]]
 
     @property
@@ -127,7 +127,7 @@ class _PartitionedRecord:
         return np.isfinite(self.quiet.whitener.width_deg)
 
     def draw(self, seed: int, count: int) -> Floats:
-        """Draw whitened residuals of the fitted noise: white noise, slow water and the current, (n, count)."""
+        """Draw whitened residuals from the fitted noise: white noise, slow noise and the current, (n, count)."""
         rng, own = np.random.default_rng(seed), slice(0, self.noise.shape[1] - self.quiet.basis.shape[1])
         white = rng.normal(size=(len(self.noise), count))
         deviations = self.noise[:, own] * np.sqrt(self.variance[own])
@@ -142,7 +142,7 @@ class _PartitionedRecord:
         return self.quiet.whitener(columns.astype(np.float32)) * np.float32(self.unit)
 
     def predict(self, white: Floats, targets: Floats, choices: _Alternatives) -> _Prediction:
-        """Predict each part from the others.
+        """Predict each fold from the others.
 
         Args:
             white: whitened columns of the candidates, (n, p).
@@ -171,12 +171,12 @@ class _PartitionedRecord:
         return _Prediction(gain, predicted, followed, values, chosen)
 
     def bin_left_out(self, turns: Floats, residual: Floats) -> BinnedResidual:
-        """Bin the turn that the other days predict, and compute what the held-out days show in each bin.
+        """Bin held-out days by the turn predicted from the others, and estimate the observed turn in each bin.
 
-        Bins are weighed with the covariance of the noise: the slope through them is that of all held-out days.
+        Bins are estimated with the covariance of the noise: the slope through them is that of all held-out days.
 
         Args:
-            turns: as predicted without each part, (n, f) degrees.
+            turns: predicted without each fold, (n, f) degrees.
             residual: whitened, (n, 1).
         """
         part, known = np.argmax(self.folds, axis=0), self.measured
@@ -212,7 +212,7 @@ def _quarters(values: Floats) -> Floats:
 
 
 def refit_folds(inferred: Inference, without: FittedModel, fold: NDArray[np.intp], surrogates: int) -> dict[str, Any]:
-    """Choose, fit and score what stands in the place of a term, for each fold and each surrogate."""
+    """Select, fit and score an effect in the place of a term, for each fold and each surrogate."""
     candidates, slow = inferred.posterior.candidates, inferred.slow
     quiet = design.evaluate_model(replace(without.case, low_rank=None), without.simulation, without.nuisance)
     unit = quiet.response / quiet.sigma / float(np.sqrt(candidates.scatter))
@@ -240,7 +240,7 @@ def refit_folds(inferred: Inference, without: FittedModel, fold: NDArray[np.intp
     if result.predicted[0] >= CLEAR_Z**2:
         present = record.project((white @ result.chosen)[:, None] + record.draw(SEED + 1, RECORDS))
         again = record.predict(white, present.astype(np.float32), replace(choices, allowed=choices.allowed[:, :, :1]))
-        clear = again.predicted >= CLEAR_Z**2  # of the others no slope would be given
+        clear = again.predicted >= CLEAR_Z**2  # no slope would be reported for the others
         if np.count_nonzero(clear) >= RECORDS / 2:
             expected = np.quantile(again.followed[clear] / again.predicted[clear], [0.5, 0.025, 0.975])
             points = points.times(float(expected[0]))
@@ -248,10 +248,10 @@ def refit_folds(inferred: Inference, without: FittedModel, fold: NDArray[np.intp
 
 
 def _describe_gain(result: _Prediction, size_deg: float, expected: Floats, surrogates: int) -> dict[str, Any]:
-    """Describe gain, amplitude, slope and placebo; the noise is as much wider as evidence is tempered.
+    """Describe gain, amplitude, slope and placebo; intervals are widened by the temperature of the evidence.
 
     Args:
-        expected: slope of records that hold the effect, median and 95 % range.
+        expected: slope in records simulated with the effect, median and 95 % range.
     """
     predicted, gain = max(float(result.predicted[0]), 1e-12), result.gain
     slope, spread = float(result.followed[0]) / predicted, NORMAL_95 * float(np.sqrt(predicted / TEMPERATURE))
@@ -269,7 +269,7 @@ def _describe_gain(result: _Prediction, size_deg: float, expected: Floats, surro
 
 
 def _alternatives(inferred: Inference, without: FittedModel, loud: Floats, fold: NDArray[np.intp]) -> _Alternatives:
-    """Collect the listed candidates, and the compositions that each fold and surrogate would take."""
+    """Collect the candidates of the catalogue, and the compositions screened for each fold and surrogate."""
     candidates = inferred.posterior.candidates
     others = {type(term) for term in without.simulation.terms}
     names = posterior.log_shares(candidates.kinds)
@@ -300,7 +300,7 @@ def _alternatives(inferred: Inference, without: FittedModel, loud: Floats, fold:
 
 
 def _marginalize(square: Floats, pull: Floats, n: int, variance: Floats) -> _Marginal:
-    """Integrate noise columns out of products for several targets."""
+    """Marginalize the coefficients of the noise columns in the products for several targets."""
     root = np.sqrt(variance)
     lower = cholesky(np.eye(len(root)) + root[:, None] * square[n:, n:] * root, lower=True)
     cross = root[:, None] * square[n:, :n]
@@ -328,7 +328,7 @@ def _log_evidence(products: _Marginal, parts: Sequence[NDArray[np.intp]]) -> Flo
 
 
 def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tuple[float, float]]:
-    """Score a term for each sample, sizes fitted without its fold, and give the rms with and without it."""
+    """Compute the gain of a term at each sample, sizes fitted without its fold, and the rms without and with it."""
     values = np.zeros(state.base.shape[1])
     parameters = state.simulation.parameters
     values[5 : len(parameters)] = parameters[5:]

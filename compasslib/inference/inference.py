@@ -1,8 +1,8 @@
-"""The posterior of a recording, linearized at its likeliest hypothesis, which is refitted in the forward model.
+"""The posterior of a recording, linearized at its most probable hypothesis, which is refitted in the forward model.
 
-Every hypothesis, none or up to three effects, is weighed with slow noise marginalized. Columns of effects are slopes,
-and widths, filter and slow noise are estimated from the residual: both are computed again where the likeliest
-hypothesis has been refitted, until it stays the same.
+The posterior of all hypotheses, none or up to three effects, is computed with slow noise marginalized. The columns of
+effects are derivatives, and widths, filter and slow noise are estimated from the residual: both are recomputed after
+the most probable hypothesis has been refitted, until it no longer changes.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ SLOW: Mapping[str, Callable[[SlowNoiseParams], float]] = {
     "slow_memory_days": lambda water: water.veer.memory_days,
     "slow_shear_m_s": lambda water: water.shear.size,
 }
-MUCH_VEER_DEG, PLAIN = 1.4, 50.0  # slow veer that may hide an effect; its log evidence but for it: water feigns half
-MOST_BEGINNINGS, CHARGE = 4, 5.0  # effects that are tried so, and what each of their parameters must gain
-MOST_SURE = 1.4  # log odds of one of two views that contradict each other: neither counts for less than a fifth
-MOST_ROUNDS = 5  # of standing elsewhere and looking again: seconds
+MUCH_VEER_DEG, PLAIN = 1.4, 50.0  # veer that may hide effects; their log evidence without slow noise, which mimics half
+MOST_BEGINNINGS, CHARGE = 4, 5.0  # number of effects tried as starting point, and log likelihood cost of each parameter
+MOST_SURE = 1.4  # largest log odds between two conflicting linearizations: the weight of each is at least a fifth
+MOST_ROUNDS = 5  # maximum number of relinearizations, limited for speed
 
 
 def infer(empty: FittedModel, odds: float) -> Inference:
-    """Infer what acts beside the fitted compass.
+    """Infer which effects act in addition to the fitted compass.
 
     Args:
-        empty: the simulation without terms.
+        empty: the fitted simulation without terms.
         odds: prior odds of a fault of compass or clock.
     """
     slow = noise.slow_noise_basis(empty.case)
@@ -67,7 +67,7 @@ def infer(empty: FittedModel, odds: float) -> Inference:
         if _same_terms(state, candidates, best):
             break
         if kinds in stood and kinds and kinds != _kinds(state.simulation.terms):
-            # Each is likelier when linearized at the other: both count, by what each leaves.
+            # Each is more probable when linearized at the other: average both, weighted by their likelihoods.
             other, state = state, stood[kinds]
             candidates, _ = _candidates_at(state, slow, composed)
             likelier = (
@@ -98,7 +98,7 @@ def infer(empty: FittedModel, odds: float) -> Inference:
 def _learn_current(
     candidates: Candidates, hypothesis: Hypothesis, water: SlowNoiseParams | None
 ) -> SlowNoiseBasis | None:
-    """Set the variances of the current in the noise to those under a hypothesis."""
+    """Set the variances of the current in the slow noise to their estimate under a hypothesis."""
     current = candidates.current(hypothesis, water)
     if current is None or candidates.slow is None:
         return candidates.slow
@@ -106,7 +106,7 @@ def _learn_current(
 
 
 def _screen(state: FittedModel, learnt: SlowNoiseBasis | None, water: SlowNoiseParams | None) -> list[Composition]:
-    """Screen compositions, readings that follow a driver of the current without the current, which would hide them."""
+    """Screen compositions; readings that depend on a driver of the current are screened without that current too."""
     composed = grammar.screen(state)
     drivers = [] if learnt is None else [driver for driver in DRIVERS if coupled_drivers(driver) & learnt.acting]
     if learnt is None or not drivers:
@@ -119,7 +119,7 @@ def _screen(state: FittedModel, learnt: SlowNoiseBasis | None, water: SlowNoiseP
 
 
 def _retitle(inferred: Inference) -> Inference:
-    """Put in each place the likeliest name that may stand there, refitted."""
+    """Replace each selected effect by its most probable alternative, if that is more probable, and refit."""
     posterior, chosen = inferred.posterior, list(inferred.chosen)
     for place, finding in enumerate(inferred.finding_posteriors):
         names = {finding.effect: finding.probability, **finding.alternatives}
@@ -141,9 +141,9 @@ def _retitle(inferred: Inference) -> Inference:
 
 
 def _refine_places(state: FittedModel, composed: Sequence[Composition]) -> tuple[FittedModel, list[Composition]]:
-    """Move compositions to their best places between those that were tried, and refit.
+    """Refine the places of compositions between those of the screening, and refit.
 
-    Rivals that have the same driver are moved to their best places too, or the chosen one would look surer.
+    Alternatives with the same driver are refined too, otherwise the selected one would appear too probable.
     """
     compositions, terms = list(composed), list(state.simulation.terms)
     for k, term in enumerate(terms):
@@ -162,7 +162,7 @@ def _refine_places(state: FittedModel, composed: Sequence[Composition]) -> tuple
 
 
 def _with_priors(state: FittedModel, composed: Sequence[Composition]) -> FittedModel:
-    """Add the prior scales of compositions to a state."""
+    """Add the prior standard deviations of compositions to a model."""
     usual: dict[type[Effect], Floats] = {type(each.term): each.usual for each in composed}
     return replace(state, case=replace(state.case, usual={**usual, **state.case.usual}))
 
@@ -173,17 +173,17 @@ def _kinds(terms: Sequence[Effect | None]) -> frozenset[type]:
 
 def _same_terms(state: FittedModel, candidates: Candidates, hypothesis: Hypothesis) -> bool:
     zero_terms = [term.at(0.0 * term.values) for term in state.simulation.terms]
-    return [candidates.groups[k].term for k in hypothesis] == zero_terms  # in the order of the catalogue, both
+    return [candidates.groups[k].term for k in hypothesis] == zero_terms  # both in the order of the catalogue
 
 
 def _initialize(
     state: FittedModel, whole: Candidates, waters: Sequence[SlowNoiseParams | None]
 ) -> tuple[FittedModel, SlowNoiseBasis | None, SlowNoiseParams | None]:
-    """Choose the state from which the search begins: without terms, or with one that hides in the noise it makes.
+    """Select the model from which the search starts: without terms, or with a large effect that inflates the noise.
 
-    A step of many degrees widens the scatter that it is held against, and looks like much slow water. Effects that
-    would be plain without slow water are therefore refitted, with width, filter and water estimated again, and the
-    search begins with the likeliest.
+    A step of many degrees widens the scatter against which it is tested, and resembles strong slow noise. Effects that
+    would be evident without slow noise are therefore refitted, with width, filter and slow noise estimated again, and
+    the search starts from the most likely model.
     """
     slow, quiet = whole.slow, whole.marginalize(None)
     water = likeliest_water(whole, waters)
@@ -210,12 +210,12 @@ def _initialize(
 
 
 def _noise_only(state: FittedModel, slow: SlowNoiseBasis) -> Candidates:
-    """Build the products of slow noise alone, without candidates."""
+    """Build the linear model of slow noise alone, without candidates."""
     return evidence.build_candidates(state, slow, evidence.CandidateColumns([], np.zeros(0), []), np.ones(1))
 
 
 def _log_likelihood(state: FittedModel, slow: SlowNoiseBasis | None, water: SlowNoiseParams | None) -> float:
-    """Compute the log likelihood of a state with slow water, up to a constant of the recording."""
+    """Compute the log likelihood of a model with slow noise, up to a constant of the recording."""
     width = state.whitener.width_deg
     known = np.isfinite(width)
     gain = 0.0
@@ -227,14 +227,14 @@ def _log_likelihood(state: FittedModel, slow: SlowNoiseBasis | None, water: Slow
 def _candidates_at(
     state: FittedModel, slow: SlowNoiseBasis | None, composed: Sequence[Composition]
 ) -> tuple[Candidates, FittedModel]:
-    """Build all candidates, linearized at a state, and the state without slow water."""
+    """Build all candidates, linearized at a model, and that model with its terms freed, without slow noise."""
     view, half = design.freed_model(state)
     groups = evidence.enumerate_candidates(half, composed)
     return evidence.build_candidates(view, slow, groups, evidence.score_inflation(state, groups.groups)), view
 
 
 def summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
-    """Summarize the noise, each number with its standard error."""
+    """Estimate the parameters of the noise, each with its standard error."""
     state, weight = inferred.state, inferred.posterior.water_probability
     time_s = state.case.scene.time_s
     hours, step = float(np.ptp(time_s)) / HOUR_S, sampling_interval_s(time_s) / HOUR_S

@@ -1,4 +1,4 @@
-"""results/compasses/NAME: what compass.json and diagnosis.json hold, and what each record takes from the first."""
+"""Build the contents of results/compasses/NAME (compass.json, diagnosis.json), and apply them to each record."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from compasslib.inference.product import AppliedCompass, Product
 from compasslib.records import EarthField
 from compasslib.types import Floats
 
-ALARM = 0.006  # as of a single record
+ALARM = 0.006  # as for a single record
 
 
 @dataclass(frozen=True)
 class SiblingInformation:
-    """What one record takes from the others of its compass."""
+    """Information for one record from the others of its compass."""
 
     compass: str
     others: tuple[str, ...]
     sigma_between_nT: float
     prior: CoefficientPrior
-    effects: SharedInformation  # in the parameters' own units
+    effects: SharedInformation  # information and score, in the parameters' units
 
     def block(self, text: str) -> dict[str, Any]:
         """Encode the block ``shared`` of deviation.json."""
@@ -45,7 +45,7 @@ class SiblingInformation:
 
 
 def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformation | None:
-    """Read what a compass.json gives back to a mooring, None where no other record belongs to it."""
+    """Read the information for a mooring from a compass.json; None if no other record informs it."""
     block = content["returned"].get(mooring)
     if block is None:
         return None
@@ -65,7 +65,7 @@ def apply_shared_effects(
 
     Args:
         field: the earth's field along the deployment.
-        logged: series beside the record, by which an effect may change; one that it has not is left out.
+        logged: logged series of the record; an effect that requires a missing one is omitted.
     """
     terms, covariances = [], [made.fit.covariance[:5, :5]]
     for kind, (information, score) in shared.effects.items():
@@ -108,7 +108,7 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
 
 
 def log_line(content: Mapping[str, Any], diagnosis: Diagnosis) -> str:
-    """Describe a joint fit in lines of the log."""
+    """Summarize a joint fit in lines of the log."""
     name, siblings = content["compass"], [entry["name"] for entry in content["deployments"] if entry["fits"]]
     names, count = ", ".join(siblings) or "none", len(content["deployments"])
     lines = [f"{name}: {count} records, {len(siblings)} of one compass ({names})"]
@@ -165,7 +165,7 @@ def _effect_json(amplitude: SharedAmplitude) -> dict[str, Any]:
 def _returned_json(
     member: Member, joined: JointCompass, shared: SharedEffects | None, named: set[str]
 ) -> dict[str, Any] | None:
-    """Encode the information of the other records for one: never its own."""
+    """Encode the information of the other records for one record, excluding its own."""
     prior, others = joined.prior(member.name), joined.others(member.name)
     if prior is None:
         return None

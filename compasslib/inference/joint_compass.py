@@ -1,9 +1,9 @@
-"""The iron of one compass by several records: what is the instrument's, what varies between deployments, who is odd.
+"""Infer the iron of one compass from several records, its variation between deployments, and inconsistent records.
 
-B and C of a deployment are (P + p)/H + c tan I and (Q + q)/H + f tan I, D and E are the instrument's: P, Q hard iron,
-c, f what the vertical field induces (physics page, section 3). p and q belong to sphere and battery: normal, of two
-sizes that are unknown, summed over a grid and what the records say of them (a linear mixed model; Searle, Casella and
-McCulloch, Variance Components, 1992). A is each record's own: its mount, its clamp, the mean veer of its water.
+B and C of a deployment are (P + p)/H + c tan I and (Q + q)/H + f tan I; D and E are the instrument's. P, Q are hard
+iron, c, f are induced by the vertical field (physics page, section 3). p and q, of sphere and battery, are normal with
+two unknown standard deviations, which are marginalized over a grid (a linear mixed model; Searle, Casella and
+McCulloch, Variance Components, 1992). A is specific to each record: mount, clamp, mean veer of the water.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from compasslib.types import Floats
 
 IRON_NAMES = ("P_nT", "Q_nT", "c", "f", "D", "E")
 SHARED_COEFFICIENTS = np.arange(1, 5)  # B, C, D, E of A..E
-PRIOR_SIGMA = np.array([6000.0, 6000.0, 0.05, 0.05, 0.1, 0.1])  # of NAMES, standard deviations beforehand
-SIZES_NT = np.array([10.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 2000.0])  # of p and q between deployments
-BETWEEN_PRIOR_NT = 150.0  # of half a Cauchy law, beforehand: of a battery, and of a sphere
-SOFT_SIGMA = 0.002  # of D and E between deployments: batteries and spheres induce as well
-CLAMP_DEG = 2.0  # least spread of A between records, for one that has no reference
-PRIOR_SAME = 0.5  # probability beforehand that what is declared to be one compass is one
-STRANGER_SIGMAS = (2.0, 4.0, 8.0)  # standard deviations that another compass may be away, each as likely
-LEAST_SAME = 0.5  # probability of the same compass below which a record is not averaged
+PRIOR_SIGMA = np.array([6000.0, 6000.0, 0.05, 0.05, 0.1, 0.1])  # of IRON_NAMES, prior standard deviations
+SIZES_NT = np.array([10.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 2000.0])  # standard deviations of p, q
+BETWEEN_PRIOR_NT = 150.0  # scale of the half-Cauchy prior of either size, sphere and battery
+SOFT_SIGMA = 0.002  # standard deviation of D and E between deployments: induction in batteries and spheres
+CLAMP_DEG = 2.0  # least standard deviation of A between records, for a record without a reference
+PRIOR_SAME = 0.5  # prior probability that a record is of the declared compass
+STRANGER_SIGMAS = (2.0, 4.0, 8.0)  # distances of another compass in standard deviations, equally likely
+LEAST_SAME = 0.5  # probability of the same compass below which a record is excluded
 
 
 def _unknown() -> Floats:
@@ -40,7 +40,7 @@ def _unknown() -> Floats:
 
 @dataclass(frozen=True)
 class Member:
-    """One deployment or calibration; without coefficients where its own pairs determine none."""
+    """One deployment or calibration; its coefficients are empty where its own data do not determine them."""
 
     name: str
     kind: str  # mooring, or the kind of a calibration
@@ -50,11 +50,11 @@ class Member:
     coefficients: Floats  # (5,) A..E of the exact compass there
     covariance: Floats  # (5, 5)
     effects: EffectInformation | None = None
-    why: str = ""  # why it tells nothing, where it does not
+    why: str = ""  # why it has no coefficients; empty if it has
 
     @property
     def tells(self) -> bool:
-        """Whether its own recording determines the compass."""
+        """Whether its own data determine the coefficients."""
         return bool(self.coefficients.size)
 
 
@@ -69,7 +69,7 @@ def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
 
 
 def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:
-    """Read a calibration from its calibration.json; without coefficients where its headings do not determine them."""
+    """Read a calibration from its calibration.json; no coefficients where its headings do not determine them."""
     field, exact = content["place"]["field"] or {}, content["exact"]
     unknown = Member(
         content["name"],
@@ -91,13 +91,13 @@ def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member
 def summarize_record(
     name: str, field: tuple[float, float], information: Any, *, span_s: Sequence[float], why: str
 ) -> dict[str, Any]:
-    """Encode what a mooring's record tells of its compass, as ``mooring_member`` reads it.
+    """Encode the information of a mooring's record on its compass, as ``mooring_member`` reads it.
 
     Args:
-        field: horizontal and vertical, nT, the mean of the deployment.
-        information: ``joint_compass.RecordInformation``, None where it tells nothing.
+        field: mean horizontal and vertical field of the deployment, nT.
+        information: ``joint_compass.RecordInformation``, None where there is none.
         span_s: first and last pair, UTC seconds; empty without any.
-        why: why it tells nothing.
+        why: why there is no information.
     """
     return {
         "name": name,
@@ -111,15 +111,15 @@ def summarize_record(
 
 @dataclass(frozen=True)
 class EffectInformation:
-    """The effects of the instrument in one record; p columns in physical units, then those of the season."""
+    """Information of one record on instrument effects; p columns in physical units, then s columns of the season."""
 
-    forms: tuple[str, ...]  #: class of each
-    parts: tuple[int, ...]  #: columns of each
-    usual: Floats  #: (p,) what is expected of each parameter beforehand
-    uneven: Floats  #: (p,) by how much the noise of each is uneven, at least 1
+    forms: tuple[str, ...]  #: class name of each effect
+    parts: tuple[int, ...]  #: number of columns of each effect
+    usual: Floats  #: (p,) prior standard deviation of each parameter
+    uneven: Floats  #: (p,) inflation of the score variance of each parameter, at least 1
     visible: Floats  #: (p, p) mean products of the visible columns, square degrees
-    conditional: tuple[Products, ...]  #: (p + s) beside each kind of slow water
-    residual_deg: float  #: degrees rms
+    conditional: tuple[Products, ...]  #: (p + s) columns, given each kind of slow water
+    residual_deg: float  #: robust standard deviation, degrees
     n: int  #: number of pairs
 
     def to_json(self) -> dict[str, Any]:
@@ -137,7 +137,7 @@ class EffectInformation:
 
 
 def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
-    """Read what one record tells of the effects of its compass."""
+    """Read the information of one record on the effects of its compass."""
     products = tuple(
         Products(np.array(entry["information"]), np.array(entry["score"]), entry["log_likelihood"])
         for entry in content["beside"]
@@ -156,11 +156,11 @@ def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
 
 @dataclass(frozen=True)
 class RecordInformation:
-    """What a record tells of its compass."""
+    """Information of one record on its compass."""
 
     coefficients: Floats  #: (5,) A..E of the exact compass, dimensionless
     covariance: Floats  #: (5, 5)
-    effects: EffectInformation | None  #: None where nothing was searched
+    effects: EffectInformation | None  #: None without a search
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -177,17 +177,17 @@ def effect_class(form: str) -> type[Effect]:
 
 @dataclass(frozen=True)
 class RejectedRecord:
-    """A record that does not fit the others."""
+    """A record that is inconsistent with the others."""
 
     name: str
     probability_same: float
-    sigmas: float  # how far it is from what the others expect of it
+    sigmas: float  # standard deviations from the prediction of the others
     why: str
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """A normal law a size of what varies between deployments; their weights sum to 1."""
+    """Mixture of normal distributions, one for each pair of sizes between deployments; weights sum to 1."""
 
     weight: Floats  # (t,)
     means: Floats  # (t, k)
@@ -208,21 +208,21 @@ class Mixture:
 
 @dataclass(frozen=True)
 class JointCompass:
-    """What the records of one compass tell together."""
+    """Joint inference from the records of one compass."""
 
     members: tuple[Member, ...]
-    consistent: tuple[str, ...]  # that fit each other, in their order
+    consistent: tuple[str, ...]  # names of mutually consistent records, in order
     rejected: tuple[RejectedRecord, ...]
-    same: dict[str, float]  # probability that each record is of the same compass, where another is there
+    same: dict[str, float]  # probability of the same compass, by record; empty without a second record
 
     @cached_property
     def shared(self) -> Mixture:
-        """The posterior of the iron, by IRON_NAMES."""
+        """Posterior of the iron, in the order of IRON_NAMES."""
         return _infer_iron(self._those(self.consistent))
 
     @cached_property
     def between_nT(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Sizes of sphere's and battery's iron between deployments, each with its standard error."""
+        """Standard deviations of sphere and battery iron between deployments, each with its standard error."""
         sizes = np.array(_sizes())
         weight = _weights(self._those(self.consistent))
         mean = weight @ sizes
@@ -231,18 +231,18 @@ class JointCompass:
 
     @property
     def sigma_between_nT(self) -> float:
-        """How much the hard iron of two deployments varies about the compass's, in each direction."""
+        """Standard deviation of a deployment's hard iron about the compass's own, in each horizontal direction."""
         sphere, battery = self.between_nT
         return float(np.hypot(sphere[0], battery[0]))
 
     def others(self, name: str) -> tuple[str, ...]:
-        """List the records that inform another; none where it does not belong."""
+        """List the other records that inform a record; none if it was rejected."""
         if any(record.name == name for record in self.rejected):
             return ()
         return tuple(other for other in self.consistent if other != name)
 
     def prior(self, name: str) -> CoefficientPrior | None:
-        """Compute the prior of a record's A..E by the others, None where they tell nothing."""
+        """Compute the prior of a record's A..E from the other records; None if there are none."""
         this_member = next(member for member in self.members if member.name == name)
         others = self._those(self.others(name))
         if not others:
@@ -254,7 +254,7 @@ class JointCompass:
             np.linalg.inv(law.covariance),
         )
         if not this_member.tells:
-            # Compute mean and precision of A for a record that does not determine its own.
+            # A record that does not determine its own A takes it from the others.
             values = np.array([member.coefficients[0] for member in others])
             variances = np.array([member.covariance[0, 0] for member in others])
             least = (CLAMP_DEG * angles.DEGREE) ** 2
@@ -268,7 +268,7 @@ class JointCompass:
 
 
 def join_records(members: Sequence[Member]) -> JointCompass:
-    """Join records, leaving out those that do not fit the others one by one, the worst first."""
+    """Join records, rejecting those inconsistent with the others one by one, the worst first."""
     siblings, rejected = [member for member in members if member.tells], list[RejectedRecord]()
     same: dict[str, float] = {}
     while len(siblings) > 1:
@@ -280,7 +280,7 @@ def join_records(members: Sequence[Member]) -> JointCompass:
         worst = min(tested, key=lambda name: tested[name][0])
         if tested[worst][0] >= LEAST_SAME:
             break
-        wrong = [worst] if len(siblings) > 2 else list(tested)  # of two nobody can say which one is odd
+        wrong = [worst] if len(siblings) > 2 else list(tested)  # of two, neither can be singled out
         for name in wrong:
             against = ", ".join(record.name for record in siblings if record.name != name)
             probability, sigmas = tested[name]
@@ -296,8 +296,8 @@ def join_records(members: Sequence[Member]) -> JointCompass:
 def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, float]:
     """Compute the probability that a record is of the same compass as others, and its distance in sigmas.
 
-    Another compass is some standard deviations away in any direction: of records that are known well enough to be told
-    apart at all, that says more than what compasses there are.
+    Another compass is modelled as some standard deviations away in any direction: for records precise enough to be
+    distinguished, this matters more than the distribution of compasses.
     """
     law = predict_compass(member, others)
     spread = law.covariances + member.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
@@ -321,7 +321,7 @@ def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, f
 
 
 def predict_compass(member: Member, others: Sequence[Member]) -> Mixture:
-    """Predict B..E of one record from others, what varies between deployments included."""
+    """Predict B..E of one record from others, including the variation between deployments."""
     observed, noise = _stacked(others)
     design, here = np.concatenate([_design(other) for other in others]), _design(member)
     prior = np.diag(PRIOR_SIGMA**2)
@@ -339,7 +339,7 @@ def predict_compass(member: Member, others: Sequence[Member]) -> Mixture:
 
 
 def _infer_iron(members: Sequence[Member]) -> Mixture:
-    """Compute the posterior of IRON_NAMES by some records."""
+    """Compute the posterior of IRON_NAMES from some records."""
     observed, noise = _stacked(members)
     design = np.concatenate([np.zeros((0, len(IRON_NAMES))), *(_design(member) for member in members)])
     means, covariances, logs = [], [], []
@@ -368,7 +368,7 @@ def _design(member: Member) -> Floats:
 
 
 def _between(members: Sequence[Member], sizes: tuple[float, float]) -> Floats:
-    """Build the covariance of what varies between deployments, (4 m, 4 m); a shared sphere shares its iron."""
+    """Build the covariance of B..E between deployments, (4 m, 4 m); deployments of one sphere share its iron."""
     of_sphere, of_battery = sizes
     level = np.array([1.0 / member.horizontal_nT for member in members])
     alike = np.array(
@@ -395,7 +395,7 @@ def _sizes() -> list[tuple[float, float]]:
 
 
 def _log_prior(sizes: tuple[float, float]) -> float:
-    """Compute the log prior of two sizes, on a grid even in their logarithms."""
+    """Compute the log prior of two sizes on a logarithmically spaced grid."""
     return float(sum(np.log(size / BETWEEN_PRIOR_NT) - np.log1p((size / BETWEEN_PRIOR_NT) ** 2) for size in sizes))
 
 
@@ -405,7 +405,7 @@ def _log_normal(off: Floats, covariance: Floats) -> float:
 
 
 def log_sum(logs: Floats) -> float:
-    """Sum in logarithms."""
+    """Compute the logarithm of a sum of exponentials."""
     return float(logs.max() + np.log(np.exp(logs - logs.max()).sum()))
 
 

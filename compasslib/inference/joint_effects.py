@@ -1,8 +1,8 @@
-"""Effects of the instrument that all its records share: their scores and information added, one amplitude for all.
+"""Infer effects that all records of an instrument share, with one amplitude, by adding scores and information.
 
-The priors, the odds and the water are those of a single record's search. A rival is always there: a season of the water
-that recurs at every deployment, of unknown size, so that what only goes with the season names nothing on the compass.
-Another is that each record has an effect of its own, or only one has it.
+Priors, odds and slow water are those of a single record's search. Two alternatives compete: a season of the water, of
+unknown size, that recurs in every deployment and explains what only follows the season; and an effect of independent
+size in each record, or in one record only.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from compasslib.inference.weighing import Inference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
-MOST_SHARED_NOISE, LEAST_NOISE_PROBABILITY = 8, 1e-3  # kinds of slow water that are told, and their least probability
-SEASON_HARMONICS = (1, 2, 3, 4)  # of a season of the water; of its shear half as many
-SHEAR_M_S_DEG = 0.007  # shear beside a degree of veer
+MOST_SHARED_NOISE, LEAST_NOISE_PROBABILITY = 8, 1e-3  # kinds of slow water that are stored, their least probability
+SEASON_HARMONICS = (1, 2, 3, 4)  # harmonics of the year in the season of the water; its shear has half as many
+SHEAR_M_S_DEG = 0.007  # shear in m/s per degree of veer
 SEASON_COLUMNS = 2 * len(SEASON_HARMONICS) * 2
 
-SEASONS_DEG = np.array([0.1, 0.5, 1.0, 2.0, 4.0, 8.0])  # sizes of a season of the water, rms
-SEASON_PRIOR_DEG = 2.0  # of half a Cauchy law, beforehand
+SEASONS_DEG = np.array([0.1, 0.5, 1.0, 2.0, 4.0, 8.0])  # grid of sizes of the season, rms
+SEASON_PRIOR_DEG = 2.0  # scale of the half-Cauchy prior of this size
 MOST_SHARED = 2
-NEWTON_STEPS = 5  # to the likeliest amplitudes beside every kind of water
+NEWTON_STEPS = 5  # iterations to the likeliest amplitudes, averaged over kinds of slow water
 MOST_LOG = 700.0
 
 
 def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformation:
-    """Summarize what was inferred of a record for others of its compass.
+    """Summarize the inference from one record for other records of the same compass.
 
     Args:
-        fit: the exact compass; what days do not show of its uncertainty is in its covariance.
+        fit: fit of the exact compass; its covariance includes uncertainty that blocks of days do not show.
     """
     each = [(weight, *_coefficients(inferred, state)) for weight, state in inferred.weighted]
     weights = np.array([weight for weight, _, _ in each])
@@ -63,7 +63,7 @@ def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformat
 
 
 def fit_information(fit: DeviationFit) -> RecordInformation | None:
-    """Summarize a fit where nothing was searched, None where nothing was fitted."""
+    """Summarize a fit without a search; None unless the exact compass was fitted."""
     known = fit.fitted and fit.method == "exact"
     return RecordInformation(fit.coefficients, fit.covariance[:5, :5], None) if known else None
 
@@ -115,9 +115,9 @@ def _effect_information(inferred: Inference) -> EffectInformation:
 
 
 def season_columns(case: LongComparison) -> Floats:
-    """Build the columns of a yearly season of the water, degrees for one degree of its size, (n, SEASON_COLUMNS).
+    """Build the columns of a yearly season of the water, degrees per degree of its size, (n, SEASON_COLUMNS).
 
-    Harmonics of the year of a veer, and of an eastward and a northward shear; higher ones are as much smaller.
+    Harmonics of the year for veer and for eastward and northward shear; the k-th is scaled by 1/k.
     """
     phase = 360.0 * case.scene.time_s / YEAR_S
     waves = np.column_stack([x / k for k in SEASON_HARMONICS for x in angles.sin_cos(k * phase)])
@@ -130,7 +130,7 @@ def season_columns(case: LongComparison) -> Floats:
 
 @dataclass(frozen=True)
 class ConditionalInformation:
-    """One record's products in the columns of all effects and of the season, beside each kind of slow water."""
+    """Information and score of one record for all effects and the season, given each kind of slow water."""
 
     information: Floats  # (w, p + s, p + s)
     score: Floats  # (w, p + s)
@@ -140,17 +140,17 @@ class ConditionalInformation:
 
 @dataclass(frozen=True)
 class Mode:
-    """Where the amplitudes of one hypothesis are likeliest."""
+    """The likeliest amplitudes of one hypothesis."""
 
     values: Floats  # (k + s,)
-    information: Floats  # (k + s, k + s) of the records alone
+    information: Floats  # (k + s, k + s) without the prior
     score: Floats  # (k + s,)
     log_evidence: float
 
 
 @dataclass(frozen=True)
 class SharedAmplitude:
-    """An effect that the records share."""
+    """An effect with one amplitude in all records."""
 
     kind: type[Effect]
     values: Floats  # (k,) of the fitted parameters
@@ -159,23 +159,23 @@ class SharedAmplitude:
     probability: float
     alternatives: dict[str, float]
     each: dict[str, tuple[Floats, Floats]]  # values and standard errors by each record alone
-    gain: float  # log score of each record predicted by the others, over nothing predicted
+    gain: float  # log score of predicting each record from the others, relative to no effect
 
 
 @dataclass(frozen=True)
 class SharedEffects:
-    """What the records of one compass show together."""
+    """Effects inferred jointly from the records of one compass."""
 
     kinds: tuple[type[Effect], ...]
     records: tuple[str, ...]
     amplitudes: tuple[SharedAmplitude, ...]
-    acting: dict[str, float]  # probability that all records share it, of every effect
+    acting: dict[str, float]  # probability of each effect that all records share it
     sides: dict[str, float]
     season_deg: tuple[float, float]  # size of the season of the water, with its standard error
 
 
 class JointEvidence:
-    """The records of one compass on one scale, and how likely they are under a hypothesis."""
+    """The records of one compass in common units, with their evidence under any hypothesis."""
 
     def __init__(self, members: Sequence[Member]):
         self.members = [member for member in members if member.effects is not None]
@@ -212,17 +212,17 @@ class JointEvidence:
         )
 
     def columns(self, hypothesis: Hypothesis) -> NDArray[np.intp]:
-        """List the columns of a hypothesis, those of the season after them."""
+        """List the columns of a hypothesis, followed by those of the season."""
         effect_columns = [self.parts[k] for k in hypothesis]
         return np.concatenate([*effect_columns, self.count + np.arange(SEASON_COLUMNS)]).astype(np.intp)
 
     def mode(self, hypothesis: Hypothesis, season_deg: float, chosen: Sequence[int]) -> Mode:
-        """Find the likeliest amplitudes by some of the records, and the evidence.
+        """Find the likeliest amplitudes from some of the records, and the log evidence.
 
         Args:
-            hypothesis: numbers of effects that these records share.
+            hypothesis: indices of the effects that these records share.
             season_deg: size of the season of the water, rms.
-            chosen: numbers of records.
+            chosen: indices of the records.
         """
         at, effect_count = self.columns(hypothesis), sum(len(self.parts[k]) for k in hypothesis)
         precision = np.ones(len(at))
@@ -249,7 +249,7 @@ class JointEvidence:
         return Mode(before, information, score, evidence)
 
     def possible(self, hypothesis: Hypothesis, mode: Mode) -> bool:
-        """Return whether a compass with the amplitudes of a hypothesis has an inverse."""
+        """Return whether the amplitudes of a hypothesis are possible, see ``Effect.possible``."""
         at = 0
         for k in hypothesis:
             part = self.parts[k]
@@ -287,7 +287,7 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
         [not evidence.possible(hypothesis, mode) for hypothesis, mode in zip(hypotheses, likeliest, strict=True)]
     ] = -MOST_LOG
     shared = np.array([log_sum(row) for row in table]) + prior
-    apart = np.zeros(len(evidence.kinds))  # records have an effect each by itself, at least one, against none
+    apart = np.zeros(len(evidence.kinds))  # log odds of independent effects in at least one record, over none
     for k, _ in enumerate(evidence.kinds):
         alone = [evidence.mode((k,), float(SEASONS_DEG[0]), [j]).log_evidence for j in everyone]
         without = [evidence.mode((), 0.1, [j]).log_evidence for j in everyone]
@@ -322,10 +322,10 @@ def infer_shared(members: Sequence[Member], alarm: float) -> SharedEffects | Non
 
 
 def information_from_others(members: Sequence[Member], shared: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
-    """Compute information and score of the shared effects by some records, in the parameters' units.
+    """Compute information and score of the shared effects from some records, in the parameters' units.
 
     Args:
-        members: the others of the record that is to know it.
+        members: all records except the one that receives the information.
     """
     evidence = JointEvidence(members)
     result: dict[str, tuple[Floats, Floats]] = {}

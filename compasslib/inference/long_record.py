@@ -1,4 +1,4 @@
-"""Diagnose a long record: infer, test for what is left unexplained, and score every finding on held-out days."""
+"""Diagnose a long record: infer effects, test for an unexplained mismatch, score findings on held-out days."""
 
 from __future__ import annotations
 
@@ -44,26 +44,26 @@ from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX, tilt_zero_tex
 from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
-OMNIBUS_SHARE = 1.0 / 3.0  # of the alarm: splines and products feign more than the draws of the noise show
-FEWEST_IN_BIN = 10  # of a figure's curve
-LIKE_TIME = 0.9  # correlation with time, from which a covariate shows nothing that time does not
-NO_SIGMA = 1e-6  # standard error of a parameter that nothing depends on, in any unit
+OMNIBUS_SHARE = 1.0 / 3.0  # of the alarm: splines and products give more false alarms than the noise draws suggest
+FEWEST_IN_BIN = 10  # fewest samples per bin of a plotted residual curve
+LIKE_TIME = 0.9  # correlation with time from which a covariate's curve repeats that of time
+NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value 0 is not listed
 
 
 def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
     """Diagnose a long record against its simulation.
 
     Args:
-        fit: of the exact compass, where information for other records is asked for.
+        fit: fit of the exact compass, needed for the information shared with other records.
     """
     none = np.zeros(case.nuisance.shape[1])
     if (usable := design.count_usable(case, case.simulation, none)) < FEWEST_PAIRS:
         why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST_PAIRS} are needed"
-        # Where hardly any pair agrees with either of its headings, the fit is to something else.
+        # If hardly any pair agrees with either of its headings, the fit itself is wrong.
         return replace(diagnosis.insufficient(why, case.not_testable), refutes_fit=4 * usable < len(case))
     try:
         return _diagnose(case, options, fit)
-    except design.TooFewSamples as lost:  # from the beginning, or once refitted
+    except design.TooFewSamples as lost:  # initially, or after a refit
         return diagnosis.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
 
 
@@ -73,8 +73,8 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
     cluster = omnibus.sticking_sector(empty)
     outside = case if cluster is None else replace(case, observed_deg=omnibus.observed_outside(case, cluster))
     if cluster is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
-        empty = design.evaluate_model(outside, case.simulation, none)  # readings that stick would feign terms
-    empty = design.refit(empty, [])  # where the record, its memory counted, has compass and nuisances
+        empty = design.evaluate_model(outside, case.simulation, none)  # sticking readings mimic terms
+    empty = design.refit(empty, [])  # compass and nuisances, accounting for autocorrelation
     inferred = inference.infer(empty, options.prior_odds)
     remainder, before = _omnibus_remainder(inferred.state, options), inferred.finding_posteriors
     if remainder.above_min_effect and inferred.chosen:
@@ -97,7 +97,7 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
     )
     detectable = weighing.detection_limits(inferred.posterior)
     covariance = inferred.estimate(null_model).covariance[:5, :5]
-    if inferred.slow is not None and inferred.slow.acting:  # what a current does to the fit
+    if inferred.slow is not None and inferred.slow.acting:  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.case.simulation.coefficients
         covariance = covariance + np.outer(shift, shift)
     return replace(
@@ -156,7 +156,7 @@ def _outcome(
             if name not in along and np.std(x) and abs(np.corrcoef(x, case.scene.time_s)[0, 1]) < LIKE_TIME
         ]
         known = [residual_curve(null_model, state, name) for name in names]
-        # The one that stands out of its noise most, by the mean square in standard errors.
+        # Of the others, show the one with the largest mean square in standard errors.
         squares = [(curve.after_deg / curve.sigma_deg) ** 2 for curve in others]
         excess = [float(np.mean(square)) if len(square) else 0.0 for square in squares]
         return [*turns, *known, *sizes, *([others[int(np.argmax(excess))]] if others else [])]
@@ -177,7 +177,7 @@ def _outcome(
 
 
 def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
-    """State what the current does beside the hypothesis that stands, and how probably it matters beside no effect."""
+    """Describe the current under the chosen hypothesis, and compute the probability that it matters without effects."""
     posterior, candidates = inferred.posterior, inferred.posterior.candidates
     alone, beside = (candidates.current(chosen, posterior.water_of(chosen)) for chosen in ((), inferred.chosen))
     if alone is None or beside is None:
@@ -188,10 +188,10 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
 
 
 def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: ColumnGroup, options: Options) -> Inference:
-    """Drop effects that only stand in for a mismatch that nothing explains.
+    """Drop effects that merely absorb an unexplained mismatch.
 
     Args:
-        curve: what is left beside the names; free to be anything, it takes what they only stood for.
+        curve: columns of the mismatch; fitted freely, they replace effects that merely absorbed it.
     """
     free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, orthonormal_basis(curve.columns)]))
     zero = np.zeros(free.nuisance.shape[1])
@@ -212,7 +212,7 @@ def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
 def _unexplained(
     state: FittedModel, remainder: OmnibusResult, cluster: HeadingCluster | None, named: Sequence[str]
 ) -> Unexplained | None:
-    """Describe the unexplained mismatch: of the mean residual, or a sector in which the compass sticks."""
+    """Describe the unexplained mismatch: a mean residual, or a sector in which the compass sticks."""
     group, size = remainder.above_min_effect[0] if remainder.above_min_effect else (None, 0.0)
     if cluster is not None and cluster.rms_deg > max(size, remainder.min_effect_deg):
         low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
@@ -234,7 +234,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
     parameters = {
         name: Parameter(float(value), float(s), case.unit(term, j)[1])
         for j, (name, value, s) in enumerate(zip(term.fitted(), term.values, sigma, strict=True))
-        if value or s > NO_SIGMA  # a third battery that never came has neither
+        if value or s > NO_SIGMA  # e.g. a third battery that was never installed
     }
     if isinstance(term, ComposedEffect):
         parameters |= _place_parameters(inferred, term)
@@ -260,9 +260,9 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
 
 
 def _place_parameters(inferred: Inference, term: ComposedEffect) -> dict[str, Parameter]:
-    """Collect where along its driver a composition acts: dates, and values with the driver's mean added.
+    """Collect the place parameters of a composition: dates, and values of its driver, with the mean added back.
 
-    How sure a place is tell the probabilities of the other places that were tried, and the spacing between them.
+    Their standard errors follow from the probabilities of the other candidate places and from the spacing of places.
     """
     case = inferred.state.case
     groups, means = inferred.posterior.candidates.groups, covariate_series.reference_values(case.covariates)
@@ -286,7 +286,7 @@ def _place_parameters(inferred: Inference, term: ComposedEffect) -> dict[str, Pa
 
 
 def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
-    """Find when an effect acts: a storm has dates, everything else lasts."""
+    """Find the time span in which an effect acts: that of a storm is limited, most others last throughout."""
     scene, always = state.case.scene, state.case.span_s
     if set(covariate_series.OBSERVATORY) & set(term.needs):
         moved = north_shift(replace(state.simulation, terms=(term,)), scene)
@@ -313,7 +313,7 @@ def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) ->
 
 
 def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:
-    """Extract the compass with the terms on its side; None where no term stands, which is the fit itself."""
+    """Extract the compass with the terms on its side; None without any term, where the fit itself applies."""
     terms = state.simulation.terms
     if not terms:
         return None
@@ -334,11 +334,11 @@ def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass
 def residual_curve(
     before: FittedModel, after: FittedModel, covariate: str, *, step: Effect | None = None
 ) -> BinnedResidual:
-    """Bin the residual along a covariate, with and without the terms; samples without a root are in no bin.
+    """Bin the residual along a covariate, with and without the terms, excluding samples without a root.
 
     Args:
-        step: a term with a date, as whose size the residual of a bin is then given, rms degrees; the mean residual
-            does not show iron that changed, as the sign of what it does depends on the heading.
+        step: a dated term; the residual of each bin is then expressed as the size of this term, rms degrees. The mean
+            residual does not show a change of iron, since the sign of its effect depends on the heading.
     """
     x, pattern = before.case.covariates[covariate], np.ones(len(before.case))
     if step is not None:
@@ -356,10 +356,10 @@ def residual_curve(
 
 
 def _binned(state: FittedModel, bins: NDArray[np.intp], count: int, pattern: Floats) -> tuple[Floats, Floats]:
-    """Compute the multiple of a pattern in the residual of each bin, and its standard error; blocks of days count once.
+    """Regress the residual of each bin on a pattern: coefficients, and standard errors clustered by blocks of days.
 
-    The error is never under what the blocks of all bins together make likely: the few of one bin may agree by chance,
-    and on nulls some bins then lay seven of their own standard errors off.
+    The standard error is at least that from the blocks of all bins pooled: the few blocks of one bin may agree by
+    chance, and in null records some bins then deviated by seven of their own standard errors.
     """
     width = state.whitener.width_deg
     weight, left = width**-2.0, state.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight

@@ -1,11 +1,11 @@
-"""Noise that is slow or follows magnetic storms: veer, shear and tides of the water, and scatter with a storm index.
+"""Model slow noise (veer, shear and tides of the water) and scatter of directions that follows a storm index.
 
-Veer and shear are Gaussian processes of unknown size and memory. Directions of two depths differ by weeks of other
-water; a term of the compass that changes as slowly is weighed against it in the same currency: both processes stand
-beside every hypothesis, and their sizes and memories are summed over. Tidal ellipses differ between the depths too.
+Veer and shear are Gaussian processes of unknown size and memory. Directions at two depths differ for weeks, as slowly
+as some terms of the compass change; both processes are therefore part of every hypothesis, and their sizes and
+memories are marginalized. Tidal ellipses differ between the depths as well.
 
-An index of storms shows that magnetic north moved, not whereto: the cause is named, nothing is corrected. Chance is
-judged by the index shifted to other dates, which keeps its storms and their memory.
+A storm index shows that magnetic north moved, but not in which direction: the cause is named, nothing is corrected.
+Significance comes from shifting the index in time, which preserves its storms and their autocorrelation.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from compasslib.records import iso_time
 from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
-SHORTEST_DAYS = 8.0  # period below which the filter holds the memory
-MOST_WAVES = 120  # of a process: those of sixteen months; of longer records only what is slower
-SPEED_SPAN_S = 12 * 3600.0  # of the speed by which shear turns a direction
-VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)  # sizes and memories that are summed over
+SHORTEST_DAYS = 8.0  # shortest period; faster variability is whitened by the filter
+MOST_WAVES = 120  # of a process, enough for sixteen months; in longer records the fastest are omitted
+SPEED_SPAN_S = 12 * 3600.0  # averaging time of the speed, for the turn by shear
+VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)  # grid of sizes and memories
 SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)  # the same
-LEAST_LOUD_VARIANCE = 0.05  # variance over white below which a direction is as it is
-USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # of half a Cauchy law, beforehand: two depths of real water
-TIDE_SPAN_S = 3600.0  # of the speed by which a tide's shear, of USUAL_SHEAR_M_S a wave, turns a direction
+LEAST_LOUD_VARIANCE = 0.05  # relative excess of variance over white noise below which a direction is ignored
+USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # scales of half-Cauchy priors, from two depths of real water
+TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear of USUAL_SHEAR_M_S per wave
 
-STORM_SIZES_NT = np.geomspace(0.3, 100.0, 24)  # across magnetic north for one unit of ap
-STORM_SHIFTS, NEAREST_SHIFT_S = 400, 5 * 86400.0  # dates at which the index is tried; storms last for days
-STORM_BLOCKS = 12  # parts of a record by which the excess is proven
-STORMY_QUANTILE = 0.9  # quantile of the index from which it is stormy
+STORM_SIZES_NT = np.geomspace(0.3, 100.0, 24)  # perpendicular to magnetic north, per unit of ap
+STORM_SHIFTS, NEAREST_SHIFT_S = 400, 5 * 86400.0  # shifts of the index in time, and the least one; storms last for days
+STORM_BLOCKS = 12  # blocks of a record for the jackknife
+STORMY_QUANTILE = 0.9  # quantile of the index from which a time is stormy
 STORM_PHYSICS = (
     "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell"
 )
@@ -48,7 +48,7 @@ STORM_PHYSICS = (
 
 @dataclass(frozen=True)
 class Process:
-    """A process of first order."""
+    """A first-order Gaussian process, with exponential autocorrelation."""
 
     size: float  # degrees of veer, or m/s of shear in each component, rms
     memory_days: float
@@ -58,7 +58,7 @@ class Process:
 
         Args:
             frequency: cycles a day, (k,), evenly spaced from 0.
-            step: between them, half a cycle in the whole record.
+            step: frequency spacing in cycles a day, half a cycle per record.
         """
         spectrum = 8.0 * self.size**2 * self.memory_days / (1.0 + (2.0 * np.pi * frequency * self.memory_days) ** 2)
         return spectrum * step * np.where(frequency > 0.0, 1.0, 0.5)
@@ -66,27 +66,27 @@ class Process:
 
 @dataclass(frozen=True)
 class SlowNoiseParams:
-    """What slow water may do: veer, and shear of either component."""
+    """Parameters of slow water: veer, and shear of either component."""
 
     veer: Process
     shear: Process
 
     @property
     def log_prior(self) -> float:
-        """Log of what is expected beforehand, up to a constant."""
+        """Log prior of the sizes, up to a constant."""
         sizes = self.veer.size / USUAL_VEER_DEG, self.shear.size / USUAL_SHEAR_M_S
         return -float(np.sum(np.log1p(np.square(sizes))))
 
 
 @dataclass(frozen=True)
 class SlowNoiseBasis:
-    """Columns that slow water is made of, and what each kind of it makes of their coefficients."""
+    """Columns of slow water, with the variances of their coefficients."""
 
     columns: Floats  # (n, q) degrees a unit: cosines of veer, of east and north shear; waves of their tides; current
     frequency: Floats  # (k,) cycles a day, evenly spaced from 0
-    kinds: int  # processes: 1, or 3 with the shear
-    drivers: tuple[str, ...] = ()  # of the last columns, which are the current's at its usual sizes
-    current: Floats | None = None  # variance of each of these, once it was learnt
+    kinds: int  # number of processes: 1, or 3 with shear
+    drivers: tuple[str, ...] = ()  # of the last columns, those of the current in units of prior sizes
+    current: Floats | None = None  # variance of each of these, once estimated
 
     def variances(self, water: SlowNoiseParams) -> Floats:
         """Compute the variance of each column's coefficient."""
@@ -109,7 +109,7 @@ class SlowNoiseBasis:
         return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, current))
 
     def waters(self) -> list[SlowNoiseParams]:
-        """List the parameters of slow noise that are summed over."""
+        """List the grid of parameters of slow water."""
         none = Process(0.0, VEER_DAYS[0])
         veers = [none, *(Process(*process) for process in itertools.product(VEER_DEG, VEER_DAYS))]
         shears = [none, *(Process(*process) for process in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
@@ -117,7 +117,7 @@ class SlowNoiseBasis:
 
 
 def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
-    """Build the basis of slow water and of the current, None where the recording is no mooring or too short."""
+    """Build the basis of slow water and of the current; None unless the recording is a long enough mooring record."""
     time_s = case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
@@ -135,7 +135,7 @@ def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
 
 
 def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:
-    """Compute the turn by eastward and northward shear of 1 m/s that follows some waves, degrees.
+    """Compute the turn of directions by northward and eastward shear of 1 m/s that follows waves, (n, 2 k) degrees.
 
     Args:
         waves: (n, k).
@@ -148,10 +148,10 @@ def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:
 
 
 def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoiseParams) -> LowRankNoise | None:
-    """Express slow noise as directions in which the whitened noise is louder; None where it has none.
+    """Express slow noise as directions of increased variance of the whitened noise; None without slow noise.
 
     Args:
-        view: whose whitener knows no slow water.
+        view: fitted model whose whitener excludes slow water.
     """
     variance = slow.variances(water)
     present = variance > 0.0
@@ -167,13 +167,13 @@ def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoisePara
 
 @dataclass(frozen=True)
 class _StormScatter:
-    """What a simulation leaves of the directions, and what the index lets expect; n samples that count."""
+    """Squared residuals of directions, and their variance as predicted by the index; n usable samples."""
 
-    squares: Floats  # (n,) of the residual over its width, clipped
-    share: Floats  # (n,) variance for 1 nT a unit of ap, over the noise's
+    squares: Floats  # (n,) squared ratio of residual to width, clipped
+    share: Floats  # (n,) variance for 1 nT per unit of ap, relative to the noise
 
     def gains(self, sizes_nT: Floats, share: Floats) -> Floats:
-        """Compute the log likelihood gained over even noise by each size, the noise's own width being free, (k,)."""
+        """Compute the log-likelihood gain of each size over homogeneous noise, with free noise width, (k,)."""
         return np.sum(self._each(sizes_nT, share), axis=1)
 
     def _each(self, sizes_nT: Floats, share: Floats) -> Floats:
@@ -182,7 +182,7 @@ class _StormScatter:
         return (self.squares / even - self.squares / variance / width - np.log(variance * width / even)) / 2.0
 
     def best(self, samples: Floats | slice = slice(None)) -> float:
-        """Find the likeliest size by some of the samples, nT a unit of ap."""
+        """Find the likeliest size from some of the samples, nT per unit of ap."""
         from scipy.optimize import minimize_scalar
 
         fitted = _StormScatter(self.squares[samples], self.share[samples])
@@ -196,7 +196,7 @@ class _StormScatter:
         return float(np.exp(optimum.x))
 
     def chance(self, time_s: Floats) -> float:
-        """Estimate how often the index at other dates does as well."""
+        """Estimate the p-value from shifts of the index in time."""
         step = max(float(np.median(np.diff(time_s))), 1.0)
         nearest = int(NEAREST_SHIFT_S / step) + 1
         count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
@@ -207,7 +207,7 @@ class _StormScatter:
         return (1 + int(np.sum(np.array(others) >= observed))) / (1 + count)
 
     def left_out(self, block: Floats) -> tuple[float, float, Floats]:
-        """Compute the size, its standard error by the jackknife, and the gain of each block by the others' size."""
+        """Compute the size, its jackknife standard error, and the gain of each block at the size of the others."""
         sizes = np.array([self.best(np.asarray(block != k)) for k in range(STORM_BLOCKS)])
         whole, off = self.best(), sizes - sizes.mean()
         gains = [self._each(sizes[k : k + 1], self.share)[0, block == k].sum() for k in range(STORM_BLOCKS)]
@@ -215,11 +215,11 @@ class _StormScatter:
 
 
 def storm_finding(state: FittedModel, alarm: float) -> Finding | None:
-    """Find directions that scatter with the storm index, None where they do not or there is none.
+    """Test whether directions scatter with the storm index; None if they do not, or without an index.
 
     Args:
-        state: with all that was found in its simulation.
-        alarm: probability that noise alone is allowed to give a name.
+        state: fitted model with all terms that were found.
+        alarm: probability of a false finding from noise alone.
     """
     scene, width = state.case.scene, state.whitener.width_deg
     if (IndexedDisturbance.name, CANCELS) in state.case.not_testable or "storm_index" not in scene.departures:

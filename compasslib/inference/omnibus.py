@@ -1,8 +1,8 @@
-"""Omnibus tests for a mismatch that no listed effect explains, and for sectors in which a compass sticks.
+"""Test for a mismatch that no listed effect explains, and for sectors in which a compass sticks.
 
-Scores of many groups of columns are tested at once, against resamples of the record's own noise. Where a compass
-sticks, its readings pile up at one heading and are missing on both sides of it: the mean residual hardly shows it, the
-histogram does. Counts are of corrected headings, since a folded compass piles up its readings where it turns back.
+Scores of many groups of columns are tested jointly against resamples of the record's own noise. The readings of a
+sticking compass accumulate at one heading and are missing on both sides of it: the histogram shows this, the mean
+residual hardly does. Corrected headings are counted, since readings of a two-valued compass accumulate where they turn.
 """
 
 from __future__ import annotations
@@ -25,33 +25,30 @@ from compasslib.statistics.resampling import block_scores, blocks_by_span, resam
 from compasslib.statistics.whitening import scaled_inverse, whitened_basis
 from compasslib.types import Floats
 
-COVARIATE_KNOTS = 8  # of a covariate's splines: what the omnibus sees
+COVARIATE_KNOTS = 8  # number of hat functions of a covariate
 ONSET_QUANTILES = (0.07, 0.13, 0.2, 0.35, 0.5, 0.65, 0.8, 0.87, 0.93)  # quantiles beyond which an effect may set in
-HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30  # sectors that the omnibus sees, and readings in one
+HEADING_HAT_DEG, FEWEST_IN_HAT = 6.0, 30  # width of heading sectors; least sum of weights in one
 HEADING_HARMONICS = 24  # highest harmonic of the recorded heading
-TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0  # changes that the omnibus sees
-SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # weeks in which the reading is off, in steps
-FAINTEST_DIRECTION = 1e-2  # of the power of the best seen combination of splines or harmonics
-COVARIATE_PERIODS = {"hour_of_day": 24.0, "reference_heading": 360.0}  # of what goes round
-PRODUCT_COVARIATES = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # of the products
+TIME_KNOTS, SHORTEST_WAVE_S = (12, 36), 20 * 86400.0  # numbers of hat functions of time; shortest period
+SPELL, SPELL_STEP_S, SPELLS = "spell", 5 * 86400.0, (4, 6, 8, 12, 18)  # temporary offsets: spacing, lengths in steps
+FAINTEST_DIRECTION = 1e-2  # least eigenvalue, relative to the largest, of a combination of columns that is kept
+COVARIATE_PERIODS = {"hour_of_day": 24.0, "reference_heading": 360.0}  # periods of cyclic covariates
+PRODUCT_COVARIATES = ("time", "temperature", "depth", "pitch", "roll", "speed", "supply_voltage")  # in products
 
-NOISE_DRAWS = 300  # draws of noise, which set how well the alarm of the omnibus is known
+NOISE_DRAWS = 300  # noise realizations: they determine the precision of the threshold
 SLOW_PERIODS_DAYS, WEEKLY_PERIODS_DAYS = (400.0, 14.0), (14.0, 5.0)  # longest and shortest periods, days
-FEWEST_WAVES = 8  # below which their mean power is not known within a half
-TRIMMED_SHARE, TRIMMED_MEAN = 0.95, 0.759  # share of the smallest of chi-squared values that are kept, and their mean
-SPELL_HANDICAP = 0.4  # score taken off each of many spells, so that they do not raise the bar for the other groups
+FEWEST_WAVES = 8  # fewest weekly waves for a mean power known within a half
+TRIMMED_SHARE, TRIMMED_MEAN = 0.95, 0.759  # share of the smallest chi-squared values retained, their expected mean
+SPELL_HANDICAP = 0.4  # subtracted from scores of the many temporary offsets, which would otherwise raise the threshold
 
-CELL_DEG = 2.0  # width of the cells in which readings are counted
-NEAREST_CELL, FARTHEST_CELL = 2, 8  # cells on either side that predict the one between
-SECTOR_BLOCK_S = 5 * 86400.0  # a sphere stays where it is for days
-CLUSTER_SIGMAS = 5.0  # by the scatter from block to block
+CELL_DEG = 2.0  # width of the cells of the heading histogram
+NEAREST_CELL, FARTHEST_CELL = 2, 8  # cells on either side that predict the one in the middle
+SECTOR_BLOCK_S = 5 * 86400.0  # a sphere keeps its heading for days: counts within a block are correlated
+CLUSTER_SIGMAS = 5.0  # excess of a cluster over its standard error from the scatter between blocks
 CLUSTER_RATIO = 2.5  # count of a cluster over what its neighbours predict
 FEWEST_IN_CLUSTER = 30  # readings in a cluster
-WIDEST_SECTOR, RIM_CELLS, EMPTIED_SHARE = (
-    30,
-    4,
-    0.4,
-)  # bins on either side that a sector may reach; bins and share of the density beside
+# Most cells from the cluster to the sector's edge; cells averaged for the density outside; its share at the edge.
+WIDEST_SECTOR, RIM_CELLS, EMPTIED_SHARE = 30, 4, 0.4
 
 
 @dataclass(frozen=True)
@@ -59,45 +56,45 @@ class ScoreTests:
     """Groups of columns with their statistics under the data and under the record's own noise."""
 
     groups: list[ColumnGroup]
-    freedom: Floats  # (g,) directions of each group
-    inflation: Floats  # (g,) mean statistic of the noise over the freedom
+    freedom: Floats  # (g,) degrees of freedom of each group
+    inflation: Floats  # (g,) mean statistic of the noise over the degrees of freedom, at least 1
     score: Floats  # (g,) normal score of each group's statistic
-    highest: Floats  # (r,) highest normal score of each draw of the noise
+    highest: Floats  # (r,) highest normal score of each noise draw
 
     def threshold(self, alarm: float) -> float:
-        """Compute the score that noise exceeds anywhere with a given probability, as the highest of some normal scores.
+        """Compute the score that the highest of all groups exceeds under noise with probability ``alarm``.
 
-        To how many independent ones the draws of the noise amount is fitted by likelihood. Gumbel's law, the limit
-        of very many, is reached too slowly: it lets 2 in 1000 pass where it says 6.
+        The effective number of independent normal scores is fitted to the noise draws by maximum likelihood. The
+        Gumbel limit converges too slowly: its threshold for 6 in 1000 is exceeded by 2 in 1000.
         """
-        from scipy.special import log_ndtr, ndtri_exp  # 0.2 s that jobs which only correct do not pay
+        from scipy.special import log_ndtr, ndtri_exp  # here: it takes 0.2 s, and jobs that only correct do not need it
 
         return float(ndtri_exp(np.log1p(-alarm) * -np.mean(log_ndtr(self.highest))))
 
 
 @dataclass(frozen=True)
 class OmnibusResult:
-    """What the omnibus tests find: groups that are significant with their visible sizes, the strongest first."""
+    """Result of the omnibus tests: significant groups with their visible sizes (rms degrees), strongest first."""
 
-    threshold: float  # score that noise alone hardly exceeds
+    threshold: float  # score that noise alone exceeds with the alarm probability
     strong: tuple[tuple[ColumnGroup, float], ...]
     min_effect_deg: float
 
     @property
     def curve(self) -> ColumnGroup:
-        """All that is significant along the covariates of the strongest."""
+        """Columns of all significant groups along the covariates of the strongest."""
         first = self.strong[0][0]
         alike = [group.columns for group, _ in self.strong if group.covariates == first.covariates]
         return replace(first, columns=np.concatenate(alike, axis=1))
 
     @property
     def above_min_effect(self) -> list[tuple[ColumnGroup, float]]:
-        """Those that matter."""
+        """Significant groups of at least the minimum size."""
         return [strong for strong in self.strong if strong[1] >= self.min_effect_deg]
 
     @property
     def small(self) -> tuple[tuple[str, float], ...]:
-        """Those that do not, one of a name."""
+        """Names and sizes of smaller significant groups, each name once."""
         return tuple({group.name: size for group, size in self.strong if size < self.min_effect_deg}.items())
 
 
@@ -107,8 +104,8 @@ def omnibus_test(
     """Select the significant groups with their visible sizes.
 
     Args:
-        alarm: probability that noise alone is anywhere.
-        size_deg: visible size of a group, rms, given its inflation.
+        alarm: probability that noise alone makes any group significant.
+        size_deg: function of a group and its inflation that returns its visible size, rms.
     """
     if not tested.groups:
         return OmnibusResult(float("inf"), (), min_effect_deg)
@@ -125,7 +122,7 @@ def normal_score(statistic: Floats, freedom: Floats) -> Floats:
 
 
 def heading_hats(heading_deg: Floats, width_deg: float, fewest: float) -> Floats:
-    """Build hat functions over the sectors that occur, (n, k)."""
+    """Build hat functions over the heading sectors with enough readings, (n, k)."""
     centres = np.arange(0.0, 360.0, width_deg)
     away = np.abs(angles.difference(heading_deg[:, None], centres)) / width_deg
     hats = np.maximum(1.0 - away, 0.0)
@@ -138,7 +135,7 @@ def fourier_columns(angle_deg: Floats, harmonics: range) -> Floats:
 
 
 def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
-    """Build splines and thresholds of each covariate, harmonics and hats of the heading, and products."""
+    """Build hats and thresholds of each covariate, harmonics and hats of the heading, and products."""
     covariates, groups = state.case.covariates, []
     heading = state.case.recorded_deg
     each = [
@@ -163,7 +160,7 @@ def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
             groups += [ColumnGroup(name, tide, covariates=(name,)) for tide in tides]
         elif name != "heading" and name not in covariate_series.TILT_CORRECTIONS:
             groups.append(ColumnGroup(name, covariate_series.hat_columns(column, COVARIATE_KNOTS), covariates=(name,)))
-            onsets = np.unique(np.quantile(column, ONSET_QUANTILES))  # on a long tail, hats do not turn there
+            onsets = np.unique(np.quantile(column, ONSET_QUANTILES))  # hats do not resolve a long tail
             steps = [(column > onset)[:, None].astype(float) for onset in onsets]
             groups += [ColumnGroup(name, step, covariates=(name,)) for step in steps]
     linear = {name: covariate_series.standardize(covariates[name]) for name in PRODUCT_COVARIATES if name in covariates}
@@ -177,14 +174,14 @@ def omnibus_groups(state: FittedModel) -> list[ColumnGroup]:
 
 
 def time_waves(time_s: Floats) -> list[ColumnGroup]:
-    """Build one wave a group: what swings with one period is faint among all knots."""
+    """Build groups of one wave each: a single period is hardly detectable among all knots."""
     turns = 360.0 * (time_s - time_s[0]) / np.ptp(time_s)
     each = [fourier_columns(turns, range(k, k + 1)) for k in range(1, int(np.ptp(time_s) / SHORTEST_WAVE_S) + 1)]
     return [ColumnGroup("time", wave, covariates=("time",)) for wave in each]
 
 
 def spell_groups(state: FittedModel) -> list[ColumnGroup]:
-    """Build offsets of the reading with a begin and an end, each a group: among all knots they are faint."""
+    """Build groups of one temporary offset of the reading each: it is hardly detectable among all knots."""
     time_s = state.case.scene.time_s
     begins = np.arange(time_s[0], time_s[-1], max(SPELL_STEP_S, float(np.ptp(time_s)) / 120.0))[1:]
     steps = [group.columns for group in step_columns(state, HeadingSlip, begins)]
@@ -195,7 +192,7 @@ def spell_groups(state: FittedModel) -> list[ColumnGroup]:
 def _well_determined(columns_deg: Floats) -> Floats:
     """Drop combinations of columns that only a few samples at the edge of the range determine.
 
-    Of 36 harmonics over headings that spread by 34 degrees 22 are left; among the others single samples decide.
+    Of 36 harmonics over headings that spread by 34 degrees 22 remain; the others depend on single samples.
     """
     if columns_deg.shape[1] < 2:
         return columns_deg
@@ -231,7 +228,7 @@ def score_tests(state: FittedModel, groups: Sequence[ColumnGroup], seed: int = 0
 
 
 def group_size_deg(state: FittedModel, group: ColumnGroup, inflation: float) -> float:
-    """Compute the visible size of a group's best fit, rms degrees, the contribution of noise taken off."""
+    """Compute the visible size of a group's best fit with the noise contribution subtracted, rms degrees."""
     values, covariance = solve_group(state, group)
     columns = state.visible(group.columns)
     product = columns.T @ columns / len(columns)
@@ -246,9 +243,9 @@ def solve_group(state: FittedModel, group: ColumnGroup) -> tuple[Floats, Floats]
 
 
 def _resample_noise(state: FittedModel, seed: int, repeats: int = NOISE_DRAWS) -> Floats:
-    """Resample the record's own noise: blocks of days of its innovations at other dates, with random signs.
+    """Resample the record's own noise: blocks of innovations from random dates, with random signs, (repeats, n).
 
-    What changes over weeks is taken out first: a real drift must not raise the bar for itself.
+    Changes over weeks are removed first: a real drift must not raise the threshold for its own detection.
     """
     counts = np.isfinite(state.whitener.width_deg)
     trend = whitened_basis(state.whiten_and_project(designs.slow_hats(state.case.scene.time_s).astype(np.float32)))
@@ -261,10 +258,10 @@ def _resample_noise(state: FittedModel, seed: int, repeats: int = NOISE_DRAWS) -
 
 
 def _cluster_inflation(state: FittedModel, basis: Floats) -> float:
-    """Compute the inflation of a group's statistic by clusters where it weighs most, 1 where noise is even.
+    """Compute the inflation of a group's statistic by clustered noise, 1 for homogeneous noise.
 
-    Real water scatters more in some weeks and at some headings than speeds tell. The group's own fit is taken out, and
-    the scores of blocks of days are squared as they are (a sandwich by clusters; Liang and Zeger, Biometrika 73, 1986).
+    Real water scatters more in some weeks and at some headings than the speed predicts. The group's own fit is removed,
+    and the scores of blocks of days are squared (cluster-robust sandwich; Liang and Zeger, Biometrika 73, 1986).
 
     Args:
         basis: the group's whitened columns, orthonormal, (n, k).
@@ -275,10 +272,10 @@ def _cluster_inflation(state: FittedModel, basis: Floats) -> float:
 
 
 def _slow_inflation(state: FittedModel, basis_all: Floats, begins: NDArray[np.intp], freedom: Floats) -> Floats:
-    """Compute the inflation of each group's statistic by slow changes beyond filter and blocks.
+    """Compute the inflation of each group's statistic by slow noise beyond the reach of filter and blocks, (g,).
 
-    Water veers for weeks. What the record holds at periods of about a week, beyond white noise, is taken for the noise
-    of every group as far as the group is slow itself; drifts, steps and seasons hardly reach to such short periods.
+    Water veers for weeks. The power above white noise at periods of about a week inflates every group in proportion to
+    the group's share of slow waves; drifts, steps and seasons hardly contribute at such short periods.
 
     Args:
         basis_all: orthonormal whitened columns of all groups, (n, k).
@@ -300,7 +297,7 @@ def _slow_inflation(state: FittedModel, basis_all: Floats, begins: NDArray[np.in
 
 
 def _wave_basis(state: FittedModel, number: NDArray[np.intp]) -> Floats:
-    """Build an orthonormal basis of waves over the record, projected."""
+    """Build an orthonormal basis of whitened and projected waves over the record."""
     time_s = state.case.scene.time_s
     phase = 360.0 * (time_s - time_s[0])[:, None] / np.ptp(time_s) * np.maximum(number, 1)
     return whitened_basis(state.whiten_and_project(np.column_stack(angles.sin_cos(phase)).astype(np.float32)))
@@ -310,9 +307,9 @@ def _wave_basis(state: FittedModel, number: NDArray[np.intp]) -> Floats:
 class HeadingCluster:
     """Readings that cluster at one heading."""
 
-    recorded_deg: float  # where they do
-    width_deg: float  # of the sector that they came from
-    rms_deg: float  # what it does to the headings of the whole record
+    recorded_deg: float  # heading of the cluster
+    width_deg: float  # of the sector whose readings are drawn to it
+    rms_deg: float  # rms heading error that it causes in the whole record
 
 
 def sticking_sector(state: FittedModel) -> HeadingCluster | None:
@@ -327,7 +324,7 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     cells = int(360.0 / CELL_DEG)
     cell = (angles.wrap360(state.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
     counts = np.bincount(block * cells + cell, minlength=(block[-1] + 1) * cells).reshape(-1, cells).astype(float)
-    # Expect each cell's count by a parabola through its neighbours, (blocks, cells).
+    # Predict each cell's count by a parabola through its neighbours, (blocks, cells).
     away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
     design = np.column_stack([np.ones(len(away)), away**2])
     weights = np.linalg.pinv(design)[0] / 2.0

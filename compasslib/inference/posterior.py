@@ -1,4 +1,4 @@
-"""How probable each hypothesis is: none, or up to three effects; forms, dates and slow water are summed over."""
+"""Compute the posterior of hypotheses of up to three effects, marginalized over forms, dates and slow water."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from compasslib.effects import COMPOSED, Effect, side_of
 from compasslib.inference.finding import SURE
 from compasslib.types import Floats
 
-Hypothesis = tuple[int, ...]  # numbers of candidates
+Hypothesis = tuple[int, ...]  # indices of candidates
 
-LIKELIER_THAN_NOT = 0.5  # probability that there are so many effects, from which so many are named
-MOST_TERMS = 3  # that a hypothesis may have: seconds
+LIKELIER_THAN_NOT = 0.5  # probability of a number of effects above which as many are named
+MOST_TERMS = 3  # in a hypothesis; limits the run time
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
-# Of short records: odds beforehand of one effect, over the alarm that is asked for, and by what another is less likely.
+# Short records: prior odds of one effect over the alarm probability, and factor for each further effect.
 ODDS, FURTHER = 2.0, 0.5
-UNLISTED = 1.0 / 3.0  # of the odds of a fault: that of what no catalogue lists
-AGAIN = 0.25  # probability that what has a fault has another one
-LOG_EVIDENCE_CUTOFF = 8.0  # natural units below the best at which a hypothesis, or a kind of water, is left out
+UNLISTED = 1.0 / 3.0  # share of the odds of a fault for effects outside the catalogue
+AGAIN = 0.25  # probability of a further fault, given one
+LOG_EVIDENCE_CUTOFF = 8.0  # log evidence below the best at which a hypothesis, or a kind of slow water, is dropped
 
 
 @dataclass(frozen=True)
 class FindingPosterior:
-    """What may stand in the place of one finding, with probabilities that sum to 1."""
+    """The probabilities of one finding and of its alternatives."""
 
     effect: str
     probability: float
-    alternatives: Mapping[str, float]  # likeliest first, as many as make it sure
+    alternatives: Mapping[str, float]  # likeliest first, until they and the effect sum to ``SURE``
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Posterior:
     """Hypotheses with their probabilities."""
 
     effects: Sequence[str]  # name of each candidate
-    hypotheses: list[Hypothesis]  # none first
+    hypotheses: list[Hypothesis]  # that of no effect first
     probability: Floats  # (h,)
-    prior: Floats  # (h,) log odds beforehand
+    prior: Floats  # (h,) log prior odds
 
     @cached_property
     def names(self) -> list[tuple[str, ...]]:
@@ -60,10 +60,10 @@ class Posterior:
         return dict(sums)
 
     def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
-        """Compute the probability of each side; a hypothesis of several counts for the first of SIDES_IN_ORDER.
+        """Compute the probability of each side; a hypothesis with several counts for the first in SIDES_IN_ORDER.
 
         Args:
-            dropped: names of effects that count as nothing.
+            dropped: names of effects to ignore.
         """
         sums = dict.fromkeys(("none", *SIDES_IN_ORDER), 0.0)
         for names, probability in zip(self.names, self.probability.tolist(), strict=True):
@@ -78,21 +78,21 @@ class Posterior:
 
     @property
     def stated_count(self) -> int:
-        """The number of effects that there are at least as probably as not."""
+        """Largest number of effects with a probability above ``LIKELIER_THAN_NOT``."""
         return self.count_of(LIKELIER_THAN_NOT)
 
     @property
     def best(self) -> Hypothesis:
-        """The likeliest hypothesis of as many effects as are stated."""
+        """The likeliest hypothesis with ``stated_count`` effects."""
         return self.likeliest_of(self.stated_count)
 
     def count_of(self, sure: float) -> int:
-        """Count the effects that there are at least with some probability."""
+        """Find the largest number of effects that is reached with more than a given probability."""
         count = np.array(self.counts)
         return max((k for k in range(1, MOST_TERMS + 1) if self.probability[count >= k].sum() > sure), default=0)
 
     def likeliest_of(self, most: int) -> Hypothesis:
-        """Choose the likeliest hypothesis of the likeliest names among those of so many effects."""
+        """Choose the likeliest hypothesis with the likeliest names among those of a given number of effects."""
         sums = Counter[tuple[str, ...]]()
         for names, count, probability in zip(self.names, self.counts, self.probability.tolist(), strict=True):
             sums[names] += probability * (count == most)
@@ -103,11 +103,11 @@ class Posterior:
     def finding_posteriors(
         self, chosen: Hypothesis, *, instead: str | None, alike: Callable[[int, int], float] = lambda a, b: 0.0
     ) -> list[FindingPosterior]:
-        """Weigh what may stand in the place of each effect of a hypothesis.
+        """Compute the probability of each effect of a hypothesis and of its alternatives.
 
         Args:
-            instead: what else a place holds in which no effect stands; None leaves those hypotheses out.
-            alike: how much two candidates' columns have in common, 0 to 1.
+            instead: name of the alternative without any effect; None excludes such hypotheses.
+            alike: function of two candidates that returns the overlap of their columns, 0 to 1.
         """
         counters: list[Counter[str]] = [Counter() for _ in chosen]
         for other, probability in zip(self.hypotheses, self.probability.tolist(), strict=True):
@@ -128,7 +128,7 @@ class Posterior:
     def _filled(
         self, chosen: Hypothesis, other: Hypothesis, instead: str | None, alike: Callable[[int, int], float]
     ) -> list[str | None]:
-        """Match the effects of another hypothesis to the places of the chosen ones."""
+        """Match the effects of another hypothesis to those of the chosen one."""
         left, free = list(other), []
         names = [instead] * len(chosen)
         for place, k in enumerate(chosen):
@@ -148,16 +148,16 @@ def log_prior_odds(kinds: Sequence[type[Effect]], alarm: float) -> list[float]:
     """Compute the log prior odds of the effect of each candidate, all its forms and places together.
 
     Args:
-        alarm: probability that noise alone is allowed to give a name.
+        alarm: probability of a false finding from noise alone.
     """
     return [0.0 if kind.always_present else float(np.log(alarm * ODDS)) for kind in kinds]
 
 
 def log_shares(kinds: Sequence[type[Effect]]) -> list[float]:
-    """Divide the odds of a fault over the names that a record can test: the log share of each candidate's name.
+    """Divide the odds of a fault among the effects that a record can test: the log share of each candidate's effect.
 
-    Listed faults of compass and clock share alike what compositions leave; one of the reference is as likely as one
-    of them. What is always present has odds of one.
+    Faults of compass and clock in the catalogue have equal shares of what composed effects leave; a fault of the
+    reference is as likely as one of them. Effects that are always present have odds of one.
     """
     listed = {kind.name for kind in kinds if not (kind.always_present or kind.name.startswith(COMPOSED))}
     faults = [name for name in listed if side_of(name) in ("compass", "clock")]
@@ -168,14 +168,14 @@ def log_shares(kinds: Sequence[type[Effect]]) -> list[float]:
 
 
 def log_prior(hypotheses: Sequence[Hypothesis], always: Sequence[bool], shares: Sequence[float], odds: float) -> Floats:
-    """Compute the log odds beforehand of hypotheses against none, (h,).
+    """Compute the log prior odds of hypotheses against none, (h,).
 
-    The shares of one effect sum to the odds of a fault; further ones come with the probability ``AGAIN`` each.
+    The odds of a fault are divided among single effects by their shares; each further one has probability ``AGAIN``.
 
     Args:
-        always: of each candidate whether it is always present.
+        always: whether each candidate is always present.
         shares: log share of each candidate.
-        odds: of any fault of compass or clock.
+        odds: prior odds of any fault of compass or clock.
     """
     result = []
     for hypothesis in hypotheses:
@@ -193,7 +193,7 @@ def joint_odds(each: Sequence[float]) -> float:
 def _assignments(
     places: Sequence[int], come: Sequence[int], alike: Callable[[int, int], float]
 ) -> list[tuple[int, int]]:
-    """Assign other effects to the places of those that they are most alike."""
+    """Assign other effects to the places whose effects they overlap most."""
     if not places or not come:
         return []
     size = min(len(places), len(come))

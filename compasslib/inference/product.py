@@ -1,6 +1,6 @@
-"""The compass that corrects a record: the configured fit, or the exact compass with the terms found on its side.
+"""Represent the compass that corrects a record: the configured fit, or the exact compass with compass-side terms.
 
-It stands in deviation.json, so that the correction needs nothing else and an archive shows what it was made by.
+It is stored in deviation.json, which is sufficient for the correction and documents it in an archive.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from compasslib.records import BAD, EarthField, Pairs, Readings, Record, take
 from compasslib.types import Floats
 
 TILT_SERIES = ("pitch", "roll", "tilt")
-RECORD_SERIES = (*TILT_SERIES, "turn_rate")  # what every record has
+RECORD_SERIES = (*TILT_SERIES, "turn_rate")  # series that every record has
 
 
 Series = Mapping[str, Floats]
@@ -42,8 +42,8 @@ class AppliedCompass:
 
     simulation: ForwardModel  #: compass and terms
     covariance: Floats  #: (p, p) of A..E and the terms' parameters
-    references: Mapping[str, float]  #: what the terms' departures count from, by covariate
-    logged: tuple[str, ...]  #: series beside heading and tilt without which the terms cannot be applied
+    references: Mapping[str, float]  #: reference value of each covariate, subtracted for the terms' departures
+    logged: tuple[str, ...]  #: logged series, or tilts, that the terms require
 
     def scene(
         self,
@@ -54,7 +54,7 @@ class AppliedCompass:
         *,
         field: EarthField,
     ) -> Scene:
-        """Build the scene of samples of the affected instrument; what is missing counts as the reference.
+        """Build the scene of samples of the affected instrument; missing values are set to the reference value.
 
         Args:
             time_s: (n,) increasing, UTC seconds.
@@ -102,11 +102,11 @@ class AppliedCompass:
 
 @dataclass(frozen=True)
 class WeightedCompass:
-    """One hypothesis of those whose average corrects a record."""
+    """One of the hypotheses whose weighted average corrects a record."""
 
     weight: float  #: probability
     effect: str  #: names joined by +, or none
-    compass: AppliedCompass | None  #: None where the fit by itself is it
+    compass: AppliedCompass | None  #: None for the fit without terms
 
     def to_json(self) -> dict[str, Any]:
         compass = None if self.compass is None else self.compass.to_json()
@@ -114,7 +114,7 @@ class WeightedCompass:
 
 
 def inflate_covariance(fit: DeviationFit, covariance: Floats) -> DeviationFit:
-    """Inflate the covariance of a fit to that of the search, which has slow noise."""
+    """Inflate the covariance of a fit to at least that of the search, which includes slow noise."""
     inflated = fit.covariance.copy()
     inflated[:5, :5] += positive_part(covariance - inflated[:5, :5])
     return replace(fit, covariance=inflated)
@@ -123,8 +123,8 @@ def inflate_covariance(fit: DeviationFit, covariance: Floats) -> DeviationFit:
 def limit_precision(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
     """Limit the precision of a compass's coefficients to that of the fit alone.
 
-    The search judges by blocks of days. These do not show water that veers for months by its direction, nor veer in
-    step with the heading, and the fit counts both (``deviation.spread``).
+    The search estimates uncertainty from blocks of days. These do not show veer that depends for months on the flow's
+    direction, nor veer correlated with the heading; the fit includes both (``deviation.spread``).
     """
     if member.compass is None:
         return member
@@ -135,21 +135,19 @@ def limit_precision(member: WeightedCompass, fit: DeviationFit) -> WeightedCompa
 
 @dataclass(frozen=True)
 class Product:
-    """What corrects a record."""
+    """The correction of a record."""
 
-    fit: DeviationFit  # the compass; the configured one where nothing was found on its side
-    effects: tuple[str, ...] = ()  # what the search found on the compass side and put into it
-    applied: tuple[
-        WeightedCompass, ...
-    ] = ()  # compasses whose average it is, the chosen one first; none: the fit by itself
-    accounted: tuple[str, ...] = ()  # of clocks and water: the fit is freed of them, headings are not touched
-    left_deg: float = 0.0  # visible size of what was seen and is not corrected, rms
+    fit: DeviationFit  # the compass; as configured if no compass-side effect was found
+    effects: tuple[str, ...] = ()  # compass-side effects found by the search and included
+    applied: tuple[WeightedCompass, ...] = ()  # compasses that are averaged, the chosen one first; empty: the fit
+    accounted: tuple[str, ...] = ()  # effects of clocks and water, removed from the fit; headings are unchanged
+    left_deg: float = 0.0  # visible size of effects that were detected but not corrected, rms
     doubts: tuple[Doubt, ...] = ()  # stretches whose headings are flagged doubtful
-    no_deviation: float | None = None  # probability that the compass has none; the fit is the average with that
+    no_deviation: float | None = None  # probability of no deviation, averaged into the fit
 
     @property
     def searched(self) -> bool:
-        """Whether it is another than the configured fit."""
+        """Whether it differs from the configured fit."""
         return bool(self.effects or self.accounted or self.applied or self.no_deviation is not None)
 
     def to_json(self) -> dict[str, Any]:
@@ -188,9 +186,9 @@ def from_json(content: Mapping[str, Any]) -> Product:
 
 
 def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:
-    """Convert the pairs to what the compass alone would have recorded, without the other effects.
+    """Convert the pairs to what the compass would have recorded without the other effects.
 
-    A method that knows five coefficients and no effects can go on from there.
+    Methods that are limited to five coefficients can then be applied to them.
     """
     when = np.searchsorted(record.time_s, pairs.time_s)
     at = compass_along_record(
@@ -206,11 +204,11 @@ def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: Eart
 
 
 def compass_along_record(product: Product, record: Record, field: EarthField, series: Series) -> CompassSeries | None:
-    """Evaluate the compass at every sample of the record, None where the fit alone is it.
+    """Evaluate the compass at every sample of the record; None if the fit alone applies.
 
     Args:
         record: the affected instrument.
-        series: what was logged besides, (n,) each, see ``covariates.logged_series``.
+        series: other logged series, (n,) each, see ``covariates.logged_series``.
     """
     if not product.applied:
         return None
@@ -228,7 +226,7 @@ def compass_along_record(product: Product, record: Record, field: EarthField, se
 
 
 def _compass_from_json(content: Mapping[str, Any]) -> AppliedCompass:
-    # Here, because most of a correcting job's imports are the catalogue, and not every product has effects.
+    # Imported here: the catalogue dominates the import time of a correction, and not every product has effects.
     from compasslib.effects import all_effects
     from compasslib.effects.composed import effect_by_name
     from compasslib.effects.forward import ForwardModel

@@ -1,8 +1,8 @@
-"""Evidence of refitted hypotheses of a short recording, and the places and dates at which terms are tried.
+"""Compute the evidence of refitted hypotheses of a short recording, and list candidate places and dates of terms.
 
-The memory is a law with one autoregressive and one moving-average coefficient: white noise beside a slow wander. The
-residual is filtered by each law, the base is free, and the parameters of terms have a wide-tailed law of usual size
-(Laplace's approximation; Bishop, Pattern Recognition and Machine Learning, 2006, section 4.4).
+The noise is ARMA(1, 1), i.e. white noise plus a slow wander. The residual is filtered by each noise model, the base is
+free, and the parameters of terms have a heavy-tailed prior of typical size (Laplace's approximation; Bishop, Pattern
+Recognition and Machine Learning, 2006, section 4.4).
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ Law = tuple[float, float]  # autoregressive and moving-average coefficient
 
 LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in PHI for t in THETA if t >= -p)
 WHITE: tuple[Law, ...] = ((0.0, 0.0),)
-STEADY, TINY = 1e-6, 1e-20  # what keeps an inverse steady; square below which a column is none
+STEADY, TINY = 1e-6, 1e-20  # ridge that stabilizes an inverse; least sum of squares of a column
 
-STEP_DATES, STEP_MARGIN = 150, 0.06  # of steps that are tried, and how near to the ends
-FINER_DATES = 24  # dates around the best of those that were tried
-SPELL_EDGES, FINER_EDGES = (40, 120), 9  # begins and ends of a while, in a long recording and a short; around the best
-SHORT_RECORDING = 250  # samples
+STEP_DATES, STEP_MARGIN = 150, 0.06  # candidate dates of a step; their margin as a share of the record
+FINER_DATES = 24  # candidate dates in the refinement around the best
+SPELL_EDGES, FINER_EDGES = (40, 120), 9  # edges of a temporary offset in a long and a short recording; around the best
+SHORT_RECORDING = 250  # fewest samples of a long recording
 
-SECTORS, REACHES_DEG = 36, (15.0, 25.0, 40.0)  # where an error at a few headings is tried, and how far it reaches
-FINER_SECTORS_DEG = (-8.0, -4.0, 0.0, 4.0, 8.0)  # about the best sector
-FEWEST_AFFECTED = 3  # samples in either
+SECTORS, REACHES_DEG = 36, (15.0, 25.0, 40.0)  # candidate centres of a sector offset, and its half widths
+FINER_SECTORS_DEG = (-8.0, -4.0, 0.0, 4.0, 8.0)  # in the refinement, relative to the best sector
+FEWEST_AFFECTED = 3  # fewest samples affected by either local offset
 
 
 @dataclass(frozen=True)
 class ShortEvidence:
-    """What one hypothesis leaves, by each law of memory, and what is known of its parameters."""
+    """Misfit of one hypothesis under each noise model, and the information on its parameters."""
 
-    squares: Floats  # (laws,) of the filtered residual
-    information: Floats  # (p, p) of the terms' parameters in units of their usual sizes, by the likeliest law
+    squares: Floats  # (laws,) sum of squares of the filtered residual
+    information: Floats  # (p, p) of the terms' parameters in units of prior scales, best noise model
     size: float  # mean square of their values in those units
 
 
 def laws(channel: ShortComparison) -> tuple[Law, ...]:
-    """List the noise laws that are tried for a short record."""
+    """List the candidate noise models of a short recording."""
     return WHITE if channel.independent else LAWS
 
 
@@ -56,8 +56,8 @@ def log_evidence(channel: ShortComparison, evidences: Sequence[ShortEvidence], u
     """Compute the log evidence of hypotheses, up to a constant of the recording, (h,).
 
     Args:
-        uneven: variance of the scores of slow or local columns over what even noise makes of it: what a hypothesis
-            leaves more than the best is taken over it.
+        uneven: inflation of the score variance of slow or local columns over homogeneous noise, by which the excess
+            misfit of a hypothesis over the best one is divided.
     """
     squares = np.array([evidence.squares for evidence in evidences])
     least = squares.min(axis=0)
@@ -65,7 +65,7 @@ def log_evidence(channel: ShortComparison, evidences: Sequence[ShortEvidence], u
     fit = -0.5 * _degrees_of_freedom(channel) * (
         np.log(least) + np.log1p((squares / least - 1.0) / uneven)
     ) - 0.5 * np.log(first)
-    # The cost of the sizes that a hypothesis could have had, with a wide-tailed prior.
+    # Occam factor of the parameters, with a heavy-tailed prior.
     cost = []
     for evidence in evidences:
         p = len(evidence.information)
@@ -85,13 +85,13 @@ def short_evidence(fitted: FittedHypothesis) -> ShortEvidence:
 
 
 def likeliest_law(channel: ShortComparison, evidence: ShortEvidence) -> Law:
-    """Choose the law of memory that makes the residual of a hypothesis likeliest."""
+    """Choose the noise model under which the residual of a hypothesis is likeliest."""
     first = np.array([arma_variance_ratio(law) for law in laws(channel)])
     return laws(channel)[int(np.argmin(_degrees_of_freedom(channel) * np.log(evidence.squares) + np.log(first)))]
 
 
 def prior_sizes(fitted: FittedHypothesis) -> Floats:
-    """Give the prior size of each parameter of the terms, (p,): by physics, or a turn of some degrees."""
+    """Compute the prior scale of each parameter of the terms, (p,): from physics, or a turn by ``USUAL_DEG``."""
     columns = fitted.columns[:, len(fitted.base) :]
     turn = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
     with np.errstate(divide="ignore"):
@@ -100,10 +100,10 @@ def prior_sizes(fitted: FittedHypothesis) -> Floats:
 
 
 def likelihood_gains(fitted: FittedHypothesis, law: Law, columns: Floats) -> Floats:
-    """Compute the log likelihood that a term would add to a hypothesis at each of its places, (g,).
+    """Compute the log-likelihood gain of adding a term to a hypothesis at each of its places, (g,).
 
     Args:
-        columns: of the term's parameters at each place, (n, g, p) degrees a unit.
+        columns: derivatives by the term's parameters at each place, (n, g, p), degrees per unit.
     """
     n, places, count = columns.shape
     base = orthonormal_basis(arma_innovations(fitted.columns, law))
@@ -119,9 +119,9 @@ def likelihood_gains(fitted: FittedHypothesis, law: Law, columns: Floats) -> Flo
 
 
 def cluster_inflation(fitted: FittedHypothesis, law: Law, groups: list[Floats]) -> float:
-    """Compute the median inflation of the scores of columns by blocks over even noise, at least 1.
+    """Compute the median inflation of the score variance of columns by blocks over homogeneous noise, at least 1.
 
-    A rule that is known to some hundredths of a degree only counts as noise that no number of samples averages out.
+    The systematic error ``rule_deg`` is added as noise that does not average out.
     """
     channel = fitted.channel
     if channel.independent or not groups:
@@ -141,7 +141,7 @@ def cluster_inflation(fitted: FittedHypothesis, law: Law, groups: list[Floats]) 
 
 
 def _filtered_fit(fitted: FittedHypothesis, law: Law) -> tuple[float, Floats]:
-    """Compute the sum of squares by one law, and the information on the terms' parameters beside a free base."""
+    """Compute the sum of squares under one noise model, and the terms' information with the base projected out."""
     count = len(fitted.base)
     white = arma_innovations(np.column_stack([fitted.columns, fitted.clipped]), law)
     free = orthonormal_basis(white[:, :count])
@@ -151,7 +151,7 @@ def _filtered_fit(fitted: FittedHypothesis, law: Law) -> tuple[float, Floats]:
 
 
 def _huber_excess(fitted: FittedHypothesis) -> float:
-    """Compute what clipped samples add to the squares by Huber's law: an offset for a while is not free."""
+    """Compute the excess of Huber's loss over the clipped squares: clipping alone would ignore temporary offsets."""
     clip = finding.MOST_WIDTHS * fitted.scale_deg
     beyond = np.maximum(np.abs(fitted.residual_deg) - clip, 0.0) * (not fitted.channel.independent)
     return float(2.0 * clip * np.sum(beyond))
@@ -167,28 +167,28 @@ def _least_square(channel: ShortComparison) -> float:
 
 @dataclass(frozen=True)
 class LocalOffset(Effect):
-    """The reading is off by a constant somewhere; no physics."""
+    """A constant offset of the reading in a limited range, without a physical cause."""
 
     stage: ClassVar = "readout"
     acts_on: ClassVar = "reading"
     literature: ClassVar[str] = "none: what no term of the catalogue is and some of them imitate"
-    along: ClassVar[tuple[str, ...]]  # covariates of which one is needed
+    along: ClassVar[tuple[str, ...]]  # covariates, one of which is required
 
     offset_deg: float = parameter("degrees", "recorded minus what the compass would have recorded", 1.0)
 
     @classmethod
     def fits(cls, channel: ShortComparison) -> bool:
-        """Return whether a comparison shows a reading along one of the covariates."""
+        """Return whether a comparison has a compass reading and one of the covariates."""
         return channel.reads and any(name in channel.covariates for name in cls.along)
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
-        """Return the reading without the error, which is counted along the reading itself."""
+        """Return the reading without the error, which is evaluated at the reading itself."""
         return 2.0 * reading_deg - self.apply(reading_deg, scene)
 
 
 @dataclass(frozen=True)
 class SectorOffset(LocalOffset):
-    """The reading is off at some headings only: a card that is pulled or hangs."""
+    """Offset of the reading in a sector of headings: a compass card that is pulled or sticks."""
 
     name: ClassVar[str] = "composed:reading/heading/bump"
     along: ClassVar[tuple[str, ...]] = ("heading",)
@@ -207,7 +207,7 @@ class SectorOffset(LocalOffset):
 
 @dataclass(frozen=True)
 class SpellOffset(LocalOffset):
-    """The reading is off for a while: nothing goes astray and comes back by as much of itself."""
+    """Temporary offset of the reading: no known physical effect comes and goes by the same amount."""
 
     name: ClassVar[str] = "composed:reading/time/box"
     along: ClassVar[tuple[str, ...]] = ("time", "reading")
@@ -228,11 +228,11 @@ LOCAL_OFFSETS = (SectorOffset, SpellOffset)
 
 
 def candidate_places(fitted: FittedHypothesis, kind: type[Effect], near: Effect | None = None) -> list[Effect]:
-    """List a kind of term at zero size at every place and date that is tried, one without places once.
+    """List the terms of one kind, at zero size, at all candidate places or dates; one term where there are none.
 
     Args:
-        fitted: the hypothesis beside which it is tried.
-        near: the term where it did best; places between those tried before.
+        fitted: hypothesis to which the term is added.
+        near: the term at its best place so far, around which places are then refined.
     """
     channel = fitted.channel
     if kind is SectorOffset:
@@ -249,7 +249,7 @@ def candidate_places(fitted: FittedHypothesis, kind: type[Effect], near: Effect 
 
 
 def place_columns(fitted: FittedHypothesis, terms: Sequence[Effect]) -> Floats:
-    """Compute the derivative of the simulated heading by a term's parameters at each of its places, (n, g, p)."""
+    """Differentiate the simulated heading by the parameters of a term at each of its places, (n, g, p)."""
     channel, first = fitted.channel, terms[0]
     if isinstance(first, LOCAL_OFFSETS):
         always = short_fit.term_derivative(fitted, SpellOffset(0.0, -np.inf, np.inf))
@@ -281,7 +281,7 @@ def _spell_places(channel: ShortComparison, near: Effect | None) -> list[tuple[f
 
 
 def _date_places(channel: ShortComparison, near: Effect | None) -> list[float]:
-    """List the dates that are tried, between samples."""
+    """List the candidate dates, midway between samples."""
     n = len(channel)
     if near is None:
         first = max(2, int(STEP_MARGIN * n))

@@ -1,7 +1,7 @@
-"""A short recording compared with its simulation, each hypothesis refitted in the forward model.
+"""Compare a short recording with its simulation, refitting each hypothesis in the forward model.
 
-Base parameters and terms are fitted together by Gauss-Newton steps with Huber's weights. A long record is weighed by
-slopes; recordings here have 16 readings or 20,000, noise of 0.01 degrees or 5, and effects a thousand times the noise.
+Base parameters and terms are fitted jointly by Gauss-Newton steps with Huber weights. Linearization, as of long
+records, fails here: 16 to 20,000 readings have noise of 0.01 to 5 degrees, and effects up to a thousand times that.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from compasslib.statistics.resampling import block_sums, blocks_by_count, studen
 from compasslib.statistics.whitening import orthonormal_basis, project_out, scaled_inverse
 from compasslib.types import Floats
 
-# Without a place the field is of this strength, and the iron is in percent of it.
+# Nominal horizontal field where the place is unknown; iron is then given in percent of it.
 PLACELESS_NT, PERCENT = 20000.0, (100.0 / 20000.0, "% of the horizontal field")
 
-REFIT_ROUNDS, CONVERGED_STEPS = 12, 1e-3  # of refitting; a step in about degrees
-FINEST_DEG = 1e-4  # no heading is known better
-MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0  # longer than the memory, and enough to tell a scatter
-PROBE_STEP = 0.02  # of a step, for differences
+REFIT_ROUNDS, CONVERGED_STEPS = 12, 1e-3  # Gauss-Newton rounds, at most; step at convergence, in about degrees
+FINEST_DEG = 1e-4  # least uncertainty of a heading
+MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0  # number of blocks; effective samples in one
+PROBE_STEP = 0.02  # finite difference, relative to a parameter's step
 
 
 class ResidualModel(Protocol):
@@ -42,21 +42,21 @@ class ResidualModel(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ShortComparison(Comparison):
-    """A short recording held against its simulation; n samples in the order of time."""
+    """A short recording compared with its simulation; n samples in order of time."""
 
     residual: ResidualModel
     start: Floats  # (b,) base parameters of the simulation, before any fit
-    steps: Floats  # (b,) a change of each that turns the heading by very roughly a degree
+    steps: Floats  # (b,) change of each that turns the heading by about a degree; 0 holds it fixed
     confused: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # effect -> effects that look the same here
-    field_unit: tuple[float, str] = (1.0, "nT")  # for one nT of the forward model, and its name
-    starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # effect -> values of its first parameter
+    field_unit: tuple[float, str] = (1.0, "nT")  # factor from nT, and name
+    starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # effect -> starts of its first parameter
     rule_deg: float = 0.0  # systematic error of the simulation that no number of samples averages out, rms
-    independent: bool = False  # readings whose errors have no memory
-    arma_noise: bool = False  # means over stretches whose memory is known by its law, not by its own blocks
+    independent: bool = False  # whether errors of the readings are independent
+    arma_noise: bool = False  # whether the noise is modelled as ARMA instead of estimated from blocks
     reads: bool = True  # whether what is compared is a reading of a compass
 
     def unit(self, term: Effect, k: int) -> tuple[float, str]:
-        """Give the factor and the unit by which a parameter is shown."""
+        """Get the factor and the unit in which a parameter is displayed."""
         unit = term.units()[k]
         if not unit.startswith("nT"):
             return 1.0, unit
@@ -70,14 +70,14 @@ def thin_indices(length: int, most: int) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class CompassResidual:
-    """The exact compass; its residual is one of the recorded heading, which every correct heading has."""
+    """Residual of the exact compass in the recorded heading, which exists for every correct heading."""
 
     correct_deg: Floats  # (n,)
     recorded_deg: Floats  # (n,)
     scene: Scene
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Return simulated minus recorded heading, (n,) degrees: the sign of observed minus simulated correct ones."""
+        """Return simulated minus recorded heading, (n,) degrees; its sign is that of observed minus simulated."""
         simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
         correct = self.correct_deg - water_veer(simulation, self.scene)
         return angles.difference(recorded_heading(simulation, self.scene, correct), self.recorded_deg)
@@ -85,7 +85,7 @@ class CompassResidual:
 
 @dataclass(frozen=True)
 class SeriesResidual:
-    """Smith's five terms in the recorded heading, degrees; terms act on the reading."""
+    """Residual of Smith's five-term series in the recorded heading, degrees; terms act on the reading."""
 
     correct_deg: Floats  # (n,)
     recorded_deg: Floats  # (n,)
@@ -106,13 +106,13 @@ def recording_scene(
     tilt_deg: tuple[Floats, Floats] | None = None,
     departures: Mapping[str, Floats] | None = None,
 ) -> tuple[Scene, tuple[float, str]]:
-    """Build the scene of a recording, and the unit of its iron.
+    """Build the scene of a recording, and the factor and unit of its iron.
 
     Args:
         time_s: (n,), UTC seconds or numbers of readings.
         field: {horizontal_nT, vertical_nT}, None where the place is unknown.
         tilt_deg: pitch and roll, (n,) each.
-        departures: what terms need, (n,) each.
+        departures: series that terms require, (n,) each.
     """
     unit_field, zero = np.ones(len(time_s)), np.zeros(len(time_s))
     h, z = (PLACELESS_NT, 0.0) if field is None else (field["horizontal_nT"], field["vertical_nT"])
@@ -130,11 +130,11 @@ class FittedHypothesis:
     terms: tuple[Effect, ...]
     residual_deg: Floats  # (n,)
     columns: Floats  # (n, b + p) derivative of the simulated heading by each parameter, degrees a unit
-    scale_deg: float
+    scale_deg: float  # robust width of the residual
 
     @property
     def clipped(self) -> Floats:
-        """The residual, clipped where samples are many enough to know a width, (n,)."""
+        """The residual, clipped unless readings are independent, (n,)."""
         if self.channel.independent:
             return self.residual_deg
         return np.clip(self.residual_deg, -finding.MOST_WIDTHS * self.scale_deg, finding.MOST_WIDTHS * self.scale_deg)
@@ -150,7 +150,7 @@ class FittedHypothesis:
         return replace(self, terms=tuple(self.terms[k] for k in order), columns=columns)
 
     def projected(self, columns: Floats) -> Floats:
-        """Project the parameters out of columns, (n, k)."""
+        """Project the columns of all parameters out of other columns, (n, k)."""
         return project_out(columns, orthonormal_basis(self.columns))
 
 
@@ -161,12 +161,12 @@ def fit_hypothesis(
     near: FittedHypothesis | None = None,
     use: NDArray[np.bool_] | None = None,
 ) -> FittedHypothesis:
-    """Refit a hypothesis.
+    """Fit the base parameters and terms of a hypothesis.
 
     Args:
-        terms: beside the base, where the fit begins; their dates stay.
-        near: a fit whose base is taken to begin with.
-        use: samples that count, (n,).
+        terms: terms at their starting values; their dates are held fixed.
+        near: fit whose base parameters are the starting values.
+        use: mask of the samples used, (n,).
     """
     base = channel.start if near is None else near.base
     theta = np.concatenate([base, *(term.values for term in terms)])
@@ -180,12 +180,12 @@ def fit_hypothesis(
 
 @dataclass(frozen=True)
 class _FitState:
-    """A hypothesis as a point of a fit."""
+    """State of the iterative fit of a hypothesis."""
 
     fitted: FittedHypothesis
     theta: Floats  # (b + p,)
     steps: Floats  # (b + p,) of about a degree
-    keep: NDArray[np.bool_]  # (n,) samples that count
+    keep: NDArray[np.bool_]  # (n,) mask of the samples used
 
     def step(self) -> tuple[Floats, float]:
         step = _least_squares_step(self.fitted, self.steps, self.keep)  # in the parameters' own steps
@@ -196,13 +196,13 @@ class _FitState:
         return replace(self, fitted=_linearize(self.fitted.channel, theta, self.fitted.terms, self.steps), theta=theta)
 
     def misfit(self, other: _FitState) -> float:
-        """Compare another hypothesis's sum of squares with this one's."""
+        """Compute the ratio of another state's sum of squares to this one's."""
         square, then = (float(np.sum(state.fitted.clipped[self.keep] ** 2)) for state in (self, other))
         return then / max(square, 1e-300)
 
 
 def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
-    """Differentiate the simulated heading by a term's parameters beside a hypothesis, (n, p)."""
+    """Differentiate the simulated heading by the parameters of a term added to a hypothesis, (n, p)."""
     made = []
     for j, step in enumerate(term.steps()):
         moved = term.at(term.values + 0.1 * step * (np.arange(len(term.values)) == j))
@@ -214,7 +214,7 @@ def _linearize(channel: ShortComparison, theta: Floats, terms: tuple[Effect, ...
     base, placed = _split_parameters(channel, theta, terms)
     residual = channel.residual(base, placed)
     columns = np.zeros((len(channel), len(theta)))
-    for j in np.flatnonzero(steps):  # a step of 0 holds a parameter
+    for j in np.flatnonzero(steps):  # a step of 0 holds a parameter fixed
         probe = PROBE_STEP * steps[j]
         more = channel.residual(*_split_parameters(channel, theta + probe * (np.arange(len(theta)) == j), terms))
         columns[:, j] = (residual - more) / probe
@@ -231,7 +231,7 @@ def _split_parameters(
 
 
 def _least_squares_step(now: FittedHypothesis, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
-    """Solve for the weighted least-squares step in the parameters' own steps; undetermined directions stay."""
+    """Solve for the weighted least-squares step in units of ``steps``; it is 0 in undetermined directions."""
     size = np.maximum(np.abs(now.residual_deg), 1e-300)
     weight = np.sqrt(np.minimum(1.0, finding.MOST_WIDTHS * now.scale_deg / size)) * keep
     if now.channel.independent:
@@ -242,7 +242,7 @@ def _least_squares_step(now: FittedHypothesis, steps: Floats, keep: NDArray[np.b
 
 
 def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
-    """Number the block of each sample, (n,): longer than the memory, one reading where there is none."""
+    """Number the block of each sample, (n,); a block has several effective samples, or one independent reading."""
     channel = fitted.channel
     if channel.independent:
         return np.arange(len(channel))
@@ -252,7 +252,7 @@ def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
 
 
 def effective_samples(fitted: FittedHypothesis) -> float:
-    """Estimate how many independent samples the residual is worth."""
+    """Estimate the effective number of independent samples in the residual."""
     n = len(fitted.channel)
     if fitted.channel.independent:
         return float(n)
@@ -262,9 +262,9 @@ def effective_samples(fitted: FittedHypothesis) -> float:
 
 
 def parameter_covariance(fitted: FittedHypothesis) -> Floats:
-    """Estimate the covariance of base and terms by the scores of blocks, never below that of independent samples.
+    """Estimate the covariance of base and terms from scores of blocks, at least that of independent samples.
 
-    What the simulation itself does not know is added, as if it lay all along each parameter's own column.
+    The systematic error ``rule_deg`` is added as if it were entirely along each parameter's own column.
     """
     if fitted.channel.arma_noise:
         return arma_covariance(fitted.clipped, fitted.columns)
@@ -283,7 +283,7 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
 
 
 def visible_size_deg(fitted: FittedHypothesis, k: int) -> float:
-    """Compute the visible size of a term: what no other parameter can take of it, rms degrees."""
+    """Compute the visible size of a term, with all other parameters projected out, rms degrees."""
     columns = parameter_slices(fitted.terms, len(fitted.base))[k]
     other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
     without = fitted.channel.residual(fitted.base, tuple(other_terms)) - fitted.residual_deg

@@ -1,7 +1,7 @@
-"""The search of short recordings: hypotheses of up to three terms, each refitted, and the findings of the likeliest.
+"""Search short recordings for effects: hypotheses of up to three terms, each refitted in the forward model.
 
-Errors without physics, at a few headings or for a while only, stand among the hypotheses: a card that is pulled in
-one sector looks like lobes, a spell of offset like a slip.
+Offsets without a physical cause, confined to a heading sector or a time interval, are among the hypotheses: otherwise
+a card that is pulled in one sector is taken for a heading harmonic, and a temporary offset for a slip.
 """
 
 from __future__ import annotations
@@ -41,27 +41,24 @@ from compasslib.statistics.resampling import resample_blocks
 from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
-NOISE_DRAWS = 400  # draws of noise, which set how well a p-value of 1 % is known
-HEADING_HAT_DEG, FEWEST_IN_HAT = 15.0, 5  # sectors that the omnibus sees, and readings in one
-FAINTEST_DIRECTION = 0.2  # of the largest direction of a group of splines
-SHARE_OF_FREEDOM = 3  # an omnibus group has no more columns than this part of the independent samples
+NOISE_DRAWS = 400  # noise realizations: they determine the precision of a p-value of 1 %
+HEADING_HAT_DEG, FEWEST_IN_HAT = 15.0, 5  # width of the omnibus test's heading sectors; least sum of weights in one
+FAINTEST_DIRECTION = 0.2  # relative singular value below which a direction of a group's columns is dropped
+SHARE_OF_FREEDOM = 3  # least number of independent samples per column of an omnibus group
 
-PRIOR_FACTOR = (
-    5.0  # odds of an effect over those of a mooring's: what is swung is suspect, and a name must be surer here
-)
-MOST_PARENTS = 6  # hypotheses that are extended by one more effect
-MOST_PLACES = 3  # at which a term is refitted
-PARAMETER_COST = 1.0  # what a parameter costs at least, in log evidence: what is not tried could not pay for more
+PRIOR_FACTOR = 5.0  # prior odds relative to those of moorings: a compass is swung if suspect, and naming needs ``SURE``
+MOST_PARENTS = 6  # most hypotheses of each size that are extended by another effect
+MOST_PLACES = 3  # most candidate places at which one term is refitted
+PARAMETER_COST = 1.0  # lower bound of a parameter's cost in log evidence, for skipping hypotheses without a refit
 
-FEWEST_IN_BIN = 5  # of a figure's curve
+FEWEST_IN_BIN = 5  # fewest samples per bin of a plotted residual curve
 
 
 def omnibus_groups(now: FittedHypothesis) -> list[ColumnGroup]:
-    """Build harmonics and hats of the heading, hats of every other covariate, and products with the heading."""
+    """Build omnibus columns: harmonics and hats of the heading, hats of other covariates, products with the heading."""
     covariates = now.channel.covariates
-    worth = (
-        len(now.channel) if now.channel.arma_noise else short_fit.effective_samples(now)
-    )  # the law's draws know the memory
+    # ARMA draws reproduce the autocorrelation, therefore every sample counts.
+    worth = len(now.channel) if now.channel.arma_noise else short_fit.effective_samples(now)
     most = int(worth) // SHARE_OF_FREEDOM
     heading, made = covariates.get("heading"), []
     if heading is not None:
@@ -87,7 +84,7 @@ def score_tests(
     """Compute the score tests of all groups.
 
     Args:
-        noise: the hypothesis whose residual is taken for noise: an effect must not raise the bar for itself.
+        noise: hypothesis whose residual is the noise; a tested effect that it includes does not raise the threshold.
     """
     white = arma_whitening_matrix(noise.clipped, noise.columns) if now.channel.arma_noise else None
     filtered = [group.columns if white is None else white @ group.columns for group in groups]
@@ -105,24 +102,24 @@ def score_tests(
     basis_all = np.concatenate(bases, axis=1)
     rows = np.vstack([now.clipped[None, :], noise_draws(noise, seed)])
     gains = _gains(rows if white is None else rows @ white.T, basis_all, begins, base)
-    inflation = np.maximum(gains[1:].mean(axis=0) / freedom, np.finfo(float).tiny)  # a residual that is 0 has no noise
+    inflation = np.maximum(gains[1:].mean(axis=0) / freedom, np.finfo(float).tiny)  # a zero residual has no noise
     score = normal_score(gains / inflation, freedom)
     return ScoreTests(groups_bases, freedom, np.maximum(inflation, 1.0), score[0], score[1:].max(axis=1))
 
 
 def directions(columns: Floats, base: Floats) -> Floats:
-    """Build an orthonormal basis of what the base leaves of some columns, (n, k).
+    """Build an orthonormal basis of columns with the base projected out, (n, k).
 
-    What the base nearly is leaves faint directions that are no splines any more: they are left out.
+    Directions nearly in the span of the base are dropped: what remains of them no longer resembles a spline.
     """
     return orthonormal_basis(project_out(columns, base), FAINTEST_DIRECTION)
 
 
 def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) -> Floats:
-    """Resample the record's own noise: blocks of it at other places with random signs, (repeats, n).
+    """Resample the record's own noise: blocks from random positions with random signs, (repeats, n).
 
-    Readings without memory are drawn from a normal distribution, and stretches of a short log by the law of their
-    memory: a dozen of them hold no distribution of their own.
+    Independent readings are drawn from a normal distribution, and averages over stretches of a log from the fitted
+    ARMA process: a short log has too few blocks to resample.
     """
     if noise.channel.independent:
         return np.random.default_rng(seed).normal(size=(repeats, len(noise.channel)))
@@ -133,7 +130,7 @@ def noise_draws(noise: FittedHypothesis, seed: int, repeats: int = NOISE_DRAWS) 
 
 
 def group_size_deg(now: FittedHypothesis, group: ColumnGroup, inflation: float) -> float:
-    """Compute the visible size of a group's best fit, rms degrees, the contribution of noise taken off."""
+    """Compute the visible size of a group's best fit with the noise contribution subtracted, rms degrees."""
     columns = directions(group.columns, orthonormal_basis(now.columns))
     pull, n = columns.T @ now.clipped, len(now.channel)
     noise = inflation * columns.shape[1] * now.square / n
@@ -141,7 +138,7 @@ def group_size_deg(now: FittedHypothesis, group: ColumnGroup, inflation: float) 
 
 
 def _gains(rows: Floats, basis_all: Floats, begins: NDArray[np.intp], base: Floats) -> Floats:
-    """Compute twice the log likelihood that each group adds to each row, (rows, groups)."""
+    """Compute twice the log-likelihood gain of each group for each row, (rows, groups)."""
     projected = rows - (rows @ base) @ base.T
     total = np.sum(projected**2, axis=1)[:, None]
     taken = np.add.reduceat((projected @ basis_all) ** 2, begins, axis=1)
@@ -150,28 +147,28 @@ def _gains(rows: Floats, basis_all: Floats, begins: NDArray[np.intp], base: Floa
 
 @dataclass(frozen=True)
 class RefittedHypothesis:
-    """One hypothesis, refitted."""
+    """A refitted hypothesis with its evidence."""
 
     fitted: FittedHypothesis
     evidence: ShortEvidence
-    share: float  # log of the share of the places that do about as well as the best, of all its terms together
+    share: float  # log fraction of candidate places that fit about as well as the best, summed over its terms
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The hypothesis that was chosen, and what else may stand in the place of each of its terms."""
+    """The chosen hypothesis with the alternatives to each of its terms."""
 
-    before: FittedHypothesis  # the base alone
+    before: FittedHypothesis  # fit of the base parameters alone
     fitted: FittedHypothesis
     posterior: Posterior
     finding_posteriors: tuple[FindingPosterior, ...]
-    alone: dict[str, tuple[float, float]]  # log evidence and visible size of each effect, alone
-    omnibus: OmnibusResult  # what it leaves
+    alone: dict[str, tuple[float, float]]  # log evidence and visible size (rms degrees) of each effect, alone
+    omnibus: OmnibusResult  # tests of the residual of ``fitted``
 
 
 @dataclass
 class HypothesisSearch:
-    """Hypotheses of one comparison, tried one after the other."""
+    """Stepwise search over the hypotheses of one comparison."""
 
     channel: ShortComparison
     alarm: float
@@ -179,12 +176,12 @@ class HypothesisSearch:
 
     @cached_property
     def kinds(self) -> list[type[Effect]]:
-        """What can be tested, and what has no name."""
+        """Effects that can be tested, and local offsets without a physical cause."""
         return [*self.channel.terms, *(kind for kind in LOCAL_OFFSETS if kind.fits(self.channel))]
 
     @cached_property
     def odds(self) -> list[float]:
-        """Log odds beforehand of each kind."""
+        """Log prior odds of each kind, divided among the forms of an effect."""
         forms = Counter(kind.name for kind in self.kinds)
         whole = posteriors.log_prior_odds(self.kinds, PRIOR_FACTOR * self.alarm)
         return [odds - float(np.log(forms[kind.name])) for odds, kind in zip(whole, self.kinds, strict=True)]
@@ -201,7 +198,7 @@ class HypothesisSearch:
         return posteriors.joint_odds([self.odds[k] for k in hypothesis])
 
     def run(self) -> None:
-        """Try single effects, then pairs and triples of what is likely."""
+        """Try single effects, then extend the likeliest hypotheses to pairs and triples."""
         base = short_fit.fit_hypothesis(self.channel, ())
         self.refitted[()] = RefittedHypothesis(base, short_evidence.short_evidence(base), 0.0)
         for size in range(MOST_TERMS):
@@ -213,7 +210,7 @@ class HypothesisSearch:
                 self._extended(parent)
 
     def _extended(self, parent: Hypothesis) -> None:
-        """Try every other effect beside those of a hypothesis, refitted where it promises enough."""
+        """Extend a hypothesis by every other effect, refitting where the linearized gain is large enough."""
         base, logs = self.refitted[parent].fitted, self.logs()
         law = short_evidence.likeliest_law(self.channel, self.refitted[parent].evidence)
         taken = {self.kinds[k].name for k in parent}
@@ -236,10 +233,10 @@ class HypothesisSearch:
             )
 
     def _place(self, base: FittedHypothesis, terms: list[Effect], columns: Floats, gains: Floats) -> RefittedHypothesis:
-        """Return a hypothesis with one more term at its best place: by the memory that is left once it is there.
+        """Add a term at its best place, under the noise model that is likeliest once it is fitted.
 
         Args:
-            gains: of each place as if there were no memory: what is left out looks like a long one.
+            gains: log-likelihood gain of each place under white noise: an effect not yet fitted mimics a long memory.
         """
         best: int | None = None
         for _ in range(MOST_PLACES):
@@ -252,7 +249,7 @@ class HypothesisSearch:
         return RefittedHypothesis(fitted, evidence, float(np.log(np.mean(np.exp(gains - gains.max())))))
 
     def _refitted(self, base: FittedHypothesis, term: Effect) -> FittedHypothesis:
-        """Refit a hypothesis with one more term, from each value where its fit may begin."""
+        """Refit a hypothesis with one more term, from each of its starting values."""
         starts = [np.append(first, term.values[1:]) for first in self.channel.starts.get(term.name, ())]
         fits = [
             short_fit.fit_hypothesis(self.channel, (*base.terms, term.at(v)), near=base) for v in (term.values, *starts)
@@ -260,7 +257,7 @@ class HypothesisSearch:
         return _refine_places(min(fits, key=lambda fit: fit.square))
 
     def posterior(self) -> Posterior:
-        """Compute the posterior, noise as uneven as blocks of the likeliest hypothesis's residual."""
+        """Compute the posterior, with score variances inflated as by blocks of the likeliest hypothesis's residual."""
         logs = self.logs()
         possible = [
             key for key, hypothesis in self.refitted.items() if all(t.possible for t in hypothesis.fitted.terms)
@@ -276,7 +273,7 @@ class HypothesisSearch:
         return Posterior([kind.name for kind in self.kinds], possible, probability / probability.sum(), prior)
 
     def alone(self) -> dict[str, tuple[float, float]]:
-        """Compute log evidence and visible size of each effect beside the base alone, the best first."""
+        """Compute log evidence and visible size of each effect when added alone to the base, best first."""
         sizes: dict[str, tuple[float, float]] = {}
         logs = self.logs()
         for hypothesis in sorted(
@@ -290,7 +287,7 @@ class HypothesisSearch:
 
 
 def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
-    """Search the terms that explain a comparison, each with all that may stand in its place."""
+    """Search for the terms that explain a comparison, each with its alternatives."""
     made = HypothesisSearch(channel, options.alarm)
     made.run()
     posterior = made.posterior()
@@ -303,7 +300,7 @@ def search_effects(channel: ShortComparison, options: Options) -> SearchResult:
 
 
 def _refine_places(fitted: FittedHypothesis) -> FittedHypothesis:
-    """Refine the place of the last term among the samples between those tried."""
+    """Refine the place of the last term on a finer grid around it."""
     term = fitted.terms[-1]
     near = [candidate.at(term.values) for candidate in short_evidence.candidate_places(fitted, type(term), near=term)]
     residuals = [fitted.channel.residual(fitted.base, (*fitted.terms[:-1], candidate)) for candidate in near]
@@ -372,13 +369,13 @@ def _finding(named: SearchResult, k: int, covariance: Floats) -> Finding:
 
 
 def held_out(fitted: FittedHypothesis, k: int) -> HeldOut:
-    """Score a term on stretches that were not fitted, the others refitted with and without it."""
+    """Score a term on held-out stretches, with the other terms refitted with and without it."""
     other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
     return _held_out_gain(fitted, fitted, other_terms)
 
 
 def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
-    """Score some base parameters on stretches that were not fitted, all others refitted."""
+    """Score some base parameters on held-out stretches, with all others refitted."""
     steps = fitted.channel.steps.copy()
     steps[part] = 0.0
     without = replace(fitted, channel=replace(fitted.channel, steps=steps), base=fitted.base * (steps > 0.0))
@@ -394,13 +391,13 @@ def _held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequ
 
 
 def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Effect], block: NDArray[np.intp], folds: int) -> Floats:
-    """Compute the residual of each stretch by a fit to the others, (n,) degrees.
+    """Compute the residual of each stretch from a fit to the other folds, (n,) degrees.
 
     Args:
-        fitted: to start from.
-        terms: what is fitted jointly with the base.
-        block: number of the stretch, (n,).
-        folds: so many stretches after another are in different folds.
+        fitted: starting point of the fits.
+        terms: terms fitted jointly with the base.
+        block: number of the stretch of each sample, (n,).
+        folds: number of folds, to which stretches are assigned in turn.
     """
     left = np.empty(len(fitted.channel))
     for fold in range(folds):
@@ -410,7 +407,7 @@ def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Effect], block: 
 
 
 def _unexplained_mismatch(named: SearchResult, listed: Sequence[str]) -> Unexplained | None:
-    """Describe what is proven and has no name: an error at a few headings or for a while, or a mean residual."""
+    """Describe a significant mismatch without a known cause: a local offset or a mean residual."""
     fitted, channel, remainder = named.fitted, named.fitted.channel, named.omnibus
     local = [
         (short_fit.visible_size_deg(fitted, k), k)
@@ -429,7 +426,7 @@ def _unexplained_mismatch(named: SearchResult, listed: Sequence[str]) -> Unexpla
 
 
 def _covered_range(channel: ShortComparison, term: Effect) -> CovariateRange:
-    """Describe the range of a covariate that a local error covers; one of headings may cross north."""
+    """Describe the covariate range that a local offset covers; a heading range may cross north."""
     assert isinstance(term, LOCAL_OFFSETS)
     name = next(name for name in term.along if name in channel.covariates)
     share = term.share(channel.covariates[name])
@@ -461,7 +458,7 @@ def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str)
 def _bin_sigma(
     after: FittedHypothesis, bins: NDArray[np.intp], held: NDArray[np.intp], there: NDArray[np.intp]
 ) -> Floats:
-    """Estimate the standard error of a bin's mean: samples of one stretch of time in it count once."""
+    """Estimate the standard error of each bin's mean, (bins,); the samples of one time block count as one."""
     scatter = float(np.std(after.clipped))
     if after.channel.independent:
         return scatter / np.sqrt(there[held])
@@ -470,7 +467,7 @@ def _bin_sigma(
         return arma_standard_errors(after.clipped, after.columns, weights)
     block = short_fit.memory_blocks(after)
     apart = np.array([len(np.unique(block[bins == b])) for b in held])
-    within = []  # standard errors of the means, each block of its samples counted once
+    within = []  # cluster-robust standard errors of the means, by block
     for x, of_block in ((after.clipped[bins == b], block[bins == b]) for b in held):
         within.append(float(np.linalg.norm(np.bincount(of_block, x - x.mean()))) / len(x))
     return np.maximum(np.array(within), scatter / np.sqrt(there[held])) / np.where(apart < 2, 0.5, 1.0)

@@ -1,4 +1,4 @@
-"""The posterior of all hypotheses, slow noise marginalized, and how large an effect must be to be stated."""
+"""Compute the posterior of all hypotheses with slow noise marginalized, and the detection limits of effects."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ from compasslib.inference.posterior import (
 from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats
 
-NINE_IN_TEN = 1.28  # normal score of it
-NEIGHBOURS = 3  # dates that do about as well as the right one
-MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40  # kept of each: seconds and memory
-LIKELY = 25  # effects, in calm and in rough water, beside which every kind of water is tried
-STATED = 3.0  # Bayes factor of tempered evidence from which an effect is stated; at most 0.3 for 12 nulls
+NINE_IN_TEN = 1.28  # normal score of a probability of 90 %
+NEIGHBOURS = 3  # number of dates that fit about as well as the true one
+MOST_PAIRS, MOST_TRIPLES, JOINED, MOST_WATERS = 150, 60, 12, 40  # limits of run time and memory
+LIKELY = 25  # likeliest effects in calm and in rough water, for which every kind of water is evaluated
+STATED = 3.0  # Bayes factor of tempered evidence from which an effect is stated; 12 null records reach at most 0.3
 
-STEADY = 1e-8  # share of what is known of a column that keeps its inverse steady
-LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the product
+STEADY = 1e-8  # ridge relative to a column's information, which stabilizes the inverse
+LEAST_WEIGHT = 0.05  # probability below which a hypothesis does not enter the correction
 
 
 @dataclass(frozen=True)
 class NoiseMarginalPosterior(Posterior):
-    """Hypotheses with their probabilities, beside slow water of unknown size and memory."""
+    """Hypotheses with their probabilities, marginalized over slow water of unknown size and memory."""
 
     candidates: Candidates
     waters: list[SlowNoiseParams | None]
-    by_water: Floats  # (w, h) joint, sums to 1
-    odds: float  # of a fault of compass or clock, beforehand
+    by_water: Floats  # (w, h) joint probability, sums to 1
+    odds: float  # prior odds of a fault of compass or clock
 
     @property
     def water_probability(self) -> Floats:
-        """Probability of each kind of water, (w,)."""
+        """Posterior probability of each kind of slow water, (w,)."""
         return np.asarray(self.by_water.sum(axis=1))
 
     @property
     def counts(self) -> list[int]:
-        """The number of effects of each hypothesis, those left out that are always present."""
+        """Number of effects of each hypothesis, excluding those always present."""
         kinds = self.candidates.kinds
         return [sum(not kinds[k].always_present for k in hypothesis) for hypothesis in self.hypotheses]
 
     @property
     def stated_count(self) -> int:
-        """The number of effects for which the Bayes factor against one less is large enough."""
+        """Number of effects, each additional one with a Bayes factor of at least ``STATED``."""
         count = np.array(self.counts)
         held = [float(self.probability[count == k].sum()) for k in range(MOST_TERMS + 1)]
         stated = 0
@@ -74,24 +74,24 @@ class NoiseMarginalPosterior(Posterior):
         return stated
 
     def water_of(self, hypothesis: Hypothesis) -> SlowNoiseParams | None:
-        """Select the likeliest slow water under a hypothesis, or under those that contain it where it was not kept."""
+        """Select the likeliest slow water under a hypothesis, or under those containing it if it was not retained."""
         at = [k for k, other in enumerate(self.hypotheses) if other == hypothesis]
         at = at or [k for k, other in enumerate(self.hypotheses) if set(hypothesis) <= set(other)]
         return self.waters[int(np.argmax(self.by_water[:, at].sum(axis=1)))]
 
     def terms_of(self, hypothesis: Hypothesis) -> list[Effect]:
-        """Make the terms of a hypothesis at their likeliest values beside its likeliest slow water."""
+        """Build the terms of a hypothesis at their likeliest values, given its likeliest slow water."""
         absent = self.candidates.rivals(hypothesis)
         return self.candidates.terms(self.candidates.marginalize(self.water_of(hypothesis), absent), hypothesis)
 
     def rival_compass(self, driver: str | None, min_effect_deg: float) -> tuple[float, str]:
-        """Compute the probability that the compass follows a driver instead of the current, and name what it follows.
+        """Compute the probability that the compass, not the current, follows a driver; return also the driver's name.
 
-        A reading that follows it stands without that current; beside other effects of the driver the current may act.
+        Readings that follow the driver exclude that current; other compass effects of the driver do not.
 
         Args:
-            driver: of the current; any where None.
-            min_effect_deg: rms below which the current does not matter.
+            driver: driver of the current, None for any.
+            min_effect_deg: size below which the current is negligible, degrees rms.
         """
         kinds, currents, sums = self.candidates.kinds, self.candidates.currents, defaultdict[str, float](float)
         beside: list[tuple[float, Hypothesis, str]] = []
@@ -111,7 +111,7 @@ class NoiseMarginalPosterior(Posterior):
         return min(sum(sums.values()), 1.0), max(sums, key=lambda name: sums[name], default="")
 
     def findings_of(self, chosen: Hypothesis) -> list[FindingPosterior]:
-        """Weigh what may stand in the place of each effect of a hypothesis, slow water where none does."""
+        """Compute the probability of each effect of a hypothesis and of its alternatives, slow water among them."""
         products = self.candidates.marginalize(self.water_of(chosen))
         return self.finding_posteriors(
             chosen, instead=SLOW_WATER, alike=lambda a, b: _alike(self.candidates, products, a, b)
@@ -125,7 +125,7 @@ def compute_posterior(
 
     Args:
         odds: prior odds of a fault of compass or clock.
-        waters: parameters of slow water that are summed over.
+        waters: parameters of slow water to marginalize over.
     """
     shares = [name + form for name, form in zip(log_shares(candidates.kinds), candidates.shares, strict=True)]
     always = [kind.always_present for kind in candidates.kinds]
@@ -174,7 +174,7 @@ def average_posteriors(
     """Average two posteriors of one recording, linearized at two hypotheses.
 
     Args:
-        first: whose candidates are kept.
+        first: posterior whose candidates are retained.
         share: weight of the first.
     """
     hypotheses = list(dict.fromkeys([*first.hypotheses, *second.hypotheses]))
@@ -198,7 +198,7 @@ def log_joint(
     waters: Sequence[SlowNoiseParams | None],
     best: Hypothesis = (),
 ) -> Floats:
-    """Compute the tempered log likelihood of each hypothesis with each slow water, times the water's prior, (w, h).
+    """Compute the tempered log likelihood of hypotheses under each slow water, plus the log prior of the water, (w, h).
 
     Args:
         best: the most probable hypothesis so far, see ``Candidates.log_evidence``.
@@ -212,11 +212,11 @@ def log_joint(
 
 
 def log_rivalry(candidates: Candidates, water: SlowNoiseParams | None) -> Floats:
-    """Compute by how much a reading that follows a driver of the current is likelier without that current, (g,).
+    """Compute the log-evidence gain of readings that follow a driver of the current if that current is excluded, (g,).
 
-    Beside the current such a reading shows nothing: both are nearly the same column. A driver is therefore taken to
-    act on one of them. The current follows it in the reading's own form or in any other, each as likely beforehand as
-    the reading does at odds of one.
+    With the current in the noise such a reading is hardly detectable, since both have nearly the same column. A driver
+    is therefore assumed to act on only one of them. The current follows it in the reading's form or in any other, each
+    with the prior probability of the reading at odds of one.
     """
     result = np.zeros(len(candidates.groups))
     columns = [candidates.currents.get(k, part) for k, part in enumerate(candidates.parts)]
@@ -227,7 +227,7 @@ def log_rivalry(candidates: Candidates, water: SlowNoiseParams | None) -> Floats
         alone, without = candidates.index([(k,) for k in rivals]), candidates.marginalize(water, drivers)
         share = np.log(UNLISTED * (1.0 - AGAIN)) + np.array([candidates.shares[k] for k in rivals])
         both = TEMPERATURE * candidates.log_evidence(products, alone)
-        change = TEMPERATURE * (without.log_likelihood - products.log_likelihood)  # where nothing follows the driver
+        change = TEMPERATURE * (without.log_likelihood - products.log_likelihood)  # if nothing follows the driver
         reading = TEMPERATURE * candidates.log_evidence(without, alone) + change
         same_form = TEMPERATURE * of_current.log_evidence(without, of_current.index([(k,) for k in rivals])) + change
         total = np.logaddexp.reduce(share)
@@ -237,16 +237,16 @@ def log_rivalry(candidates: Candidates, water: SlowNoiseParams | None) -> Floats
 
 
 def likeliest_water(candidates: Candidates, waters: Sequence[SlowNoiseParams | None]) -> SlowNoiseParams | None:
-    """Select the slow water that makes a recording of no effect likeliest."""
+    """Select the slow water under which the recording is likeliest without any effect."""
     none = candidates.subset([])
     scores = [0.0 if water is None else none.marginalize(water).log_likelihood + water.log_prior for water in waters]
     return waters[int(np.argmax(scores))]
 
 
 def detection_limits(posterior: NoiseMarginalPosterior) -> dict[str, float]:
-    """Compute the visible size at which each effect would be stated nine times in ten, rms degrees.
+    """Compute the visible size at which each effect is stated with a probability of 90 %, rms degrees.
 
-    Of an effect with several forms or dates it is the middle one.
+    For an effect with several forms or dates this is the median.
     """
     candidates = posterior.candidates
     products = candidates.marginalize(posterior.water_of(posterior.best))
@@ -266,7 +266,7 @@ def detection_limits(posterior: NoiseMarginalPosterior) -> dict[str, float]:
 
 
 def _alike(candidates: Candidates, products: Products, a: int, b: int) -> float:
-    """Measure how much two candidates' columns have in common, 0 to 1."""
+    """Measure the overlap of two candidates' columns, 0 to 1."""
     first, second = candidates.parts[a], candidates.parts[b]
     size = [np.trace(products.information[np.ix_(part, part)]) for part in (first, second)]
     return float(np.sum(products.information[np.ix_(first, second)] ** 2) / max(size[0] * size[1], 1e-300))
@@ -284,7 +284,7 @@ def _best_of(
     scored: Callable[[Sequence[Hypothesis], Sequence[int]], Floats],
     waters: Sequence[int],
 ) -> list[Hypothesis]:
-    """Select the likeliest of some hypotheses under any of some waters."""
+    """Select the likeliest hypotheses under any of the given kinds of slow water."""
     admissible = [
         hypothesis
         for hypothesis in hypotheses
@@ -295,19 +295,19 @@ def _best_of(
 
 @dataclass(frozen=True)
 class Inference:
-    """The likeliest hypothesis refitted, and how probable it and the others are."""
+    """The likeliest hypothesis, refitted, with the posterior of all hypotheses."""
 
-    state: FittedModel  # with its terms, slow water in the noise
+    state: FittedModel  # fitted with its terms, slow water in the noise
     posterior: NoiseMarginalPosterior
-    chosen: Hypothesis  # the terms' candidates, in their order
+    chosen: Hypothesis  # index of each term's candidate, in order
     finding_posteriors: tuple[FindingPosterior, ...]
-    slow: SlowNoiseBasis | None  # with the current as it was learnt
+    slow: SlowNoiseBasis | None  # with the estimated variances of the current
 
     def estimate(self, state: FittedModel) -> Estimate:
-        """Compute the covariance of everything that a state was refitted with, averaged over slow water.
+        """Compute the covariance of all parameters of a refitted model, averaged over slow water.
 
         Args:
-            state: of this recording, with any terms.
+            state: model of this recording, with any terms.
         """
         posterior, slow = self.posterior, without_rivals(self.slow, state.simulation.terms)
         quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
@@ -334,7 +334,7 @@ class Inference:
         return Estimate(state, covariance / np.outer(scale, scale))
 
     def display_name(self, effect: str) -> str:
-        """Name an effect as a diagnosis does: a composed field by its larger part.
+        """Name an effect as in a diagnosis: a composed field by its larger component.
 
         Args:
             effect: name of a candidate.
@@ -349,10 +349,10 @@ class Inference:
         return COMPOSED + "/".join(term.said())
 
     def only(self, selection: Sequence[bool]) -> Inference:
-        """Refit with some of the terms only.
+        """Refit with a subset of the terms.
 
         Args:
-            selection: of each term whether it stays.
+            selection: whether each term is retained.
         """
         if all(selection):
             return self
@@ -367,15 +367,15 @@ class Inference:
 
     @property
     def weighted(self) -> list[tuple[float, FittedModel]]:
-        """The states that correct the record, each by the probability of its hypotheses, less than 1 in all.
+        """Fitted models that correct the record, with their probabilities, which sum to at most 1.
 
-        Of hypotheses that differ by a date only, or by the form in which a reading follows what the current may, the
-        likeliest stands for all.
+        Of hypotheses that differ only in a date, or in the form in which a reading follows a driver of the current,
+        the likeliest represents all.
         """
         groups, posterior = self.posterior.candidates.groups, self.posterior
         chosen = self._alike(self.state.simulation.terms)
         weighed = list(zip(posterior.hypotheses, posterior.probability.tolist(), strict=True))
-        if len(self.chosen) < len(posterior.best):  # names were taken back: nothing is known of the others' weights
+        if len(self.chosen) < len(posterior.best):  # findings were withdrawn: the other weights no longer apply
             weighed = [(self.chosen, 1.0)]
         weights: dict[frozenset[type | str], float] = {}
         best: dict[frozenset[type | str], tuple[float, Hypothesis]] = {}
@@ -384,7 +384,7 @@ class Inference:
             weights[kinds] = weights.get(kinds, 0.0) + p
             best[kinds] = max(best.get(kinds, (0.0, hypothesis)), (p, hypothesis), key=lambda x: x[0])
         likely = {kinds: weight for kinds, weight in weights.items() if weight >= LEAST_WEIGHT or kinds == chosen}
-        for kinds in weights.keys() - likely.keys():  # some effects and a doubtful further one: counted without it
+        for kinds in weights.keys() - likely.keys():  # likely effects plus an unlikely one: add to those without it
             if contained := [other for other in likely if other and other < kinds]:
                 likely[max(contained, key=lambda other: weights[other])] += weights[kinds]
         states = [
@@ -401,7 +401,7 @@ class Inference:
         )
 
     def _refitted(self, hypothesis: Hypothesis) -> FittedModel:
-        """Refit a hypothesis, the current that its readings stand for left out of the noise."""
+        """Refit a hypothesis, excluding from the noise the current whose drivers its readings follow."""
         candidates, water, state = self.posterior.candidates, self.posterior.water_of(hypothesis), self.state
         terms = self.posterior.terms_of(hypothesis)
         if candidates.rivals(hypothesis):
@@ -411,7 +411,7 @@ class Inference:
 
 
 def without_rivals(slow: SlowNoiseBasis | None, terms: Sequence[Effect]) -> SlowNoiseBasis | None:
-    """Remove from the noise the current of drivers that readings follow instead."""
+    """Exclude from the noise the current of those drivers that compass readings follow instead."""
     if slow is None:
         return None
     rivals = [coupled_drivers(term.driver) for term in terms if follows_current(term, slow.drivers)]
@@ -421,10 +421,10 @@ def without_rivals(slow: SlowNoiseBasis | None, terms: Sequence[Effect]) -> Slow
 def with_slow_noise(
     state: FittedModel, view: FittedModel, slow: SlowNoiseBasis | None, water: SlowNoiseParams | None
 ) -> FittedModel:
-    """Put slow noise into the noise of a state.
+    """Add slow noise to the noise model of a fitted model.
 
     Args:
-        view: whose whitener knows no slow water.
+        view: fitted model whose whitener excludes slow water.
     """
     low_rank = None if slow is None or water is None else noise.low_rank_noise(view, slow, water)
     return design.evaluate_model(replace(state.case, low_rank=low_rank), state.simulation, state.nuisance)

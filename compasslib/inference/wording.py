@@ -1,4 +1,4 @@
-"""Sentences for an oceanographer: where, what physics, how large, how sure."""
+"""Describe findings in sentences for an oceanographer: where, which physics, how large, how certain."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ UNITS = {
     "declination_observatory": "degrees", "horizontal_observatory": "degrees", "reference_heading": "degrees",
     "transmit_current": "counts", "heading_spread": "degrees", "echo": "counts", "field_strength": "percent",
 }  # fmt: skip
-TURN_PREFIX = "turn_by_"  # what the name of the turn by an effect begins with, degrees
-SIZE_PREFIX = "size_of_"  # of an effect with a date, along time
+TURN_PREFIX = "turn_by_"  # prefix of the turn by an effect, degrees
+SIZE_PREFIX = "size_of_"  # prefix of the size of a dated effect, along time
 UNITS_OF_CALIBRATIONS = UNITS | {
     "turn_rate": "degrees/s",
     "speed": "kn",
     "vertical_field": "of its mean",
     "reading": "",
 }
-# Of each effect the words of its first form; those of an effect of another package are along what it needs.
+# Wording of each effect, from its first form. Effects of other packages are shown along the series that they need.
 PHYSICS = {term.name: term.words for term in reversed(all_effects()) if term.words} | {
     SLOW_WATER: "slowly changing shear of the water between the two depths; no instrument is at fault"
 }
 SHOWN_ALONG = {term.name: term.needs for term in all_effects() if term not in CATALOGUE and term.needs} | {
     term.name: term.shows_along for term in all_effects() if term.shows_along
-}  # every other effect lives along time
+}  # all other effects are shown along time
 SEPARATED_BY = {
     frozenset((term.name, other)): how for term in all_effects() for other, how in term.separated_by.items()
 }
-LONG_RECORD_S = 10 * 86400.0  # length of a record above which its dates are days
-SMALLEST_P = 0.001  # the smallest that the drawn blocks can show
+LONG_RECORD_S = 10 * 86400.0  # length of a record above which dates are given to the day
+SMALLEST_P = 0.001  # smallest p-value that the bootstrap resolves
 WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
 TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
 OTHERWISE = "a record in which {} and {} vary independently"
 
 
 def separating_observations(effect: str, alternatives: Sequence[str]) -> str:
-    """List the observations that would separate an effect from its alternatives, one sentence a pair."""
+    """List the observations that would separate an effect from its alternatives, one phrase per pair."""
     phrases = []
     for other in alternatives:
         first, second = (display_name(name) if name.startswith(COMPOSED) else name for name in (effect, other))
@@ -81,9 +81,9 @@ def finding_text(
     Args:
         parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
-        proof: residual rms before and after on held-out days, degrees, and the p-value; None where sizes are stated.
-        physics: in words; that of the effect where empty.
-        what: is compared, where a recording holds more than one comparison.
+        proof: residual rms before and after on held-out days, degrees, and the p-value; None to omit them.
+        physics: in words; by default that of the effect.
+        what: what is compared, if a recording has more than one comparison.
     """
     begin = _effect_text(effect, f"{what}, {where}" if what else where, parameters, size_deg, physics)
     shown = ""
@@ -97,7 +97,7 @@ def finding_text(
 
 
 def level_text(level: str | None, probability: float | None, side: str, driver: str) -> str:
-    """State what is established where the effect itself is not: side and driver; nothing where it is."""
+    """State the side and driver if only these are established; empty if the effect itself is."""
     if level == "effect":
         return ""
     if level is None or probability is None:
@@ -107,13 +107,13 @@ def level_text(level: str | None, probability: float | None, side: str, driver: 
 
 
 def rank_text(placebo: Mapping[str, Any]) -> str:
-    """State among how many surrogates a gain is the larger one; nothing where there were none."""
+    """State the rank of a gain among those of surrogates; empty without surrogates."""
     n, p = placebo["n"], placebo["rank_p"]
     return "" if p is None else f"better predicted than {n + 1 - round(p * (n + 1))} of {n}"
 
 
 def tilt_zero_text(field_nt_k: float, vertical_nt: float) -> str:
-    """State which drift of the tilts' zero turns headings as a horizontal field that grows with temperature does."""
+    """State the drift of the tilt zero that is equivalent to a horizontal field growing with temperature."""
     zero = math.degrees(field_nt_k / abs(vertical_nt))
     return f" A tilt zero that drifts by {zero:.2g}°/K turns headings alike: this record cannot separate the two."
 
@@ -127,12 +127,12 @@ def shared_finding_text(
     size_deg: float,
     gain: float,
 ) -> str:
-    """Describe one finding that several records of a compass share.
+    """Describe one finding shared by several records of a compass.
 
     Args:
         parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
-        gain: log score of each record predicted by the others, over that of nothing predicted.
+        gain: log score of predicting each record from the others, relative to no effect.
     """
     begin = _effect_text(effect, where, parameters, size_deg)
     shown = f" Each record predicted by the others gains {gain:.1f} in log score, all together."
@@ -143,7 +143,7 @@ def shared_finding_text(
 def _effect_text(
     effect: str, where: str, parameters: Mapping[str, tuple[float, float, str]], size_deg: float, physics: str = ""
 ) -> str:
-    """Describe where an effect is, what it is, its size, and its numbers with their intervals."""
+    """Describe where an effect acts, its physics, its size, and its parameters with 95 % intervals."""
     fitted = {name: parameter for name, parameter in parameters.items() if parameter[1] > 0.0}
     known = meanings(effect)
     numbers = ""
@@ -169,7 +169,7 @@ ACTED_ON = {
 
 
 def describe_composition(acts_on: str, driver: str, form: str) -> tuple[str, str]:
-    """Describe what changes, and with what and how, for an effect that the catalogue does not list."""
+    """Describe what a composed effect acts on, and its driver and form, in words."""
     named = {
         "voltage": "supply voltage",
         "turn_rate": "rate of turn",
@@ -199,12 +199,12 @@ def range_text(covariate: str, low: float, high: float, *, on_land: bool = False
 
 
 def date_text(time_s: float, span_s: float) -> str:
-    """Format an instant: its day where a record lasts for weeks, else its second."""
+    """Format a time: to the day in records of more than ten days, else to the second."""
     return iso_time(time_s)[:10] if span_s > LONG_RECORD_S else iso_time(time_s)
 
 
 def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
-    """Describe what the verdict rests on, one sentence."""
+    """State the basis of the verdict in one sentence."""
     if left:
         return left
     if causes := [PHYSICS.get(effect, display_name(effect)) for effect in effects]:
@@ -221,13 +221,13 @@ def displayed_residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]
 
 
 def display_name(effect: str) -> str:
-    """Format the name of an effect to read; a composed one, written composed:ACTS_ON/DRIVER/FORM, in words."""
+    """Format the name of an effect for readers; a composed one, composed:ACTS_ON/DRIVER/FORM, is put into words."""
     if effect.startswith(COMPOSED):
         return " changing ".join(describe_composition(*effect.removeprefix(COMPOSED).split("/")))
     return effect.replace("_", " ")
 
 
 def join_names(names: Sequence[str], last: str = " or ") -> str:
-    """Join names to read, one after the other."""
+    """Join the names of effects into an enumeration."""
     words = [display_name(name) for name in names]
     return last.join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -1,6 +1,6 @@
-"""Around a run and around each job: what may be written, what was recorded, what was stopped.
+"""Planning and execution of runs and jobs, with their records and the reasons why moorings were stopped.
 
-What a rule is given comes from ``plan``, which knows each key of the cruise and who needs it:
+The inputs and settings of each rule come from ``plan``, which selects the keys of the cruise that the rule needs:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

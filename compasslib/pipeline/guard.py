@@ -1,4 +1,4 @@
-"""Around a run: nothing of a cruise folder is code or a setting, nothing is written but the run's own."""
+"""Safeguards of a run: it takes no code or profile from a cruise folder, and writes only its own files."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from compasslib.pipeline.records import RESULTS, is_future, read_hashes, simulat
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 SNAKEMAKES, LOCK = ".snakemake", ".snakemake/compasslib.lock"
 BELOW = ("work", "work/alone", "wide", "figures", "logs")  # in the folder of each mooring and calibration
-# glibc gives large arrays back and takes the next one anew, page by page: a quarter of a simulated mooring's time, a
-# twentieth of an assessment's. Those under 32 MB stay with the process, which grows by some 10 MB.
+# glibc releases large arrays and maps each new one page by page, which takes a quarter of a simulated mooring's time, a
+# twentieth of an assessment's. With these settings it reuses arrays below 32 MB, for some 10 MB more memory.
 MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
 CORES = "mooring_cores"  # key of Snakemake's configuration, which the profiles of clusters set
 WARNING = "warning: "
@@ -33,20 +33,20 @@ KILLED = (
     "killed before it could say why, most often because memory ran out; run again with fewer --cores, on a cluster "
     "with more memory for each job (--default-resources mem_mb=N)"
 )
-TEMPORARY = re.compile(rf"\..+\.\d+{re.escape(HALF_WRITTEN)}")  # as archive_files.replacing names them
+TEMPORARY = re.compile(rf"\..+\.\d+{re.escape(HALF_WRITTEN)}")  # names made by ``files.atomic_write``
 
-_locks: list[int] = []  # open for as long as the process lives; the kernel lets go of it when that is killed
+_locks: list[int] = []  # kept open until the process ends, when the kernel releases the lock
 
 
 def enter(cruise: Path, project: Path) -> None:
-    """Make a cruise folder safe to plan a run in; nothing in it is written to.
+    """Prepare this process for planning a run in a cruise folder, to which nothing is written.
 
     Raises:
-        InputError: the cruise folder holds a profile that Snakemake may have taken for its own.
+        InputError: the cruise folder contains a profile that Snakemake may have used.
     """
     for name, value in MEMORY.items():
-        os.environ.setdefault(name, value)  # the jobs', which are processes of their own
-    os.environ["PYTHONSAFEPATH"] = "1"  # theirs too: the folder that they start in is not searched for modules
+        os.environ.setdefault(name, value)  # for the jobs, which are separate processes
+    os.environ["PYTHONSAFEPATH"] = "1"  # for the jobs too: modules are not imported from their working folder
     if cruise.resolve() != project.resolve():
         sys.path[:] = [path for path in sys.path if Path(path or ".").resolve() != cruise.resolve()]
         for name in PROFILES:
@@ -56,14 +56,14 @@ def enter(cruise: Path, project: Path) -> None:
 
 
 def mooring_cores(config: Mapping[str, object], *, is_module: bool = False) -> int:
-    """Read how many cores the one job of a mooring has; 0 where each stage is a job.
+    """Return the number of cores of the one job of a mooring; 0 where each stage is a job.
 
     Args:
-        config: what ``--config`` and ``--configfile`` gave: nothing else, as it would stand in no archive.
-        is_module: another workflow uses this one, whose settings ``config`` may hold too.
+        config: values of ``--config`` and ``--configfile``; other keys are refused, as no archive would record them.
+        is_module: whether another workflow uses this one, in which case ``config`` may contain its settings.
 
     Raises:
-        InputError: there is another setting, or no such number.
+        InputError: there is another setting, or the number is invalid.
     """
     if (others := [str(key) for key in config if key != CORES]) and not is_module:
         expected, actual = f"{CORES}, and other settings in the cruise's YAML files alone", ", ".join(others)
@@ -77,10 +77,10 @@ def mooring_cores(config: Mapping[str, object], *, is_module: bool = False) -> i
 
 
 def refuse_prefix(modifier: Any) -> None:
-    """Refuse to be a module whose results would stand elsewhere than in the folder of the run.
+    """Refuse use as a module with a prefix, whose results would not be in the folder of the run.
 
     Args:
-        modifier: Snakemake's, of paths.
+        modifier: Snakemake's path modifier.
 
     Raises:
         InputError: the module has a prefix.
@@ -91,10 +91,10 @@ def refuse_prefix(modifier: Any) -> None:
 
 
 def begin() -> float:
-    """Take the cruise for this run alone, before its first job; return the time by ``file_clock``.
+    """Lock the cruise before the first job of this run, and return the time by ``file_clock``.
 
     Raises:
-        InputError: another run is under way, or no result can be written.
+        InputError: another run is in progress, or results cannot be written.
     """
     refuse_read_only([RESULTS])
     if lock():
@@ -103,11 +103,11 @@ def begin() -> float:
 
 
 def listing(paths: Iterable[str], begun: float) -> list[str]:
-    """List at the end of a run what each of its jobs said last, what was warned of, and which jobs were killed.
+    """Summarize a run: the last log line of each of its jobs, all warnings, and the jobs that were killed.
 
     Args:
         paths: records of all jobs.
-        begun: when the run began, by ``file_clock``.
+        begun: time at which the run began, by ``file_clock``.
     """
     ran = []
     for record in map(Path, paths):
@@ -124,7 +124,7 @@ def listing(paths: Iterable[str], begun: float) -> list[str]:
     lines = [f"Stages: {len(ran)}"]
     for label, texts in said:
         last = texts[-1] if texts else "nothing said"
-        name, _, what = last.partition(": ")  # the name stands in the label already
+        name, _, what = last.partition(": ")  # the label already has the name
         lines.append(f"  {label}: {what if name.split(' ')[0] == label.split(' ')[0] else last}")
     lines += [f"Warnings: {len(warned)}", *(f"  {line}" for line in warned)] if warned else []
     lines += [f"Killed: {len(killed)}", *(f"  {label}: {KILLED}" for label in killed)] if killed else []
@@ -132,7 +132,7 @@ def listing(paths: Iterable[str], begun: float) -> list[str]:
 
 
 def _label(record: Path) -> str:
-    """Name a job by what it is of and its stage, as ``M1 read top``."""
+    """Compose the label of a job from its subject and stage, such as ``M1 read top``."""
     _, *folders = record.parent.parent.parts  # below results
     name, stage = (
         "/".join(folders[folders[:1] in (["calibrations"], ["compasses"]) :]),
@@ -142,15 +142,15 @@ def _label(record: Path) -> str:
 
 
 def refuse_links(folders: Sequence[str]) -> None:
-    """Refuse a link where the run writes: what it leads to is somebody else's.
+    """Refuse symbolic links where the run writes, because their targets may belong to others.
 
-    ``results`` itself may be a link to a folder, on a scratch disk, that is no other cruise's.
+    Only ``results`` may be a link, to a folder that is not another cruise's, for example on a scratch disk.
 
     Args:
-        folders: of results, of each mooring, calibration and compass.
+        folders: result folders of each mooring, calibration and compass.
 
     Raises:
-        InputError: at the first link.
+        InputError: there is a link.
     """
     below = [f"{folder}/{name}" for folder in (RESULTS, *folders) for name in BELOW]
     ours = [
@@ -160,7 +160,7 @@ def refuse_links(folders: Sequence[str]) -> None:
         f"{RESULTS}/calibrations",
         f"{RESULTS}/compasses",
     ]
-    for path in [*ours, *folders, *below]:  # a file in them is replaced, whatever it is a link to
+    for path in [*ours, *folders, *below]:  # linked files in them do no harm: the link is replaced
         scratch = path == RESULTS and os.path.isdir(path)
         if os.path.islink(path) and not (scratch and not Path(os.path.realpath(path), "../config").exists()):
             advice = "put the cruise on the other disk and name it by --directory, or mount the disk there"
@@ -168,20 +168,20 @@ def refuse_links(folders: Sequence[str]) -> None:
 
 
 def file_clock() -> float:
-    """Read the time, in seconds since 1970, by the clock that dates the files of the cruise: perhaps a server's."""
+    """Return the time, seconds since 1970, by the clock that dates the cruise's files, which may be a server's."""
     with suppress(OSError), tempfile.TemporaryFile(dir=SNAKEMAKES) as file:
         return os.fstat(file.fileno()).st_mtime
     return time.time()
 
 
 def refuse_future(paths: Iterable[str], now: float) -> None:
-    """Refuse an input dated in the future: Snakemake would make all that reads it again, and fail, in every run.
+    """Refuse inputs dated in the future, with which every run of Snakemake would repeat jobs and fail.
 
     Args:
-        now: by ``file_clock``.
+        now: present time by ``file_clock``.
 
     Raises:
-        InputError: at the first such file.
+        InputError: there is such a file.
     """
     for path in paths:
         if is_future(path, now):
@@ -194,10 +194,10 @@ def refuse_future(paths: Iterable[str], now: float) -> None:
 
 
 def refuse_read_only(outputs: Iterable[str]) -> None:
-    """Refuse to begin where a result could not be written.
+    """Refuse to begin a run whose results could not be written.
 
     Raises:
-        InputError: at the first file or folder without the right to write.
+        InputError: a file or folder is not writable.
     """
     for path in outputs:
         place = path if os.path.lexists(path) else next(str(p) for p in Path(path).parents if os.path.lexists(p))
@@ -211,10 +211,10 @@ def refuse_read_only(outputs: Iterable[str]) -> None:
 
 
 def lock() -> bool:
-    """Take the cruise for this process until it ends; False where no lock can be had.
+    """Lock the cruise until this process ends; return False where locking is impossible.
 
     Raises:
-        InputError: another run is under way.
+        InputError: another run is in progress.
     """
     try:
         os.makedirs(SNAKEMAKES, exist_ok=True)
@@ -223,14 +223,14 @@ def lock() -> bool:
     except BlockingIOError:
         advice = "wait until it has ended, or stop it"
         raise InputError(str(Path.cwd()), expected="one run at a time", found="another", advice=advice) from None
-    except OSError:  # a file system without locks, or one that is read only: Snakemake has its own way and words
+    except OSError:  # a file system without locks, or a read-only one, which Snakemake will report
         return False
     _locks.append(handle)
     return True
 
 
 def sweep() -> None:
-    """Delete what a killed run has left half written; no link is followed."""
+    """Delete the incomplete files of killed runs; links are not followed."""
     for folder, _, files in os.walk(RESULTS):
         for name in files:
             path = Path(folder, name)
@@ -241,10 +241,10 @@ def sweep() -> None:
 def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[str, list[str]]:
     """List the raw files of each demonstration mooring that a rule may write.
 
-    None of a mooring whose files are all there and not provably the simulation's own: they are raw files like any.
+    A mooring is left out if its files all exist and are not provably the simulation's: they are used as raw files.
 
     Raises:
-        InputError: some files of a mooring are missing and others are not the simulation's, or one belongs to two.
+        InputError: some files of a mooring are missing and others are not the simulation's, or two moorings share one.
     """
     files = simulated_names(cruise)
     taken: dict[str, str] = {}
@@ -273,7 +273,7 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print) -> dict[s
 
 
 def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
-    """List the raw files of each mooring of a demonstration, nothing elsewhere."""
+    """List the raw files of each mooring of a demonstration cruise; empty for any other cruise."""
     moorings = cruise.moorings.items() if cruise.options.demonstration else ()
     return {
         name: [file for each in mooring.instruments.values() for file in (*each.files, *each.pressure_files)]
@@ -282,7 +282,7 @@ def simulated_names(cruise: Cruise) -> dict[str, list[str]]:
 
 
 def _foreign(file: str, digest: str, ours: Sequence[str] | set[str]) -> bool:
-    """Return whether a name is taken by what the simulation did not write: a file, a link, or another case of it."""
+    """Return whether a path is taken by anything that the simulation did not write, or by one of other case."""
     path = Path(file)
     folders = [folder for folder in path.parents if folder.name]
     if any(folder.is_symlink() for folder in folders):

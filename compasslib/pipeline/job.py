@@ -1,7 +1,7 @@
-"""What every job of the workflow does around its stage: say what happens, end in one line, leave its record.
+"""Run a stage as a job of the workflow: with its log, its record, and errors of one line.
 
-The record is the file that Snakemake waits for. It names what the job read and wrote or, where a raw file cannot be
-used, why the mooring or calibration is stopped. Stages that follow pass that on.
+The record is the file that Snakemake waits for. It states what the job read and wrote or, where a raw file cannot be
+used, why the mooring or calibration is stopped. Subsequent jobs inherit that reason.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from compasslib.statistics import single_threaded
 
 OUT_OF_MEMORY = "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
 INTERRUPTED = "was interrupted; run again to take it up"
-STOPPING = ("mooring", "calibration")  # what can be stopped; who judges products fails, and these stand
+STOPPING = ("mooring", "calibration")  # subjects that an unusable file stops; jobs of others fail
 Say = Callable[[str], None]
 
 
 def job(snakemake: Any, stage: Callable[..., None]) -> None:
-    """Run one stage as the only one of this process, see ``run_job``.
+    """Run one stage as the only one of this process; see ``run_job``.
 
     Raises:
         SystemExit: the job failed.
@@ -37,19 +37,19 @@ def job(snakemake: Any, stage: Callable[..., None]) -> None:
     try:
         run_job(snakemake, stage)
     finally:
-        gc.freeze()  # the process ends: to look all modules through for cycles is a twentieth of a small job
+        gc.freeze()  # the garbage collection at exit would take a twentieth of a small job's time
 
 
 def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
-    """Run one stage: wildcards in order, then the files and settings of its rule by the names of its arguments.
+    """Run one stage with its wildcards in order, and the files and settings of its rule by name of argument.
 
-    ``say`` writes a line into the job's log. A job whose inputs, settings, code and results are all as its record has
-    them is not run again, and its record stands. Where the content of a file cannot be used, or
-    the program fails on it, the mooring or calibration is stopped: the job ends well, its record says why, and none of
-    its files is left. A full disk, lack of memory or an interruption fail the job, so that it is tried again.
+    The argument ``say`` writes a line to the job's log. A job is not run again if its inputs, settings, code and
+    results all agree with its record. If the content of a file cannot be used, or the program fails on it, the mooring
+    or calibration is stopped: the job succeeds, its record states the reason, and its files are deleted. A full disk,
+    lack of memory or an interruption makes the job fail, so that it is tried again.
 
     Args:
-        snakemake: what Snakemake gives its scripts; ``params.files`` has the files read and written by name.
+        snakemake: object of the script; ``params.files`` holds the files read and written, by name of argument.
 
     Raises:
         SystemExit: the job failed.
@@ -63,7 +63,7 @@ def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
             said.append(line)
             try:
                 print(line, file=stream, flush=True)
-            except OSError:  # a full disk must not hide what was said
+            except OSError:  # a full disk must not suppress the message
                 _on_screen(line)
 
         try:
@@ -87,7 +87,7 @@ def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
 
 
 def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlier: Record) -> Record:
-    """Run the stage unless something before it was stopped or nothing changed, and return the record of the job."""
+    """Run the stage unless a preceding job was stopped or nothing changed, and return the record of the job."""
     files: Mapping[str, Any] = snakemake.params.get("files", {"reads": {}, "writes": {}})
     kind, name = next(iter(snakemake.wildcards.items()), ("", ""))
     before = [records.load(path) for path in snakemake.input if records.is_record(path)]
@@ -101,7 +101,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlie
         say(f"{name}: stopped in {inherited['stage']}")
         return records.stopped(made, inherited)
     paths = records.flat(reads)
-    made["read"] = dict.fromkeys(paths, "")  # of one that cannot be read, until it can
+    made["read"] = dict.fromkeys(paths, "")  # stays so if an input cannot be read
     looked_at: records.Signatures = {}
     try:
         looked_at = records.sign(paths)
@@ -117,7 +117,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlie
         stage(*(value for _, value in snakemake.wildcards.items()), **taken)
         records.check_unchanged(looked_at)
     except (Exception, SystemExit) as error:
-        records.check_unchanged(looked_at)  # a file that is still being copied is no damaged one
+        records.check_unchanged(looked_at)  # a file still being copied is not damaged
         if kind not in STOPPING or snakemake.rule.endswith("conventions") or records.is_transient(error):
             raise
         if not isinstance(error, InputError):
@@ -133,7 +133,7 @@ def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlie
 
 
 def _clear(files: Mapping[str, str | Sequence[str]]) -> None:
-    """Delete older files of a job, as Snakemake does with what it knows; a folder in their place fails the job."""
+    """Delete earlier files of a job, as Snakemake does with outputs; a folder in their place makes the job fail."""
     for path in records.flat(files):
         with suppress(OSError):
             os.unlink(path)
@@ -141,9 +141,9 @@ def _clear(files: Mapping[str, str | Sequence[str]]) -> None:
 
 @contextmanager
 def _opened(log: Path) -> Iterator[TextIO]:
-    """Open the log anew; where the disk is full, standard error in its place."""
+    """Open a new log, or standard error where that fails, as on a full disk."""
     try:
-        # The log is opened as it stands, which may be a link, or a hard one of an older copy.
+        # Removed first, because it may be a symbolic link, or a hard link to an older copy.
         for left in (log, log.with_suffix(".json")):
             left.unlink(missing_ok=True)
         stream = log.open("w", encoding="utf-8")
@@ -154,5 +154,5 @@ def _opened(log: Path) -> Iterator[TextIO]:
 
 
 def _on_screen(line: str) -> None:
-    # Text and newline in one write, so that jobs side by side do not tear each other's lines.
+    # Text and newline in one write, so that parallel jobs do not break each other's lines.
     print(f"{line}\n", end="", file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
-"""What the workflow makes: its stages, the files that each reads and writes, and the jobs of a cruise.
+"""Plan of the workflow for a cruise: its stages, the files that each reads and writes, and its jobs.
 
-The table of stages serves the Snakefile and ``process.process_mooring``. Snakemake waits for the record of each job
-(``records``) in place of its files, as a mooring that is stopped has none.
+The table of stages is used by the Snakefile and by ``process.process_mooring``. Snakemake waits for the record of each
+job (``records``) instead of its files, because a stopped mooring has none.
 """
 
 from __future__ import annotations
@@ -43,37 +43,37 @@ class Plan:
 
     cruise: Cruise
     scripts: Path
-    _files: dict[tuple[str, ...], dict[str, dict[str, Any]]] = field(default_factory=dict, init=False)  # by job
+    _files: dict[tuple[str, ...], dict[str, dict[str, Any]]] = field(default_factory=dict, init=False)  # cache, by job
 
     @cached_property
     def moorings(self) -> Moorings:
-        """What stages are given of a mooring's configuration."""
+        """Inputs and settings of a mooring's stages."""
         return Moorings(self.cruise)
 
     @cached_property
     def calibrations(self) -> Calibrations:
-        """What stages are given of a calibration's configuration."""
+        """Inputs and settings of a calibration's stages."""
         return Calibrations(self.cruise)
 
     @cached_property
     def compasses(self) -> Compasses:
-        """What stages are given of a compass that several records share."""
+        """Inputs and settings of the stages of a compass that several records share."""
         return Compasses(self.cruise)
 
     @cached_property
     def stages(self) -> dict[str, Stage]:
-        """The stages by the names of their rules."""
+        """The stages by name of rule."""
         return (
             stages.of_moorings(self) | stages.of_calibrations(self) | stages.of_compasses(self) | stages.of_cruise(self)
         )
 
     def code(self, rule: str, also: str = "") -> Given:
-        """Give the function that hashes the modules behind the script of a rule."""
+        """Return a function that hashes the modules behind the script of a rule."""
         return lambda wildcards: hash_code(provenance.sources(self.scripts / f"{rule}.py"), also)
 
     @cached_property
     def jobs(self) -> dict[str, tuple[str, Wildcards]]:
-        """Rule and wildcards of all jobs that the cruise may have, by their records."""
+        """Rule and wildcards of all possible jobs of the cruise, by path of the record."""
         return {self.record(rule, wildcards): (rule, wildcards) for rule, wildcards in self._jobs()}
 
     def _jobs(self) -> Iterator[tuple[str, Wildcards]]:
@@ -101,9 +101,9 @@ class Plan:
             yield from ((rule, Wildcards()) for rule in ("report", "provenance", "complete"))
 
     def mooring_jobs(self) -> dict[str, list[str]]:
-        """Group the records of jobs by the mooring or calibration that one process makes, by the names of their rules.
+        """Group the job records by mooring or calibration, each run by one rule, by name of that rule.
 
-        What a shared compass waits for, before it is joined, is a group of its own.
+        The jobs that a shared compass waits for before it is joined form a separate group.
         """
         groups: dict[str, list[str]] = {}
         for record, (rule, job) in self.jobs.items():
@@ -114,7 +114,7 @@ class Plan:
         return groups
 
     def described_jobs(self, records_: list[str]) -> Given:
-        """Give the function that describes jobs to ``whole.run_jobs``."""
+        """Return a function that describes jobs for ``whole.run_jobs``."""
 
         def describe(wildcards: Any) -> list[dict[str, Any]]:
             return [
@@ -133,7 +133,7 @@ class Plan:
         return describe
 
     def inputs_of(self, records_: list[str]) -> Given:
-        """Give the function that lists what jobs wait for that others make."""
+        """Return a function that lists the inputs of a group of jobs, except records of the group itself."""
         jobs = [self.jobs[record] for record in records_]
         waited_for = cache(lambda: dict.fromkeys(file for rule, of in jobs for file in self.inputs(rule)(of)))
         return lambda wildcards: [file for file in waited_for() if file not in records_]
@@ -144,12 +144,12 @@ class Plan:
         return {file: record for record, job in self.jobs.items() for file in records.flat(self.files(*job)["writes"])}
 
     def record(self, rule: str, wildcards: Any) -> str:
-        """Name the record of a job."""
+        """Return the path of a job's record."""
         stage = self.stages[rule]
         return f"{stage.folder}/logs/{stage.label}.json".format(**_named(wildcards))
 
     def files(self, rule: str, wildcards: Any) -> dict[str, dict[str, Any]]:
-        """List the files that a job reads and writes, by the names of arguments."""
+        """Return the files that a job reads and writes, by name of argument."""
         stage, job = self.stages[rule], (rule, *_named(wildcards).values())
         if job not in self._files:
             self._files[job] = {
@@ -167,7 +167,7 @@ class Plan:
         return [f"{folder}/{path}".format(**named) for path in given]
 
     def inputs(self, rule: str) -> Given:
-        """Give the function that lists what Snakemake waits for before a job: raw files, and records of other jobs."""
+        """Return a function that lists Snakemake's inputs of a job: raw files, and records of the jobs before it."""
 
         def waited_for(wildcards: Any) -> list[str]:
             if rule == "complete":
@@ -178,12 +178,12 @@ class Plan:
         return waited_for
 
     def params(self, rule: str) -> dict[str, Given]:
-        """Give the functions of a rule's parameters; a change of one of them runs its jobs again."""
+        """Return the functions of a rule's parameters; a change of a parameter re-runs the job."""
         stage = self.stages[rule]
         return {"files": lambda wildcards: self.files(rule, wildcards), **stage.settings, "code": stage.code}
 
     def names(self, rule: str) -> str:
-        """Constrain a wildcard to the moorings, calibrations or compasses that a rule is for."""
+        """Return the wildcard constraint, a regular expression, for a rule's moorings, calibrations or compasses."""
         jobs = (wildcards for name, wildcards in self.jobs.values() if name == rule)
         names = {w.mooring or w.calibration or w.compass: None for w in jobs}
         return only(names)
@@ -198,24 +198,24 @@ class Plan:
         return [record for record, (rule, _) in self.jobs.items() if rule == "check_conventions"]
 
     def configured(self, wildcards: Any = None) -> list[str]:
-        """List all files that the rules make, those that are made by name too."""
+        """List all files that the rules can make, including those made only on request."""
         return [*self.writers, *(f"{folder}/stopped.json" for folder in self.folders())]
 
     @cached_property
     def together(self) -> list[str]:
-        """Moorings of several affected instruments, whose velocities go onto one grid."""
+        """Moorings of several affected instruments, whose velocities are gridded together."""
         wholes = [name for name in self.cruise.whole if name not in self.cruise.moorings]
         return [name for name in wholes if self.moorings.gridded(Wildcards(name))]
 
     @cached_property
     def concealed(self) -> list[str]:
-        """Moorings of a demonstration that one page sets beside the truth."""
+        """Demonstration moorings whose results are compared with the truth on one page."""
         return [
             name for name in self.cruise.moorings if self.cruise.options.demonstration and name in records.CONCEALED
         ]
 
     def folders(self) -> list[str]:
-        """List the folders of results of all moorings, calibrations and compasses."""
+        """List the result folders of all moorings, calibrations and compasses."""
         calibrations = (f"{CRUISE}/calibrations/{name}" for name in self.cruise.calibrations)
         joined = (f"{CRUISE}/compasses/{name}" for name in self.compasses.members)
         moorings = dict.fromkeys((*self.cruise.moorings, *self.cruise.whole))
@@ -225,7 +225,7 @@ class Plan:
         return [f"{CRUISE}/{name}/{file}" for file in files for name in self.cruise.moorings]
 
     def records_of_instruments(self) -> list[str]:
-        """List the records of the instruments that moorings use."""
+        """List the record files of the instruments that moorings use."""
         moorings = self.cruise.moorings.items()
         return [f"{CRUISE}/{name}/work/{role}.nc" for name, mooring in moorings for role in used_instruments(mooring)]
 
@@ -257,7 +257,7 @@ class Plan:
         return [file for group in paths for file in records.flat(group)]
 
     def products(self) -> list[str]:
-        """List the files from which the jobs' records lead back to all others."""
+        """List the final files, from which the job records lead back to all others."""
         last = ("corrected.nc", "assessment.json", "forms.json")
         made = [file for name in self.cruise.whole for file in self.moorings.gridded(Wildcards(name))]
         checked = self.per_mooring("conventions.json") if self.cruise.options.conventions.check else []
@@ -268,35 +268,35 @@ class Plan:
 
 
 def plan(cruise: Cruise, scripts: Path = SCRIPTS) -> Plan:
-    """Plan a cruise, after refusing what no stage can do.
+    """Plan a cruise, after refusing what no stage can process.
 
     Raises:
-        InputError: a mooring that no rule can simulate, or an effect or reader of another package that cannot be taken.
+        InputError: a mooring cannot be simulated, or an effect or reader of another package, or a deposit, is unusable.
     """
     if plugins.declared_plugins(plugins.EFFECTS):
-        import_module("compasslib.effects").all_effects()  # looks at them before any work
+        import_module("compasslib.effects").all_effects()  # checks them before any work
     for form in {each.format for mooring in cruise.moorings.values() for each in mooring.instruments.values()}:
-        readers.get_format(form)  # imports another package's
+        readers.get_format(form)  # imports that of another package
     for name, file in cruise.mooring_files.items() if cruise.options.demonstration else ():
         if name not in SIMULATED:
             advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
     planned = Plan(cruise, scripts)
     for name in cruise.moorings if cruise.options.supersedes else ():
-        planned.moorings.superseded(Wildcards(name))  # refuses what is no deposit
+        planned.moorings.superseded(Wildcards(name))  # refuses a file that is not a deposit
     return planned
 
 
 def only(names: Iterable[str]) -> str:
-    """Constrain a wildcard to these names and nothing that merely looks like them."""
+    """Return a regular expression that matches these names only, as wildcard constraint."""
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
 def moorings_of(arguments: Sequence[str]) -> list[str] | None:
-    """Name the moorings whose configuration alone a job on a cluster needs; None where that of others may count.
+    """List the moorings whose configuration suffices for a job on a cluster; None where others may be needed.
 
     Args:
-        arguments: of Snakemake on the node; it tells the Snakefile its targets by no other way.
+        arguments: command line of Snakemake on the node, from which alone the Snakefile can learn the job's targets.
     """
     targets = arguments[arguments.index("--target-jobs") + 1 :] if "--target-jobs" in arguments else []
     names = [target.strip("'").removesuffix(":") for target in takewhile(lambda target: target[:1] != "-", targets)]

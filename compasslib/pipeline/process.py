@@ -1,7 +1,7 @@
-"""One mooring from its YAML file to its product without Snakemake: the workflow's stages, one after the other.
+"""Process one mooring without Snakemake, from its YAML file to its product, by running the stages in sequence.
 
-The stages and the files between them are the workflow's, so that the product is too, to the last bit. Figures, the
-summary and the report are the workflow's own.
+Stages and intermediate files are those of the workflow, and the product is identical to the last bit. Figures, summary
+and report are made by the workflow only.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from compasslib.pipeline.settings import Wildcards
 from compasslib.pipeline.whole import load_stage
 from compasslib.statistics import single_threaded
 
-TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # of a folder of results until it is whole
+TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # in the name of an incomplete results folder; its lock
 
 
 def process_mooring(
     cruise: str | Path, mooring: str, folder: str | Path, say: Callable[[str], None] = lambda line: None
 ) -> Path:
-    """Correct one mooring of a cruise and return the folder of its results, which appears whole or not at all.
+    """Correct one mooring of a cruise and return the folder of its results, which appears complete or not at all.
 
-    The working folder is the cruise's meanwhile, as in the workflow; not for several threads at once.
+    Meanwhile the cruise folder is the working folder, as in the workflow; the function is not thread-safe.
 
     Args:
-        folder: of the results, which must not be there yet; as ``results/NAME`` of the workflow, without figures.
-        say: takes what each stage says of its result.
+        folder: folder of the results, which must not exist yet; as ``results/NAME`` of the workflow, without figures.
+        say: called with the report of each stage on its result.
 
     Raises:
-        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that is there already.
+        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.
     """
     loaded, there = config.load_cruise(Path(cruise)), Path(folder).absolute()
     if mooring not in (*loaded.moorings, *loaded.whole):
@@ -52,7 +52,7 @@ def process_mooring(
     return there
 
 
-LAST = ("corrected.nc", "forms.json", "gridded.nc")  # files of a mooring that lead back to all others but figures
+LAST = ("corrected.nc", "forms.json", "gridded.nc")  # final files of a mooring, which need all others except figures
 
 
 def run_stages(
@@ -62,19 +62,19 @@ def run_stages(
     say: Callable[[str], None] = lambda line: None,
     last: Sequence[str] = LAST,
 ) -> None:
-    """Run the stages of one mooring into a folder, over what stands there; the cruise is the working folder.
+    """Run the stages of one mooring into a folder, overwriting files there; the cruise is the working folder.
 
-    Calibrations and other moorings of its compass that it needs are made below ``work`` in that folder.
+    Calibrations and other moorings of its compass, where needed, are processed below ``work`` in that folder.
 
     Args:
-        folder: of the mooring's results, absolute.
-        last: files that are made, with all that they need.
+        folder: folder of the mooring's results, absolute.
+        last: files to be made, together with all that they need.
     """
     planned, done = plan.plan(cruise), set[str]()
     parts = cruise.whole.get(mooring, [])
 
     def make(record: str) -> None:
-        """Run the stages before a job, then its own; a compass is joined without records that cannot be used."""
+        """Run the stages that precede a job, then its own; a compass is joined without unusable records."""
         done.add(record)
         rule, job = planned.jobs[record]
         files, unusable = planned.files(rule, job), set[str]()
@@ -101,7 +101,7 @@ def run_stages(
 
 
 def run_stage(stage: plan.Stage, job: Wildcards, named: dict[str, Any]) -> None:
-    """Run the function of a stage with the files and settings that it takes by name; only then is it imported."""
+    """Import the function of a stage and run it with those files and settings that are among its arguments."""
     function = load_stage(stage.function)
     taken = signature(function).parameters
     settings = {name: given(job) for name, given in stage.settings.items()}
@@ -110,7 +110,7 @@ def run_stage(stage: plan.Stage, job: Wildcards, named: dict[str, Any]) -> None:
 
 
 def _moved(given: Any, mooring: str, folder: Path) -> Any:
-    """Place files of the workflow in the folder of a mooring that is processed alone."""
+    """Map result files of the workflow to the folder of a mooring that is processed alone."""
     if not isinstance(given, str):
         return [_moved(path, mooring, folder) for path in given]
     parts = Path(given).parts
@@ -136,21 +136,21 @@ def _refuse_taken(folder: Path, results: Path) -> None:
 
 @contextmanager
 def _whole(folder: Path) -> Iterator[Path]:
-    """Give a folder beside the wanted one that takes its place once the block has ended well."""
+    """Yield a temporary folder that is renamed to the requested one once the block has succeeded."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    for left in folder.parent.iterdir():  # of earlier runs for the same results that were killed
+    for left in folder.parent.iterdir():  # leftovers of killed runs for the same results
         ours = left.name.startswith(f".{folder.name}{TEMPORARY}") and not left.is_symlink()
         if ours and (left / MARK).is_file() and not (left / MARK).is_symlink():
             with (left / MARK).open("r+") as stream, suppress(OSError):
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by a run that is alive: BlockingIOError
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError while a run holds it
                 shutil.rmtree(left, ignore_errors=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}{TEMPORARY}", dir=folder.parent))
     try:
         with (temporary / MARK).open("w") as mark:
-            with suppress(OSError):  # a file system without locks: what a kill leaves there stays
+            with suppress(OSError):  # on a file system without locks, leftovers of killed runs remain
                 fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield temporary
-            temporary.chmod(0o755)  # a temporary folder is its maker's alone
+            temporary.chmod(0o755)  # mkdtemp grants access to the owner only
             (temporary / MARK).unlink()
             temporary.rename(folder)
     finally:

@@ -1,8 +1,8 @@
-"""Records of the jobs: what each read and wrote, by hash, and why a mooring or calibration was stopped.
+"""Records of the jobs: hashes of the files read and written, and the reason why a mooring or calibration was stopped.
 
-Snakemake goes by times, which ``cp -p`` and rsync carry along, and knows a job by its record alone. Held against the
-files as they are, the records tell which jobs are to run again. All paths are relative to the cruise folder, which is
-the working folder.
+Snakemake compares modification times, which ``cp -p`` and rsync preserve, and knows only the record of a job, not its
+results. Comparing the records with the present files shows which jobs must run again. All paths are relative to the
+cruise folder, which is the working folder.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from compasslib.archive.files import atomic_write, write_json
 from compasslib.errors import InputError, TransientError
 
 RESULTS = "results"
-CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # moorings of the demonstration whose truth one page alone reads
+CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # demonstration moorings whose truth is read for one page only
 HASHES = ".snakemake/compasslib.hashes"
-SIMULATED = ".snakemake/compasslib.simulated"  # what a simulation was about to put in place, a file a mooring
+SIMULATED = ".snakemake/compasslib.simulated"  # files that simulations are about to move into place, by mooring
 MANY = 1000
 FOLLOWS = "it needs calibration"
 FOLDERS = {"mooring": RESULTS, "calibration": f"{RESULTS}/calibrations", "compass": f"{RESULTS}/compasses"}
@@ -36,15 +36,15 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class KnownHashes:
-    """Hashes of files that need no second look: a cruise of some hundred gigabytes is planned in seconds."""
+    """Cache of file hashes, by which a cruise of some hundred gigabytes is planned in seconds."""
 
     known: Signatures = field(default_factory=dict)
-    fresh: list[str] = field(default_factory=list)  # files hashed since
-    digests: dict[str, str] = field(default_factory=dict)  # of files asked for, each looked at once
-    lines: int = 0  # that were written down, older ones of the same file included
+    fresh: list[str] = field(default_factory=list)  # files hashed since the cache was read
+    digests: dict[str, str] = field(default_factory=dict)  # of files requested, each checked once
+    lines: int = 0  # in the cache file, outdated ones included
 
     def sha256(self, path: str) -> str:
-        """Hash a file (SHA-256), nothing where it cannot be read."""
+        """Return the SHA-256 of a file, empty where it cannot be read."""
         if path not in self.digests:
             self.digests[path] = ""
             with suppress(OSError):
@@ -56,7 +56,7 @@ class KnownHashes:
         return self.digests[path]
 
     def keep(self) -> None:
-        """Write down what was hashed; all of it anew where most lines are of times gone by."""
+        """Append new hashes to the cache file, or rewrite the file where most of its lines are outdated."""
         if self.lines > 2 * len(self.known) + MANY:
             with suppress(OSError):
                 os.unlink(HASHES)
@@ -66,7 +66,7 @@ class KnownHashes:
 
 
 def read_hashes() -> KnownHashes:
-    """Read the hashes that earlier runs and jobs wrote down; a line that was torn is a file looked at again."""
+    """Read the hashes that earlier runs and jobs stored; a file whose line is incomplete will be hashed again."""
     known: Signatures = {}
     lines = 0
     with suppress(OSError), open(HASHES, encoding="utf-8", errors="surrogateescape") as stream:
@@ -79,23 +79,23 @@ def read_hashes() -> KnownHashes:
 
 
 def write_hashes(known: Mapping[str, tuple[Signature, str]]) -> None:
-    """Write hashes down for the next start; a place that cannot be written to costs that start its time."""
+    """Append hashes to the cache file for the next start; if it cannot be written, that start only takes longer."""
     lines = [f"{digest} {' '.join(map(str, signature))} {path}\n" for path, (signature, digest) in known.items()]
     with suppress(OSError), open(HASHES, "a", encoding="utf-8", errors="surrogateescape") as stream:
         stream.write("".join(lines))
 
 
 def sign_file(path: str | Path) -> Signature:
-    """Read the signature that a file's hash is remembered by."""
+    """Return the signature of a file, for which its stored hash is valid."""
     status = os.stat(path)
     return (status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 
 
 def sign(paths: Iterable[str]) -> Signatures:
-    """Read signature and SHA-256 of each input of a job.
+    """Return signature and SHA-256 of each input of a job.
 
     Raises:
-        InputError: one cannot be read; a ``TransientError`` one where another job wrote it.
+        InputError: a file cannot be read; a ``TransientError`` if a job wrote it or the machine is at fault.
     """
     signed: Signatures = {}
     for path in paths:
@@ -110,14 +110,14 @@ def sign(paths: Iterable[str]) -> Signatures:
 
 
 def check_inputs(read: Mapping[str, str], known: Mapping[str, str]) -> None:
-    """Refuse an input that is not what its job wrote.
+    """Refuse an input that differs from what its job wrote.
 
     Args:
-        read: SHA-256 of each input of a job.
-        known: SHA-256 by path of what the jobs before it wrote.
+        read: SHA-256 of each input of a job, by path.
+        known: SHA-256 of the files that preceding jobs wrote, by path.
 
     Raises:
-        TransientError: one is another.
+        TransientError: an input differs.
     """
     for path, digest in read.items():
         if path.startswith(f"{RESULTS}/") and digest != known.get(path):
@@ -126,13 +126,13 @@ def check_inputs(read: Mapping[str, str], known: Mapping[str, str]) -> None:
 
 
 def check_unchanged(before: Mapping[str, tuple[Signature, str]]) -> None:
-    """Refuse what was replaced while a job read it.
+    """Refuse a file that was replaced while a job read it.
 
     Args:
-        before: as the job began.
+        before: signature and SHA-256 of each file when the job began.
 
     Raises:
-        TransientError: one is another.
+        TransientError: a file has changed.
     """
     for path, (signature, digest) in before.items():
         if sign_file(path) != signature and provenance.sha256(path) != digest:
@@ -141,7 +141,7 @@ def check_unchanged(before: Mapping[str, tuple[Signature, str]]) -> None:
 
 
 def of_job(snakemake: Any, settings: Mapping[str, Any]) -> Record:
-    """Begin the record of a job: its rule, what it is of, by what code and with which settings."""
+    """Create the record of a job that begins: its rule, subject, software, code and settings."""
     return {
         "rule": snakemake.rule,
         "of": dict(snakemake.wildcards.items()),
@@ -164,9 +164,9 @@ def holds(earlier: Record, now: Record, writes: Sequence[str]) -> bool:
     """Return whether the results of a job are still valid: unchanged, as are its inputs, settings and code.
 
     Args:
-        earlier: the record of the job, empty where there is none.
-        now: the record that the job begins with, its inputs hashed.
-        writes: files of the job.
+        earlier: record of the job's previous run, empty where there is none.
+        now: record of the present run, with its inputs hashed.
+        writes: files that the job writes.
     """
     if earlier.get("stopped", now) is not None or not isinstance(earlier.get("said"), list):
         return False
@@ -178,7 +178,7 @@ def holds(earlier: Record, now: Record, writes: Sequence[str]) -> bool:
 
 
 def load(path: str | Path) -> Record:
-    """Read a record; one that is damaged, or of an earlier version, is empty and its job is to run again."""
+    """Read a record; a damaged one, or one of an earlier version, is returned empty, and its job must run again."""
     with suppress(OSError, ValueError, TypeError, KeyError):
         record = json.loads(Path(path).read_bytes())
         return {"rule": record["rule"], "of": record["of"], "stopped": record["stopped"]} | {
@@ -193,13 +193,13 @@ def is_record(path: str) -> bool:
 
 
 def flat(files: Mapping[str, str | Sequence[str]]) -> list[str]:
-    """List the files that a job has by name, each once."""
+    """List the files of a job, given by name of argument, without duplicates."""
     paths = [[given] if isinstance(given, str) else given for given in files.values()]
     return list(dict.fromkeys(str(path) for group in paths for path in group))
 
 
 def made(files: Mapping[str, str | Sequence[str]], known: Mapping[str, str]) -> dict[str, Any]:
-    """Leave out the results that are not there, as something before them was stopped."""
+    """Omit from lists of files the results that do not exist because a preceding job was stopped."""
 
     def there(path: str) -> bool:
         return path in known or not path.startswith(f"{RESULTS}/")
@@ -211,12 +211,12 @@ def made(files: Mapping[str, str | Sequence[str]], known: Mapping[str, str]) -> 
 
 
 def is_transient(error: BaseException) -> bool:
-    """Return whether an error is one of disk or memory, or of a file that the next run makes again."""
+    """Return whether an error concerns disk or memory, or a file that the next run will make again."""
     return isinstance(error, (TransientError, MemoryError)) or (isinstance(error, OSError) and error.errno in _MACHINE)
 
 
 def reason(stage: str, error: BaseException) -> dict[str, Any]:
-    """Describe why a mooring or calibration is stopped, as ``stopped.json`` has it."""
+    """Explain why a mooring or calibration is stopped, as the content of ``stopped.json``."""
     if isinstance(error, InputError):
         return {"stage": stage, "why": str(error), "file": error.where.split(": ")[0], "advice": error.advice}
     what = f"an error of this program in {stage}, {type(error).__name__}: {error}; report it"
@@ -224,11 +224,11 @@ def reason(stage: str, error: BaseException) -> dict[str, Any]:
 
 
 def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] | None:
-    """Find the reason that stops a job as well: that of a job before it, for a compass where all were stopped.
+    """Return the reason of a preceding job that stops this one too; a compass is stopped only if all of them were.
 
     Args:
-        kind: ``mooring``, ``calibration`` or ``compass``; nothing else inherits.
-        name: of that which the job is of.
+        kind: ``mooring``, ``calibration`` or ``compass``; other jobs inherit no reason.
+        name: name of the mooring, calibration or compass.
     """
     stops = [record for record in before if record["stopped"]]
     if kind not in FOLDERS or not stops:
@@ -245,7 +245,7 @@ def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] 
 
 
 def joins_parts(before: Sequence[Record], name: str) -> bool:
-    """Return whether a job joins the parts of a mooring, NAME/ROLE: it does without those that are stopped."""
+    """Return whether a job joins the parts NAME/ROLE of a mooring, for which it can omit stopped parts."""
     return any(_owner(record).startswith(f"{name}/") for record in before)
 
 
@@ -254,7 +254,7 @@ def _owner(record: Record) -> str:
 
 
 def stopped(record: Record, why: Mapping[str, Any]) -> Record:
-    """Leave ``stopped.json`` in place of results, and return the record that says so."""
+    """Write ``stopped.json`` in place of results, except for a compass, and return the record that states it."""
     kind, name = next(iter(record["of"].items()))
     path = f"{FOLDERS[kind]}/{name}/stopped.json"
     if kind != "compass":
@@ -263,7 +263,7 @@ def stopped(record: Record, why: Mapping[str, Any]) -> Record:
 
 
 def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
-    """Gather why moorings, calibrations and compasses were stopped, by name."""
+    """Collect the reasons why moorings, calibrations and compasses were stopped, by kind and name."""
     by_kind: dict[str, dict[str, str]] = {f"{kind}s" if kind != "compass" else "compasses": {} for kind in FOLDERS}
     for record in before:
         if record["stopped"]:
@@ -273,9 +273,9 @@ def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
 
 
 def stale(paths: Iterable[str], known: KnownHashes) -> dict[str, str]:
-    """Explain for each job that is to run again, although the times of its files say that nothing changed, why.
+    """Explain for each job with outdated results why it must run again, whatever the times of its files.
 
-    Something that it wrote is not as it wrote it, or was made from a file that has since become another.
+    A file that it wrote has been modified or removed, or a file that it read has changed since.
 
     Args:
         paths: records of all jobs of the cruise.
@@ -296,9 +296,9 @@ def stale(paths: Iterable[str], known: KnownHashes) -> dict[str, str]:
 
 
 def restore_times(paths: Iterable[str], known: KnownHashes, now: float) -> list[str]:
-    """Set results that are as recorded, but dated in the future, to the present; return their paths.
+    """Set the times of unmodified results that are dated in the future to the present; return their paths.
 
-    Snakemake fails each job that reads such a file, and takes no change for newer than it.
+    Snakemake fails each job that reads such a file, and finds no input newer than it.
 
     Args:
         paths: records of all jobs of the cruise.
@@ -323,12 +323,12 @@ def is_future(path: str, now: float) -> bool:
 
 
 def truth_file(name: str) -> str:
-    """Name the file in which the simulation of a mooring tells the truth; no stage but one page reads it."""
+    """Return the path of the truth of a simulated mooring, which no stage reads but ``concealed``."""
     return f"concealed/{name}.json" if name in CONCEALED else f"truth/{name}.csv"
 
 
 def simulated(name: str) -> dict[str, set[str]]:
-    """Collect the hashes of raw files that the simulation of one mooring provably wrote, by path."""
+    """Collect the hashes of the files that the simulation of one mooring has on record as its own, by path."""
     wrote: dict[str, set[str]] = {}
     for path in (Path(f"{RESULTS}/{name}/logs/simulate.json"), Path(SIMULATED) / f"{name}.json"):
         with suppress(OSError, ValueError, TypeError, KeyError):
@@ -353,7 +353,7 @@ def compare(old: Path, new: Path) -> list[str]:
 
 
 def read_any(path: Path) -> dict[str, Any]:
-    """Read a record whole, empty where it cannot be read."""
+    """Read all keys of a record, empty where it cannot be read."""
     with suppress(OSError, ValueError, TypeError):
         return dict(json.loads(path.read_bytes()))
     return {}

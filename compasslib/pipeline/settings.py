@@ -1,6 +1,6 @@
-"""What each stage is given of the cruise's configuration: files, modules and narrow settings.
+"""Files, modules and settings that each stage takes from the cruise's configuration.
 
-A stage is given only the keys that it uses, so that a change of one key re-runs the stages it affects and no other.
+A stage is given only the keys that it uses, so that a change of a key re-runs only the stages that it affects.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ EFFECTS = str(provenance.PACKAGE / "effects/__init__.py")
 
 
 class Wildcards(NamedTuple):
-    """What one job is of, as Snakemake's wildcards."""
+    """The subject of one job, as Snakemake's wildcards."""
 
     mooring: str = ""
     role: str = ""
@@ -39,7 +39,7 @@ class Wildcards(NamedTuple):
 
 @dataclass(frozen=True)
 class Moorings:
-    """What stages of a mooring are given; each method takes a job's wildcards."""
+    """Inputs and settings of a mooring's stages; each method takes a job's wildcards."""
 
     cruise: Cruise
 
@@ -47,7 +47,7 @@ class Moorings:
         return sorted(str(path) for path in (provenance.PACKAGE / "report/templates").iterdir())
 
     def reader_code(self, wildcards: Any, scripts: Path = SCRIPTS) -> str:
-        """Hash the modules behind the reading of one instrument, its own format's reader only."""
+        """Hash the modules that read one instrument, with the reader of its own format only."""
         reader = readers.get_format(self._instrument(wildcards).format)
         modules = provenance.sources(scripts / "read.py", f"compasslib.readers.{reader.module}")
         return hash_code(modules, reader.plugin)
@@ -56,18 +56,18 @@ class Moorings:
         return list(self._instrument(wildcards).files)
 
     def companion_files(self, wildcards: Any) -> list[str]:
-        """List the files that the reading of one instrument needs besides; it is given them by its settings."""
+        """List the files besides the raw ones that the reading of one instrument needs and that its settings name."""
         series = [file for each in self.series(wildcards).values() for file in each["files"]]
         return [*self._instrument(wildcards).pressure_files, *series]
 
     def series(self, wildcards: Any) -> dict[str, dict[str, Any]]:
-        """Describe the tables of other series that the search may use, with the instrument that is corrected."""
+        """Return the settings of covariates in tables, which are read with the affected instrument, by name."""
         mooring = self._mooring(wildcards)
         given = mooring.covariates.items() if wildcards.role == mooring.compromised else ()
         return {name: each.model_dump(exclude={"format"}) for name, each in given if each.format == "table"}
 
     def all_raw_files(self, wildcards: Any) -> list[str]:
-        """List the raw files of the instruments that one mooring uses."""
+        """List the raw files that one mooring uses: of instruments, covariates and ready-made pairs."""
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[role] for role in self.instrument_names(wildcards)]
         series = [file for each in mooring.covariates.values() if each.format == "table" for file in each.files]
@@ -79,7 +79,7 @@ class Moorings:
         return str(self._instrument(wildcards).format)
 
     def reader_settings(self, wildcards: Any) -> dict[str, Any]:
-        """Select the keys of one instrument that its reader takes."""
+        """Select the keys of one instrument that are arguments of its reader."""
         instrument = self._instrument(wildcards)
         unset = {key for key in readers.TABLE_KEYS if key not in instrument.model_fields_set}
         keys = [key for key in readers.get_format(instrument.format).keys if key not in unset]
@@ -89,7 +89,7 @@ class Moorings:
     def deployment(self, wildcards: Any) -> dict[str, Any]:
         """Compose the arguments of ``deployment.apply_deployment``."""
         mooring, instrument = self._mooring(wildcards), self._instrument(wildcards)
-        # Some readers take it out themselves: a PD0 file may hold it as heading bias.
+        # Some readers remove the declination themselves: a PD0 file may hold it as heading bias.
         taken = readers.get_format(instrument.format).takes_declination
         inside = 0.0 if taken else instrument.declination_applied or 0.0
         return _plain(instrument, DEPLOYMENT_KEYS) | {
@@ -105,7 +105,7 @@ class Moorings:
         }
 
     def place_and_declination(self, wildcards: Any) -> dict[str, Any]:
-        """Compose position, dates and declination of one mooring."""
+        """Compose the arguments of ``earthfield.field_along``: position, dates and declination of one mooring."""
         mooring = self._mooring(wildcards)
         inside = {
             f"{role} ({part})" if each.differs else role: degrees
@@ -123,28 +123,28 @@ class Moorings:
         }
 
     def pairing_rules(self, wildcards: Any) -> dict[str, Any]:
-        """Compose the rules of pairing; the published method keeps the published mean of the bins."""
+        """Compose the pairing rules; the published method averages the bins, as published, instead of predicting."""
         rules = self.cruise.options.overlap.model_dump()
         published = self._mooring(wildcards).fit.fitted == "von_appen"
         return rules | {"predict": rules["predict"] and not published}
 
     def members(self, wildcards: Any) -> list[Wildcards]:
-        """List a mooring's parts, one for each affected instrument; a part is its own."""
+        """List a mooring's parts, one per affected instrument; for a part, the part itself."""
         return [Wildcards(name) for name in self.cruise.whole.get(wildcards.mooring, [wildcards.mooring])]
 
     def of_members(self, file: str) -> Callable[[Any], list[str]]:
-        """Give the function that lists a file of results of each affected instrument."""
+        """Return a function that lists one file of the results of each affected instrument."""
         return lambda wildcards: [f"results/{member.mooring}/{file}" for member in self.members(wildcards)]
 
     def affected(self, wildcards: Any) -> list[str]:
-        """List the records of all affected instruments."""
+        """List the record files of all affected instruments."""
         return [self.compromised(member) for member in self.members(wildcards)]
 
     def compromised(self, wildcards: Any) -> str:
         return _record(wildcards.mooring, self._mooring(wildcards).compromised)
 
     def reference(self, wildcards: Any) -> list[str]:
-        """List the records of the references; none where the mooring has none."""
+        """List the record files of the references, none where the mooring has no reference."""
         member = self.members(wildcards)[0].mooring
         return [_record(member, role) for role in self._mooring(wildcards).reference]
 
@@ -154,7 +154,7 @@ class Moorings:
         return [_record(wildcards.mooring, role) for role in used_instruments(self._mooring(wildcards))]
 
     def archived(self, wildcards: Any) -> list[str]:
-        """List corrected.nc and overlap.nc; none where several affected instruments have them."""
+        """List corrected.nc and overlap.nc; none for a mooring whose several affected instruments have their own."""
         folder = f"results/{wildcards.mooring}"
         return [f"{folder}/corrected.nc", f"{folder}/overlap.nc"] if wildcards.mooring in self.cruise.moorings else []
 
@@ -162,7 +162,7 @@ class Moorings:
         return str(self._mooring(wildcards).fit.fitted)
 
     def ready_pairs(self, wildcards: Any) -> list[str]:
-        """Return the file of pairs that others made; none where pairs are found."""
+        """List the file of ready-made pairs, none where pairs are found by this software."""
         return list(self._mooring(wildcards).fit.file or ())
 
     def pair_columns(self, wildcards: Any) -> dict[str, Any] | None:
@@ -170,7 +170,7 @@ class Moorings:
         return None if columns is None else columns.model_dump()
 
     def given_compass(self, wildcards: Any) -> dict[str, Any] | None:
-        """Return model, coefficients and covariance of a compass known beforehand; None where it is fitted."""
+        """Return model, coefficients and covariance of a compass given in the YAML file; None where it is fitted."""
         fit = self._mooring(wildcards).fit
         return fit.model_dump(include={"model", "coefficients", "covariance"}) if fit.coefficients else None
 
@@ -191,13 +191,13 @@ class Moorings:
         return dict(self._mooring(wildcards).product.model_dump(mode="json"))
 
     def gridded(self, wildcards: Any) -> list[str]:
-        """Return the files of the gridded product: none where it is left out, daily means where they are asked for."""
+        """List the files of the gridded product, with daily means if configured; none where it is switched off."""
         wanted = self._mooring(wildcards).product
         files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid and self.is_whole(wildcards) else []
         return [f"results/{wildcards.mooring}/{file}" for file in files]
 
     def is_whole(self, wildcards: Any) -> bool:
-        """Return whether it is a mooring, not one affected instrument of several."""
+        """Return whether the job is of a whole mooring, not of one of several affected instruments."""
         return wildcards.mooring in self.cruise.whole
 
     def figures(self, wildcards: Any) -> list[str]:
@@ -215,7 +215,7 @@ class Moorings:
         ]
 
     def reference_compasses(self, wildcards: Any) -> list[dict[str, Any]]:
-        """List the uncertainty of each reference's directions, and whether they are from magnetic north."""
+        """List each reference's uncertainty of direction, and whether its directions are from magnetic north."""
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[name] for name in mooring.reference]
         return [{"sigma_deg": i.compass_sigma_deg, "magnetic": i.direction_reference == "magnetic"} for i in used]
@@ -225,7 +225,7 @@ class Moorings:
         return mooring.instruments[mooring.compromised].sphere_distance_m
 
     def observatory(self, wildcards: Any) -> list[str]:
-        """List the files of the observatory that one mooring names, none where it names none."""
+        """List the files of the magnetic observatory that one mooring names, if any."""
         covariates = self._mooring(wildcards).covariates.values()
         return [file for each in covariates if each.format == "iaga2002" for file in each.files]
 
@@ -234,12 +234,12 @@ class Moorings:
         return [_calibration(name) for name in self._mooring(wildcards).fit.name]
 
     def parts(self, wildcards: Any) -> list[str]:
-        """List what stands near the affected compass."""
+        """List the parts mounted near the affected compass."""
         mooring = self._mooring(wildcards)
         return list(mooring.instruments[mooring.compromised].parts)
 
     def superseded(self, wildcards: Any) -> dict[str, Any] | None:
-        """Describe the deposit that the results of one mooring supersede, None where there is none."""
+        """Describe the deposit that the results of one mooring supersede; None where there is none."""
         if not self.cruise.options.supersedes:
             return None
         configuration, files = self.configuration()[f"mooring {wildcards.mooring}"], self.all_raw_files(wildcards)
@@ -257,12 +257,12 @@ class Moorings:
         }
 
     def attributes(self, wildcards: Any) -> dict[str, Any]:
-        """Combine the archive's attributes: the cruise's, the mooring's over them, the instrument's over both."""
+        """Merge the archive's attributes: the instrument's override the mooring's, which override the cruise's."""
         mooring = self._mooring(wildcards)
         return self.cruise.options.attributes | mooring.attributes | mooring.instruments[mooring.compromised].attributes
 
     def configuration(self) -> dict[str, list[str]]:
-        """List the YAML files behind each mooring and calibration, and under "" those behind the whole cruise."""
+        """List the YAML files behind each mooring, calibration and compass, and under "" those of the whole cruise."""
         of_whole = {name: self.cruise.mooring_files[parts[0]] for name, parts in self.cruise.whole.items()}
         moorings = {f"mooring {name}": [CONFIG, file] for name, file in (self.cruise.mooring_files | of_whole).items()}
         calibrations = {f"calibration {n}": [CONFIG, f"{CALIBRATIONS}/{n}.yaml"] for n in self.cruise.calibrations}
@@ -278,7 +278,7 @@ class Moorings:
         return {"": [CONFIG]} | moorings | calibrations | joined
 
     def given(self, scripts: Path = SCRIPTS) -> list[str]:
-        """List what jobs are given: settings, raw files and scripts of this software."""
+        """List the files that jobs depend on: YAML files, raw files and scripts of this software."""
         settings = [file for files in self.configuration().values() for file in files]
         moorings, calibrations = self.cruise.moorings.values(), self.cruise.calibrations.values()
         instruments = [instrument for mooring in moorings for instrument in mooring.instruments.values()]
@@ -292,7 +292,7 @@ class Moorings:
         return {name: _described(mooring) for name, mooring in self.cruise.moorings.items()}
 
     def array(self) -> list[dict[str, Any]]:
-        """Describe where each mooring and its instruments stand; all of its affected instruments are drawn at once."""
+        """Describe position and instruments of each mooring, with all of its affected instruments together."""
         moorings = {name.split("/")[0]: mooring for name, mooring in self.cruise.moorings.items()}
         roles = {(name, role): "reference" for name, mooring in moorings.items() for role in mooring.reference}
         roles |= {(name.split("/")[0], m.compromised): "affected" for name, m in self.cruise.moorings.items()}
@@ -315,7 +315,7 @@ class Moorings:
         ]
 
     def serial_number(self, wildcards: Any) -> str | None:
-        """Look up the serial number in the metadata, the mooring's attributes being the affected instrument's."""
+        """Look up an instrument's serial number in its attributes, for the affected one in the mooring's too."""
         stated = self._instrument(wildcards).attributes
         known = self.attributes(wildcards) if wildcards.role == self._mooring(wildcards).compromised else stated
         return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)
@@ -339,7 +339,7 @@ class Moorings:
 
 @dataclass(frozen=True)
 class Calibrations:
-    """What stages of a calibration are given; each method takes a job's wildcards."""
+    """Inputs and settings of a calibration's stages; each method takes a job's wildcards."""
 
     cruise: Cruise
 
@@ -348,7 +348,7 @@ class Calibrations:
         return [*file.files, *getattr(file, "spun", ()), *getattr(file, "observatory", ())]
 
     def earlier(self, wildcards: Any) -> list[str]:
-        """List the calibrations to compare with; none where it stands alone."""
+        """List the calibrations to compare with, possibly none."""
         return [_calibration(other) for other in self.cruise.calibrations[wildcards.calibration].compare_with]
 
     def kind(self, wildcards: Any) -> str:
@@ -373,7 +373,7 @@ class Calibrations:
         return list_figures(self.cruise, f"results/calibrations/{wildcards.calibration}", ("diagnosis",))
 
     def module(self, wildcards: Any) -> list[str]:
-        """Name the module that calibrates one kind, which its stage imports by name."""
+        """Return the module that calibrates this kind, which the stage imports by name."""
         return [f"compasslib.calibrations.{KINDS[self.kind(wildcards)].module}"]
 
     def diagnosis_module(self, wildcards: Any) -> list[str]:
@@ -382,7 +382,7 @@ class Calibrations:
 
 @dataclass(frozen=True)
 class Compasses:
-    """What stages of a compass that several records share are given; each method takes a job's wildcards."""
+    """Inputs and settings of the stages of a shared compass; each method takes a job's wildcards."""
 
     cruise: Cruise
 
@@ -397,7 +397,7 @@ class Compasses:
         return {mooring: name for name, (moorings, _) in self.members.items() for mooring in moorings}
 
     def summaries(self, wildcards: Any) -> list[str]:
-        """List what each mooring of a compass shows alone."""
+        """List the summaries of each mooring of a compass, analysed separately."""
         return [f"results/{name}/work/alone/summary.json" for name in self.members[wildcards.compass][0]]
 
     def calibrations(self, wildcards: Any) -> list[str]:
@@ -407,7 +407,7 @@ class Compasses:
         return self.cruise.options.diagnose.min_effect_deg
 
     def spheres(self, wildcards: Any) -> dict[str, str | None]:
-        """Map each record of a compass to its sphere."""
+        """Return the sphere or frame that carried the instrument of each record of a compass, None if not stated."""
         moorings, given = self.members[wildcards.compass]
         moored = {name: self.cruise.moorings[name] for name in moorings}
         stated = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
@@ -417,17 +417,17 @@ class Compasses:
         return list_figures(self.cruise, f"results/compasses/{wildcards.compass}", ("coefficients", "curve"))
 
     def joined(self, wildcards: Any) -> str:
-        """Name the file of a mooring's compass, joined from all its records."""
+        """Return the path of the joint result of a mooring's compass."""
         return f"results/compasses/{self.moorings[wildcards.mooring]}/compass.json"
 
 
 def list_figures(cruise: Cruise, folder: str, names: Iterable[str]) -> list[str]:
-    """List the files of figures of a folder of results, in all formats that are asked for."""
+    """List the figure files in a folder of results, in all configured formats."""
     return [f"{folder}/figures/{name}.{ending}" for ending in cruise.options.figures.formats for name in names]
 
 
 def hash_code(modules: tuple[str, ...], also: str = "") -> str:
-    """Hash library files, and what else a job goes by: other packages' effects where it knows any."""
+    """Hash library files, ``also``, and the effects of plug-in packages where the modules include effects."""
     known = plugins.declared_plugins(plugins.EFFECTS) if EFFECTS in modules else ()
     return " ".join(filter(None, (provenance.code(modules), also, *map(plugins.code_identity, known))))
 
@@ -455,7 +455,7 @@ def _described(mooring: Mooring) -> dict[str, Any]:
 
 
 def used_instruments(mooring: Mooring) -> list[str]:
-    """List the instruments that a mooring uses; others of its results are of an earlier time."""
+    """List the instruments that a mooring uses: the affected one and the references."""
     return [mooring.compromised, *mooring.reference]
 
 

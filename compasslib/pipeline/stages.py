@@ -1,6 +1,6 @@
-"""The table of stages: the function of each, the files that it reads and writes, and its settings.
+"""Table of the stages: the function of each, the files that it reads and writes, and its settings.
 
-``plan`` is the ``plan.Plan`` of a cruise, which imports this table.
+The argument ``plan`` is a ``plan.Plan``; it is typed ``Any`` because that module imports this one.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from compasslib.pipeline.settings import hash_code, list_figures, used_instrumen
 
 OF_CRUISE = ("array", "curves", "differences", "currents")
 JUDGED = ("diagnosis", "deviation", "assessment")
-ALONE = (*JUDGED, "summary")  # of each mooring whose compass has others
+ALONE = (*JUDGED, "summary")  # for moorings that share their compass with other records
 CRUISE, MOORING = "results", "results/{mooring}"
 CALIBRATION, COMPASS = "results/calibrations/{calibration}", "results/compasses/{compass}"
 
@@ -25,16 +25,16 @@ Files = Mapping[str, "str | tuple[str, ...] | Given"]
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage and what its function takes, by the names of its arguments; what it does not take is only waited for.
+    """A stage: files and settings by argument of its function; files that are no arguments are only waited for.
 
     Args:
-        function: module and name below ``compasslib.stages``.
-        folder: of its results, with wildcards.
-        label: of its log, record and benchmark in that folder.
-        code: gives one hash of the modules behind it.
-        reads: files below ``folder``, or what gives their paths in the cruise.
-        writes: the same.
-        settings: what gives each other argument.
+        function: ``module.name`` below ``compasslib.stages``.
+        folder: folder of its results, with wildcards.
+        label: name of its log, record and benchmark in that folder.
+        code: function that returns one hash of the modules behind the stage.
+        reads: files below ``folder``, or functions that return their paths in the cruise.
+        writes: likewise.
+        settings: functions that return the remaining arguments.
     """
 
     function: str
@@ -47,7 +47,7 @@ class Stage:
 
 
 def of_moorings(plan: Any) -> dict[str, Stage]:
-    """List the stages of a mooring by the names of their rules."""
+    """Return the stages of a mooring by name of rule."""
     of, pairs, field_, fit = plan.moorings, "overlap.nc", "work/field.json", "work/fit.json"
     judging = {
         "record": of.compromised,
@@ -170,7 +170,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
 
 
 def of_calibrations(plan: Any) -> dict[str, Stage]:
-    """List the stages of a calibration by the names of their rules."""
+    """Return the stages of a calibration by name of rule."""
     of = plan.calibrations
     made = {"calibration": "calibration.json", "table": "table.csv", "points": "points.csv"}
 
@@ -188,7 +188,7 @@ def of_calibrations(plan: Any) -> dict[str, Stage]:
         "diagnose_calibration": Stage(
             *("diagnose.diagnose_calibration", CALIBRATION, "diagnose"),
             code("diagnose_calibration", of.diagnosis_module),
-            # Waits for the calibration, so that what cannot be read is said once.
+            # Waits for the calibration, so that an unreadable file is reported once.
             reads={"calibration": "calibration.json", "raw": of.raw_files},
             writes={"diagnosis": "diagnosis.json"},
             settings={"kind": of.kind, "settings": of.settings, "options": of.diagnose},
@@ -209,7 +209,7 @@ def of_calibrations(plan: Any) -> dict[str, Stage]:
 
 
 def of_compasses(plan: Any) -> dict[str, Stage]:
-    """List the stages of a compass that several records share."""
+    """Return the stages of a compass that several records share by name of rule."""
     of = plan.compasses
     return {
         "join": Stage(
@@ -229,7 +229,7 @@ def of_compasses(plan: Any) -> dict[str, Stage]:
 
 
 def of_cruise(plan: Any) -> dict[str, Stage]:
-    """List the stages of the whole cruise."""
+    """Return the stages of the whole cruise by name of rule."""
     cruise, of = plan.cruise, plan.moorings
     summarized = ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/field.json")
     configuration = of.configuration()

@@ -1,4 +1,4 @@
-"""All jobs of a mooring or calibration in one process, or in a few: same records, logs and results."""
+"""Run all jobs of a mooring or calibration in one or a few processes, with the same records, logs and results."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from compasslib.pipeline.job import run_job
 
 
 def run_jobs(snakemake: Any) -> None:
-    """Run the stages of a mooring or calibration, each with its log and record, as many at once as there are threads.
+    """Run the stages of a mooring or calibration, each with its log and record, in as many processes as threads.
 
     Args:
-        snakemake: ``params.jobs`` describes the jobs, see ``Plan.described_jobs``.
+        snakemake: object of the script; ``params.jobs`` describes the jobs, see ``Plan.described_jobs``.
 
     Raises:
         SystemExit: a job failed.
@@ -26,7 +26,7 @@ def run_jobs(snakemake: Any) -> None:
     jobs = {str(Path(each["log"]).with_suffix(".json")): each for each in snakemake.params.jobs}
     order = TopologicalSorter({record: jobs.keys() & {*each["input"]} for record, each in jobs.items()})
     order.prepare()
-    stages = {each["function"]: load_stage(each["function"]) for each in jobs.values()}  # before the processes part
+    stages = {each["function"]: load_stage(each["function"]) for each in jobs.values()}  # before the fork
     with ProcessPoolExecutor(snakemake.threads, get_context("fork")) as pool:
         running: dict[Any, str] = {}
         while order.is_active():
@@ -39,7 +39,7 @@ def run_jobs(snakemake: Any) -> None:
 
 
 def load_stage(function: str) -> Callable[..., None]:
-    """Import the function of a stage, a module and a name below ``compasslib.stages``."""
+    """Import the function of a stage, given as ``module.name`` below ``compasslib.stages``."""
     module, _, name = function.partition(".")
     stage: Callable[..., None] = getattr(import_module(f"compasslib.stages.{module}"), name)
     return stage

@@ -1,7 +1,7 @@
-"""Figures for the report and for a paper, each one PNG; this room alone knows matplotlib.
+"""Figures for the report and for publications, as PNG or PDF; the only package that uses matplotlib.
 
-Currents before and after, Figures 6, 7 and 9 of von Appen 2015 anew, the diagnosis, and those of calibrations.
-A figure appears whole or not at all, and the same data give the same bytes.
+Currents before and after correction, Figures 6, 7 and 9 of von Appen (2015), the diagnosis, and calibrations.
+Files are written atomically, and the same data give the same bytes.
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

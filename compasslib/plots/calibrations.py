@@ -1,6 +1,6 @@
-"""Figures of a calibration: the deviation with the curves that were compared, its residuals, a swing, a certificate.
+"""Figures of a calibration: the deviation with the fitted curves, residuals, comparison, a swing, a certificate.
 
-They draw what a kind has: the points recorded_deg with deviation_deg and residual_deg, a table, the detail ``models``.
+They draw what is available: recorded_deg, deviation_deg and residual_deg of the points, the table, and ``models``.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURP
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5, "color": BLACK, "markeredgewidth": 0}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.22, "linewidth": 0}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
-NAME_CHARACTERS = 20  # of a calibration in a legend
-MOST_BARS = 100  # points that still have a bar of their own
+NAME_CHARACTERS = 20  # of a calibration's name in a legend
+MOST_BARS = 100  # points above which no error bars are drawn
 RECORDED, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
 
 
@@ -58,7 +58,7 @@ def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None
     """Draw one figure of a calibration.
 
     Args:
-        figure: a name of ``calibrations.FIGURES``, or of the kind's own in ``calibrations.KINDS``.
+        figure: name of a figure in ``calibrations.FIGURES``, or of one of the kind in ``calibrations.KINDS``.
     """
     common = {"deviation": draw_deviation, "residuals": draw_residuals, "certificate": draw_certificate}
     if figure in common:
@@ -72,13 +72,13 @@ def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None
 
 
 def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the readings, the curve with its 95 % band, and the other curves that were compared."""
+    """Draw the readings, the chosen curve with its 95 % band, and the other curves for comparison."""
     with page(path, 3.9) as figure:
         legend(figure, deviation_panel(figure.subplots(), shown), columns=1)
 
 
 def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
-    """Draw points, band and curves into a panel and return what its legend explains."""
+    """Draw points, band and curves into a panel and return the handles of its legend."""
     models = {name: model for name, model in shown.content.get("models", {}).items() if "coefficients" in model}
     order = sorted(models, key=lambda name: name == shown.content["model"])  # the chosen one lies on top
     curves = {name: _curve(name, models[name]["coefficients"], shown) for name in order}
@@ -97,7 +97,7 @@ def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
 
 
 def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the series of several calibrations, this one's readings, and the shift of each against the first."""
+    """Draw the series of several calibrations with their shift from the first, and the readings of this one."""
     turn, curves = np.arange(0.0, 360.1, 1.0), [each for each in shown.content["compared"] if each["coefficients"]]
     with page(path, 3.6) as figure:
         axes, handles = figure.subplots(), list[Artist]()
@@ -119,7 +119,7 @@ def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
 
 
 def _shift_label(compared: Mapping[str, Any], *, first: bool) -> str:
-    """Name a calibration and say how far its one-cycle part is turned and grown against the first, k = 2."""
+    """Compose a label: name, and shift in phase and amplitude of the one-cycle part from the first (k = 2)."""
     name = textwrap.shorten(compared["name"], NAME_CHARACTERS, placeholder="…")
     if first:
         return f"{name} (first)"
@@ -130,7 +130,7 @@ def _shift_label(compared: Mapping[str, Any], *, first: bool) -> str:
 
 
 def draw_residuals(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the residual of each reading, with the expanded uncertainty."""
+    """Draw the residual of each reading and the expanded uncertainty (k = 2)."""
     with page(path, 2.6) as figure:
         axes = figure.subplots()
         off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
@@ -149,7 +149,7 @@ def draw_residuals(path: str | Path, shown: StoredCalibration) -> None:
 
 
 def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw one page to keep with the instrument: curve, table, coefficients, uncertainty, date and place."""
+    """Draw the one-page certificate of a calibration: curve, table, coefficients, uncertainty, date and place."""
     title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
     text, high = writing(shown), CURVE_IN
     with page(path, high + LEGEND_IN + text.height_in, width_in=WIDE_IN, title=title) as figure:
@@ -165,7 +165,7 @@ def _model_name(content: Mapping[str, Any]) -> str:
 
 
 def _curve(name: str, coefficients: Mapping[str, float], shown: StoredCalibration) -> tuple[Floats, Floats]:
-    """Evaluate recorded heading and deviation along a curve, broken where it passes north."""
+    """Evaluate recorded heading and deviation along a curve, with NaN at jumps by a full turn."""
     turn = np.arange(0.0, 360.01, 0.5)
     numbers = np.array(list(coefficients.values()))
     if name == "polynomial":
@@ -174,7 +174,7 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: StoredCalibratio
         return turn, harmonic_design(turn) @ numbers
     if name != "exact":
         return turn, series_design(turn)[:, : len(numbers)] @ numbers
-    # Along the correct heading, so that a compass that cannot turn full circle is drawn whole.
+    # By the correct heading, as the recorded heading of a two-valued compass does not cover the full circle.
     recorded = compass.recorded_heading(numbers, turn)
     middle = float(angles.mean(shown.points["deviation_deg"])) if "deviation_deg" in shown.points else 0.0
     off = nearest_turn(angles.difference(turn, recorded), angles.wrap180(middle))
@@ -198,7 +198,7 @@ def _draw_points(axes: Axes, shown: StoredCalibration) -> list[Artist]:
 
 
 def _point(count: int) -> dict[str, Any]:
-    """Choose the look of so many points: many are small."""
+    """Choose the style of a number of points: smaller markers for many points."""
     return POINT if count <= MOST_BARS else POINT | {"markersize": 1.6}
 
 
@@ -208,7 +208,7 @@ def _draw_band(axes: Axes, shown: StoredCalibration) -> list[Artist]:
         return []
     heading = np.append(table.heading_deg, 360.0)
     middle, half = (np.append(x, x[0]) for x in (table.deviation_deg, 1.96 * table.sigma_deg))
-    if shown.content["model"] == "polynomial":  # it jumps at north
+    if shown.content["model"] == "polynomial":  # discontinuous at north
         heading, middle, half = heading[:-1], middle[:-1], half[:-1]
     axes.fill_between(heading, middle - half, middle + half, **BAND)
     return [Patch(**BAND, label="95 % interval, budget included")]
@@ -239,9 +239,9 @@ def _limits(points: Floats, line: Floats) -> tuple[float, float]:
     return low - room, high + room
 
 
-# The writing of a certificate: what was calibrated where, coefficients, budget, and the table for the bridge.
+# Text of a certificate: date, place and model, coefficients, uncertainty budget, and table of deviations.
 
-LINE_IN = 0.131  # of a line of this writing
+LINE_IN = 0.131  # line height of this text
 CURVE_IN, LEGEND_IN = 3.1, 0.7
 LINE_CHARACTERS = 118
 MODEL_CHARACTERS = 40
@@ -251,7 +251,7 @@ UNKNOWN, SPACE = "–", " " * 8
 
 @dataclass(frozen=True)
 class Writing:
-    """What a certificate says below its curve, in lines."""
+    """Lines of text below the curve of a certificate."""
 
     about: list[str]
     budget: list[str]
@@ -265,7 +265,7 @@ class Writing:
 
     @property
     def column_lines(self) -> int:
-        """Lines of the part that stands in two columns."""
+        """Number of lines of the two-column part."""
         return max(len(self.about), len(self.budget))
 
 
@@ -291,7 +291,7 @@ def writing(shown: StoredCalibration) -> Writing:
 
 
 def write(axes: Axes, text: Writing) -> None:
-    """Write a certificate's text into an empty panel of its height."""
+    """Write the text of a certificate into an empty panel of the same height."""
     axes.set_axis_off()
     _put(axes, (0.0, 0), text.about)
     _put(axes, (0.52, 0), text.budget)
@@ -300,7 +300,7 @@ def write(axes: Axes, text: Writing) -> None:
 
 
 def _put(axes: Axes, place: tuple[float, int], lines: list[str], *, mono: bool = True) -> None:
-    """Write lines from a share of the width on, so many lines below the top."""
+    """Write lines at a place: fraction of the panel's width, and number of lines below its top."""
     across, down = place
     axes.annotate(
         "\n".join(lines),
@@ -388,7 +388,7 @@ MINUS = "\N{MINUS SIGN}"
 
 
 def draw_swing(path: str | Path, result: Calibration, name: str) -> None:
-    """Draw the readings of a swing, the curve with its interval, and the limit of ISO 25862."""
+    """Draw the readings of a swing, the curve with its 95 % interval, and the limit of ISO 25862."""
     with page(path, 3.2) as figure:
         _swing_curve(figure.subplots(), result)
         if result.table is not None:

@@ -1,4 +1,4 @@
-"""How much a compass deviates, and how well currents agree before and after (von Appen 2015, Figs 6 to 9)."""
+"""Figures of the deviation, and of the agreement of currents before and after (von Appen 2015, Figs 6 to 9)."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation �
 
 
 def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
-    """Draw deviation against correct heading, and recorded against correct heading both ways (von Appen's Figs 6, 7).
+    """Draw deviation by correct heading, recorded by correct heading, and the inverse (von Appen 2015, Figs 6, 7).
 
-    Axes hold the curve and 98 % of the pairs.
+    The axes contain the curve and 98 % of the pairs.
 
     Args:
-        pairs: overlapping measurements, perhaps none.
-        fit: the deviation, perhaps without coefficients.
+        pairs: overlapping measurements, may be empty.
+        fit: the deviation, may lack coefficients.
     """
     heading = observed_heading(pairs)
     begin = emptiest(heading)
@@ -95,7 +95,7 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
 def _deviation_axes(
     panels: Sequence[Axes], points: tuple[Floats, Floats], curve: DeviationByHeading | None, begin: float
 ) -> None:
-    """Cut all axes: the correct heading at its gap, the others where they hold the curve and most points."""
+    """Set the axes: the correct heading is cut at its largest gap, the others contain the curve and most points."""
     beta, delta = points
     line = (curve.deviation_deg, curve.recorded_deg) if curve else (np.zeros(0), np.zeros(0))
     heading, recorded = (begin, begin + 360.0), span_of(beta - delta, line[1])
@@ -109,7 +109,7 @@ def _deviation_axes(
 
 
 def _draw_points(panels: Sequence[Axes], beta: Floats, delta: Floats, pairs: Pairs) -> None:
-    """Draw the pairs: paler where there are many, and where the current is slow."""
+    """Draw the pairs, paler if there are many, and where the current is slow."""
     colours, slower = np.zeros((0, 4)), np.minimum(*pair_speeds(pairs))
     if len(slower):
         clear = np.clip(np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)), 1e-6), 0.1, 1.0)
@@ -120,7 +120,7 @@ def _draw_points(panels: Sequence[Axes], beta: Floats, delta: Floats, pairs: Pai
 
 
 def _draw_curve(panels: Sequence[Axes], fit: DeviationFit, curve: DeviationByHeading) -> None:
-    """Draw the curve with its 95 % band in the three panels, and marks of the inverse that it must meet."""
+    """Draw the curve with its 95 % band in the three panels, and the inverse used in the correction as rings."""
     half = np.minimum(1.96 * curve.sigma_deg, 180.0)
     beta, delta, gamma = curve.heading_deg, curve.deviation_deg, curve.recorded_deg
     panels[0].fill_between(beta, delta - half, delta + half, **BAND)
@@ -160,18 +160,18 @@ def _deviation_handles(pairs: Pairs, fit: DeviationFit, curve: DeviationByHeadin
 # Agreement of current directions before and after.
 
 HEXAGONS = 40  # across a panel: 9 degrees each
-COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # its palest end is lost on white
+COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # the palest colours vanish on white
 BAR: dict[str, Any] = {"aspect": 40, "location": "top", "pad": 0.02, "label": "Pairs per hexagon"}
 
 
 def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> None:
-    """Draw the affected against the reference current direction, before and after.
+    """Draw the affected against the reference current direction, before and after correction.
 
-    These are all pairs, the fit's own; the assessment judges on pairs that the fit has not seen.
+    All pairs are shown, including those used in the fit; the assessment is made on held-out pairs.
 
     Args:
-        pairs: overlapping measurements, perhaps none.
-        product: the corrected record, perhaps without corrected headings.
+        pairs: overlapping measurements, may be empty.
+        product: the corrected record; its corrected headings may all be NaN.
     """
     record = product.record
     lower, upper, corrected = directions_at_pairs(pairs, record.time_s, product.heading_corrected_deg)
@@ -186,14 +186,14 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
         figure.supxlabel(f"Reference, towards {TRUE}", fontsize=8.0)
         if counted := [hexagons for hexagons in panels_of_hexagons if hexagons is not None]:
             most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
-            for hexagons in counted:  # the same colours for the same counts
+            for hexagons in counted:  # on a common colour scale
                 hexagons.set_norm(LogNorm(1.0, most))
             ticks, text = LogLocator(subs=(1.0, 2.0, 5.0)), FuncFormatter(lambda count, _: f"{count:g}")
             figure.colorbar(counted[0], ax=panels, ticks=ticks, format=text, **BAR).minorticks_off()
 
 
 def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -> PolyCollection | None:
-    """Draw one direction against another, counted in hexagons; None where there is nothing to draw."""
+    """Draw one direction against another as counts in hexagons; return None without data."""
     known = np.isfinite(xy[0]) & np.isfinite(xy[1])
     limits = (begin, begin + 360.0)
     axes.set_title(title)
@@ -221,17 +221,17 @@ SHARED_FIGURES = ("coefficients", "curve")
 WITHIN = 1.96
 LETTERS = "ABCDE"
 SHARED_COLUMNS = 2
-NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the records' names, and the least height of a panel
-IRON = (("P_nT", "c"), ("Q_nT", "f"))  # of B and C
+NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the names of records, and minimum height of a panel
+IRON = (("P_nT", "c"), ("Q_nT", "f"))  # permanent field and induction coefficient of B and of C
 
 
 def draw_shared(figure: str, path: str | Path, content: Mapping[str, Any]) -> None:
-    """Draw one of FIGURES."""
+    """Draw one of ``SHARED_FIGURES``."""
     {"coefficients": draw_shared_coefficients, "curve": draw_shared_curve}[figure](path, content)
 
 
 def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Draw what each record shows of the iron, with its 95 % interval, beside what the compass has."""
+    """Draw coefficients and effects by each record alone and of the shared compass, with 95 % intervals."""
     deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
     effects = content["effects"]
     panels = [*"BCDE", *((entry, k) for entry in effects for k in range(len(entry["values"])))]
@@ -256,7 +256,7 @@ def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> No
 
 
 def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Draw the deviation by correct heading of each record, and of the compass in the middle of their fields."""
+    """Draw the deviation by correct heading of each record, and of the shared compass in the mean of their fields."""
     deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
     heading = np.arange(0.0, 360.5, 2.0)
     with page(path, 2.8) as figure:
@@ -285,14 +285,14 @@ def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def _rejected_handle(content: Mapping[str, Any]) -> list[Line2D]:
-    """Make the legend's entry of records that do not fit, none where all do."""
+    """Create the legend entry of records that do not fit the compass, if there are any."""
     return [Line2D([], [], color=VERMILION, label="one that does not fit")] if content["rejected"] else []
 
 
 def _shared_iron(
     axes: Axes, letter: str, deployments: list[dict[str, Any]], content: Mapping[str, Any], names: Rows
 ) -> None:
-    """Draw B and C as iron in nT, D and E as they are."""
+    """Draw one coefficient of all records: B and C times the horizontal field in µT, D and E as fractions."""
     hard = letter in "BC"
     axes.set_title(f"{letter} times H (µT)" if hard else letter)
     for k, entry in zip(names.places, deployments, strict=True):
@@ -308,7 +308,7 @@ def _shared_iron(
 
 
 def _shared_coefficient(letter: str, entry: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
-    """Predict a coefficient and its sigma at a record's place from the shared iron, variation included."""
+    """Predict a coefficient of a record (B and C in nT) and its σ from the shared iron, variation included."""
     names = list(content["coefficients"])
     weight = np.zeros(len(names))
     if letter in "BC":
@@ -370,10 +370,10 @@ STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median |Δ|", "rms_deg
 
 
 def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: Mapping[str, Any]) -> None:
-    """Draw how often headings, directions and held-out differences occur, and the differences' statistics.
+    """Draw histograms of headings, directions and held-out differences, with statistics of the differences.
 
     Args:
-        counts: of histograms.csv, by quantity.
+        counts: content of histograms.csv, by quantity.
         assessment: content of assessment.json.
     """
     groups = [("heading", f"Heading {MAGNETIC}"), ("direction", f"Current towards {TRUE}")]
@@ -403,10 +403,10 @@ def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: 
 
 
 def _draw_counts(axes: Axes, counts: Mapping[str, Counts], limits: Limits, first_deg: float) -> None:
-    """Draw the share of each bin as steps, the reference's filled.
+    """Draw histograms as steps, filled for the reference, in percent.
 
     Args:
-        first_deg: where the first bin of the counts begins.
+        first_deg: lower edge of the first bin, degrees.
     """
     degrees(axes.xaxis, limits, as_is=first_deg < 0.0)
     if not counts:
@@ -421,7 +421,7 @@ def _draw_counts(axes: Axes, counts: Mapping[str, Counts], limits: Limits, first
 
 
 def _write_statistics(axes: Axes, assessment: Mapping[str, Any]) -> None:
-    """Write number of pairs, mean, median size and rms of the differences with 95 % intervals in two columns."""
+    """Write a table of the differences before and after: pairs, mean, median magnitude, rms, with 95 % intervals."""
     axes.set_axis_off()
     axes.set(xticks=[], yticks=[])
     rows = [["", "pairs", *STATISTICS.values()]]

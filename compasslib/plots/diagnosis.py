@@ -1,7 +1,7 @@
-"""The diagnosis of a mooring or of a calibration: the residual by covariate, without and with the identified effects.
+"""Figure of the diagnosis of a mooring or calibration: residuals by covariate, without and with identified effects.
 
-Below it the size of each effect on held-out days beside what the other days predict, and the heading error
-without it; for a calibration the residual on held-out data and the log evidence of each effect alone.
+Below them, the size of each effect on held-out days and as predicted by the other days, and the heading error
+without it; for a calibration, the residual on held-out data and the log evidence of each effect alone.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from compasslib.types import Floats
 
 HOUR_S = 3600.0
 MOST_PANELS, MOST_BARS = 6, 10
-GAP = 2.5  # times the usual distance of neighbouring bins, above which there are no data between two
-PANEL_IN, AXIS_IN = 1.9, 0.6  # of a panel, and of the axis below one of rows
-MOST_POWERS = 3  # labelled on a logarithmic axis
+GAP = 2.5  # multiple of the median distance of neighbouring bins above which there are no data between them
+PANEL_IN, AXIS_IN = 1.9, 0.6  # heights of a panel, and of the axis below a panel of rows
+MOST_POWERS = 3  # powers of ten labelled on a logarithmic axis
 LOG_FROM = 10.0  # log evidence above which its axis is logarithmic
 NAMES = {
     "heading": "Recorded heading", "time": "", "separation": "Distance of the two layers",
@@ -101,7 +101,7 @@ def _draw(
     *,
     dated: bool,
 ) -> None:
-    """Draw panel under panel.
+    """Draw all panels from top to bottom.
 
     Args:
         said: names and units of the covariates.
@@ -147,7 +147,7 @@ def _along_time(curve: Mapping[str, Any]) -> bool:
 def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *, dated: bool) -> None:
     """Draw the binned residual without and with correction, the correction between them, and the range of noise.
 
-    Nothing is drawn between neighbouring bins that lie apart: there are no data.
+    Curve and range are interrupted at gaps between bins, which contain no data.
     """
     x, before, after, sigma = _columns(curve)
     covariate = curve["covariate"]
@@ -162,7 +162,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
         apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
-        if covariate.startswith(TURN_PREFIX):  # the line of equality, which needs no data
+        if covariate.startswith(TURN_PREFIX):  # line of equality
             axes.plot(x, x, **EFFECT)
         else:
             axes.plot(np.insert(x, apart, np.nan), np.insert(before - after, apart, np.nan), **EFFECT)
@@ -178,9 +178,9 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
 
 
 def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, Any]]) -> None:
-    """Draw the slope at which held-out days follow the turn that the others predict, and head the panel with it."""
+    """Draw the slope of held-out residuals against the turn predicted by the other days, and state it in the title."""
     of_it = [entry for entry in proven if curve["covariate"] == f"{TURN_PREFIX}{entry['effect']}"]
-    if len(of_it) != 1:  # two composed effects have one name
+    if len(of_it) != 1:  # composed effects share one name
         return
     texts, proof = [], of_it[0]["heldout"]
     if slope := proof.get("slope"):
@@ -195,7 +195,7 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
 
 
 def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> list[Line2D]:
-    """Mark when effects begin or end within the record."""
+    """Mark the dates within the record at which effects begin or end."""
     low, high = axes.get_xlim()
     texts = filter(None, {(entry.get("when") or {}).get(end) for entry in findings for end in ("from", "to")})
     days = [np.datetime64(text.removesuffix("Z")).astype("datetime64[s]").astype(float) / DAY_S for text in texts]
@@ -204,14 +204,14 @@ def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> list[Line2
 
 
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
-    """Collect centre, residual before and after, and standard error of each bin, (n,) each, by rising centre."""
+    """Collect centre, residual before and after, and standard error of each bin, (n,) each, sorted by centre."""
     names = ("centre", "before_deg", "after_deg", "sigma_deg")
     columns = np.array([curve[name] for name in names], dtype=float)
     return tuple(columns[:, np.argsort(columns[0], kind="stable")])
 
 
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
-    """Label an axis: the covariate's name, and the unit that the sentences have, abbreviated."""
+    """Compose an axis label: name of the covariate, and its unit abbreviated."""
     if covariate.startswith(SIZE_PREFIX):
         return ""  # along time
     if covariate.startswith(TURN_PREFIX):
@@ -228,7 +228,7 @@ def _band_sigmas(curves: Sequence[Mapping[str, Any]]) -> float:
 
 
 def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
-    """Draw what other days predict of each effect, what held-out days show, and the heading error without it."""
+    """Draw the size of each effect on held-out days and as predicted by others, and the heading error without it."""
     sizes = [entry["heldout"]["amplitude_deg"] for entry in findings]
     axes.hlines(rows.places, [x["low"] for x in sizes], [x["high"] for x in sizes], color=BLACK, linewidth=1.3)
     without = [entry.get("heading_error_without_deg") for entry in findings]
@@ -243,7 +243,7 @@ def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> Non
 
 
 def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
-    """Draw the residual on days that were not fitted, without and with each finding."""
+    """Draw the rms residual on held-out data, without and with each identified effect."""
     before, after = ([entry["heldout"][f"rms_{key}_deg"] for entry in findings] for key in ("before", "after"))
     axes.hlines(rows.places, before, after, color=BLACK, linewidth=1.0)
     axes.plot(before, rows.places, **BEFORE)
@@ -261,7 +261,7 @@ def _short(finding: Mapping[str, Any]) -> str:
 
 
 def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str]) -> None:
-    """Draw how well each effect does alone; those that were named in the end stand out."""
+    """Draw the log evidence of each effect alone, with the identified effects highlighted."""
     colours = [VERMILION if entry["effect"] in named else GREY for entry in ranked]
     most = max(entry["score"] for entry in ranked)
     axes.barh(rows.places, [entry["score"] for entry in ranked], color=colours, height=0.7)

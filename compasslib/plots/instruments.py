@@ -1,4 +1,4 @@
-"""Figures of one kind of calibration each: magnetometer, two heads on a frame, an observatory's declination."""
+"""Figures specific to a kind of calibration: tilt, magnetometer, two heads on a frame, observatory declination."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def draw_tilt(path: str | Path, calibration: Calibration, name: str) -> None:
 
 
 def draw_magnetometer(path: str | Path, calibration: Calibration, name: str) -> None:
-    """Draw readings before and after, the modulus against the heading, and what to add to a recorded heading."""
+    """Draw readings before and after calibration, the modulus against the heading, and the deviation."""
     if not calibration.points:
         with page(path, 1.0) as figure:
             empty(figure.subplots(), "nothing fitted")
@@ -108,7 +108,7 @@ def draw_magnetometer(path: str | Path, calibration: Calibration, name: str) -> 
 
 
 def _draw_level_plane(axes: Axes, calibration: Calibration) -> None:
-    """Draw the levelled field of a platform that turns about the vertical, q = X - iY as the compass sees it."""
+    """Draw the levelled field q = X - iY in the frame of a compass that turns about the vertical."""
     points, size = calibration.points, calibration.details["field_in_file_unit"]
     q = points["modulus"] * angles.phasor(points["recorded_deg"])
     after = points["modulus_corrected"] * angles.phasor(points["corrected_deg"])
@@ -144,7 +144,7 @@ def _draw_plane(axes: Axes, calibration: Calibration, names: tuple[str, str]) ->
 
 
 def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
-    """Draw the modulus over its mean, against the heading where there is one."""
+    """Draw the departure of the modulus from its mean, percent, against the heading if there is one."""
     points, details = calibration.points, calibration.details
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
     axes.set_ylabel(f"{details['field_is'].capitalize()} modulus\noff its mean (%)")
@@ -169,7 +169,7 @@ def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
 
 
 def _draw_correction(axes: Axes, calibration: Calibration) -> None:
-    """Draw what to add to a recorded heading: readings, exact curve with its 95 % band, five-term series."""
+    """Draw the deviation against the recorded heading: readings, exact curve with its 95 % band, five-term series."""
     points, table = calibration.points, calibration.table
     if "recorded_deg" in points:
         recorded, deviation = points["recorded_deg"], points["deviation_deg"]
@@ -219,7 +219,7 @@ SAMPLES, BLOCK_MEANS = "single samples", "block means"
 
 
 def draw_difference(path: str | Path, result: Calibration, name: str) -> None:
-    """Draw what b must add to agree with a, by b's recorded heading, and what the series leaves of it."""
+    """Draw the deviation of head b from head a by the recorded heading of b, and the residual of the fitted series."""
     with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
         if not result.points or result.table is None:
@@ -243,7 +243,7 @@ def draw_difference(path: str | Path, result: Calibration, name: str) -> None:
 
 
 def draw_tilt_check(path: str | Path, result: Calibration, name: str) -> None:
-    """Draw b's tilts against a's, turned into b's body by one rotation, and the angle that is left along time."""
+    """Draw the tilts of b against those of a rotated to the frame of b, and the residual angle along time."""
     with page(path, 4.2) as figure:
         panels = figure.subplot_mosaic([["pitch", "roll"], ["left", "left"]], height_ratios=(2.0, 1.0))
         if "frame" not in result.details:
@@ -272,14 +272,14 @@ def draw_tilt_check(path: str | Path, result: Calibration, name: str) -> None:
 
 
 def draw_along_time(path: str | Path, result: Calibration, name: str) -> None:
-    """Draw the offset between the heads along time, and how the frame turned."""
+    """Draw the heading offset of b from a, and the recorded headings of both, along time."""
     with page(path, 4.8) as figure:
         panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
         if not result.points or "frame" not in result.details:
             _empty(panels)
             return
         offset = result.details["offset_deg"]
-        # Without the heading-dependent part: what is left should be level.
+        # The heading-dependent part is removed; the remainder should be constant.
         _draw_along_time(panels[0], result, offset - result.points["residual_deg"])
         handles = [Line2D([], [], label=SAMPLES, **SHOWN), Line2D([], [], label=BLOCK_MEANS, **MEAN)]
         handles.append(_draw_offset(panels[0], offset, result.details["offset_sigma_deg"], "headings", BLUE))
@@ -311,7 +311,7 @@ def _thin(result: Calibration) -> slice:
 
 
 def _draw_offset_curve(axes: Axes, result: Calibration) -> None:
-    """Draw the series between the table's headings by its own coefficients, the band by the table's."""
+    """Draw the fitted series by its coefficients, and its 95 % band interpolated in the table."""
     assert result.table is not None
     fine = np.arange(0.0, 360.5, 1.0)
     heading = np.append(result.table.heading_deg, 360.0)
@@ -327,7 +327,7 @@ def _draw_sector_means(axes: Axes, result: Calibration) -> None:
     used = result.points["kept"] > 0
     residual = result.points["residual_deg"][used]
     sector = (result.points["recorded_b_deg"][used] / 10.0).astype(int)
-    # A stretch of time counts once in a sector: samples that follow each other are not independent.
+    # Each block of time counts once per sector, as successive samples are not independent.
     visit = np.unique(36 * blocks_by_count(result.points["time_s"], BLOCKS)[used] + sector, return_inverse=True)
     means = np.bincount(visit[1], residual) / np.bincount(visit[1])
     place = visit[0] - 36 * (visit[0] // 36)
@@ -341,7 +341,7 @@ def _draw_sector_means(axes: Axes, result: Calibration) -> None:
 
 
 def _set_limits(axes: Axes, points: Floats, line: Any = ()) -> None:
-    """Hold 99 % of the points and the whole line."""
+    """Set vertical limits that contain 99 % of the points and the whole line."""
     low, high = np.percentile(points, (0.5, 99.5))
     curve = np.asarray(line, dtype=float)
     curve = curve[np.isfinite(curve)]
@@ -376,15 +376,15 @@ def _by_clock(axes: Axes) -> None:
 # An observatory's declination.
 
 WITHIN = 1.96
-GAP = 3.0  # times the usual step at which a line is broken
-MAX_DAYS = 10  # of a longer record the quiet day would be a smear
-ZOOM_DAYS = 3.0  # of a longer record the days around its largest storm are drawn too
+GAP = 3.0  # multiple of the median time step above which a line is broken
+MAX_DAYS = 10  # longest record for which the quiet-day variation is drawn and can be seen
+ZOOM_DAYS = 3.0  # window about the largest storm, shown if the record is at least three times as long
 LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
 STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
 
 
 def draw_series(path: str | Path, result: Calibration, name: str) -> None:
-    """Draw the declination with the model, the model plus the constant, and the quiet day on top of it."""
+    """Draw the observed declination, the model, the model plus a constant, and the quiet-day variation added to it."""
     quiet = result.details["quiet_day"] if result.points else None
     with page(path, 4.8 if quiet else 3.2) as figure:
         top, *below = figure.subplots(2 if quiet else 1, 1, squeeze=False, height_ratios=(1.5, 1.0) if quiet else None)[
@@ -418,7 +418,7 @@ def draw_series(path: str | Path, result: Calibration, name: str) -> None:
 
 
 def draw_disturbance(path: str | Path, result: Calibration, name: str) -> None:
-    """Draw what constant, slow level and quiet day leave, with the band of 95 % of its calm hours."""
+    """Draw the residual with its slow level, and the disturbance with the 95 % range of its calm hours."""
     with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1)
         if not result.points:

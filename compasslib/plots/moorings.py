@@ -1,4 +1,4 @@
-"""All moorings of a cruise on one figure each: array, deviations, differences from the reference, currents."""
+"""Figures of all moorings of a cruise: array, deviations, differences from the reference, currents."""
 
 from __future__ import annotations
 
@@ -43,25 +43,25 @@ from compasslib.plots.page import (
 from compasslib.plots.timeseries import round_down
 from compasslib.types import Complexes, Floats
 
-NAMED = 20  # moorings; more have no names in a figure
-PANEL_IN = 5.0  # height of a panel of more moorings than can be named
+NAMED = 20  # number of moorings above which a figure shows no names
+PANEL_IN = 5.0  # height of a panel without names
 SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 CM = 100.0
 
 
 @dataclass(frozen=True)
 class AssessedMooring:
-    """What the figures of a cruise show of one mooring."""
+    """Data of one mooring for the figures of a cruise."""
 
     name: str
-    fit: DeviationFit  # of the product, perhaps without coefficients
+    fit: DeviationFit  # as used for the product, may lack coefficients
     assessment: Mapping[str, Any]  # content of assessment.json
 
 
 def draw_curves(path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw the deviation of each mooring's compass by the correct heading, where it can be inverted.
+    """Draw the deviation of each mooring's compass by correct heading, where it can be inverted.
 
-    Each has a panel of its own, in which the others are grey; more than can be named are one panel.
+    Each mooring has a panel, with the others in grey; more than ``NAMED`` moorings share one panel.
     """
     curves = {}
     for mooring in (mooring for mooring in moorings if mooring.fit.fitted):
@@ -96,7 +96,7 @@ def draw_curves(path: str | Path, moorings: list[AssessedMooring]) -> None:
 
 
 def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw each mooring's held-out differences of direction from the reference, before and after, in a row."""
+    """Draw histograms and rms of each mooring's held-out differences from the reference, before and after."""
     shown = [mooring for mooring in moorings if mooring.assessment["before"]["n"]]
     names = [mooring.name for mooring in shown] if len(shown) <= NAMED else [""] * len(shown)
     rows = Rows(names)
@@ -134,7 +134,7 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
 
 
 def _shares(mooring: AssessedMooring, when: str) -> Floats:
-    """Compute the share of each bin, (72,)."""
+    """Compute the share of the differences in each bin, (72,)."""
     counts = np.array(mooring.assessment["difference_counts"][when], dtype=float)
     return counts / max(float(counts.sum()), 1.0)
 
@@ -177,7 +177,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
 
 
 def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
-    """Outline the currents of a mooring, cm/s east + i north: from the origin to the mean, then around its ellipse."""
+    """Compute outlines of the currents, cm/s east + i north: a line from the origin to the mean, and the ellipse."""
     outlines: dict[str, Complexes] = {}
     turn = angles.phasor(np.linspace(0.0, 360.0, 73))
     for name in ("reference", "recorded", "corrected"):
@@ -194,17 +194,17 @@ FIGURES = {"curves": draw_curves, "differences": draw_differences, "currents": d
 
 
 def draw_figure(name: str, path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw one of the figures that hold all moorings.
+    """Draw one of the figures of all moorings.
 
     Args:
-        name: of ``FIGURES``.
+        name: key of ``FIGURES``.
     """
     FIGURES[name](path, moorings)
 
 
 DEGREE_KM = 111.2
-NAMED_IN_ARRAY = 28  # moorings; more have no names in the figure
-APART_KM, MOST_ARRAYS = 30.0, 6  # between moorings of different arrays; panels, more are one
+NAMED_IN_ARRAY = 28  # number of moorings above which the figure shows no names
+APART_KM, MOST_ARRAYS = 30.0, 6  # gap between arrays; number of arrays above which all share one panel
 ROLES = {"affected": VERMILION, "reference": BLUE, "other": GREY}
 MARKERS = {"up": "^", "down": "v", None: "o"}
 SYNTHETIC_B_DEG = {0.0: BLACK, 20.0: SKY, 45.0: GREEN, 57.29: PURPLE, 90.0: ORANGE, 135.0: VERMILION}
@@ -212,10 +212,10 @@ STEP_DEG = 0.5
 
 
 def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
-    """Draw the moorings along the line that they stand on: water depth, instruments, which way they look.
+    """Draw a section along the array of moorings: water depth, and depth and orientation of the instruments.
 
     Args:
-        moorings: name, latitude, longitude (degrees), water_depth_m and instruments, each with depth_m (None of a
+        moorings: name, latitude, longitude (degrees), water_depth_m and instruments, each with depth_m (None for a
             profiler), orientation (up, down or None) and role (affected, reference or other).
     """
     groups = _split_arrays(moorings)
@@ -229,7 +229,7 @@ def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
         for axes, group in zip(panels, groups, strict=True):
             _draw_section(axes, group, deepest)
             if len(moorings) <= NAMED_IN_ARRAY:
-                # Name the moorings above the panel, upright where several stand in it.
+                # Names above the panel, vertical if there are several.
                 above = axes.secondary_xaxis("top")
                 names = [str(mooring["name"]) for mooring in group]
                 above.set_xticks(_along_array(group), names, rotation=90 * (len(names) > 1))
@@ -247,7 +247,7 @@ def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _split_arrays(moorings: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, Any]]]:
-    """Split moorings where the next along their line is further than an array's spacing; none where too many stand."""
+    """Split moorings at gaps above ``APART_KM`` along their line, unless this gives more than ``MOST_ARRAYS`` parts."""
     if not moorings:
         return []
     along = _along_array(moorings)
@@ -271,7 +271,7 @@ def _draw_section(axes: Axes, moorings: Sequence[Mapping[str, Any]], deepest_m: 
 
 
 def _along_array(moorings: Sequence[Mapping[str, Any]]) -> Floats:
-    """Project the positions on their principal axis, km from the first end, the first mooring nearer to it."""
+    """Project the positions on their principal axis, km from one end, with the first mooring before the last."""
     north = np.array([mooring["latitude"] for mooring in moorings], dtype=float)
     longitude = np.array([mooring["longitude"] for mooring in moorings], dtype=float)
     east = angles.difference(longitude, longitude[0]) * angles.sin_cos(float(np.mean(north)))[1]
@@ -322,7 +322,7 @@ def draw_synthetic_curves(path: str | Path) -> None:
 
 def draw_angles(path: str | Path, *, heading_deg: float = 85.0, deviation_deg: float = 50.0, current_deg: float = 70.0,
                 declination_deg: float = -23.5) -> None:  # fmt: skip
-    """Draw the directions and angles of the paper's Fig. 4, seen from above, true north up.
+    """Draw the directions and angles of von Appen (2015), Fig. 4, seen from above, true north up.
 
     Args:
         heading_deg: correct heading β to magnetic north.

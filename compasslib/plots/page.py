@@ -1,7 +1,7 @@
-"""What every figure stands on: width, style, colours, axes in degrees and dates, legend, and the file itself.
+"""Common parts of all figures: size, style, colours, axes in degrees and dates, legend, and the output file.
 
-A figure is as wide as one column of print, so that its letters can be read on a phone too. Its caption is not in it:
-the report says in HTML what it shows.
+A figure has the width of one printed column, which is readable also on a phone. The caption is not part of it but
+of the HTML of the report.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ from compasslib.types import Floats
 Limits = tuple[float, float]
 
 WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 200  # one column of print, and two
-LINE_IN = 0.16  # height of a line of a name
-WORD_IN = 1.8  # widest word of a title
+LINE_IN = 0.16  # line height of the names of rows
+WORD_IN = 1.8  # maximum width of a word in a title; longer ones are broken
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
 COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
-MAX_VECTORS = 2000  # points or lines of one kind that a PDF draws as such
+MAX_VECTORS = 2000  # points or lines of one artist above which it is rasterized in a PDF
 DAY_S = 86400.0  # matplotlib counts time in days since 1970
 DEFLATE = 3  # of the PNG: half the time of the usual 6, and without the alpha channel still fewer bytes
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
@@ -78,18 +78,18 @@ MAGNETIC, TRUE = "(° magnetic)", "(° true)"
 
 @contextmanager
 def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, title: str = "") -> Iterator[Figure]:
-    """Give an empty figure that becomes a PNG or PDF once the block has ended well, with the same bytes each time.
+    """Create an empty figure and write it as PNG or PDF, reproducibly, when the block ends without an error.
 
-    Panels get letters where there are several; titles and names of axes that are too long are broken into lines.
+    If there are several panels, they are lettered; long titles and axis labels are wrapped.
 
     Args:
-        title: of a figure that is handed on by itself.
+        title: title, for a figure that is used without a caption.
 
     Raises:
-        UserWarning: the labels leave a panel no room.
+        UserWarning: if the labels leave no room for a panel.
     """
     with matplotlib.rc_context():
-        matplotlib.rcdefaults()  # a user's own matplotlibrc does not count
+        matplotlib.rcdefaults()  # ignore a user's matplotlibrc
         matplotlib.rcParams.update(STYLE)
         layout = ConstrainedLayoutEngine()
         figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
@@ -106,14 +106,14 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
             for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
                 text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], WORD_IN), text.get_text()))
                 text.set_wrap(True)
-        # What savefig does, without its first drawing of all artists, which serves the layout alone.
+        # The layout as in savefig, but without its additional drawing of all artists.
         with warnings.catch_warnings():
             warnings.filterwarnings("error", COLLAPSED)
             layout.execute(figure)
         figure.set_layout_engine("none")
         if Path(path).suffix == ".pdf":
-            for artist in figure.findobj(Collection):  # clouds of points and long lists of lines are pixels in it
-                # The cells of a mesh are counted by its values: to make a path of each takes long.
+            for artist in figure.findobj(Collection):  # rasterize large sets of points and lines
+                # The cells of a mesh are counted by its values, as creating a path for each is slow.
                 counts = [np.asarray(artist.get_array()).size, len(np.asarray(artist.get_offsets()))]
                 counts += [] if isinstance(artist, QuadMesh) else [len(artist.get_paths())]
                 artist.set_rasterized(max(counts) > MAX_VECTORS)
@@ -127,7 +127,7 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
 
 
 def wrapped(text: str, width_in: float) -> str:
-    """Break a text into lines no wider than a width, words only where they must be."""
+    """Wrap a text to lines of a maximum width, inches, breaking words only if necessary."""
     if _width_in(text) <= width_in:
         return text
     tries = (textwrap.wrap(text, characters) for characters in range(len(text), 0, -1))
@@ -142,14 +142,14 @@ def _width_in(line: str) -> float:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a panel from the top down, each as high as the lines of its name."""
+    """Rows of a panel from top to bottom, each as high as the lines of its name."""
 
     names: Sequence[str]
-    width_in: float = 1.1  # of the longest line
+    width_in: float = 1.1  # maximum width of a line
 
     @cached_property
     def wrapped(self) -> list[str]:
-        """The names in lines."""
+        """Names wrapped to the width."""
         return [wrapped(name, self.width_in) for name in self.names]
 
     @cached_property
@@ -158,16 +158,16 @@ class Rows:
 
     @property
     def places(self) -> Floats:
-        """The middle of each row, lines from the top, (n,)."""
+        """Middle of each row, (n,), in lines from the top."""
         return (self._ends[1:] + self._ends[:-1]) / 2.0
 
     @property
     def height_in(self) -> float:
-        """The height of the panel without its axis."""
+        """Height of the panel without its axis, inches."""
         return LINE_IN * float(self._ends[-1])
 
     def name(self, axes: Axes) -> None:
-        """Write the names beside the vertical axis."""
+        """Label the vertical axis with the names."""
         axes.set_yticks(self.places, self.wrapped, multialignment="right")
         axes.set_ylim(float(self._ends[-1]), 0.0)
 
@@ -176,22 +176,22 @@ def dates(axes: Axes, span_s: Limits | None = None, *, most: int = 6) -> None:
     """Set limits and ticks of a horizontal axis in days since 1970.
 
     Args:
-        span_s: first and last time, seconds since 1970; the limits stay where absent.
-        most: ticks, at most.
+        span_s: first and last time, seconds since 1970; the limits are not changed if None.
+        most: maximum number of ticks.
     """
     if span_s is not None:
         first, last = span_s
         pad = max(0.01 * (last - first), 1.0)
         axes.set_xlim((first - pad) / DAY_S, (last + pad) / DAY_S)
     locator = AutoDateLocator(minticks=3, maxticks=most)
-    # Its own steps end where those of the next unit are still too few, and it warns: at 2.5 to 3 hours or years.
+    # With the default steps it finds too few ticks between two units (at 2.5 to 3 hours or years), and warns.
     longest = {SECONDLY: 60, MINUTELY: 60, HOURLY: 24, DAILY: 31, MONTHLY: 12}
     locator.intervald |= {unit: [*locator.intervald[unit], step] for unit, step in longest.items()}
     locator.set_axis(axes.xaxis)
     ticks, words = locator(), ConciseDateFormatter(locator)
     labels = FixedFormatter(words.format_ticks(ticks))
     labels.set_offset_string(words.get_offset())
-    # Sought and worded once, not at each look of the layout.
+    # Ticks and labels are computed once rather than at every evaluation of the layout.
     axes.xaxis.set(major_locator=FixedLocator(ticks), major_formatter=labels)
     axes.set_xlabel("Date (UTC)")
 
@@ -200,11 +200,11 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
     """Set limits and ticks of an axis in degrees; headings are labelled 0 to 359, and 360 at the end of a turn from 0.
 
     Args:
-        limits: degrees.
-        as_is: label deviations as they are.
+        limits: lower and upper limit, degrees.
+        as_is: label the values as they are, for deviations and differences, not as headings.
     """
     span = limits[1] - limits[0]
-    if as_is:  # three ticks at least: zero alone is no scale
+    if as_is:  # at least three ticks, as zero alone gives no scale
         step = next((each for each in (90.0, 45.0, 30.0, 15.0, 10.0, 5.0) if span >= 3.0 * each), 2.0)
     else:
         step = 90.0 if span > 150.0 else 45.0 if span > 110.0 else 30.0 if span > 75.0 else 15.0
@@ -218,7 +218,7 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
 
 
 def signed(x: float, form: str = "+.1f") -> str:
-    """Format a number with the minus sign of print."""
+    """Format a number with a typographic minus sign."""
     return f"{x:{form}}".replace("-", "\N{MINUS SIGN}")
 
 
@@ -227,11 +227,11 @@ def _heading(x: float, whole_turn: bool) -> str:
 
 
 def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:
-    """Find limits that hold a whole line and 98 % of the points, degrees.
+    """Compute axis limits that contain a whole line and 98 % of the points, degrees.
 
     Args:
-        points: (n,) degrees, perhaps none.
-        line: (k,) degrees, perhaps none.
+        points: (n,) degrees, may be empty.
+        line: (k,) degrees, may be empty.
     """
     finite = points[np.isfinite(points)]
     ends = np.concatenate([line[np.isfinite(line)], np.percentile(finite, (1.0, 99.0)) if finite.size else []])
@@ -243,47 +243,47 @@ def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:
 
 
 def empty(axes: Axes, words: str = "no data") -> None:
-    """State in a word or two that a panel has nothing to show, and take its ticks away."""
+    """Write a short text, such as "no data", into an empty panel and remove its ticks."""
     axes.tick_params(left=False, labelleft=False, bottom=False, labelbottom=False)
     axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color="#444444")
 
 
 def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> None:
-    """Put one legend under all panels, where it covers nothing.
+    """Add one legend below all panels.
 
     Args:
-        columns: at most.
+        columns: maximum number of columns.
     """
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))
 
 
-STEP_DEG = 0.25  # along a curve
-SECTOR_DEG = 10.0  # of a histogram
-GAP_WIDTH_DEG = 25.0  # over which a circle's occupation is smoothed before its gap is sought
-INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # stretches of a curve
+STEP_DEG = 0.25  # step of the heading along a curve
+SECTOR_DEG = 10.0  # width of the sectors of a histogram
+GAP_WIDTH_DEG = 25.0  # standard deviation of the smoothing of a histogram of angles before its gap is sought
+INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # parts of a curve: inverted, recorded heading decreasing, not inverted
 
 
 @dataclass(frozen=True)
 class DeviationByHeading:
-    """A deviation along one turn of the correct heading, continuous: nothing in it jumps by 360 degrees."""
+    """Deviation over one turn of the correct heading, unwrapped: without jumps of 360 degrees."""
 
     heading_deg: Floats  # (n,) correct heading, increasing
     deviation_deg: Floats  # (n,)
-    sigma_deg: Floats  # (n,) of the deviation, from the coefficients' covariance; NaN where that is unknown
+    sigma_deg: Floats  # (n,) standard error of the deviation, by the covariance of the coefficients; NaN if unknown
     stretch: NDArray[np.int_]  # (n,) INVERTED, BACKWARDS or GIVEN_UP
 
     @property
     def recorded_deg(self) -> Floats:
-        """The recorded heading along the curve, (n,), continuous too."""
+        """Recorded heading along the curve, (n,), unwrapped."""
         return self.heading_deg - self.deviation_deg
 
 
 def emptiest(angle_deg: ArrayLike) -> float:
-    """Find where a circle is best cut: the middle of its emptiest part, to the sector, -180 where it is all empty.
+    """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data.
 
     Args:
-        angle_deg: angles of any shape, degrees, NaN left out.
+        angle_deg: angles of any shape, degrees; NaN are ignored.
     """
     occupied = sectors(angle_deg, 0.0)
     if not occupied.any():
@@ -295,7 +295,7 @@ def emptiest(angle_deg: ArrayLike) -> float:
 
 
 def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
-    """Wrap angles to the turn that begins at the cut, [begin, begin + 360).
+    """Wrap angles to [begin, begin + 360).
 
     Args:
         angle_deg: angles of any shape, degrees.
@@ -304,11 +304,11 @@ def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
 
 
 def nearest_turn(angle_deg: ArrayLike, reference_deg: ArrayLike) -> Floats:
-    """Unwrap angles to less than half a turn from a reference that may stand on any turn.
+    """Unwrap angles to within half a turn of a reference, which need not be wrapped itself.
 
     Args:
         angle_deg: angles, degrees.
-        reference_deg: what they are to stand beside, degrees.
+        reference_deg: reference angles, degrees.
     """
     reference = np.asarray(reference_deg, dtype=float)
     return reference + angles.difference(angle_deg, reference)
@@ -318,8 +318,8 @@ def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
     """Compute the share of the angles in each sector clockwise from the cut, (36,), percent.
 
     Args:
-        angle_deg: angles of any shape, degrees, NaN left out.
-        begin_deg: the cut, at an edge of a sector.
+        angle_deg: angles of any shape, degrees; NaN are ignored.
+        begin_deg: the cut, at which the first sector begins.
     """
     angle = np.asarray(angle_deg, dtype=float)
     turn = placed(angle[np.isfinite(angle)], begin_deg) - begin_deg
@@ -332,7 +332,7 @@ def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike
 
     Args:
         begin_deg: heading at which the turn begins.
-        headings_deg: correct headings at which the deviation is to be in [-180, 180) on average; all where empty.
+        headings_deg: correct headings at which the median deviation is in [-180, 180); the whole turn if empty.
     """
     beta = begin_deg + np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
     if fit.method == "von_appen":
@@ -348,7 +348,7 @@ def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike
     if fit.covariance.size:
         by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
         sigma = np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
-    # The exact compass gives up no heading, but two of its headings may read the same.
+    # The exact compass is inverted at all headings, but two of them may have the same recorded heading.
     if fit.method == "von_appen":
         inverted = inverse_table(fit.coefficients)[1]
         first, last = inverted.min(), inverted.max()
@@ -359,10 +359,10 @@ def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike
 
 
 def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -> tuple[Floats, Floats]:
-    """Compute correct heading and deviation of each pair, (n,) each, the deviation on the curve's turn.
+    """Compute correct heading and deviation of each pair, (n,) each, the deviation unwrapped to that of a curve.
 
     Args:
-        shape: the curve; the mean deviation takes its place where absent.
+        shape: the curve; without one, the mean deviation is used instead.
         begin_deg: heading at which the turn begins.
     """
     beta, deviation = placed(observed_heading(pairs), begin_deg), observed_deviation(pairs)

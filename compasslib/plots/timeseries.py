@@ -1,4 +1,4 @@
-"""The record and its currents before and after: headings, sticks, progressive vectors, roses, section."""
+"""Figures of a record and its currents before and after: headings, sticks, progressive vectors, roses, section."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Complexes, Floats
 
-MAX_SAMPLES = 12_000  # samples; of a longer record every second, third, ... is drawn
+MAX_SAMPLES = 12_000  # samples; a longer record is subsampled
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
-SLICES = 60  # of the strip, where the record is too short for days
-GUESS = 0.75  # a branch less probable is drawn as a guess
+SLICES = 60  # time slices of the strip if the record is too short for daily ones
+GUESS = 0.75  # branch probability below which a heading is drawn as ambiguous
 SURE, DOUBTFUL, GUESSED, UNCORRECTED = 0, 1, 2, 3
 KINDS = {
     SURE: ("corrected (flags 1, 2)", CORRECTED),
@@ -61,11 +61,11 @@ KINDS = {
 
 
 def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
-    """Draw recorded and corrected headings, how sure they are, and the instrument's depth, along time.
+    """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth.
 
     Args:
-        product: the corrected record, perhaps without corrected headings.
-        pairs: overlapping measurements, perhaps none.
+        product: the corrected record; its corrected headings may all be NaN.
+        pairs: overlapping measurements, may be empty.
     """
     time_s = product.record.time_s
     with page(path, 5.6) as figure:
@@ -91,7 +91,7 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
 
 
 def classify_samples(product: CorrectedRecord) -> NDArray[np.int_]:
-    """Classify each sample's heading, (n,): SURE, DOUBTFUL, GUESSED or UNCORRECTED; -1 without one."""
+    """Classify the heading of each sample, (n,): SURE, DOUBTFUL, GUESSED or UNCORRECTED; -1 without a heading."""
     with np.errstate(invalid="ignore"):
         guessed = product.branch_probability < GUESS
     flagged = product.heading_corrected_quality >= PROBABLY_BAD
@@ -101,7 +101,7 @@ def classify_samples(product: CorrectedRecord) -> NDArray[np.int_]:
 
 
 def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.int_]) -> None:
-    """Draw the recorded and the corrected heading on the same turn."""
+    """Draw recorded and corrected headings on axes that are cut at the same heading."""
     record, corrected = product.record, product.heading_corrected_deg
     begin = emptiest(np.concatenate([record.heading_deg, corrected]))
     subset = np.arange(len(kind)) % (1 + len(kind) // MAX_SAMPLES) == 0
@@ -120,17 +120,17 @@ def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDA
 
 
 def _draw_band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float) -> None:
-    """Draw one standard deviation to either side, what leaves the turn on the other side too."""
+    """Draw the range of one standard deviation about the heading, wrapped at the ends of the axis."""
     for turn in (-360.0, 0.0, 360.0):
         low, high = heading - sigma + turn, heading + sigma + turn
-        visible = (high > begin) & (low < begin + 360.0)  # of the other turns few reach into this one
+        visible = (high > begin) & (low < begin + 360.0)  # few ranges extend from the other turns into this one
         ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
-        # Axes.vlines masks every line by itself and takes ten times as long.
+        # Axes.vlines masks every line separately and takes ten times as long.
         axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
 
 
 def _draw_strip(axes: Axes, product: CorrectedRecord, pairs: Pairs, kind: NDArray[np.int_]) -> None:
-    """Draw the share of each kind day by day, and above it the days on which the reference overlaps."""
+    """Draw the daily share of each kind of sample, and above it the days with pairs."""
     edges = time_slices(product.record.time_s)
     counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
@@ -144,12 +144,12 @@ def _draw_strip(axes: Axes, product: CorrectedRecord, pairs: Pairs, kind: NDArra
 
 
 def _draw_step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str) -> None:
-    # Axes.stairs looks for its limits step by step, which here are set anyway.
+    # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
     axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
 
 
 def time_slices(time_s: Floats) -> Floats:
-    """Divide a record into days, or shorter slices where it is short; edges in seconds.
+    """Compute the edges of daily time slices, of shorter ones in a short record, seconds since 1970.
 
     Args:
         time_s: increasing times, (n,), n > 0.
@@ -161,7 +161,7 @@ def time_slices(time_s: Floats) -> Floats:
 
 
 def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
-    """Draw the instrument's depth, downwards, broken where samples are missing."""
+    """Draw the depth of the instrument, increasing downwards, with gaps where samples are missing."""
     time_s, depth = product.record.time_s, product.record.depth_m
     axes.set_ylabel("Depth\n(m)")
     if not np.isfinite(depth).any():
@@ -190,21 +190,21 @@ STICK: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class AveragedCurrents:
-    """Currents as means over equal spans of time."""
+    """Mean currents over equal time intervals."""
 
     begin_s: float
     hours: float
-    means: Mapping[str, Complexes]  # (n,) each, m/s; NaN where a span has none; those that have any
+    means: Mapping[str, Complexes]  # (n,) each, m/s; NaN in empty intervals; series without data are left out
 
     @property
     def middle_s(self) -> Floats:
-        """The middle of each span, (n,)."""
+        """Middle of each interval, (n,), seconds since 1970."""
         count = len(next(iter(self.means.values()), ()))
         return self.begin_s + self.hours * HOUR_S * (np.arange(count) + 0.5)
 
 
 def average_currents(shown: BinCurrents, reference: CurrentSeries, most: int = MAX_MEANS) -> AveragedCurrents:
-    """Average recorded and corrected current, and the reference's where it overlaps, over at most so many spans."""
+    """Average the recorded, corrected and reference currents over at most ``most`` equal time intervals."""
     time_s = shown.recorded.time_s
     hours = averaging_hours(time_s, most)
     begin_s = float(time_s[0]) if len(time_s) else 0.0
@@ -215,7 +215,7 @@ def average_currents(shown: BinCurrents, reference: CurrentSeries, most: int = M
 
 
 def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
-    """Draw each mean current as a stick from its time towards where the water goes, north up."""
+    """Draw stick plots of the mean currents, pointing in the direction of flow, north up."""
     with page(path, 0.75 + 0.95 * max(len(plotted.means), 1)) as figure:
         panels = figure.subplots(max(len(plotted.means), 1), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         if not plotted.means:
@@ -241,13 +241,13 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
 
 
 def round_down(value: float) -> float:
-    """Round a positive number down to 1, 2 or 5 times a power of ten, for a bar of scale."""
+    """Round a positive number down to 1, 2 or 5 times a power of ten, for a scale bar."""
     steps = np.outer(10.0 ** np.arange(-3, 4), (1.0, 2.0, 5.0)).ravel()
     return float(steps[steps <= max(value, steps[0])].max())
 
 
 def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:
-    """Draw where water would go that moved as the means say, over the spans that all of them have."""
+    """Draw progressive vector diagrams of the mean currents over the intervals that all series have."""
     paths = displacements(plotted)
     points = KM * np.concatenate([*paths.values(), [0.0]])
     wide, high = float(np.ptp(points.real)), float(np.ptp(points.imag))
@@ -270,17 +270,17 @@ def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:
 
 
 def displacements(plotted: AveragedCurrents) -> dict[str, Complexes]:
-    """Integrate the displacement from the start, (k,) metres east + i north, over the spans that all have."""
+    """Integrate currents to displacements, (k,) metres east + i north, over the intervals that all series have."""
     both = np.all([np.isfinite(mean) for mean in plotted.means.values()], axis=0)
     steps = {name: mean[both] * plotted.hours * HOUR_S for name, mean in plotted.means.items()}
     return {name: np.concatenate([[0.0], np.cumsum(step)]) for name, step in steps.items()}
 
 
 def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, headings: Mapping[str, Floats]) -> None:
-    """Draw how often the current goes each way, and how often the instrument headed each way, before and after.
+    """Draw roses of the current direction and of the instrument's heading, before and after correction.
 
     Args:
-        headings: ``recorded`` and ``corrected`` ones, (n,) degrees each.
+        headings: ``recorded`` and ``corrected`` headings, (n,) degrees each.
     """
     flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
     towards = {name: angles.direction(flow.velocity.real, flow.velocity.imag) for name, flow in flows.items()}
@@ -298,7 +298,7 @@ def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, h
 
 
 def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floats]) -> None:
-    """Draw the share of each sector of 10 degrees as its radius."""
+    """Draw a rose whose radius is the share of the samples in each sector of 10 degrees."""
     axes = figure.add_subplot(1, 2, place + 1, projection="polar")
     assert isinstance(axes, PolarAxes)
     axes.set_theta_zero_location("N")
@@ -318,7 +318,7 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
     axes.yaxis.set_major_formatter("{x:.0f} %")
     axes.grid(linewidth=0.4)
     quarters = np.sum([sectors(x, 0.0) for x in series.values()] or [np.zeros(36)], axis=0).reshape(4, -1)
-    axes.set_rlabel_position(45.0 + 90.0 * float(np.argmin(quarters.max(axis=1))))  # where nothing hides its numbers
+    axes.set_rlabel_position(45.0 + 90.0 * float(np.argmin(quarters.max(axis=1))))  # least covered by data
     axes.set_title(title)
     axes.set_xlabel("% of samples per 10°")
     if not series:
@@ -326,17 +326,17 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
         axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
 
 
-COLUMNS = 400  # of a section: as many as a column of print has dots
-TO_CM, WIDEST = 100.0, 98.0  # the colours end at this percentile of the speeds of a component
+COLUMNS = 400  # time bins of a section, the resolution of a printed column
+TO_CM, WIDEST = 100.0, 98.0  # limit of the colour scale, percentile of the absolute velocity components
 COLOUR_MAP, ADDED = "RdBu_r", "corrected minus recorded"
 MAX_AXES = 8  # principal axes along a profile
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
-    """Draw the velocity by time and depth before and after, what the correction adds, and the direction's uncertainty.
+    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction.
 
     Args:
-        section: perhaps without any velocity.
+        section: binned velocities, may all be NaN.
     """
     fields = {
         f"{name}, {when}": part(values)
@@ -390,7 +390,7 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
 
 
 def _mark_instruments(axes: Axes, section: SectionMeans, step_m: float) -> None:
-    """Mark at the panel's right edge from which instrument most values of a depth are."""
+    """Mark at the panel's right edge the instrument that provides most values at each depth."""
     for here, colour in ((section.reference_share < 0.5, CORRECTED), (section.reference_share >= 0.5, REFERENCE)):
         middle = section.depth_m[here]
         axes.vlines(
@@ -400,10 +400,10 @@ def _mark_instruments(axes: Axes, section: SectionMeans, step_m: float) -> None:
 
 
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
-    """Draw the mean velocity by depth before and after, with the ellipses' axes of its variance.
+    """Draw profiles of the mean velocity before and after, and of the major axes of the variance ellipses.
 
     Args:
-        section: perhaps without any velocity.
+        section: binned velocities, may all be NaN.
     """
     before, after = section.profiles
     with page(path, 3.6) as figure:
@@ -446,7 +446,7 @@ def _draw_axes(
     axes: Axes, depth_m: Floats, profiles: tuple[MeanProfile, MeanProfile], shown: NDArray[np.intp],
     reference: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Draw major axes as lines about their depth, north up, all to one scale along the panel's width."""
+    """Draw the major axes as lines centred at their depth, north up, to a common scale along the panel's width."""
     sizes = [principal_axis(profile) for profile in profiles]
     longest = TO_CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
     for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):

@@ -1,4 +1,4 @@
-"""Errors of headings along time where the truth is known."""
+"""Figure of heading errors along time for records with known truth."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from compasslib.types import Floats
 
 FIT = "#555555"
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.5, "markeredgewidth": 0}
-REACHED = 0.99  # share of the errors that the vertical axis holds
+REACHED = 0.99  # share of the errors within the limits of the vertical axis
 
 
 def error_reach(errors_deg: Sequence[Floats]) -> float:
-    """Choose the limit of a vertical axis that figures of several moorings share, degrees.
+    """Compute a common limit of the vertical axis for the figures of several moorings, degrees.
 
     Args:
-        errors_deg: of each mooring, NaN left out.
+        errors_deg: heading errors of each mooring, degrees; NaN are ignored.
     """
     known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors_deg] or [np.zeros(0)])
     return 5.0 * float(np.ceil(np.quantile(known, REACHED) / 5.0)) if known.size else 5.0
@@ -34,14 +34,14 @@ def draw_errors(
     path: str | Path, time_s: Floats, fit_deg: Floats, corrected_deg: Floats, sigma_deg: Floats,
     dates_utc: Sequence[str | None], reach_deg: float,
 ) -> None:  # fmt: skip
-    """Draw the error of each heading by the fitted coefficients alone and as corrected, with the stated 95 % range.
+    """Draw heading errors of the fitted coefficients alone and of the corrected headings, with the stated 95 % range.
 
     Args:
-        fit_deg: heading by the fitted coefficients minus truth, (n,), NaN where there is none.
+        fit_deg: heading by the fitted coefficients minus truth, (n,), NaN if missing.
         corrected_deg: corrected heading minus truth, (n,).
         sigma_deg: stated standard deviation of the corrected headings, (n,).
-        dates_utc: at which something changed; None without a date.
-        reach_deg: limit of the vertical axis; what is beyond stands at its edge.
+        dates_utc: dates of true changes, which are marked; None are ignored.
+        reach_deg: limit of the vertical axis; larger errors are drawn at its edge.
     """
     day, half = time_s / DAY_S, NORMAL_95 * sigma_deg
     marks = [np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S for date in dates_utc if date]

@@ -1,6 +1,6 @@
-"""From decoded exports to pairs of measurements of nearly the same water.
+"""Preparation of decoded exports, up to pairs of measurements of nearly the same water.
 
-Each record is cut to its deployment, checked and flagged; where two instruments overlap, their samples become pairs:
+Each record is cut to its deployment, checked and flagged; overlapping samples of two instruments are paired:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

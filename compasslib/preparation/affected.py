@@ -1,8 +1,8 @@
-"""Which of two compasses is affected: the error of a compass is a function of its own heading.
+"""Identification of the affected one of two compasses: a compass error is a function of its own heading.
 
-The difference of the directions that two instruments measure is fitted with harmonics of one heading, and tried on
-stretches that were left out of the fit. Harmonics of the direction of the current are in the fit beforehand: headings
-follow the current, and water that turns with depth must not pass for a compass.
+The difference of the directions that two instruments measure is fitted with harmonics of one heading, and the fit is
+evaluated on held-out blocks. Harmonics of the current direction are always included in the fit: headings follow the
+current, so current shear would otherwise be mistaken for a deviation.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from compasslib.statistics.resampling import blocks_by_span
 from compasslib.types import DAY_S, Floats
 
 HARMONICS = (1, 2)  # of the deviation
-BLOCK_S = 5 * DAY_S  # longer than eddies and tides remember
-FEWEST_BLOCKS = 12  # below these the scatter of the blocks is not known
+BLOCK_S = 5 * DAY_S  # longer than the decorrelation time of eddies and tides
+FEWEST_BLOCKS = 12  # needed to estimate the scatter between blocks
 FOLDS = 8
-FASTEST = 2.0  # median speeds beyond which a direction gains no weight
-LEAST_SHARE, LEAST_SIGMAS = 0.02, 5.0  # of the misfit that a heading must explain, and how surely
-DISTINCT = 4.0  # times the share that the other heading explains
+FASTEST = 2.0  # maximum weight; the weight of a direction is its speed over the median speed
+LEAST_SHARE, LEAST_SIGMAS = 0.02, 5.0  # least share of the misfit that a heading must explain, also in standard errors
+DISTINCT = 4.0  # least ratio to the share that the other heading explains
 
 
 @dataclass(frozen=True)
 class ExplainedShare:
-    """The share of the misfit between two directions that a heading explains on data left out of the fit."""
+    """Share of the misfit between two directions that a heading explains on held-out data, with standard error."""
 
     share: float = 0.0
     sigma: float = np.inf
 
     @property
     def significant(self) -> bool:
-        """Return whether the share is neither small nor chance."""
+        """Whether the share is relevant and statistically significant."""
         return self.share > max(LEAST_SHARE, LEAST_SIGMAS * self.sigma)
 
 
 def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, ExplainedShare] | None:
-    """Compute how much of the difference of directions each of two headings explains, None where too few pairs exist.
+    """Compute the share of the difference of directions explained by each heading; None without suitable pairs.
 
-    Both records are those inside the deployment, their depths known.
+    Both records must be cut to the deployment and have known depths.
     """
     empty = np.zeros(2)
-    field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination changes nothing
+    field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination has no effect
     for upper, lower in ((record, other), (other, record)):
         pairs = find_pairs(upper, [lower], field, PairRules())
         if not len(pairs) or pairs.lower_heading_deg is None:
@@ -57,12 +57,12 @@ def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, Exp
 
 
 def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> bool:
-    """Return whether a compass is the affected one of two."""
+    """Decide whether the first of two compasses is the affected one."""
     return explained.significant and explained.share > DISTINCT * max(other_explained.share, 0.0)
 
 
 def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
-    """Compute the share of the misfit that harmonics of a recorded heading, (n,), explain."""
+    """Compute the share of the misfit explained by harmonics of a recorded heading, (n,) degrees."""
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     turned = angles.argument(upper * np.conj(lower))
     turned = angles.difference(turned, angles.mean(turned))
@@ -85,7 +85,7 @@ def _harmonics(angle_deg: Floats) -> Floats:
 
 
 def _misfit(columns: Floats, turned: Floats, weight: Floats, block: NDArray[np.intp]) -> Floats:
-    """Compute the mean misfit of each block by a fit to blocks of other folds, degrees."""
+    """Compute the weighted mean misfit of each block under a fit to the other folds, degrees."""
     left = np.empty(len(turned))
     for fold in range(FOLDS):
         out = block % FOLDS == fold

@@ -1,13 +1,13 @@
 """Clocks: valid times of a recording, and offsets of hours to a month between two instruments.
 
-Samples are checked in the order in which they were recorded. A clock that goes back into time already recorded was
-reset: what follows has no known time and is left out.
+Samples are checked in the order in which they were recorded. A clock that jumps back into time already recorded was
+reset: the samples after it have no known time and are omitted.
 
 Offsets are estimated from current speeds, which do not depend on a compass. High-passed speeds are multiplied in
-windows of days at every hour's lag. A lag is accepted where it beats the clocks as stated, and every other lag with its
-tidal aliases, by more than the windows' own scatter. Drifting clocks, and clocks that were set in between, are handled
-alike. Errors of a few hours between hourly records are left to the search for unmodelled effects, which resolves them
-more finely and names them.
+windows of days at every hourly lag. A lag is accepted if it fits better than the stated clocks, and than every other
+lag including tidal aliases, by more than the scatter between windows. Clocks that drift, or were set during the
+deployment, are treated in the same way. Errors of a few hours between hourly records are left to the search for
+unmodelled effects, which has a finer resolution and identifies them.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from compasslib.types import HOUR_S, Bools, Floats
 Hours = NDArray[np.intp]
 
 DAY_H = 24
-FARTHEST_H = 45 * DAY_H  # a wrong month, with days to spare
-DRIFT_H, BEGAN_H = 72, 5 * DAY_H  # the most that a clock is looked for to have drifted, and to be off where it begins
-SLOW_H = 36  # half of the running mean that is taken off: weeks of strong and of weak flow tell no hour
-WINDOW_H, WEEK_H = 2 * DAY_H, 7 * DAY_H  # speeds without their slow part remember half a day
-SHORTEST_H, MIN_COMMON_HOURS = 20 * DAY_H, 60  # hours of the record, hours that both measured
-LONG_H = 60 * DAY_H  # from here on speeds that have nothing in common are reported
-CLIP, QUIET = 3.0, 0.2  # of speeds over their scatter of days, which counts as no less than this share of the whole
-SIGMAS, SIGMAS_WARNED = 4.0, 2.0  # normal score of a lag that is accepted, and of one that is reported
-NEAR_H = 6  # shoulders of a peak; the next tidal alias is 12 hours away
-AS_STATED_H = 1  # water that arrives at one depth later delays by less
-SEARCHED_H, DENSE_S = 6, 2 * HOUR_S  # what the search for unmodelled effects reads finely
-SPAN = 5  # windows of ten days together
-CHANGE = 8.0  # what setting a clock costs, in the scatter of that many windows: two lags of 2000 gain less by chance
-FEWEST_SHARE = 0.3  # of hours that meet at a lag, below which its products count for less
-# Correlation of speeds without their slow part, and its score, below which two records share nothing; of whole speeds.
+FARTHEST_H = 45 * DAY_H  # largest lag: an error of a month, with a margin
+DRIFT_H, BEGAN_H = 72, 5 * DAY_H  # largest drift searched, and largest offset of a drifting clock at its start
+SLOW_H = 36  # half-width of the running mean removed: slow changes of speed do not resolve hours
+WINDOW_H, WEEK_H = 2 * DAY_H, 7 * DAY_H  # high-passed speeds decorrelate within half a day
+SHORTEST_H, MIN_COMMON_HOURS = 20 * DAY_H, 60  # least duration of the records, and hours measured by both
+LONG_H = 60 * DAY_H  # common hours from which uncorrelated speeds are reported
+CLIP, QUIET = 3.0, 0.2  # bound of speeds in units of their local rms; its lower bound as a share of the whole record's
+SIGMAS, SIGMAS_WARNED = 4.0, 2.0  # normal score from which a lag is accepted, and from which it is reported
+NEAR_H = 6  # half-width of a peak; the next tidal alias is 12 hours away
+AS_STATED_H = 1  # the delay of currents between two depths is shorter
+SEARCHED_H, DENSE_S = 6, 2 * HOUR_S  # lags and sampling that the search for unmodelled effects resolves more finely
+SPAN = 5  # windows per span of ten days
+CHANGE = 8.0  # cost of a clock change, in standard deviations of a span's sum: chance gains among 2000 lags are smaller
+FEWEST_SHARE = 0.3  # of the most common hours at any lag; products at lags with fewer are reduced
+# Records are related above the first two (correlation of high-passed speeds, score) or the third (of original speeds).
 RELATED, RELATED_SIGMAS, RELATED_WHOLE = 0.05, 3.0, 0.5
 
 
@@ -53,20 +53,20 @@ class SpeedSeries:
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """By how much the reference's clock is ahead of the affected one, as far as it is to be corrected."""
+    """Accepted offset of the reference's clock relative to the affected instrument's, reference ahead positive."""
 
-    time_s: tuple[float, ...] = (0.0,)  #: UTC seconds since 1970 by the affected clock, linear between
-    ahead_h: tuple[float, ...] = (0.0,)  #: hours by which the reference's clock is ahead at each
+    time_s: tuple[float, ...] = (0.0,)  #: nodes, UTC seconds since 1970 by the affected clock, linear between
+    ahead_h: tuple[float, ...] = (0.0,)  #: hours by which the reference's clock is ahead at each node
     warnings: tuple[str, ...] = ()  #: sentences for the report
-    same_recording: str = ""  #: why both records are one, and no pair counts
-    uncorrelated: str = ""  #: why the records may not be of one place and time
+    same_recording: str = ""  #: why both records are the same recording and all pairs are rejected, else empty
+    uncorrelated: str = ""  #: why the records may be of different places or times, else empty
 
     def align(self, record: Record) -> Record:
-        """Put the reference's record on the affected clock, without hours that a clock set back counted twice."""
+        """Convert the reference's record to the affected clock, dropping hours repeated by a clock set back."""
         if not any(self.ahead_h):
             return record
         time_s = record.time_s
-        for _ in range(2):  # the error is known by the other clock
+        for _ in range(2):  # the offset is a function of the affected clock, so iterate
             time_s = record.time_s - HOUR_S * np.interp(time_s, self.time_s, self.ahead_h)
         later = np.append(True, time_s[1:] > np.maximum.accumulate(time_s)[:-1])
         return take(replace(record, time_s=time_s), later)
@@ -74,23 +74,23 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class LagPath:
-    """A lag for each of w windows, hours by which the reference's clock is ahead."""
+    """A lag for each of w windows: hours by which the reference's clock is ahead."""
 
     hours: Hours  # (w,)
-    set_at: bool = False  # whether it changes because a clock was set, and not by its drift
+    set_at: bool = False  # whether the lag changes in steps, as a clock was set, and not by drift
 
 
 @dataclass(frozen=True)
 class LagWindows:
     """Products of the two speeds in each of w windows at each of k lags."""
 
-    upper: Floats  # (n,) each hour's speed without its slow part, 0 where none
-    lower: Floats  # (n,) by the reference's clock
-    edges: Hours  # (w + 1,) of the windows among the hours
-    first_s: float  # the first hour
-    products: Floats  # (w, k), whose sum is the correlation
+    upper: Floats  # (n,) hourly high-passed speed over its local rms, 0 where missing
+    lower: Floats  # (n,) the same of the reference, by its own clock
+    edges: Hours  # (w + 1,) window edges, as indices of hours
+    first_s: float  # time of the first hour
+    products: Floats  # (w, k), normalized so that their sum over windows is the correlation
     lags: Hours  # (k,)
-    whole: float  # correlation of the speeds with their slow part, clocks as stated
+    whole: float  # correlation of the speeds before high-passing, clocks as stated
 
     def along(self, path: LagPath) -> Floats:
         """Select each window's product at its lag, (w,)."""
@@ -118,7 +118,7 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     if dense and not best.set_at and np.abs(best.hours).max() <= SEARCHED_H:
         return _unrelated(windows, best)
     if best is stated:
-        # Another path may do better than the clocks as stated, near them or by far, though not surely.
+        # Warn if another path fits better, though not significantly: one near the stated clocks, or a far better one.
         near = unsure.set_at or abs(unsure.hours[0]) <= 2 * NEAR_H
         far = float(windows.along(stated).sum()) < 0.5 * float(windows.along(unsure).sum())
         possible = (near or far) and _score(windows, unsure, stated) > SIGMAS_WARNED
@@ -136,12 +136,12 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
 
 
 def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
-    """Compute the products of both series, None where there is too little."""
+    """Compute the lagged products of both series; None if they are too short or have too few common hours."""
     first_s = float(min(upper.time_s[0], lower.time_s[0]))
     hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
     parts = []
     for series in (upper, lower):
-        # Hourly speeds without their slow part, over their scatter of days, 0 where none; and where there are any.
+        # Hourly high-passed speeds over their local rms (0 where missing), and where speeds exist.
         known = np.isfinite(series.speed)
         slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
         count = np.bincount(slot, minlength=hours)
@@ -160,13 +160,13 @@ def _windows(upper: SpeedSeries, lower: SpeedSeries) -> LagWindows | None:
     counts = np.sum([_lagged(measured, there, span, reach) for span in spans], axis=0)
     scale = np.maximum(counts, FEWEST_SHARE * counts.max())
     both = measured * there > 0.0
-    with np.errstate(invalid="ignore", divide="ignore"):  # of one that is constant
+    with np.errstate(invalid="ignore", divide="ignore"):  # a constant series has no correlation
         correlation = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
     return LagWindows(x, y, edges, first_s, products / scale, np.arange(-reach, reach + 1), correlation)
 
 
 def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
-    """Compute the mean of what is there within a reach of hours of each, (n,)."""
+    """Compute the running mean of the existing values within ``reach`` hours of each hour, (n,)."""
     reach = min(reach, len(x) - 1)
     sums = [
         np.concatenate([np.zeros(reach + 1), np.cumsum(y * there), np.full(reach, np.sum(y * there))])
@@ -177,7 +177,7 @@ def _running_mean(x: Floats, there: Floats, reach: int) -> Floats:
 
 
 def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
-    """Compute the sums of a span of one series times the other -reach..reach hours later, (2 reach + 1,)."""
+    """Compute the summed products of a span of x with y at lags -reach..reach hours, (2 reach + 1,)."""
     begin, end = span
     around = np.pad(y, reach)[begin : end + 2 * reach]
     size = 1 << (2 * len(around)).bit_length()
@@ -186,7 +186,7 @@ def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
 
 
 def _linear_drift(windows: LagWindows) -> LagPath:
-    """Find the best way of a clock that drifts evenly."""
+    """Find the best lag path of a clock that drifts linearly."""
     share = np.linspace(0.0, 1.0, len(windows.products))
     begin = np.flatnonzero(np.abs(windows.lags) <= BEGAN_H)
     best, most = begin[:1], -np.inf
@@ -200,7 +200,7 @@ def _linear_drift(windows: LagWindows) -> LagPath:
 
 
 def _stepwise(windows: LagWindows) -> LagPath:
-    """Find the best way through spans of ten days where each change costs (Viterbi, IEEE Trans. IT 13, 260)."""
+    """Find the best stepwise lag path over spans of ten days with a cost per step (Viterbi, IEEE Trans. IT 13, 260)."""
     span = np.arange(len(windows.products)) // SPAN
     sums = np.array([windows.products[span == k].sum(axis=0) for k in range(span[-1] + 1)])
     cost, came = CHANGE * float(np.std(sums[:, np.abs(windows.lags) > windows.lags[-1] // 2])), []
@@ -216,7 +216,7 @@ def _stepwise(windows: LagWindows) -> LagPath:
 
 
 def _score(windows: LagWindows, path: LagPath, other: LagPath | None = None, part: Hours | None = None) -> float:
-    """Compute the normal score by which (some) windows prefer one path to another, or to none (Wallace 1959)."""
+    """Compute the normal score of one path's gain over another, or over zero, in (some) windows (Wallace 1959)."""
     gain = windows.along(path)
     if other is not None:
         gain = np.where(path.hours != other.hours, gain - windows.along(other), np.nan)
@@ -230,7 +230,7 @@ def _score(windows: LagWindows, path: LagPath, other: LagPath | None = None, par
 
 
 def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
-    """Return whether no other lag beyond a peak's shoulders, tidal aliases among them, does nearly as well anywhere."""
+    """Check that each part of a path fits significantly better than any lag off its peak, tidal aliases included."""
     changes = np.flatnonzero(np.diff(path.hours) * path.set_at) + 1
     shifted = [replace(path, hours=path.hours + lag) for lag in windows.lags if abs(lag) > NEAR_H]
     sums = np.array([windows.along(other) for other in shifted])
@@ -242,7 +242,7 @@ def _unambiguous(windows: LagWindows, path: LagPath) -> bool:
 
 
 def _unrelated(windows: LagWindows, stated: LagPath) -> ClockOffset:
-    """Report where months of speeds have nothing in common."""
+    """Report if the speeds are uncorrelated over months."""
     alike = float(windows.along(stated).sum())
     shared = np.flatnonzero(np.add.reduceat(windows.upper * windows.lower != 0.0, windows.edges[:-1]))
     related = alike > RELATED and _score(windows, stated, part=shared) > RELATED_SIGMAS
@@ -281,7 +281,7 @@ def _nodes(windows: LagWindows, path: LagPath) -> list[tuple[float, float]]:
     nodes, padded = [(ends[0], float(path.hours[0]))], np.pad(windows.lower, FARTHEST_H)
     for window in np.flatnonzero(np.diff(path.hours)) + 1:
         before, after = int(path.hours[window - 1]), int(path.hours[window])
-        # The hour within a week of the window's edge at which the change fits best.
+        # Hour within a week of the window's edge at which the change fits best.
         edge = int(windows.edges[window])
         hours = np.arange(max(edge - WEEK_H, 0), min(edge + WEEK_H, len(windows.upper)))
         first, second = (windows.upper[hours] * padded[hours + FARTHEST_H + lag] for lag in (before, after))
@@ -290,15 +290,15 @@ def _nodes(windows: LagWindows, path: LagPath) -> list[tuple[float, float]]:
     return nodes
 
 
-SLACK_S = HOUR_S  # steps back within this, or within SLACK_STEPS, are jitter, and order in time mends them
+SLACK_S = HOUR_S  # smaller steps back, or within SLACK_STEPS median steps, are jitter and are corrected by sorting
 SLACK_STEPS = 5.0
-CLASH_SHARE, MIN_RUN = 0.05, 3  # share and number of a run's samples in time that another run has: more are no accident
-SAME_SHARE = 0.9  # of those in common time, where they repeat the other run value by value, the run was read twice
-COVERED = 0.9  # of the deployment; a record that covers less is pointed at
+CLASH_SHARE, MIN_RUN = 0.05, 3  # share and number of a run's samples; fewer within an earlier run's time are tolerated
+SAME_SHARE = 0.9  # share of these with the values of the earlier run from which the run was read twice
+COVERED = 0.9  # share of the deployment; a record that covers less causes a warning
 
 
 def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
-    """Find samples with a valid time, (n,), count the others, and word warnings about them."""
+    """Find samples with a valid time, (n,), count the others, and compose warnings about them."""
     time_s = record.time_s
     finite = np.isfinite(time_s)
     keep = finite.copy()
@@ -322,7 +322,7 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
 
 
 def check_coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
-    """Warn where much lies outside the deployment, or much of the deployment has no sample."""
+    """Warn if many samples lie outside the deployment, or if much of the deployment has none."""
     if not len(time_s):
         return ["there is no sample with a time"]
     outside = time_s[~inside]
@@ -341,7 +341,7 @@ def _slack(time_s: Floats) -> float:
 
 
 def _outlying(time_s: Floats) -> Bools:
-    """Find single times that are far from both neighbours, which follow each other."""
+    """Find single times that are far from both neighbours, which are close to each other."""
     outlying = np.zeros(time_s.shape, dtype=bool)
     if len(time_s) < MIN_RUN:
         return outlying
@@ -349,12 +349,12 @@ def _outlying(time_s: Floats) -> Bools:
     apart = (np.abs(steps[:-1]) > slack) & (np.abs(steps[1:]) > slack) & (steps[:-1] * steps[1:] < 0)
     across = time_s[2:] - time_s[:-2]
     outlying[1:-1] = apart & (across >= 0) & (across <= 2.0 * slack)
-    # Two in turn can both look so, as of two recordings sample by sample: then none of them is an accident.
+    # Adjacent outliers, as from two recordings interleaved sample by sample, are not single errors.
     return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
 
 
 def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record: Record) -> bool:
-    """Return whether a run stands in time that runs before it have filled with other values."""
+    """Check whether a run lies within time that earlier runs have filled with other values."""
     if k == 0:
         return False
     before = np.sort(np.concatenate(runs[:k]))
@@ -369,7 +369,7 @@ def _clashes(run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record
 
 
 def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) -> Bools:
-    """Return whether heading and velocities of some samples are those of others, (k,)."""
+    """Compare heading and velocities of two sets of samples, (k,); True where all are equal."""
     same = np.ones(len(first), dtype=bool)
     for values in (record.heading_deg, record.east, record.north):
         a, b = values[first], values[second]

@@ -1,8 +1,8 @@
-"""From a decoded export to the record inside the deployment: clock, window, depth, exclusions, unusable bins.
+"""Preparation of a decoded record: clock, deployment period, depth, exclusions, unusable bins.
 
-Nothing is thrown away but what lies outside the deployment; what cannot be used is flagged and counted. The
-orientation of a profiler is checked by the echo of surface or bottom: a boundary at the distance h is met by the side
-lobes first, in the bin at h cos(beam angle), and by the beams themselves in the bin at h.
+Only samples outside the deployment, repeated or without a valid time are removed; unusable values are flagged and
+counted. The orientation of a profiler is checked by the echo of surface or bottom: a boundary at distance h appears
+first in the side lobes, in the bin at h cos(beam angle), and then in the beams themselves, in the bin at h.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
 
 MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
-BEYOND = 1.05  # of the distance: tilts, depths and the speed of sound are known to that
-CLEARLY = 1.2  # of the distance; water heard from beyond that would have followed the boundary's own echo
-MOST, FEW = 0.5, 0.05  # of the samples that show a boundary, or that would
-ENOUGH = 24  # samples before the echo decides anything
-RANGE_ROWS = 100  # rows of bins that tell the length of a cell
+BEYOND = 1.05  # factor on the distance: uncertainty of tilt, depth and speed of sound
+CLEARLY = 1.2  # factor on the distance; an echo of water from farther away implies that the boundary is absent
+MOST, FEW = 0.5, 0.05  # shares of the samples whose echo decides on a boundary
+ENOUGH = 24  # fewest samples for a decision
+RANGE_ROWS = 100  # number of rows from which the cell length is taken
 
 
 def apply_deployment(
@@ -48,18 +48,18 @@ def apply_deployment(
     affected: bool = False,
     quality: Mapping[str, Any] | None = None,
 ) -> Record:
-    """Cut the record to the deployment, put it on UTC, find its depth, flag its unusable values.
+    """Cut the record to the deployment, convert times to UTC, determine the depth, and flag unusable values.
 
     Args:
-        latitude: degrees north, for the depth of a pressure.
+        latitude: degrees north, to convert pressure to depth.
         nominal_depth: depth of the transducer by the metadata, metres.
         direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
         pressure_offset: dbar, subtracted.
         clock_offset_seconds: instrument clock minus UTC at start.
-        declination_applied: degrees that the export's directions already hold, of both or of headings and velocities
-            apart, taken out.
-        exclude: windows (from, to) known to be bad, UTC seconds.
-        quality: fields of ``quality.Thresholds`` that are not the usual ones.
+        declination_applied: declination already added to the export's directions, degrees, one value or separately for
+            heading and velocity; it is removed.
+        exclude: periods (from, to) known to be bad, UTC seconds.
+        quality: fields of ``quality.Thresholds`` that differ from the defaults.
     """
     thresholds = Thresholds(**(quality or {}))
     time_s = to_utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
@@ -96,15 +96,15 @@ def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift
     """Convert times by the instrument's clock to UTC, (n,) seconds since 1970.
 
     Args:
-        deployed: start and end, UTC.
-        offset_s: instrument clock minus UTC at start; the drift is the same at end, minus the offset.
+        deployed: start and end of the deployment, UTC seconds.
+        offset_s: instrument clock minus UTC at start; ``drift_s`` is its increase until the end.
     """
     start_s, end_s = deployed
     return time_s - offset_s - drift_s * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
 
 
 def describe_record(name: str, role: str, record: Record) -> str:
-    """Word the log line of the job that reads ``role``, the instrument."""
+    """Compose the log line of the job that reads the instrument in ``role``."""
     counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
     line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
@@ -113,8 +113,8 @@ def describe_record(name: str, role: str, record: Record) -> str:
 def check_orientation(record: Record, water_depth: float) -> Record:
     """Count the samples whose echo shows surface or bottom, and warn of a wrong orientation.
 
-    There is none where no echo was recorded, where neither boundary is near enough to be heard, or where both stand at
-    one distance.
+    There is no warning if no echo was recorded, if both boundaries are out of range, or if they are at the same
+    distance.
     """
     if record.echo_range_m is None or not len(record.time_s):
         return replace(record, echo_range_m=None)
@@ -123,7 +123,7 @@ def check_orientation(record: Record, water_depth: float) -> Record:
     room, other = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
     right, wrong = _echo_at(boundary, room, record), _echo_at(boundary, other, record)
     with np.errstate(invalid="ignore"):
-        near = room < record.bin_range_m[:, :2].max(axis=1)  # within the first bins it stands out from nothing
+        near = room < record.bin_range_m[:, :2].max(axis=1)  # within the first bins the echo has no contrast
         absent = np.isnan(boundary) & (heard > CLEARLY * room) & ~near
     names = ("echo_of_boundary", "echo_of_other_boundary", "echo_without_boundary")
     counts = {name: int(where.sum()) for name, where in zip(names, (right, wrong & ~right, absent), strict=True)}
@@ -132,7 +132,7 @@ def check_orientation(record: Record, water_depth: float) -> Record:
 
 
 def _inside(record: Record, start_s: float, end_s: float) -> Record:
-    """Keep the deployment, in order of time, one sample an instant, none without a valid time."""
+    """Cut to the deployment: valid times only, in order, one sample per time."""
     valid, invalid_counts, notes = find_valid_times(record)
     inside = valid & (record.time_s >= start_s) & (record.time_s <= end_s)
     there = np.flatnonzero(inside)
@@ -152,11 +152,11 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     place = place[first]
     unbroken = len(place) > 0 and place[-1] - place[0] == len(place) - 1
     which = slice(int(place[0]), int(place[-1]) + 1) if unbroken and (np.diff(place) == 1).all() else place
-    return _noted(replace(take(record, which), counts=counts), notes)  # a slice copies no years of samples
+    return _noted(replace(take(record, which), counts=counts), notes)  # a slice avoids copying years of samples
 
 
 def _deduplicated(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Drop samples that are there twice, time and values, as where two downloads overlap."""
+    """Drop samples with the same time and values as another, as where two downloads overlap."""
     order = place[np.argsort(record.time_s[place], kind="stable")]
     later, before = order[1:], order[:-1]
     again = record.time_s[later] == record.time_s[before]
@@ -171,15 +171,15 @@ def _noted(record: Record, notes: Sequence[str]) -> Record:
 
 
 def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floats, str]:
-    """Take the pressure where it varies, else the depth field where it varies, else the metadata.
+    """Compute depth from pressure if that varies, else from the depth field if that varies, else from the metadata.
 
-    A table of profiles counts its bins from the depth of the first (no profiler measures at its own transducer): there
-    the metadata's depth would shift them all.
+    A table of profiles gives the depth of its first bin (no profiler measures at its own transducer); the nominal depth
+    would shift all bins.
     """
     several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
     of_bins = several and bool(np.isfinite(record.depth_m).all())
     if _varies(record.pressure_dbar):
-        import gsw  # 0.1 s: only records with a pressure sensor pay for it
+        import gsw  # takes 0.1 s, needed only with a pressure sensor
 
         return _filled(-gsw.z_from_p(record.pressure_dbar, latitude)), "pressure"
     if _varies(record.depth_m) or of_bins:
@@ -195,7 +195,7 @@ def _varies(x: Floats) -> bool:
 
 
 def _filled(depth: Floats) -> Floats:
-    """Bridge single missing depths: a sphere moves slowly."""
+    """Interpolate missing depths, as a sphere moves slowly."""
     known = np.isfinite(depth)
     if not known.any():
         return depth.copy()
@@ -204,7 +204,7 @@ def _filled(depth: Floats) -> Floats:
 
 
 def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
-    """Word what is odd about the depth that counts, and about the file's own where that does not."""
+    """Compose warnings about an implausible depth, and about a depth in the file that was not used."""
     notes = []
     slack = np.inf if nominal is None else max(10.0, 0.2 * nominal)
     if np.isfinite(depth).any():
@@ -223,11 +223,11 @@ def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | 
 
 
 def _flag_boundaries(record: Record, water_depth: float, *, side_lobe: bool) -> Record:
-    """Flag bins beyond the surface or the bottom, and those that the side lobes' echo from there reaches first."""
+    """Flag bins beyond the surface or the bottom, and bins contaminated by side-lobe echoes from there."""
     if not record.east.size or record.east.shape[1] == 1:
         return record
     room = record.depth_m if record.looks_up else water_depth - record.depth_m
-    shared_ranges = not record.bin_range_m.strides[0]  # one row that all samples share
+    shared_ranges = not record.bin_range_m.strides[0]  # one row shared by all samples
     steps = np.abs(np.diff(record.bin_range_m[:1] if shared_ranges else record.bin_range_m, axis=1))
     cell_m = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
     reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_m / 2.0
@@ -239,7 +239,7 @@ def _flag_boundaries(record: Record, water_depth: float, *, side_lobe: bool) -> 
 
 
 def _echo_at(boundary: Floats, room: Floats, record: Record) -> Bools:
-    """Find samples whose boundary lies where this one should."""
+    """Find samples whose boundary echo is where a boundary at distance ``room`` is expected."""
     steps = np.diff(record.bin_range_m[:: 1 + len(room) // RANGE_ROWS])
     cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
     with np.errstate(invalid="ignore"):
@@ -264,15 +264,15 @@ def _orientation_warnings(record: Record, counts: dict[str, int], room: Floats, 
 
 
 FIELD_STRENGTH = "field_strength"
-FEWEST = 100  # samples of a magnetometer beside heading and tilt
-LONGEST_GAP = 3.0  # usual steps of the series over which it is read between two values
+FEWEST = 100  # samples with magnetometer, heading and tilt
+LONGEST_GAP = 3.0  # median steps of the series, across which it is interpolated
 
 
 def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
-    """Interpolate other series to the record's times, missing where they do not reach.
+    """Interpolate covariates from tables to the record's times, NaN outside their coverage.
 
     Raises:
-        InputError: a table cannot be read, or holds nothing at the record's times.
+        InputError: a table cannot be read, or has no value at the record's times.
     """
     channels, units, warnings = {**record.channels}, {**record.channel_units}, [*record.warnings]
     for name, settings in series.items():
@@ -289,10 +289,10 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
 
 
 def add_field_strength(record: Record) -> Record:
-    """Add the change of the field's strength, percent, where the instrument logged its magnetometer.
+    """Add the change of the total field strength, percent, if the instrument logged its magnetometer.
 
-    What follows the heading, twice the heading or the tilts is taken off: it is iron and scales at the sensor, which a
-    fit of the headings knows already. The axes themselves are the heading once more.
+    The part that varies with heading, twice the heading or tilt is removed: it is due to iron and scale errors, which
+    the fit of the headings includes. The three components are not used by themselves, as they repeat the heading.
     """
     if not set(MAGNETOMETER) <= set(record.channels):
         return record
@@ -318,7 +318,7 @@ def add_field_strength(record: Record) -> Record:
 
 
 def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
-    """Interpolate a series to other times, NaN outside of it and in its gaps, (n,)."""
+    """Interpolate a series to other times, (n,), NaN outside its coverage and in its gaps."""
     if len(time_s) < 2:
         return np.full(len(at_s), np.nan)
     steps = np.diff(time_s)

@@ -1,4 +1,4 @@
-"""The regular grid in time, and how a series, (n,) at increasing times, is taken to given instants, (k,)."""
+"""Selection of samples on a regular time grid, and interpolation of series, (n,), to given times, (k,)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Indices = NDArray[np.intp]
 
 
 def nearest_index(series_s: Floats, at_s: Floats) -> Indices:
-    """Find the position of the sample nearest to each instant; there is at least one."""
+    """Find the index of the sample nearest to each time, (k,); the series must not be empty."""
     right = np.clip(np.searchsorted(series_s, at_s), 1, max(len(series_s) - 1, 1))
     left = right - 1
     right = np.minimum(right, len(series_s) - 1)
@@ -19,10 +19,10 @@ def nearest_index(series_s: Floats, at_s: Floats) -> Indices:
 
 
 def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indices:
-    """Select the samples that stand for the nodes of a regular grid, each once, none farther than the tolerance.
+    """Select the samples nearest to the nodes of a regular grid, within a tolerance and without repetition.
 
-    The grid takes the sampling phase of the series itself, so that an hourly record is its own grid and no heading is
-    ever interpolated: a compass near iron has no meaningful value between two recorded ones.
+    The grid adopts the sampling phase of the series, so that an hourly record is its own grid. Headings are never
+    interpolated: a compass near iron has no meaningful value between two recorded ones.
     """
     if not len(time_s):
         return np.zeros(0, dtype=np.intp)
@@ -34,9 +34,9 @@ def grid_indices(time_s: Floats, *, step_s: float, tolerance_s: float) -> Indice
 
 
 def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, tolerance_s: float) -> NDArray:
-    """Interpolate real or complex values: linear inside gaps up to twice the tolerance, else the nearest.
+    """Interpolate real or complex values linearly across gaps up to twice the tolerance, else take the nearest.
 
-    NaN stands where even that is farther than the tolerance.
+    The result is NaN where the nearest sample is farther than the tolerance.
     """
     if not len(series_s):
         return np.full(len(at_s), np.nan, dtype=values.dtype)
@@ -52,9 +52,9 @@ def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, toler
 
 
 def common_phase(time_s: Floats, step_s: float) -> float:
-    """Find the phase within a step at which most samples stand."""
+    """Estimate the common phase of the samples within a step, seconds."""
     turn = np.exp(2j * np.pi * (time_s % step_s) / step_s)
     mean = turn.mean()
-    if abs(mean) < 0.1:  # sampled several times a step: no phase of its own
+    if abs(mean) < 0.1:  # sampled several times per step: no common phase
         return 0.0
     return float(np.angle(mean) / (2 * np.pi) * step_s)

@@ -1,12 +1,12 @@
-"""Whether the recorded headings are those by which the instrument turned its velocities.
+"""Tests of whether the recorded headings are those by which the instrument rotated its velocities.
 
-Heading minus direction of flow is the direction from which the water came at the instrument, in its own frame: no
-compass is in it, however bent. A moored instrument turns with the water, so that this direction keeps to one side; by
-windows of five days its speed-weighted mean vector stays within 0.61 of the record's in two real records of 21 months
-together. Where the column of headings was changed later (turned, mirrored, taken from elsewhere) it does not. Changes
-of heading and of the direction of flow belong to the same samples, and one is not much smoother than the other. Nor
-does a compass that turns repeat a reading or a sequence of readings to the last digit, or leave out every other sector
-of the circle.
+Heading minus direction of flow is the direction of flow in the instrument's own frame (with its sign reversed), which
+does not depend on the compass or its deviation. A moored instrument turns with the water, so this direction stays on
+one side: over windows of five days its speed-weighted mean vector stays within 0.61 of the record's in two real records
+of 21 months in total. If the column of headings was altered later (rotated, mirrored, replaced), it does not. Changes
+of heading and of the direction of flow occur in the same samples, and neither series is much smoother than the other.
+A working compass that turns does not repeat a reading or a sequence of readings to the last digit, nor omit every other
+sector of the circle.
 """
 
 from __future__ import annotations
@@ -22,61 +22,60 @@ from compasslib.statistics.resampling import adjacent
 from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
 WINDOW_S, FEWEST, FEWEST_WINDOWS = 5 * DAY_S, 40, 6
-# Mean vector that has a direction, or a firm relation; and how far that of two windows in a row may be off.
+# Least resultant length or correlation that counts as significant; largest turn of two consecutive windows.
 FIRM, TURNED_DEG = 0.4, 60.0
-# A single window may be further off: of 553 of the demonstration cruise one is by 79 degrees and 0.81.
+# Limits for a single window are wider: of 553 of the demonstration cruise one is off by 79 degrees and 0.81.
 ALONE, ALONE_DEG = 1.4, 110.0
-OFF, OFF_TIMES = 0.75, 5.0  # distance of a window's mean vector from the record's, and over the median distance
-SEQUENCE, DISTINCT = 12, 8  # readings in a row that are compared, and the different ones that they must hold
-MIRRORED = 0.15  # by which the mirrored headings are closer related to the flow
-NEAR_BINS = 3  # whose mean velocity is the flow
-# Headings equal to the extreme one, the same over those equal to each of the next values, and how many of these.
+OFF, OFF_TIMES = 0.75, 5.0  # distance of a window's mean vector from the record's, and its ratio to the median distance
+SEQUENCE, DISTINCT = 12, 8  # length of the sequences compared, and the fewest distinct readings in them
+MIRRORED = 0.15  # excess of the mirrored headings' correlation with the flow
+NEAR_BINS = 3  # bins averaged for the flow
+# Headings equal to the extreme one, ratio to the median count of the next values, and the number of those values.
 AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
-# Headings that fill a range from 0: how near to its ends, as a share of it, and how many; the range, and what was done.
+# Headings that fill a range from 0: width of its ends as a share of it, fewest headings there; the ranges and causes.
 RANGE_END, RANGE_END_COUNT = 1 / 90, 5
 RANGES = {
     180.0: "half of the circle was folded on the other (modulo 180, halved, or without a sign)",
     6.29: "they are radians",
 }
-# Windows in a row whose changes of heading and of flow are compared. By how much the correlation at another lag exceeds
-# that at none: at most 0.26 in 24 sound records, real water included. A window beside such a one has at least half.
+# Consecutive windows pooled, largest lag in samples, and excess of the correlation at that lag over natural lags (at
+# most 0.26 in 24 sound records, real water included), also in standard errors. Adjacent windows need half of it.
 TOGETHER, MAX_LAG, LAG_EXCESS, LAG_SIGMAS = 3, 24, 0.3, 5.5
 LEAST_LAG_S, MOST_LAG_S = 1800.0, 6 * HOUR_S  # a mooring turns minutes to some hours after the flow
-# Smoothness of heading over that of flow, less the record's median, in two windows in a row: at most 1.03 in the same
+# Smoothness of heading relative to flow, less the record's median, in two consecutive windows: at most 1.03 in the same
 # records, 0.7 to 2.3 where headings were averaged over 6 samples, 1.1 to 3.0 over 12.
-SMOOTHER, SMOOTHER_ALONE, TURNS_DEG = 1.1, 0.25, 2.0  # and the least mean change from sample to sample of such records
-# Readings of a run of which one is compared with the one before; the share of equal ones where all others differ by
-# several steps of resolution. Sound records have up to 0.09.
+SMOOTHER, SMOOTHER_ALONE, TURNS_DEG = 1.1, 0.25, 2.0  # the last: least mean change between samples for this test
+# Length of a run of readings; share of repeated readings in it from which it is flagged, where the median of the other
+# changes exceeds HELD_STEPS times the resolution. Sound records have up to 0.09.
 HELD_RUN, HELD_SHARE, HELD_STEPS = 100, 0.4, 5.0
-# Readings far off both neighbours, which lie either side of north: how many, their share, and times that elsewhere.
+# Readings far from the mean of neighbours on either side of north: number, share, and ratio to the share elsewhere.
 ACROSS, ACROSS_SHARE, ACROSS_TIMES, BETWEEN_DEG, ASTRAY_DEG = 8, 0.2, 1.5, 100.0, 60.0
-ACROSS_SIGMAS = 4.0  # by which their share exceeds that elsewhere
-# A running mean over m samples leaves no power at the multiples of 1/m: log10 of the power beside over that there, the
-# median of the multiples, of directions and of degrees as numbers. A mean of three has one multiple only.
+ACROSS_SIGMAS = 4.0  # standard errors by which their share exceeds that elsewhere
+# A running mean over m samples has no power at multiples of 1/m: log10 of the power between them over that at them,
+# median over the multiples, for unit vectors and for degrees as numbers. A mean of three has only one multiple.
 SECTION, MEANS, NOTCH, NOTCH_OF_DEGREES = 1024, range(4, 37), 0.75, 1.2
-# Correlation of headings with the reading before and with the flow, both: at least 0.15 in one of 972 sections of 23
-# sound records and of a real one of 16 months, whole and thinned; at most 0.11 of headings in another order.
-UNRELATED, STEADY, RELATED_STEP_S = 0.11, 0.97, 3 * HOUR_S  # and the longest interval that tells
-# Steps in which compasses count, degrees, the least and greatest error of a bit, changes of the higher bits by which
-# it should have changed, and the least share of readings in each eighth of the sectors that are left.
+# Larger of the headings' correlations with the previous reading and with the flow: lowest value 0.15, in one of 972
+# sections of 23 sound records and a real one of 16 months, whole and thinned; at most 0.11 for reordered headings.
+UNRELATED, STEADY, RELATED_STEP_S = 0.11, 0.97, 3 * HOUR_S  # the last: longest sampling interval tested
+# Resolutions of compass counts (degrees), smallest and largest weight of a tested bit (degrees), changes of the higher
+# bits after which it must have changed, and least share of readings in each eighth of the remaining sectors.
 COUNTS_DEG, BIT_ERROR_DEG, BIT_CHANGES, BIT_FILLED = (0.01, 0.1, 360 / 4096, 360 / 65536), (2.0, 90.0), 24, 0.06
-# Headings within so few degrees that jump across half of them: 1 in 4 of independent ones, 1 in 200 of a steady frame.
+# Range of all headings, and share of steps over half of it: 1 in 4 if independent, 1 in 200 for a steady frame.
 WRAPPED_DEG, WRAPPED_JUMPS = 5.0, 0.12
-# Every k-th reading against the mean direction of its neighbours: the median turn of one k, and the median size of one
-# k over that of the others; at most 4.9 degrees and 1.8 in 34 records of one compass, real water included.
+# Every k-th reading minus the mean direction of its neighbours: median, and median size relative to that of the other
+# readings; at most 4.9 degrees and 1.8 in 34 records from a single compass, real water included.
 PERIODS, INDEX_TURN_DEG, INDEX_SIGMAS, INDEX_TIMES, INDEX_LEAST_DEG = range(2, 13), 10.0, 6.0, 3.0, 2.0
-LONGEST_STEP = 2.5  # between neighbours, over the median step
+LONGEST_STEP = 2.5  # longest time step to a neighbour, in median steps
 
 
 def flag_altered(record: Record) -> Record:
-    """Flag headings doubtful that cannot be those by which the instrument turned its velocities.
+    """Flag as doubtful headings that cannot be those by which the instrument rotated its velocities.
 
-    A record of less than a month, as of a package lowered from a ship, is held against its own repetitions and limits
-    only.
+    Records of less than a month, as from a lowered package, are tested without comparing headings and flow.
     """
     record = _flag_across_north(_flag_stuck_bits(_flag_held(_flag_limits(_flag_repeated(record)))))
     record = _flag_wrapped(_flag_by_index(record))
-    # Compute the mean velocity of the good near bins, (n,), 0 where there is none.
+    # Mean velocity of the good near bins, (n,), 0 where there is none.
     velocity = record.east[:, :NEAR_BINS] + 1j * record.north[:, :NEAR_BINS]
     good = np.isfinite(velocity) & (record.quality[:, :NEAR_BINS] < PROBABLY_BAD)
     flow = np.where(good, velocity, 0.0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)
@@ -108,9 +107,9 @@ def flag_altered(record: Record) -> Record:
 
 
 def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
-    """Flag windows in which the heading changes some samples after the direction of flow, or before it.
+    """Flag windows in which the heading lags or leads the direction of flow by some samples.
 
-    A mooring may turn hours after the flow: the lag that its whole record shows is its own.
+    A mooring may turn hours after the flow: lags up to that of the whole record are regarded as natural.
     """
     both = np.where((weight[1:] > 0.0) & (weight[:-1] > 0.0), np.minimum(weight[1:], weight[:-1]), 0.0)
     changes = (angles.sin_cos(np.diff(angle))[0] for angle in (record.heading_deg, flow_deg))
@@ -124,7 +123,7 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
     size = np.sqrt(np.maximum(pooled(heading**2), 1e-12))
     shifted = (np.roll(flow, lag) for lag in lags)
     correlation = np.array([pooled(heading * f) / size / np.sqrt(np.maximum(pooled(f**2), 1e-12)) for f in shifted])
-    # Over what chance gives the largest of all lags and windows.
+    # Above the largest value that chance gives over all lags and windows.
     least = np.maximum(LAG_EXCESS, LAG_SIGMAS / np.sqrt(np.maximum(pooled(np.sign(both)), 1.0)))
     step_s = float(np.median(np.diff(record.time_s)))
     own = int(lags[int(np.argmax(np.abs([heading @ np.roll(flow, lag) for lag in lags])))])
@@ -135,7 +134,7 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
     if largest <= 1.0:
         return record
     late = np.convolve(excess[lag] > 0.5, np.ones(TOGETHER))[: int(number[-1]) + 1] > 0
-    late = late | adjacent(late)  # a stretch begins and ends within a window
+    late = late | adjacent(late)  # an altered period may begin and end within a window
     text = (
         f"{'lag' if lags[lag] > 0 else 'lead'} the direction of flow by {abs(lags[lag])} samples, as no compass does: "
         "they are flagged doubtful; check the times of the column of headings"
@@ -144,12 +143,12 @@ def _flag_late(record: Record, flow_deg: Floats, weight: Floats, number: NDArray
 
 
 def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDArray[np.intp]) -> Record:
-    """Flag windows whose headings are smoother than the flow allows, as averages or interpolated headings are."""
+    """Flag windows whose headings are smoother than the flow allows, as after averaging or interpolation."""
     known, windows = weight > 0.0, int(number[-1]) + 1
     both = known[1:] & known[:-1]
 
     def roughness(angle_deg: Floats) -> tuple[Floats, Floats]:
-        """Compute the mean change from sample to sample and the correlation of a change with the next, by window."""
+        """Compute, per window, the summed change between samples and the correlation of successive changes."""
         change = np.where(both, np.nan_to_num(np.clip(angles.wrap180(np.diff(angle_deg)), -90.0, 90.0)), 0.0)
         first, second = np.where(both[1:] & both[:-1], np.stack([change[:-1], change[1:]]), 0.0)
         products = (np.bincount(number[2:], x, windows) for x in (first * second, first**2, second**2))
@@ -164,7 +163,7 @@ def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDA
     enough = count >= FEWEST
     if not enough.any() or np.median((turn / np.maximum(count, 1.0))[enough]) < TURNS_DEG:
         return record  # a frame on the bottom does not turn
-    # Of the heading alone, too: slow flow has a rough direction.
+    # The heading must also be smooth by itself: the direction of slow flow is rough.
     excess, alone = (np.where(enough, x - np.median(x[enough]), 0.0) for x in (smoothness, persistence))
     pairs = (excess[1:] + excess[:-1] > 2.0 * SMOOTHER) & (alone[1:] + alone[:-1] > 2.0 * SMOOTHER_ALONE)
     smoothed = np.append(pairs, False) | np.append(False, pairs)
@@ -176,7 +175,7 @@ def _flag_smoothed(record: Record, flow_deg: Floats, weight: Floats, number: NDA
 
 
 def _flag_running_means(record: Record, flow: Complexes) -> Record:
-    """Flag sections whose headings are running means, unless the velocities are the same ones."""
+    """Flag sections whose headings are running means, unless the velocities are the same running means."""
     known = np.flatnonzero(_usable(record))
     if len(known) < SECTION // 2:
         return record
@@ -193,13 +192,13 @@ def _flag_running_means(record: Record, flow: Complexes) -> Record:
 
 
 def _sections(known: NDArray[np.intp], size: int) -> NDArray[np.intp]:
-    """Cut samples into sections that overlap by half, the last one up to the end, (k, size)."""
+    """Divide samples into sections that overlap by half, the last ending at the last sample, (k, size)."""
     starts = np.unique(np.append(np.arange(0, len(known) - size + 1, size // 2), len(known) - size))
     return known[starts[:, None] + np.arange(size)]
 
 
 def _relation(a: Complexes, b: Complexes, weight: Floats) -> Floats:
-    """Compute the correlation of unit vectors about their means along the last axis."""
+    """Compute the size of the weighted correlation of unit vectors about their means along the last axis."""
     weight = weight / weight.mean(axis=-1, keepdims=True)
     means = [np.mean(weight * x, axis=-1) for x in (a, b)]
     size = np.sqrt(np.prod([np.maximum(1.0 - np.abs(mean) ** 2, 1e-6) for mean in means], axis=0))
@@ -207,9 +206,9 @@ def _relation(a: Complexes, b: Complexes, weight: Floats) -> Floats:
 
 
 def _flag_unrelated(record: Record, flow: Complexes) -> Record:
-    """Flag sections whose headings have no relation to the reading before nor to the flow, as in another order.
+    """Flag sections whose headings correlate neither with the previous reading nor with the flow, as if reordered.
 
-    Readings far apart need have none: 512 of a real record, thinned to one in 6 hours, had not.
+    Sparse readings need not correlate: 512 of a real record, thinned to one in 6 hours, did not.
     """
     known = np.flatnonzero(_usable(record) & (np.abs(flow) > 0.0))
     if len(known) < SECTION // 2 or np.median(np.diff(record.time_s)) > RELATED_STEP_S:
@@ -230,7 +229,7 @@ def _flag_unrelated(record: Record, flow: Complexes) -> Record:
 
 
 def _notches(values: Complexes | Floats) -> Floats:
-    """Compute by how much the power at the multiples of 1/m is below that beside them, (sections, MEANS) log10."""
+    """Compute log10 of the power between the multiples of 1/m over that at them, (sections, MEANS)."""
     length = values.shape[1] // 3
     pieces = np.lib.stride_tricks.sliding_window_view(values - values.mean(axis=1, keepdims=True), length, axis=1)
     power = np.abs(np.fft.fft(pieces[:, :: length // 2] * np.hanning(length))) ** 2 + 1e-9
@@ -254,7 +253,7 @@ def _mean(direction: Complexes, weight: Floats) -> complex:
 
 
 def _far_windows(number: NDArray[np.intp], direction: Complexes, weight: Floats) -> Bools:
-    """Find the windows whose mean vector lies far from the record's, with those beside them, (w,)."""
+    """Find the windows whose mean vector is far from the record's, and the adjacent windows, (w,)."""
     size = int(number[-1]) + 1
     total = np.bincount(number, weight, size)
     mean = np.bincount(number, weight * direction.real, size) + 1j * np.bincount(number, weight * direction.imag, size)
@@ -275,9 +274,9 @@ def _far_windows(number: NDArray[np.intp], direction: Complexes, weight: Floats)
 
 
 def _flag_repeated(record: Record) -> Record:
-    """Flag sequences of readings that stand at two places, both of them: nobody knows which was recorded there."""
+    """Flag all copies of sequences of readings that occur more than once, as the original is unknown."""
     latest = np.maximum.accumulate(np.append(-np.inf, record.time_s[:-1]))
-    later = record.time_s > latest  # one sample given twice repeats nothing
+    later = record.time_s > latest  # a sample given twice is no repetition
     known = np.flatnonzero(later & _usable(record))
     if len(known) < SEQUENCE:
         return record
@@ -293,7 +292,7 @@ def _flag_repeated(record: Record) -> Record:
 
 
 def _flag_held(record: Record) -> Record:
-    """Flag stretches in which a reading stands for several samples, though the compass turned."""
+    """Flag runs in which one reading is repeated for several samples although the compass turned."""
     known = np.flatnonzero(_usable(record))
     if len(known) <= HELD_RUN:
         return record
@@ -312,7 +311,7 @@ def _flag_held(record: Record) -> Record:
 
 
 def _flag_across_north(record: Record) -> Record:
-    """Flag all headings where readings between two neighbours either side of north often point elsewhere."""
+    """Flag all headings if readings between two neighbours on either side of north often point elsewhere."""
     known = record.heading_deg[_usable(record)]
     if len(known) < FEWEST:
         return record
@@ -335,7 +334,7 @@ def _flag_across_north(record: Record) -> Record:
 
 
 def _flag_by_index(record: Record) -> Record:
-    """Flag all headings where every k-th one stands off its neighbours, as where two recordings were put together.
+    """Flag all headings if every k-th one differs from its neighbours, as where two recordings were interleaved.
 
     The first and the last reading of a burst have a neighbour that is far in time, and are not compared.
     """
@@ -354,7 +353,7 @@ def _flag_by_index(record: Record) -> Record:
             if min(own.sum(), others.sum()) < FEWEST:
                 continue
             size, usual = (float(np.median(np.abs(off[part]))) for part in (own, others))
-            turn, error = abs(float(np.median(off[own]))), 1.9 * size / np.sqrt(own.sum())  # of a normal law's median
+            turn, error = abs(float(np.median(off[own]))), 1.9 * size / np.sqrt(own.sum())  # 1.9: median of normal data
             if turn > max(INDEX_TURN_DEG, INDEX_SIGMAS * error) or size > INDEX_TIMES * max(usual, INDEX_LEAST_DEG):
                 note = (
                     f"one heading in {period} differs from those before and after by {size:.0f} degrees, half of them "
@@ -366,13 +365,13 @@ def _flag_by_index(record: Record) -> Record:
 
 
 def _flag_stuck_bits(record: Record) -> Record:
-    """Flag runs of readings in which one bit of the count never changes, though higher ones do."""
+    """Flag runs of readings in which one bit of the count never changes although higher ones do."""
     known = np.flatnonzero(_usable(record))
     stuck = np.zeros(record.heading_deg.shape, dtype=bool)
     for step in COUNTS_DEG:
         exact = record.heading_deg[known] / step
         count = np.rint(exact).astype(np.int64)
-        if np.abs(exact - count).max(initial=0.0) * step > 0.006:  # files keep two decimals
+        if np.abs(exact - count).max(initial=0.0) * step > 0.006:  # files have two decimals
             continue
         low, high = (int(np.floor(np.log2(error / step))) for error in BIT_ERROR_DEG)
         for bit in range(low + 1, high + 1):
@@ -388,7 +387,7 @@ def _flag_stuck_bits(record: Record) -> Record:
 
 
 def _flag_wrapped(record: Record) -> Record:
-    """Flag all headings where they fill a few degrees evenly and jump across them: the low byte of a count alone."""
+    """Flag all headings if they span a few degrees and jump across them: only the low byte of a count was stored."""
     known = record.heading_deg[_usable(record)]
     span = float(np.ptp(known)) if len(known) else 0.0
     if span > WRAPPED_DEG or len(np.unique(known)) < FEWEST:
@@ -404,7 +403,7 @@ def _flag_wrapped(record: Record) -> Record:
 
 
 def _flag_limits(record: Record) -> Record:
-    """Flag headings that were cut at a limit, which many equal, and those that fill a range other than the circle.
+    """Flag headings that were clipped at a limit, which many equal, and those that fill a range other than the circle.
 
     Headings that fill exactly half of it were taken modulo 180, halved, or have lost their sign; those that
     fill 0 to 6.28 are radians.
@@ -428,7 +427,7 @@ def _flag_limits(record: Record) -> Record:
 
 
 def _flag_some(record: Record, which: Bools, text: str) -> Record:
-    """Flag the selected headings, if any, and say how many, between which times and what is wrong with them."""
+    """Flag the selected headings, if any, with a note on their number, their time span and the fault."""
     if not which.any():
         return record
     first, last = (iso_time(when) for when in record.time_s[which][[0, -1]])
@@ -436,6 +435,6 @@ def _flag_some(record: Record, which: Bools, text: str) -> Record:
 
 
 def flag_headings(record: Record, which: Bools, *notes: str) -> Record:
-    """Flag headings doubtful that were better so far, and add notes to the warnings."""
+    """Flag the selected headings as doubtful unless already worse, and add notes to the warnings."""
     flags = np.where(which & (record.heading_quality < PROBABLY_BAD), PROBABLY_BAD, record.heading_quality)
     return replace(record, heading_quality=flags.astype(np.int8), warnings=record.warnings + notes)

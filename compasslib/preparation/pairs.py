@@ -1,9 +1,9 @@
 """Pairs: where affected instrument and reference measured nearly the same water at nearly the same time.
 
 The rules are those of von Appen 2015, section 2 and appendix: the mean of the first bins at the affected instrument,
-the bins of the reference nearest to it, less than 20 minutes and 20 m apart, on an hourly grid. Where it may be, the
-mean gives way to what the whole profile predicts of the water at the reference's depth (``water``). Pairs that betray a
-mistake, as one record given twice, another frame or another unit, are refused or come with a warning.
+the bins of the reference nearest to it, less than 20 minutes and 20 m apart, on an hourly grid. With ``predict``, the
+mean is replaced by the velocity that the whole profile predicts at the reference's depth (``water``). Pairs that reveal
+an input error (one record given twice, a wrong coordinate frame or unit) are rejected or come with a warning.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, ta
 from compasslib.statistics import single_threaded
 from compasslib.types import DAY_S, Complexes, Floats
 
-WIDER = 3.0  # times farther apart in depth, where pairs only compare the clocks
+WIDER = 3.0  # factor on the depth limit of pairs that only serve to compare the clocks
 DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
-MOST_IDENTICAL, ENOUGH = 0.5, 30  # share and number of pairs with equal speeds beyond which two instruments are one
-EQUAL_M_S = 1e-6  # single precision's last digit of a slow current
-SPEEDS_APART = 5.0  # ratio of median speeds beyond that of any two depths 20 m apart
-SLOWEST = 0.25  # of the pairs, whose directions are left out
-CLEARER = 1.8  # times less spread than the directions as recorded, than the flow and than the headings themselves
-# Signs of the recorded direction and of the heading in a sum that would be constant.
+MOST_IDENTICAL, ENOUGH = 0.5, 30  # share of equal speeds above which both records are the same, and fewest pairs
+EQUAL_M_S = 1e-6  # last digit of a slow current in single precision
+SPEEDS_APART = 5.0  # ratio of median speeds that no two depths 20 m apart reach
+SLOWEST = 0.25  # share of the slowest pairs, whose directions are ignored
+CLEARER = 1.8  # factor by which the spread in another frame must be smaller than in the recorded one
+# By (sign, k): the frame of the upper velocities if lower + sign * upper + k * heading (directions) is constant.
 OTHER_FRAMES = {
     (-1, 1): "turned back by the heading",
     (-1, -1): "turned by the heading",
@@ -50,25 +50,25 @@ OTHER_FRAMES = {
     (1, -2): "mirrored about the heading",
     (1, 0): "mirrored",
 }
-SURPRISE = 3.0  # times what is expected of the water: 0.8 to 1.5 in 40 cases of two real profiles
+SURPRISE = 3.0  # observed over expected rms error from which to warn; 0.8 to 1.5 in 40 cases of two real profiles
 NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
 
 
 @dataclass(frozen=True)
 class PairRules:
-    """What counts as overlapping (config.yaml, ``overlap``)."""
+    """Criteria for overlapping measurements (config.yaml, ``overlap``)."""
 
     max_minutes: float = 20.0  #: largest difference in time, minutes
     max_metres: float = 20.0  #: largest difference in depth, m
-    bins: int = 2  #: number of nearest bins whose mean is compared
-    predict: bool = False  #: the water at the reference's depth from the profile, instead of the mean of these bins
-    grid_minutes: float = 60.0  #: step of the grid of times, minutes
+    bins: int = 2  #: number of nearest bins that are averaged
+    predict: bool = False  #: predict the velocity at the reference's depth from the profile instead of averaging bins
+    grid_minutes: float = 60.0  #: step of the time grid, minutes
     grid_tolerance_minutes: float = 30.0  #: largest distance of a sample from its grid time, minutes
 
 
 @dataclass(frozen=True)
 class VelocitySeries:
-    """One velocity a time: a cell of an instrument, (k,) each, finite."""
+    """One velocity per time, from one cell of an instrument, (k,) each, finite."""
 
     time_s: Floats
     velocity: Complexes  # east + i north, m/s
@@ -76,9 +76,9 @@ class VelocitySeries:
 
 
 def widen_rules(rules: PairRules) -> PairRules:
-    """Widen the rules for what needs many pairs more than near ones: the clocks are compared by speeds.
+    """Widen the depth limit for the comparison of clocks, which needs many pairs rather than close ones.
 
-    Where the sphere dives, a wrong clock sets a pair far apart in depth: just what shows it would be left out.
+    Where the mooring is blown down, a clock error separates pairs in depth, and the normal limit would exclude them.
     """
     return replace(rules, max_metres=WIDER * rules.max_metres, predict=False)
 
@@ -86,7 +86,7 @@ def widen_rules(rules: PairRules) -> PairRules:
 def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairRules) -> ClockOffset:
     """Estimate the clock offset from current speeds, and check whether both records are the same recording.
 
-    Both are those inside the deployment; there may be no reference.
+    Both records must be cut to the deployment; ``trusted`` may be empty.
     """
     if not (trusted and len(upper.time_s) and len(trusted[0].time_s)):
         return ClockOffset()
@@ -102,7 +102,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
 def find_pairs(
     upper: Record, trusted: Sequence[Record], field: EarthField, rules: PairRules, clocks: ClockOffset | None = None
 ) -> Pairs:
-    """Find the overlapping measurements on the grid, both to true north; none where there is no reference."""
+    """Find the overlapping measurements on the time grid, relative to true north; none without a reference."""
     clocks = clocks or ClockOffset()
     recorded = upper
     upper = apply_heading_flags(upper, heading_outlier_flags(upper, upper.heading_deg))
@@ -138,7 +138,7 @@ def find_pairs(
 
 
 def describe_pairs(name: str, pairs: Pairs) -> str:
-    """Word the log line of the job that finds pairs."""
+    """Compose the log line of the job that finds pairs."""
     line = f"{name}: no overlapping pairs"
     if len(pairs):
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
@@ -156,7 +156,7 @@ def describe_pairs(name: str, pairs: Pairs) -> str:
 
 
 def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complexes, Floats]:
-    """Average the good bins nearest to a range from the transducer, (n,) m: velocity, depth, (n,), NaN without any."""
+    """Average velocity and depth, (n,) each, of the good bins nearest to a range, (n,) m; NaN without good bins."""
     away = record.bin_range_m - distance_from[:, None]
     np.abs(away, out=away)
     away[~usable_velocities(record)] = np.inf
@@ -172,10 +172,10 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
 
 
 def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
-    """Check pairs, and warn of what is wrong with them.
+    """Check pairs for input errors, and attach warnings.
 
     Raises:
-        InputError: both carry one serial number, or the velocities of one are in another frame than stated.
+        InputError: both instruments have the same serial number, or the affected velocities are in a wrong frame.
     """
     if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
         expected, shown = "two instruments", f"serial number {upper.serial_number} in the files of both"
@@ -199,7 +199,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
 
 
 def find_identical_velocities(pairs: Pairs) -> str:
-    """Explain why the two instruments of pairs are one, nothing where their velocities are not the same."""
+    """Explain that both instruments of the pairs are one recording; empty if their velocities differ."""
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < EQUAL_M_S) <= MOST_IDENTICAL:
         return ""
@@ -207,7 +207,7 @@ def find_identical_velocities(pairs: Pairs) -> str:
 
 
 def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
-    """Predict the water at the reference's depth from the profile, None where it cannot."""
+    """Replace the upper velocities by those predicted at the reference's depth; None if that is impossible or worse."""
     prediction = predict_water(upper, depth_m, bins)
     if prediction is None:
         return None
@@ -243,7 +243,7 @@ def _gridded(upper: Record, rules: PairRules) -> Record:
 
 
 def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: PairRules) -> VelocitySeries:
-    """Select the reference's cell nearest to the sphere, or to the affected bins; dense series averaged."""
+    """Select the reference's cell nearest to the sphere, or to the affected bins, and average dense series."""
     known = np.isfinite(depth)
     if not len(lower.time_s) or not known.any():
         return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
@@ -257,7 +257,7 @@ def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, 
 
 
 def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
-    """Average a densely sampled series over blocks of time; leave others alone."""
+    """Average a densely sampled series over blocks of time; return others unchanged."""
     if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
         return point
     block = np.floor(point.time_s / block_s)
@@ -269,7 +269,7 @@ def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
 
 
 def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
-    """Interpolate the reference's compass's heading to given times, None where it logs none that varies."""
+    """Interpolate the reference's heading to given times, (n,) degrees; None if it has no usable heading."""
     known = np.isfinite(lower.heading_deg) & (lower.heading_quality <= PROBABLY_GOOD)
     if not known.any() or not len(time_s):
         return None
@@ -339,10 +339,10 @@ def _unusable(record: Record, *, heading: bool) -> str:
 
 
 def _refuse_other_frame(pairs: Pairs) -> None:
-    """Refuse directions that agree with the reference's only when the heading is added, taken away or mirrored.
+    """Reject directions that agree with the reference's only after adding or subtracting the heading, or mirroring.
 
-    No iron does that: a compass that goes round shows its deviation about the true heading. Where the water runs one
-    way, or the compass hardly turns, nothing can be decided.
+    Iron cannot cause this: a compass that turns full circle deviates about the true heading. Where the flow keeps one
+    direction or the compass hardly turns, the test cannot decide and passes.
     """
     slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
     fast = slower >= np.quantile(slower, SLOWEST)
@@ -362,24 +362,24 @@ def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floa
 
 
 def _spread(angle_deg: Floats) -> float:
-    """Compute the standard deviation of angles that lie about one direction normally, radians."""
+    """Compute the circular standard deviation of angles, radians."""
     length = min(max(float(angles.resultant_length(angle_deg)), 1e-12), 1.0)
     return float(np.sqrt(-2.0 * np.log(length)))
 
 
-# Pairs that others made: read from a table or MATLAB file, at the samples of the affected instrument's record.
+# Ready-made pairs, read from a table or MATLAB file and matched to the samples of the affected instrument's record.
 
-AGREEING_DEG = 5.0  # median difference of headings beyond which the pairs are of another record
+AGREEING_DEG = 5.0  # median difference of headings above which the pairs may belong to another record
 
 
 def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Record, field: EarthField) -> Pairs:
-    """Place ready-made pairs at the nearest samples of the record; those farther off than half a sample are left out.
+    """Match ready-made pairs to the nearest samples of the record, dropping those off by over half a sample interval.
 
-    Depths and separations are unknown. Both velocities refer to one north, whichever that is.
+    Depths and separations are unknown. Both velocities must refer to the same north, true or magnetic.
 
     Args:
-        columns: time (UTC seconds), heading, velocities of both instruments by their role, (n,) each.
-        record: the affected instrument inside the deployment.
+        columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
+        record: the affected instrument's record, cut to the deployment.
     """
     order = np.argsort(columns["time"], kind="stable")
     rows = {role: column[order] for role, column in columns.items()}
@@ -390,7 +390,7 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
     if len(samples) > 1:
         at = nearest_index(samples, rows["time"])
         near = np.abs(samples[at] - rows["time"]) <= 0.5 * np.median(np.diff(samples))
-        near &= np.diff(at, prepend=-1) > 0  # one pair a sample, the first
+        near &= np.diff(at, prepend=-1) > 0  # at most one pair per sample, the first
     rows, at = {role: column[near] for role, column in rows.items()}, at[near]
     unknown = np.full(len(at), np.nan)
     pairs = Pairs(
@@ -425,7 +425,7 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
 
 ROLES = ("time", "heading", "upper_east", "upper_north", "lower_east", "lower_north")
 ADVICE = "correct fit.columns in the mooring file"
-DATENUMS = (6.5e5, 8.0e5)  # years 1780 to 2190; seconds since 1970 are beyond
+DATENUMS = (6.5e5, 8.0e5)  # years 1780 to 2190; seconds since 1970 are larger
 HDF5 = b"\x89HDF"  # after the text header of 512 bytes in a MATLAB 7.3 file
 HDF5_AT = 512
 
@@ -433,10 +433,10 @@ HDF5_AT = 512
 def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats]:
     """Read time (UTC seconds since 1970), heading (degrees) and velocities (in the file's unit), (n,) each.
 
-    Times of a MATLAB file are datenum or seconds since 1970.
+    Times in a MATLAB file may be datenum or seconds since 1970.
 
     Raises:
-        InputError: the file or a column is absent, or cannot be read.
+        InputError: the file or a column is missing or cannot be read.
     """
     if path.suffix.lower() != ".mat":
         return read_table(path, columns, ADVICE).columns

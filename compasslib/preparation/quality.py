@@ -1,6 +1,6 @@
-"""What parses and is still impossible: sensors that do not move, depths out of the water, sentinels taken for speeds.
+"""Quality control: stuck sensors, depths out of the water, fill values read as speeds, outlying headings.
 
-What cannot be true is flagged and counted; what may be true but is of no use comes with a warning.
+Impossible values are flagged and counted; values that are possible but uninformative cause a warning.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, 
 from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Bools, Floats
 
-# Tests of a velocity by the names of their counts, a bit each in this order; named after QARTOD and IMOS.
+# Velocity tests by the key of their count, one bit each in this order; flag meanings follow QARTOD and IMOS.
 TESTS = {
     "flagged_in_file": "flagged_in_file",
     "low_percent_good": "qartod_percent_good",
@@ -35,47 +35,47 @@ TESTS = {
     "heading": "heading",
 }
 MASKS = {name: np.int16(1 << k) for k, name in enumerate(TESTS)}
-READ_PERCENT_GOOD = 25.0  # by which readers flag
-ABOVE_SURFACE_M = 10.0  # a pressure sensor that was not zeroed in air is off by less
-BELOW_BOTTOM = 1.2  # of the water depth; a charted one is rarely wrong by more
-# Shares of the depth that an instrument rarely exceeds: on deck, and where a moored one passes in hours at most.
+READ_PERCENT_GOOD = 25.0  # threshold that the readers apply
+ABOVE_SURFACE_M = 10.0  # larger than the offset of a pressure sensor that was not zeroed in air
+BELOW_BOTTOM = 1.2  # times the water depth; charted depths are rarely wrong by more
+# Fractions of the 90th percentile of depth: shallower is on deck; up to the second a moored instrument passes in hours.
 ON_DECK, BETWEEN, RARELY, LEAST_DEPTH_M = 0.2, 0.5, 0.01, 15.0
-NEAR_LIMIT = 0.3  # of the largest value of a component: how far the values next to it are looked for
-COARSE_DEG = 2.0  # steps of the headings from which on they are mentioned
-FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # no water repeats itself to the last digit as often and as long
-STILL_DEG = 0.1  # from one sample to the next: the noise of a compass that no longer turns
-BLOCK = 50_000  # samples compared at once: memory only
-BY_CHANCE = 1e-3  # such runs expected of a series that repeats itself as often as the rest does
-ENOUGH = 24  # samples before a series that never moves is called stuck
-NARROW_DEG = 5.0  # headings within this tell nothing of how a deviation goes round
-# Headings that stand off both neighbours. In a year of ten genuine and simulated compasses, with steps of 0.3 to 17
-# degrees, none did so in fast water by half of what lies between ten median steps and a half turn.
-OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # times the median step off both neighbours; of a compass that hardly turns
-FREE_DEG = 135.0  # a compass whose ten steps reach this turns too freely for any heading to stand out
-# From this limit on a compass may swing so widely by nature, where the upper quartile of its right steps is so many
-# times their median: 2.05 to 2.6 of one real record, as compasses near iron read it; at most 2.02 of sound compasses in
+NEAR_LIMIT = 0.3  # range of values compared with the extreme one, as a fraction of it
+COARSE_DEG = 2.0  # heading resolution from which on a note is made
+FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # real currents never repeat to the last digit for this long
+STILL_DEG = 0.1  # change between samples below which a compass counts as stuck: its noise
+BLOCK = 50_000  # samples compared at once, to limit memory
+BY_CHANCE = 1e-3  # expected number of equally long runs, given how often the rest of the series repeats
+ENOUGH = 24  # fewest samples for calling a series stuck
+NARROW_DEG = 5.0  # a narrower arc of headings cannot constrain how the deviation varies with heading
+# Outlying headings: in a year of ten genuine and simulated compasses, with steps of 0.3 to 17 degrees, no heading in
+# fast water differed from both neighbours by the mean of ten median steps and 180 degrees.
+OFF_STEPS, LEAST_OFF_DEG = 10.0, 20.0  # limit in median steps; its lower bound, for a compass that hardly turns
+FREE_DEG = 135.0  # a compass with a larger limit turns too freely for outliers to be recognized
+# Above the limit WIDE_DEG a compass may swing widely by nature if the upper quartile of its valid steps exceeds HEAVY
+# times their median: 2.05 to 2.6 in one real record as read by compasses near iron; at most 2.02 for sound compasses in
 # simulated water, 5 to 20 % of whose headings were random.
 WIDE_DEG, HEAVY = 75.0, 2.04
-LONGEST_OFF = 5  # samples in a row that stand off together and come back
-PROOF, PROOF_SHARE = 3, 2.5e-4  # sure ones, and their share, before every other that stands off is taken to be wrong
-NEAR_BINS = 5  # whose mean tells fast water from slow
-FILLS, FILLS_MORE, FILLERS = 6, 3, 8  # a value that often, and that many times as often as those beside it
+LONGEST_OFF = 5  # longest run of samples that leaves and returns together
+PROOF, PROOF_SHARE = 3, 2.5e-4  # number and share of certain outliers from which uncertain ones are flagged bad too
+NEAR_BINS = 5  # bins whose mean distinguishes fast from slow water
+FILLS, FILLS_MORE, FILLERS = 6, 3, 8  # least count of a fill value, its ratio to neighbouring values, candidates
 NEIGHBOURS = 5  # distinct values on either side
-INTEGER_LIMITS, LIMIT_NEAR_DEG = (327.67, 327.68), 0.5  # of 16 bits, in hundredths of a degree
-FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value is longer than twice the typical step, within these
+INTEGER_LIMITS, LIMIT_NEAR_DEG = (327.67, 327.68), 0.5  # limits of 16-bit integers, in hundredths of a degree
+FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value exceeds twice the typical step, clipped to these bounds
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Thresholds of the tests; None leaves a test out."""
+    """Thresholds of the tests; None disables a test."""
 
-    percent_good: float = READ_PERCENT_GOOD  # %, least
-    correlation: float | None = None  # counts, least of the beams
-    error_velocity: float | None = None  # m/s, greatest
-    echo: float | None = None  # counts, least of the beams
-    tilt_deg: float = 45.0  # greatest pitch or roll, beyond what an instrument levels
-    speed: float = 5.0  # m/s, greatest, beyond any ocean current
-    side_lobe: bool = True  # whether cells that side lobes' echo from surface or bottom reaches first are flagged
+    percent_good: float = READ_PERCENT_GOOD  # minimum, %
+    correlation: float | None = None  # minimum over the beams, counts
+    error_velocity: float | None = None  # maximum, m/s
+    echo: float | None = None  # minimum over the beams, counts
+    tilt_deg: float = 45.0  # maximum pitch or roll; instruments do not compensate more
+    speed: float = 5.0  # maximum, m/s, above any ocean current
+    side_lobe: bool = True  # whether to flag cells contaminated by side-lobe echoes from surface or bottom
 
 
 DEFAULT_THRESHOLDS = Thresholds()
@@ -84,16 +84,16 @@ DEFAULT_THRESHOLDS = Thresholds()
 def flag_quality(
     record: Record, water_depth: float, *, affected: bool = False, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> Record:
-    """Flag and count impossible values, and warn of sensors that are of no use.
+    """Flag and count impossible values, and warn of uninformative sensors.
 
     Args:
-        affected: whether its compass is to be corrected. Near strong iron a small turn changes the recorded heading by
-            much: its outliers are counted here, and judged by their corrected headings (``heading_outliers``).
+        affected: whether the compass is to be corrected. Near strong iron a small turn can change the recorded heading
+            greatly: outliers are then only counted, and tested again after the correction (``heading_outlier_flags``).
     """
     record = _flag_profiles(_flag_read(record, thresholds), thresholds)
     record = _impossible(record, water_depth, thresholds)
     if record.bin_range_m.shape[1] > 1:
-        with np.errstate(invalid="ignore"):  # bins that all lie at one range, as where the cells' length was lost
+        with np.errstate(invalid="ignore"):  # bins at the same range, as where the cell length was lost
             flat = (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)[:, None]
         sentence = "bins of no length, whose depths nothing tells"
         record = flag_velocities(record, flat, BAD, "bins_without_length", sentence)
@@ -106,10 +106,10 @@ def flag_quality(
 
 
 def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
-    """Flag velocities that were good so far, and count them; a sentence on what they are becomes a warning.
+    """Flag velocities that were good so far, count them, and warn if a sentence describes them.
 
     Args:
-        where: (n, m), or what can be broadcast to it.
+        where: mask, broadcastable to (n, m).
     """
     failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
     tests = np.where(failed, _tests(record) | MASKS[count], _tests(record)).astype(np.int16)
@@ -126,7 +126,7 @@ def _tests(record: Record) -> NDArray[np.int16]:
 
 
 def _flag_read(record: Record, thresholds: Thresholds) -> Record:
-    """Name the test behind the flags that the velocities were read with, and apply another least percent good."""
+    """Attribute the reader's flags to a test, and apply a percent-good threshold other than the reader's."""
     name = "low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"
     flagged = (record.quality > PROBABLY_GOOD) & (record.quality != MISSING)
     least, percent = thresholds.percent_good, None
@@ -144,8 +144,8 @@ def _flag_read(record: Record, thresholds: Thresholds) -> Record:
 def _percent_good(record: Record) -> Floats:
     """Compute the share of good pings, (n, m) percent.
 
-    Of four beams in beam coordinates the worst counts, and the second where three beams made the velocity; in others
-    columns 1 and 4 are the solutions of three and of four beams.
+    In beam coordinates with four beams it is the minimum, or the second lowest for three-beam solutions; in other
+    coordinates it is the sum of columns 1 and 4, the three- and four-beam solutions.
     """
     percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
     if percent.ndim < 3 or percent.shape[2] != 4:
@@ -158,7 +158,7 @@ def _percent_good(record: Record) -> Floats:
 
 
 def _flag_profiles(record: Record, thresholds: Thresholds) -> Record:
-    """Flag by correlation, error velocity and echo where thresholds are set and the file has them."""
+    """Flag by correlation, error velocity and echo intensity where a threshold is set and the file has the profile."""
     tests = (
         ("correlation", "low_correlation", thresholds.correlation, "correlations below {:g} counts"),
         ("echo", "weak_echo", thresholds.echo, "echoes below {:g} counts"),
@@ -178,7 +178,7 @@ def _flag_profiles(record: Record, thresholds: Thresholds) -> Record:
 
 
 def _impossible(record: Record, water_depth: float, thresholds: Thresholds) -> Record:
-    """Flag what no ocean, no levelled instrument and no depth in the water can show."""
+    """Flag impossible speeds, values at a limit, excessive tilt, and depths outside the water."""
     too_fast = np.hypot(record.east, record.north) > thresholds.speed
     cut = _at_limit(record.east) | _at_limit(record.north)
     with np.errstate(invalid="ignore"):
@@ -195,7 +195,7 @@ def _impossible(record: Record, water_depth: float, thresholds: Thresholds) -> R
 
 
 def _at_limit(component: Floats) -> Bools:
-    """Find values that are exactly the smallest or greatest, where far more are than of the values next to it."""
+    """Find values that equal the minimum or maximum, where these occur far more often than adjacent values."""
     cut = np.zeros(component.shape, dtype=bool)
     if not np.isfinite(component).any():
         return cut
@@ -206,16 +206,16 @@ def _at_limit(component: Floats) -> Bools:
         order = np.argsort(np.abs(values - limit))
         next_to_it = counts[order[1 : 1 + COMPARED_VALUES]]
         at = component == limit
-        times = np.count_nonzero(at[1:] & ~at[:-1])  # that it was reached: a meter that froze there did so once
+        times = np.count_nonzero(at[1:] & ~at[:-1])  # number of arrivals: a meter frozen at the limit arrives once
         if len(next_to_it) and times > max(AT_LIMIT, CROWDED * np.median(next_to_it)):
             cut |= at
     return cut
 
 
 def _out_of_water(record: Record) -> Record:
-    """Flag what was recorded on deck, as the depth tells: near the surface, and seldom anywhere between it and below.
+    """Flag samples recorded on deck: depths near the surface in a record with few intermediate depths.
 
-    A profiler, whose depth runs through all levels, and a shallow instrument are not looked at.
+    Profilers, which pass through all levels, and shallow instruments are not tested.
     """
     deepest = float(np.nanpercentile(record.depth_m, 90.0)) if np.isfinite(record.depth_m).any() else 0.0
     with np.errstate(invalid="ignore"):
@@ -234,12 +234,12 @@ def _out_of_water(record: Record) -> Record:
 
 
 def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
-    """Flag headings to which no instrument turned between those before and after, (n,): good, probably bad or bad.
+    """Flag headings that differ implausibly from both neighbours, (n,): good, probably bad or bad.
 
-    Those that the record flags doubtful or bad are not judged.
+    Headings that the record flags doubtful or bad are not tested.
 
     Args:
-        heading_deg: to be judged, (n,), recorded or corrected, NaN where there is none.
+        heading_deg: recorded or corrected headings to be tested, (n,) degrees, NaN where missing.
     """
     known = np.isfinite(heading_deg) & (record.heading_quality < PROBABLY_BAD)
     flags = np.full(known.shape, GOOD, dtype=np.int8)
@@ -248,14 +248,14 @@ def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
 
 
 def apply_heading_flags(record: Record, flags: Flags) -> Record:
-    """Apply the flags of headings, (n,), where they are worse, and flag velocities turned by a bad one doubtful."""
+    """Apply heading flags, (n,), where they are worse, and flag velocities rotated by a bad heading as doubtful."""
     turned = (flags >= BAD)[:, None] & (record.quality <= GOOD)
     quality = np.where(turned, PROBABLY_BAD, record.quality).astype(np.int8)
     return replace(record, heading_quality=np.maximum(record.heading_quality, flags), quality=quality)
 
 
 def _outlying_headings(record: Record, affected: bool) -> Record:
-    """Flag headings that are a fill value, and outliers where the compass is not to be corrected."""
+    """Flag headings that are fill values, and also outliers if the compass is not to be corrected."""
     known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
     heading = record.heading_deg[known]
     values = _fill_values(heading) if len(known) >= ENOUGH else np.empty(0)
@@ -292,15 +292,15 @@ def _heading_warnings(counts: dict[str, int], values: Floats, known: int, affect
 
 
 def _fill_values(heading_deg: Floats) -> Floats:
-    """Find headings that the record repeats far more often than those beside them, and jumps to."""
+    """Find fill values: headings that occur far more often than adjacent values and are reached by jumps."""
     distinct, place = np.unique(heading_deg.round(2), return_inverse=True)
-    # A compass that stands still is none: what counts is how often the record jumps there.
+    # A stationary compass has no fill value, so arrivals at a value are counted, not samples.
     count = np.bincount(place[np.append(True, place[1:] != place[:-1])], minlength=len(distinct))
     typical = float(np.median(_off_both(heading_deg)))
     fills = []
     for k in np.argsort(-count)[:FILLERS]:
         neighbours = np.sort(count[np.arange(k - NEIGHBOURS, k + NEIGHBOURS + 1) % len(count)])
-        # The largest is its own; the next may be that of another fill value.
+        # The largest count is usually the value's own, and the next may belong to another fill value.
         ordinary = neighbours[-3] if len(neighbours) > 2 else len(heading_deg)
         others = np.flatnonzero(place != k)
         if count[k] < FILLS + FILLS_MORE * ordinary or len(others) < ENOUGH:
@@ -309,7 +309,7 @@ def _fill_values(heading_deg: Floats) -> Floats:
         ends = [heading_deg[others[np.clip(at, 0, len(others) - 1)]] for at in (after - 1, after)]
         off = np.min([np.abs(angles.difference(end, distinct[k])) for end in ends], axis=0)
         fills += [distinct[k]] if np.median(off) > np.clip(2.0 * typical, *FILL_OFF_DEG) else []
-    # The limits of 16 bits may come in runs; a frame that stands near one reads the values beside it as often.
+    # 16-bit limits may come in runs; a stationary frame near one reads the adjacent values as often.
     total = np.bincount(place, minlength=len(distinct))
     for limit in INTEGER_LIMITS:
         at, beside = distinct == limit, np.abs(distinct - limit) < LIMIT_NEAR_DEG
@@ -319,7 +319,7 @@ def _fill_values(heading_deg: Floats) -> Floats:
 
 
 def _off_both(heading_deg: Floats) -> Floats:
-    """Compute each heading's distance from the nearer of its neighbours, (n,) degrees; 0 at both ends."""
+    """Compute each heading's difference from the closer of its two neighbours, (n,) degrees; 0 at both ends."""
     steps = np.abs(angles.difference(heading_deg[1:], heading_deg[:-1]))
     off = np.zeros(len(heading_deg))
     off[1:-1] = np.minimum(steps[1:], steps[:-1])
@@ -327,7 +327,7 @@ def _off_both(heading_deg: Floats) -> Floats:
 
 
 def _excursions(heading_deg: Floats, limit: float) -> Bools:
-    """Find headings that differ from both neighbours by more than a limit, or a few in a row that do and come back."""
+    """Find single headings, or short runs that return, that differ from those before and after by more than a limit."""
     off, steps = _off_both(heading_deg) > limit, np.abs(angles.difference(heading_deg[1:], heading_deg[:-1])) > limit
     for length in range(2, LONGEST_OFF + 1):
         begin = np.arange(1, len(heading_deg) - length)
@@ -338,10 +338,10 @@ def _excursions(heading_deg: Floats, limit: float) -> Bools:
 
 
 def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
-    """Flag each heading, (n,): good, bad where it is an outlier, or probably bad where it may be one.
+    """Flag each heading, (n,): good, bad if it is an outlier, or probably bad if it may be one.
 
-    In slow water a compass may turn to anywhere and back: only what stands off far in fast water is sure. Where several
-    do, the others are no turns either, but for a compass that swings widely by nature, whose steps are of all sizes.
+    In slow water a compass may turn anywhere and back, so only large excursions in fast water are certain. If there are
+    several, the uncertain ones are flagged too, unless the compass swings widely by nature, with steps of all sizes.
     """
     flags = np.full(len(heading_deg), GOOD, dtype=np.int8)
     off = _off_both(heading_deg)
@@ -351,7 +351,7 @@ def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
     far = (limit + 180.0) / 2.0
     sure = _excursions(heading_deg, far) & fast
     flags[sure] = BAD
-    # Were they anywhere on the circle, this share of all would be wrong.
+    # Share of all headings that are wrong, if the wrong ones are uniform on the circle.
     wrong = min(sure.sum() / fast.sum() * 180.0 / (180.0 - far), 0.4)
     median, quartile = np.quantile(off[fast], (0.5 * (1.0 - wrong), 0.75 * (1.0 - wrong)))
     natural = limit > WIDE_DEG and quartile > HEAVY * median
@@ -365,15 +365,15 @@ def _outliers(heading_deg: Floats, fast: Bools) -> Flags:
 
 
 def _limit(off_both_deg: Floats, wrong: float) -> float:
-    """Compute the distance from both neighbours that a correct heading rarely exceeds, degrees."""
+    """Compute the difference from both neighbours that a correct heading rarely exceeds, degrees."""
     if not off_both_deg.size:
         return 360.0
-    middle = 0.5 * (1.0 - min(2.0 * wrong, 0.8))  # a wrong heading counts itself, and may count a right one
+    middle = 0.5 * (1.0 - min(2.0 * wrong, 0.8))  # a wrong heading may also make a valid neighbour stand out
     return max(LEAST_OFF_DEG, OFF_STEPS * float(np.quantile(off_both_deg, middle)))
 
 
 def _fast_water(record: Record) -> Bools:
-    """Find the samples at which the water runs faster than in the median, by the first bins, (n,)."""
+    """Find samples with a mean speed of the first bins above its median, (n,)."""
     good = record.quality[:, :NEAR_BINS] <= GOOD
     count = good.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -384,16 +384,16 @@ def _fast_water(record: Record) -> Bools:
 
 
 def _stuck_velocity(record: Record) -> Bools:
-    """Find samples whose velocities repeat those before them in all bins; still water, all zero, is not looked at.
+    """Find runs of samples whose velocities repeat the previous ones in all bins; all-zero samples are not tested.
 
-    Where one component alone never changes, all samples are.
+    Where one component never changes, all samples are returned.
     """
     steps = max(len(record.time_s) - 1, 0)
     same, moving = np.ones(steps, dtype=bool), np.zeros(steps, dtype=bool)
     constant = []
     for velocity in (record.east, record.north):
         repeats = np.ones(steps, dtype=bool)
-        for begin in range(0, steps, BLOCK):  # a decade's copies would not fit beside each other
+        for begin in range(0, steps, BLOCK):  # copies of a decade of data would not fit into memory
             piece = slice(begin, begin + BLOCK)
             known = np.nan_to_num(velocity[begin : begin + BLOCK + 1])
             repeats[piece] = (known[1:] == known[:-1]).all(axis=1)
@@ -407,7 +407,7 @@ def _stuck_velocity(record: Record) -> Bools:
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:
-    """Find samples that repeat the one before, (n - 1,), so often and long that the others make it no chance."""
+    """Find long runs of repeated samples, (n - 1,) mask, that the rate of repetition elsewhere does not explain."""
     edge = np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))
     runs = np.column_stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)])  # first and last sample of each
     lasts = time_s[runs[:, 1]] - time_s[runs[:, 0]] >= FROZEN_S
@@ -422,7 +422,7 @@ def _stuck(same: Bools, time_s: Floats) -> Bools:
 
 
 def _stuck_heading(record: Record) -> Record:
-    """Flag headings that stand still for hours where they otherwise never do."""
+    """Flag headings that remain constant for hours in a record where they otherwise vary."""
     with np.errstate(invalid="ignore"):
         same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
     frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
@@ -433,7 +433,7 @@ def _stuck_heading(record: Record) -> Record:
 
 
 def _constant_sensors(record: Record) -> Record:
-    """Count sensors that never move, with a warning."""
+    """Count samples of sensors that never vary, and warn."""
     counts: dict[str, int] = {"tilt_frozen": 0, "heading_frozen": 0, "heading_narrow": 0}
     notes = []
     tilts = [x for x in (record.pitch_deg, record.roll_deg) if np.isfinite(x).sum() >= ENOUGH]
@@ -441,7 +441,7 @@ def _constant_sensors(record: Record) -> Record:
         counts["tilt_frozen"] = int(np.isfinite(tilts[0]).sum())
         notes.append("pitch and roll never change: the tilt sensor is stuck or was not fitted, its tilts tell nothing")
     heading = record.heading_deg[np.isfinite(record.heading_deg)]
-    arc = 360.0  # the width of the smallest arc that holds all but the outermost percent
+    arc = 360.0  # width of the central arc that holds 99 % of the headings
     if heading.size >= ENOUGH:
         arc = float(np.ptp(np.percentile(angles.difference(heading, angles.mean(heading)), [0.5, 99.5])))
     if arc == 0.0:

@@ -1,17 +1,17 @@
 """Checks of the reference against the affected instrument, and the combination of several references.
 
-Several references each give pairs of their own, with the water predicted at their own depth. At one time the affected
-compass turns all of them alike, so that their mean turns as each does; they are weighted by how much their speeds,
-which no compass turns, differ from the predicted ones.
+Each reference yields its own pairs, with the water predicted at its own depth. At a given time the deviation of the
+affected compass rotates all pairs equally, so it is preserved in their mean; the weights follow from the differences
+between the measured and the predicted speeds, which do not depend on a compass.
 
-A reference may be the affected record itself: its bins rounded, rescaled, averaged or shifted. Two instruments never
-agree to a millimetre a second: pings and the water between them differ. A deeper cell of the same profiler, given at
-its own depth, is accepted.
+A reference may turn out to be the affected record itself, with bins rounded, rescaled, averaged or shifted. Two
+instruments never agree to a millimetre per second, as their pings and the water between them differ. A deeper cell of
+the same profiler, given at its own depth, is accepted.
 
 A reference may also have been averaged, filtered, interpolated or held. The structure function of speed, the mean
-square of its changes over a lag, needs neither compass nor gapless series. At one site its ratio between two
-instruments is about the same at the shortest lag and at two days, but for their noise: 0.8 to 1.9 times on
-eleven simulated hourly moorings and between bins of one real record.
+square of its changes over a lag, requires neither a compass nor a gapless series. At one site its ratio between two
+instruments is nearly the same at the shortest lag and at two days, apart from noise: the two ratios differ by a factor
+of 0.8 to 1.9 on eleven simulated hourly moorings and between bins of one real record.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from compasslib.statistics.least_squares import robust_width
 from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
 BLOCK_S = 10 * DAY_S
-MIN_BLOCKS, MIN_COMMON_PAIRS = 5, 100  # that both must have at the same times before they are held against each other
-LEAST_DEG, SURE = 5.0, 4.0  # a difference of directions that is told, and its standard errors
+MIN_BLOCKS, MIN_COMMON_PAIRS = 5, 100  # common to two references, before they are compared
+LEAST_DEG, SURE = 5.0, 4.0  # smallest difference of directions that is reported, and in standard errors
 CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
 LEAST_NOISE_M_S = 0.002
-REFERENCE_HEADING = "lower_heading_deg"  # of one instrument: not of several together
+REFERENCE_HEADING = "lower_heading_deg"  # belongs to a single instrument, so it is not joined
 AVERAGED = (
     *("upper_east", "upper_north", "lower_east", "lower_north"),
     *("upper_depth_m", "lower_depth_m", "separation_minutes"),
@@ -44,11 +44,11 @@ AVERAGED = (
 
 
 def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
-    """Join the pairs of all references that agree, by time, with what is to be said of the others.
+    """Join the pairs of all consistent references in order of time, with warnings about the others.
 
-    Where three or more are there, one that disagrees with all others, which agree, is left out; where two disagree,
-    nobody can tell whose fault it is: the first, which the mooring's file names first, stands alone, and all
-    headings are doubtful by the difference. A recording that is given twice counts once.
+    Of three or more references, one that disagrees with all others, which agree, is excluded. If two disagree, the
+    faulty one cannot be determined: only the first in the mooring's file is used, and the difference is added as a
+    doubt to all headings. A recording that is given twice is used once.
     """
     if len(each) == 1:
         return each[0]
@@ -75,7 +75,7 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
 
 def combine_references(pairs: Pairs) -> Pairs:
-    """Combine pairs of one time: those of several references become their weighted mean."""
+    """Combine the simultaneous pairs of several references into their weighted mean."""
     if pairs.reference_index is None:
         return pairs
     if not len(pairs):
@@ -95,7 +95,7 @@ def combine_references(pairs: Pairs) -> Pairs:
 
 
 def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
-    """Combine the errors of the published mean and of the prediction, rms over all pairs that have them."""
+    """Pool the expected errors of the published mean and of the prediction, rms over all pairs that have them."""
     known = [(len(pairs), pairs.expected_m_s) for pairs in each if pairs.expected_m_s is not None]
     if not known:
         return None
@@ -105,10 +105,10 @@ def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
 
 
 def _weights(missed: Floats) -> Floats:
-    """Compute the weight of each reference at each time, (t, k), not below 0, for the least noise together.
+    """Compute non-negative weights of the references at each time, (t, k), for minimum variance of their mean.
 
     Args:
-        missed: predicted minus trusted speed, (t, k), NaN where an instrument has no pair.
+        missed: predicted minus reference speed, (t, k) m/s, NaN where a reference has no pair.
     """
     there = np.isfinite(missed)
     off = np.where(there, missed - np.nanmedian(missed, axis=0), 0.0)
@@ -117,19 +117,19 @@ def _weights(missed: Floats) -> Floats:
     result = np.zeros(missed.shape)
     for pattern in np.unique(there, axis=0):
         solution = np.linalg.solve(covariance[np.ix_(pattern, pattern)], np.ones(int(pattern.sum())))
-        # Where one only adds noise that another has too, its best weight is negative: it is left out.
+        # A reference whose noise is correlated with a better one's has a negative optimal weight: it is excluded.
         result[np.ix_(np.all(there == pattern, axis=1), pattern)] = np.maximum(solution, 0.0)
     return result
 
 
 def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], list[str], float]:
-    """Choose which references are used, say which disagree, and by how many degrees where none can be ruled out."""
+    """Select consistent references, with notes on the others, and the unresolved disagreement, degrees, else 0."""
     doubted = {k: why for k, pairs in enumerate(each) for _, why in pairs.doubts}
     if len(doubted) == len(each):
         doubted = {}
     used, notes = list[int](), [f"{names[k]} is left out: {why}" for k, why in doubted.items()]
     rest = (k for k in range(len(each)) if k not in doubted)
-    for k in sorted(rest, key=lambda k: -len(each[k])):  # of two files of one recording the longer stays
+    for k in sorted(rest, key=lambda k: -len(each[k])):  # of two files of one recording use the longer
         if (twin := next((j for j in used if _identical(each[j], each[k])), None)) is None:
             used = sorted([*used, k])
         else:
@@ -150,7 +150,7 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
 
 
 def _identical(first: Pairs, second: Pairs) -> bool:
-    """Check whether two references gave the same velocities, as two files of one recording do."""
+    """Check whether two references have the same velocities, as two files of one recording have."""
     _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
     if len(a) < MIN_COMMON_PAIRS:
         return False
@@ -160,10 +160,10 @@ def _identical(first: Pairs, second: Pairs) -> bool:
 
 
 def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
-    """Describe the difference of two references' directions beyond the water's shear that the profile shows, degrees.
+    """Describe by how many degrees two references' directions differ beyond the shear predicted by the profile.
 
-    None where they do not, or where too little is there. The predictions at their two depths share the affected
-    compass: their difference is the water's alone.
+    None if the difference is not significant or data are too few. The affected compass cancels in the difference of the
+    predictions at the two depths, which is due to shear alone.
     """
     _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
     if len(a) < MIN_COMMON_PAIRS:
@@ -189,7 +189,7 @@ def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
 
 
 def _at_once(sums: Complexes, begin_s: float) -> tuple[str, float] | None:
-    """Report by how much directions differ from a date on, degrees, where a step is there."""
+    """Describe a significant step in the difference of directions, with its date and size in degrees, else None."""
     angle = -np.angle(sums * np.conj(sums.sum())) / angles.DEGREE
     weight = np.abs(sums)
     best: tuple[float, float, float, int] | None = None
@@ -201,7 +201,7 @@ def _at_once(sums: Complexes, begin_s: float) -> tuple[str, float] | None:
         step, sigma = means[1] - means[0], max(math.hypot(*errors), 1e-3)
         if best is None or abs(step) / sigma > best[0]:
             best = (abs(step) / sigma, step, sigma, k)
-    if best is None or abs(best[1]) < LEAST_DEG or best[0] < SURE + 1.0:  # the best of many dates
+    if best is None or abs(best[1]) < LEAST_DEG or best[0] < SURE + 1.0:  # stricter, as the best of many dates
         return None
     date = str(np.datetime64(round(begin_s + best[3] * BLOCK_S), "s"))[:10]
     text = f"differ in direction by {best[1]:+.0f} ± {1.96 * best[2]:.0f} degrees (95 %) more from about {date} on"
@@ -212,36 +212,36 @@ def _flows(pairs: Pairs) -> tuple[Complexes, Complexes]:
     return pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
 
 
-# Difference that no two instruments keep under, and the same as a share of a table's last digit.
+# Two instruments always differ by more than this, or than this share of a table's last digit.
 ALIKE_M_S, ROUNDED = 2e-3, 0.5
-SMALL = 0.1  # of the scatter of the speeds: in still water two instruments may agree by having nothing to measure
-LAGS_H, SHIFTED_H = np.arange(-12, 13), 6  # hours over which an average may reach, and by which stamps may be shifted
-MIN_COMPARED, MAX_COMPARED = 100, 500  # samples that are compared
-WIDEST = 3  # neighbouring bins that an export may have averaged
-OFF_M = 5.0  # from its cells' depth, beyond what a nominal depth may be wrong by
+SMALL = 0.1  # the same as a share of the standard deviation of speed: in still water two instruments may agree
+LAGS_H, SHIFTED_H = np.arange(-12, 13), 6  # lags that a time average may span, largest shift of time stamps, hours
+MIN_COMPARED, MAX_COMPARED = 100, 500  # samples compared
+WIDEST = 3  # adjacent bins that an export may have averaged
+OFF_M = 5.0  # larger than the error of a nominal depth
 
 
 @dataclass(frozen=True)
 class CellSeries:
-    """Velocities of one cell, or of some neighbouring ones averaged."""
+    """Velocities of one cell, or averaged over several cells."""
 
-    velocity: Complexes  # (n,) NaN where none
+    velocity: Complexes  # (n,) NaN where missing
     depth_m: float
     bins: range
 
 
 @dataclass(frozen=True)
 class MatchedVelocities:
-    """Some of the reference's velocities, and where the affected record was measured hours before and after."""
+    """A sample of the reference's velocities, and the affected record's samples at lags of hours around them."""
 
     velocity: Complexes  # (k,)
-    place: NDArray[np.intp]  # (k, lags)
-    there: Bools  # (k, lags)
-    least_m_s: float  # what rounding explains
+    place: NDArray[np.intp]  # (k, lags) index of the nearest sample of the affected record
+    there: Bools  # (k, lags) whether it is near enough in time
+    least_m_s: float  # difference that rounding explains
 
 
 def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
-    """Explain why the reference's record is the affected one's own, gridded as pairs are; nothing where it is not."""
+    """Explain that the reference repeats the affected record, given on the pairs' time grid; empty if it does not."""
     if len(upper.time_s) < MIN_COMPARED or len(lower.time_s) < MIN_COMPARED:
         return ""
     for trusted in _near(upper, lower, bins):
@@ -272,7 +272,7 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
 
 
 def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
-    """Give the trusted cells that pairs may take, each by itself and averaged."""
+    """Yield the reference cells that pairs may use, averaged and one by one."""
     velocity, depth = lower.east + 1j * lower.north, lower.bin_depth_m()
     away = np.abs(np.nanmedian(depth, axis=0) - np.nanmedian(upper.depth_m))
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
@@ -281,7 +281,7 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
 
 
 def _combinations(velocity: Complexes, depth_m: Floats, met: MatchedVelocities) -> Iterator[CellSeries]:
-    """Fit the reference by a weighted mean of the bins that most samples have, at each lag of the stamps."""
+    """Fit the reference by a linear combination of the mostly complete bins, at each shift of the time stamps."""
     for lag in np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H):
         at = velocity[met.place[met.there[:, lag], lag]]
         bins = np.flatnonzero(np.isfinite(at).mean(axis=0) > 0.5) if len(at) else np.zeros(0, dtype=np.intp)
@@ -297,7 +297,7 @@ def _combinations(velocity: Complexes, depth_m: Floats, met: MatchedVelocities) 
 
 
 def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
-    """Return whether two series have the same speeds, but for a factor, at one lag for all."""
+    """Check whether two series have the same speeds, up to a factor, at any one lag."""
     speed, wanted = np.abs(cells.velocity), np.abs(met.velocity)
     near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
     columns = np.where(met.there[:, near], speed[met.place[:, near]], np.nan)
@@ -305,7 +305,7 @@ def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
 
 
 def _equal(first: NDArray, second: NDArray, least: float) -> bool:
-    """Return whether two series are alike but for a factor to what no two instruments keep under."""
+    """Check whether two series agree, up to a factor, more closely than two instruments ever do."""
     known = np.isfinite(first)
     if known.sum() < MIN_COMPARED:
         return False
@@ -319,7 +319,7 @@ def _equal(first: NDArray, second: NDArray, least: float) -> bool:
 
 
 def _averaged(cells: CellSeries, met: MatchedVelocities) -> bool:
-    """Return whether a weighted mean over hours of one velocity, turned by a constant, is the other."""
+    """Check whether a weighted mean over hours of one velocity, rotated by a constant angle, equals the other."""
     columns = cells.velocity[met.place]
     whole = met.there.all(axis=1) & np.isfinite(columns).all(axis=1)
     if whole.sum() < MIN_COMPARED:
@@ -329,15 +329,15 @@ def _averaged(cells: CellSeries, met: MatchedVelocities) -> bool:
 
 
 SLOW_S = 2 * DAY_S  # lag with which the shortest is compared
-MIN_CHANGES = 50  # changes of which a mean square is taken
-MOST_REPEATED, EQUAL_M_S = 0.3, 1e-5  # share of values that repeat the one before, and how nearly
-# Ratio of the structure functions at the shortest lag over that at two days, and of the curvatures of both series.
+MIN_CHANGES = 50  # fewest changes for a mean square
+MOST_REPEATED, EQUAL_M_S = 0.3, 1e-5  # share of values that repeat the previous one, and tolerance
+# Ratio of the structure functions at the shortest lag over that at two days, and ratio of the series' curvatures.
 SMOOTHED, SMOOTHED_CURVATURE = 0.6, 0.6
 ROUGHENED = 3.0
 
 
 def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
-    """Compare how much both instruments' speeds change from one pair to the next and over two days."""
+    """Warn of a filtered or held reference by comparing both instruments' structure functions of speed."""
     change = np.maximum(np.abs(np.diff(reference.east, axis=0)), np.abs(np.diff(reference.north, axis=0)))
     known = np.isfinite(change)
     compared = known.any(axis=1)
@@ -353,7 +353,7 @@ def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
     speeds[0][slot] = np.hypot(pairs.upper_east, pairs.upper_north)
     speeds[1][slot] = np.hypot(pairs.lower_east, pairs.lower_north)
     slow = max(round(SLOW_S / step_s), 4)
-    squares = []  # of changes over a lag that both have: structure functions
+    squares = []  # structure functions, of the changes that both have
     for lag in (1, slow):
         changes = [speed[lag:] - speed[:-lag] for speed in speeds]
         known = np.isfinite(changes[0] + changes[1])
@@ -376,7 +376,7 @@ def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
 
 
 def _curvature(speed: Floats) -> float:
-    """Compute the ratio of the median second to the median first difference: 0 for straight lines, 1.7 for noise."""
+    """Compute the median second over the median first absolute difference: 0 for straight lines, 1.7 for noise."""
     first, second = (np.abs(np.diff(speed, k)) for k in (1, 2))
     if np.isfinite(second).sum() < MIN_CHANGES:
         return np.nan

@@ -1,13 +1,13 @@
-"""The water at the reference's depth, predicted from the affected instrument's own profile at the same time.
+"""Prediction of the water velocity at the reference's depth from the affected instrument's simultaneous profile.
 
-Weights follow from how the velocities of two bins differ with their distance (best linear unbiased prediction as of
-Bretherton, Davis & Fandry 1976; ordinary kriging). Differences of one instrument's bins have one length however its
-heading errs, so that nothing needs to be known of the compass. Weights are real and add up to one: the prediction turns
-with the heading as a single bin does, and water that is the same in all bins stays as it is.
+Weights follow from the structure function of velocity between bins (best linear unbiased prediction as in Bretherton,
+Davis & Fandry 1976; ordinary kriging). The magnitude of a difference between bins of one instrument does not depend on
+its heading error, so the compass need not be known. The weights are real and add up to one: the prediction is rotated
+by a heading error exactly as a single bin is, and a velocity that is equal in all bins is reproduced.
 
-Directions also turn with depth, for days and for the whole record, which real weights do not follow. The profile
-shows by how much: its bins are predicted in the same way from those beyond them, and of how far the nearest is off a
-share is taken from the prediction, as learnt between bins as far apart. What may be left for good is stated.
+Directions also veer with depth, for days or for the whole record, which real weights cannot represent. The profile
+shows by how much: its bins are predicted in the same way from the bins beyond them, and a share of the nearest bin's
+error, learnt from bins equally far apart, is removed from the prediction. The remaining mean veer is estimated.
 """
 
 from __future__ import annotations
@@ -23,43 +23,43 @@ from compasslib import angles
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
 from compasslib.types import DAY_S, Bools, Complexes, Floats
 
-NEAREST = 4  # bins that a prediction is made of
-LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere that the structure is learnt from; cells between two of them
-FEWEST, FEWEST_BINS = 100, 4  # differences of two bins; bins, as two distances alone do not tell how layers decorrelate
-LEAST_GOOD = 0.9  # of the share of the best bin: what is often bad, as near a boundary, is not trusted when it is good
-STEP = 0.1  # cells; nearer distances to the reference share their weights
-LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # cells over which layers decorrelate
-POWERS = (1.0, 2.0)  # at short distance: layers that are rough, and sheared evenly
-CLEARLY = 0.5  # of the mean square
-BLOCK_S, SURE = 2 * DAY_S, 2.0  # speeds are alike from hour to hour; standard errors that are no chance
-VEER_S = 2 * DAY_S  # turning that lasts as long is followed
-MOST_WINDOWS = 8  # places in the profile that it is learnt from, those next to the reference
+NEAREST = 4  # bins used for a prediction
+LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere used to fit the structure; their largest distance in cells
+FEWEST, FEWEST_BINS = 100, 4  # least samples per pair of bins, and bins: two distances cannot constrain decorrelation
+LEAST_GOOD = 0.9  # of the best bin's share of good data: bins that are often bad, as near a boundary, are not trusted
+STEP = 0.1  # cells; resolution of the distance to the reference for which weights are computed
+LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # decorrelation lengths of the layers, in cells
+POWERS = (1.0, 2.0)  # exponents at short distance: rough layers, and uniform shear
+CLEARLY = 0.5  # ratio of mean squares below which a fit is clearly better
+BLOCK_S, SURE = 2 * DAY_S, 2.0  # longer than speeds are correlated; standard errors of a significant difference
+VEER_S = 2 * DAY_S  # time scale from which veer is corrected
+MOST_WINDOWS = 8  # positions in the profile from which veer is learnt, those next to the reference
 HALF_A_CELL, LEAST_M_S = 0.51, 1e-6
-OUTWARD = 0.05  # cells by which bins half a cell off are looked for farther away, not nearer
-LEAST_NOISE = 0.02  # of the difference of two neighbours: no velocity is measured without noise
+OUTWARD = 0.05  # cells added outward, so that ties at half a cell select the farther bin
+LEAST_NOISE = 0.02  # least noise, as a share of half the mean squared difference of adjacent bins
 
 
 @dataclass(frozen=True)
 class StructureFunction:
-    """Half the mean squared difference of two bins by their distance: noise, and a sum of decorrelating layers."""
+    """Half the mean squared difference of two bins by their distance: noise plus a sum of saturating terms (layers)."""
 
     cell_m: float
-    noise: float  # (m/s)^2, of two measurements at one depth
+    noise: float  # (m/s)^2, between two measurements at the same depth
     parts: tuple[tuple[float, float, float], ...]  # (m/s)^2, length in cells, power
 
     def layers(self, distance_m: Floats) -> Floats:
-        """Compute it without noise, (m/s)^2."""
+        """Compute the structure function without noise, (m/s)^2."""
         cells = np.abs(distance_m) / self.cell_m
         return np.sum([size * _shape(cells, length, power) for size, length, power in self.parts], axis=0)
 
     def weights(self, away_m: Floats) -> Floats:
-        """Compute the weights, (k,), by which bins off a depth, signed, predict the water there; they add up to 1."""
+        """Compute the kriging weights, (k,), of bins at signed distances from the predicted depth; they add up to 1."""
         known = np.block([[self._between(away_m), np.ones((len(away_m), 1))], [np.ones(len(away_m)), np.zeros(1)]])
         solved: Floats = np.linalg.solve(known, np.append(self.layers(away_m) + self.noise, 1.0))
         return solved[:-1]
 
     def variance(self, away_m: Floats, weights: Floats) -> float:
-        """Compute the mean squared error of a weighted mean as a prediction, both components together, (m/s)^2."""
+        """Compute the mean squared error of predicting by a weighted mean, both components together, (m/s)^2."""
         towards = 2.0 * weights @ (self.layers(away_m) + self.noise)
         return float(towards - weights @ self._between(away_m) @ weights)
 
@@ -69,12 +69,12 @@ class StructureFunction:
 
 @dataclass(frozen=True)
 class WaterPrediction:
-    """The water at the reference's depth, as the profile has it; turned as the profile is."""
+    """Predicted velocity at the reference's depth, rotated by the same heading error as the profile."""
 
     velocity: Complexes  # (n,) m/s, NaN where no bin is good
-    expected_m_s: float  # rms error of one component by the structure, median over the samples
-    published_m_s: float  # the same of the mean of the nearest bins
-    veer_deg: float  # by how much it may be turned for the whole record, 1 sigma; 0 where the profile cannot tell
+    expected_m_s: float  # expected rms error of one component, median over the samples
+    published_m_s: float  # the same for the mean of the nearest bins
+    veer_deg: float  # uncertainty of the mean direction over the record, 1 sigma; 0 if the profile cannot show it
 
 
 def usable_velocities(record: Record) -> Bools:
@@ -84,22 +84,22 @@ def usable_velocities(record: Record) -> Bools:
 
 
 def fit_structure(record: Record) -> StructureFunction | None:
-    """Fit the structure function of velocity by the distance of two bins, None where there are too few."""
+    """Fit the structure function of velocity against the distance of two bins; None if there are too few."""
     usable = usable_velocities(record)
     range_m, share = np.median(record.bin_range_m, axis=0), usable.mean(axis=0)
-    near = _sound_bins(share, range_m)  # of all bins the velocities would be a third of the memory
+    near = _sound_bins(share, range_m)  # velocities of all bins would take too much memory
     velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
     return fit_structure_function(velocity, range_m[near])
 
 
 def _sound_bins(share: Floats, range_m: Floats) -> NDArray[np.intp]:
-    """Return the bins next to the instrument that are good nearly as often as the best, nearest first."""
+    """Select the bins next to the instrument that are good nearly as often as the best, nearest first."""
     sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
     return sound[np.argsort(np.abs(range_m[sound]))[:LOOKED_AT]]
 
 
 def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFunction | None:
-    """Fit the structure function to velocities, (n, m) m/s, and ranges, (m,); None where they are too few."""
+    """Fit the structure function to velocities, (n, m) m/s, at ranges, (m,) m; None if there are too few."""
     share = np.isfinite(velocity.real).mean(axis=0) if len(velocity) else np.zeros(len(range_m))
     near = _sound_bins(share, range_m)
     if len(near) < FEWEST_BINS:
@@ -121,7 +121,7 @@ def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFun
     cells, half = cells[valid], half[valid]
     shapes = [(length, power) for length in LENGTHS for power in POWERS]
     columns = np.column_stack([np.ones_like(cells), *(_shape(cells, *shape) for shape in shapes)])
-    # Noise and layers, none of them negative, each difference by its share.
+    # Non-negative least squares for noise and layers, minimizing relative misfits.
     sizes = nnls(columns / half[:, None], np.ones_like(half))[0]
     least = LEAST_NOISE * float(np.median(half[cells <= cells.min() + 0.5]))
     parts = tuple((float(size), *shape) for size, shape in zip(sizes[1:], shapes, strict=True) if size > 0.0)
@@ -131,11 +131,11 @@ def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFun
 def predict_water(
     record: Record, depth_m: Floats, bins: int, learnt: StructureFunction | None = None
 ) -> WaterPrediction | None:
-    """Predict the water at given depths, None where the profile cannot tell.
+    """Predict the water velocity at given depths; None if the profile does not suffice.
 
     Args:
-        depth_m: of the reference's cell at each sample, (n,).
-        bins: how many the published mean takes, for comparison.
+        depth_m: depth of the reference's cell at each sample, (n,).
+        bins: number of bins in the published mean, for comparison.
     """
     learnt = learnt or fit_structure(record)
     if learnt is None:
@@ -172,7 +172,7 @@ def predict_water(
 def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
     """Estimate the depth shift at which the profile matches the reference's speeds clearly best, m, else 0.
 
-    Only depths that the profile covers are tried, one cell after the other: beyond it a prediction is vague everywhere.
+    Only the depths of the profile's cells are tried, as predictions beyond the profile are vague.
     """
     bins = record.bin_depth_m()
     away = np.median(bins, axis=0) - float(np.median(depth_m))
@@ -185,9 +185,9 @@ def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> 
 
 
 def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
-    """Return whether the reference's speeds agree clearly less with the prediction than with the published mean.
+    """Check whether the reference's speeds agree significantly less with the prediction than with the published mean.
 
-    Speeds do not turn: where a depth is wrong or the layers are not alike, they show it without any heading.
+    Speeds do not depend on headings, but do reveal a wrong depth or layers that differ.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
     block = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1]
@@ -196,9 +196,9 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
 
 
 def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
-    """Estimate the mean directional shear between the nearest bins and the reference's cell, (n,), 1 sigma, degrees.
+    """Estimate the mean veer between the nearest bins and the reference's cell, 1 sigma, degrees.
 
-    As ``WaterPrediction.veer_deg`` says it of a prediction.
+    It is the same quantity as ``WaterPrediction.veer_deg``; ``depth_m`` is the depth of that cell at each sample, (n,).
     """
     away_m = np.median(record.bin_depth_m() - depth_m[:, None], axis=0)
     cells_m = np.diff(np.sort(away_m[np.isfinite(away_m)]))
@@ -211,14 +211,14 @@ def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
 def _predict_veer(
     record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], bins: int
 ) -> tuple[Floats, float]:
-    """Predict by how much a prediction is turned at each sample, (n,), and how far it may still be for good, degrees.
+    """Estimate the veer of a prediction at each sample, (n,), and its remaining mean over the record, 1 sigma, degrees.
 
-    Where the profile is too short to show it over the whole distance, it is stated as it grows over a shorter one;
-    where it is too short for as many bins, by what fewer would make of it.
+    If the profile is too short for the whole distance, the mean is scaled up from a shorter one; if it is too short for
+    the number of bins, fewer are used. In both cases the veer of the samples is 0.
 
     Args:
-        away_m: of each bin from the depth that is predicted, (m,).
-        weights: of bins by their distances from the predicted depth.
+        away_m: distance of each bin from the predicted depth, (m,).
+        weights: function from the distances of bins from the predicted depth to their weights.
     """
     nothing = np.zeros(len(record.time_s))
     nearest_m = float(away_m[np.nanargmin(np.abs(away_m))])
@@ -241,10 +241,10 @@ def _predict_veer(
     both = np.minimum(weight[near], weight[far])
     like = np.sum(both * slow[near] * slow[far]) / max(np.sum(both * slow[far] ** 2), LEAST_M_S)
     like = float(np.clip(like, 0.0, 1.0))
-    share = like ** (beyond / apart)  # as of layers that forget evenly with depth
+    share = like ** (beyond / apart)  # as for layers whose correlation decays exponentially with depth
     middle = np.bincount(block, record.time_s) / np.bincount(block)
     between = angles.wrap180(angles.argument(np.interp(record.time_s, middle, angles.phasor(slow[0]))))
-    # Few windows tell little of what is left: one more counts, of which nothing is followed.
+    # Few windows constrain the remainder poorly, so the veer without any correction is included once.
     left = np.append(lasting[near] - like * lasting[far], np.sqrt(np.mean(lasting**2)))
     return share * between, float(np.sqrt(np.mean(left**2)))
 
@@ -252,9 +252,9 @@ def _predict_veer(
 def _windows(
     record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], count: int
 ) -> Complexes:
-    """Predict bins from those beyond them, over the bins' directions, (k, n) m/s, 0 where one is bad.
+    """Predict bins from those beyond them, relative to the bins' own directions, (k, n) m/s, 0 where one is bad.
 
-    The bins that predict one lie from it as those next to the reference lie from the reference. Nearest comes first.
+    The predicting bins are as far from a bin as the bins next to the reference are from it. Nearest bins come first.
     """
     usable = usable_velocities(record)
     share = usable.mean(axis=0)

@@ -1,7 +1,7 @@
-"""The gridded product: corrected and reference velocities on fixed depths and times, with what a sum of them needs.
+"""Gridded product: corrected and reference velocities at fixed depths and times, with the error model of their sums.
 
-A heading error turns all velocities of an instrument at one time alike, and partly those of the whole record. The
-uncertainty of a section or of a mean therefore follows from modes of that error (``errors``), not from the marginal
+A heading error rotates all simultaneous velocities of an instrument alike, and partly those of the whole record. The
+uncertainty of a section or a mean therefore follows from the modes of that error (``errors``), not from the marginal
 standard deviations of its cells:
 
 >>> import numpy as np

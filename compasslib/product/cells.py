@@ -1,8 +1,8 @@
-"""Velocities of one instrument on fixed depths and times.
+"""Velocities of one instrument at fixed depths and times.
 
-A cell holds what was measured inside it: a profile is linear between two bins around the depth, or its nearest bin
-where the depth lies inside that bin. A time takes the samples of its interval. A cell without a measurement of its own
-is interpolated in depth, then in time, over gaps up to a limit, and counts as interpolated; nothing is extrapolated.
+Profiles are interpolated linearly in depth over gaps up to a limit; elsewhere, the nearest bin is used if it contains
+the depth. Samples are averaged over the interval of each time, and empty cells interpolated in time over gaps up to a
+limit. A cell without a measurement inside it counts as interpolated; nothing is extrapolated.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Bools, Complexes, Floats
 
-SNAPPED = 1e-4  # of the distance of two bins: nearer to one of them, it alone is taken
-FAR_M, ROW_M = 1e5, 1e6  # below any sea floor; between the depths of two samples in one sorted line
-ABSENT = -1  # of a piece: no position
+SNAPPED = 1e-4  # fraction of the distance of two bins: a bin closer to the depth is used alone
+FAR_M, ROW_M = 1e5, 1e6  # a depth below any sea floor; offset between samples in one sorted array of depths
+ABSENT = -1  # index of a missing interval, sample or instrument
 NONE = complex(np.nan, np.nan)
 
 
 @dataclass(frozen=True)
 class Axes:
-    """Depths and times of the grid, even steps."""
+    """Depths and times of the grid, in even steps."""
 
     time_s: Floats  # (t,) middle of each interval
     step_s: float
@@ -37,7 +37,7 @@ class Axes:
     step_m: float
 
     def slot_of(self, time_s: Floats) -> NDArray[np.intp]:
-        """Return the interval that holds each time, (n,); outside of them all: below 0, or beyond the last."""
+        """Find the interval that contains each time, (n,); before or after all, negative or beyond the last."""
         if not len(self.time_s):
             return np.full(len(time_s), ABSENT)
         return np.floor((time_s - self.time_s[0]) / self.step_s + 0.5).astype(np.intp)
@@ -50,27 +50,27 @@ class Velocities:
     velocity: Complexes  # (k, m) m/s, NaN where it is not used
     depth_m: Floats  # (k, m)
     quality: Flags  # (k, m)
-    up: Floats | None = None  # (k, m) m/s, where it was measured
+    up: Floats | None = None  # (k, m) vertical velocity, m/s; None if it was not measured
 
 
 @dataclass(frozen=True)
 class Differences:
-    """Half the mean squared difference of two velocities by their distance in depth or time, both components."""
+    """Structure function: half the mean squared velocity difference, both components, by distance in depth or time."""
 
     step: float  # metres or seconds
     values: Floats  # (k,) (m/s)^2 at 0, 1, 2, ... steps
-    noise: float = 0.0  # (m/s)^2 of one measurement, not in the values
+    noise: float = 0.0  # variance of one measurement, (m/s)^2, not included in the values
 
     def at(self, distance: Floats) -> Floats:
-        """Return it at distances, that of the farthest beyond."""
+        """Look up the structure function at distances, constant beyond the last value."""
         index = np.minimum(distance * (1.0 / self.step) + 0.5, len(self.values) - 1.0).astype(np.intp)
         return self.values[index]
 
     def of_interpolation(self, share: Floats, gap: Floats) -> Floats:
-        """Compute the mean squared error of a linear interpolation, noise apart.
+        """Compute the mean squared error of a linear interpolation, without noise.
 
         Args:
-            share: of the gap, the distance of the two measurements, that lies before the place.
+            share: position within the gap between the two measurements, 0 at the first and 1 at the second.
         """
         toward, back = self.at(share * gap), self.at((1.0 - share) * gap)
         return 2.0 * ((1.0 - share) * toward + share * back) - 2.0 * share * (1.0 - share) * self.at(gap)
@@ -78,7 +78,7 @@ class Differences:
 
 @dataclass(frozen=True)
 class Stance:
-    """How an instrument stood at k samples, and how well that is known."""
+    """Depth and tilt of an instrument at k samples, and the uncertainty of the depth."""
 
     depth_m: Floats  # (k,) of the instrument
     tilt_deg: Floats  # (k,)
@@ -88,19 +88,19 @@ class Stance:
 
 @dataclass(frozen=True)
 class Cells:
-    """Velocities on t times and z depths; where there is none the velocity is NaN."""
+    """Velocities at t times and z depths, NaN in empty cells."""
 
     velocity: Complexes  # (t, z) m/s
     up: Floats | None  # (t, z) m/s
-    quality: Flags  # (t, z) the worse of what went in
-    count: NDArray[np.int32]  # (t, z) measured cells that went in
-    measured: Bools  # (t, z) whether one of them was measured inside
-    noise: Floats  # (t, z) variance of a component by noise, (m/s)^2
-    spread: Floats  # (t, z) the same by distance in depth and time, depth and tilt
+    quality: Flags  # (t, z) worst flag of the contributing measurements
+    count: NDArray[np.int32]  # (t, z) number of contributing measurements
+    measured: Bools  # (t, z) whether one of them lies inside the cell
+    noise: Floats  # (t, z) variance of a component due to noise, (m/s)^2
+    spread: Floats  # (t, z) the same due to distances in depth and time and to errors of depth and tilt
 
     @property
     def there(self) -> Bools:
-        """Where there is a velocity, (t, z)."""
+        """Mask of the cells with a velocity, (t, z)."""
         return np.isfinite(self.velocity.real)
 
 
@@ -108,12 +108,12 @@ def place_profiles(
     profiles: Velocities, time_s: Floats, axes: Axes, slots: range, *, max_gap_m: float, cell_m: float,
     stance: Stance, bin_noise: Floats, by_depth: Differences, by_time: Differences,
 ) -> Cells:  # fmt: skip
-    """Put profiles of several bins on the depths and their times' intervals.
+    """Interpolate profiles of several bins to the depths and average them over the intervals of the times.
 
     Args:
-        slots: intervals of the piece; other samples are left out.
-        bin_noise: (m,) (m/s)^2 of both components.
-        cell_m: length of a bin; a depth beyond the last bin is filled only inside of it.
+        slots: intervals of the piece; samples outside of them are ignored.
+        bin_noise: variance of each bin's noise, summed over both components, (m,) (m/s)^2.
+        max_gap_m, cell_m: depths are filled between bins up to ``max_gap_m`` apart, or inside a bin of ``cell_m``.
     """
     descending = np.nansum(np.diff(profiles.depth_m, axis=1)) < 0.0
     line = slice(None, None, -1) if descending else slice(None)
@@ -121,7 +121,7 @@ def place_profiles(
     usable, noise = np.isfinite(velocity.real) & np.isfinite(depth), bin_noise[line]
     levels, (k, m) = axes.depth_m, depth.shape
     row = np.arange(k)[:, None]
-    # Bins of each sample at a level or above it, (k, z); depths increase along a row, and rows are set far apart.
+    # Number of bins of each sample at or above each level, (k, z), by one search: rows are offset by ROW_M.
     depths, apart = np.where(np.isfinite(depth), depth, FAR_M + np.arange(m)), ROW_M * row
     below = np.searchsorted((depths + apart).ravel(), (levels + 1e-6 + apart).ravel(), side="right")
     below = below.reshape(k, len(levels)) - m * row
@@ -168,7 +168,7 @@ def place_points(
     points: Velocities, time_s: Floats, axes: Axes, slots: range, *,
     by_depth: Differences, by_time: Differences, depth_sigma_m: float,
 ) -> Cells:  # fmt: skip
-    """Put single velocities, of a point meter or of a profiler's scans, into the cells where they were measured."""
+    """Average single velocities, of a point meter or of a profiler's scans, over the cells that contain them."""
     velocity, depth = points.velocity[:, 0], points.depth_m[:, 0]
     shape = len(slots), len(axes.depth_m)
     slot = axes.slot_of(time_s) - slots.start
@@ -195,7 +195,7 @@ def place_points(
 
 
 def bridge_gaps(cells: Cells, step_s: float, max_gap_s: float, by_time: Differences) -> Cells:
-    """Interpolate missing cells linearly in time where two of the same depth are near enough."""
+    """Interpolate empty cells linearly in time over gaps up to a limit."""
     there, times = cells.there, np.arange(len(cells.velocity))[:, None]
     before = np.maximum.accumulate(np.where(there, times, ABSENT), axis=0)
     after = np.minimum.accumulate(np.where(there, times, len(times))[::-1], axis=0)[::-1]
@@ -220,13 +220,13 @@ def bridge_gaps(cells: Cells, step_s: float, max_gap_s: float, by_time: Differen
 
 
 def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
-    """Take each cell from the first instrument that measured inside it, else from the first that has it at all.
+    """Take each cell from the first instrument that measured inside it, else from the first that interpolated it.
 
     Returns:
-        The cells, and the position of the instrument of each, (t, z); -1 where none has it.
+        The cells, and the index of the instrument of each, (t, z); -1 where none has a velocity.
     """
     source = np.full(each[0].velocity.shape, ABSENT)
-    for best in (False, True):  # measured ones over interpolated ones
+    for best in (False, True):  # measured cells overwrite interpolated ones
         for k in reversed(range(len(each))):
             source[each[k].measured if best else each[k].there] = k
     whole = each[0]
@@ -244,16 +244,16 @@ def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
 
 
 def take_slots(cells: Cells, which: slice) -> Cells:
-    """Return some of the times."""
+    """Select a slice of the times."""
     parts: dict[str, Any] = {name: None if part is None else part[which] for name, part in vars(cells).items()}
     return Cells(**parts)
 
 
 def _of_stance(stance: Stance, levels_m: Floats, by_depth: Differences) -> Floats:
-    """Compute the mean squared error by the depth of the instrument and by its tilt, (k, z).
+    """Compute the mean squared error due to the instrument's uncertain depth and its tilt, (k, z).
 
-    A tilt moves a cell at range r up by r(1 - cos t), and the cells of two opposite beams apart by r tan b sin t to
-    either side, so that their difference is that of the mean of two depths.
+    A tilt t shifts a cell at range r by r(1 - cos t) in depth, and the cells of two opposite beams at an angle b by
+    r tan b sin t in opposite directions: the measured velocity is the mean of those at two depths.
     """
     sine, cosine = angles.sin_cos(np.nan_to_num(stance.tilt_deg))
     range_m = np.abs(levels_m - np.nan_to_num(stance.depth_m)[:, None])
@@ -267,7 +267,7 @@ def _of_stance(stance: Stance, levels_m: Floats, by_depth: Differences) -> Float
 
 
 def _average(cells: Cells, there: Bools, time_s: Floats, axes: Axes, slots: range, by_time: Differences) -> Cells:
-    """Average samples over their intervals; rows of ``cells`` are samples."""
+    """Average ``cells``, whose rows are samples, over the intervals of the axes."""
     slot = axes.slot_of(time_s) - slots.start
     inside = np.flatnonzero((slot >= 0) & (slot < len(slots)))
     empty = empty_cells(len(slots), len(axes.depth_m), cells.up is not None)
@@ -307,7 +307,7 @@ def _average(cells: Cells, there: Bools, time_s: Floats, axes: Axes, slots: rang
 
 
 def empty_cells(times: int, depths: int, rising: bool) -> Cells:
-    """Return cells without any velocity."""
+    """Make cells without velocities."""
     shape = times, depths
     return Cells(
         velocity=np.full(shape, NONE), up=np.full(shape, np.nan) if rising else None,
@@ -316,13 +316,13 @@ def empty_cells(times: int, depths: int, rising: bool) -> Cells:
     )  # fmt: skip
 
 
-FEWEST = 30  # pairs
+FEWEST = 30  # pairs needed for a comparison
 
 
 def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare both velocities of the pairs: by speed, which no heading changes, and by direction on held-out pairs.
+    """Compare affected and reference velocities by speed, which headings do not affect, and by held-out directions.
 
-    The fit made the directions of its own pairs agree; those of ``assessment`` are of pairs that it had not seen.
+    The fit makes the directions of its own pairs agree; ``assessment`` therefore uses pairs that were held out.
 
     Returns:
         Means of affected minus reference, each with its standard error; None where there are too few pairs.
@@ -345,7 +345,7 @@ def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, An
 
 
 def describe_seam(seam: Mapping[str, Any]) -> str:
-    """Describe the seam in a sentence, nothing where there are too few pairs."""
+    """Describe the comparison of ``compare_at_seam`` in a sentence; empty if there are too few pairs."""
     parts = []
     for key, unit, scale in (("speed_difference", "m_s", 100.0), ("direction_difference", "deg", 1.0)):
         value, sigma = seam[f"{key}_{unit}"], seam[f"{key}_sigma_{unit}"]
@@ -359,7 +359,7 @@ def describe_seam(seam: Mapping[str, Any]) -> str:
 
 
 def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
-    """Average columns, (n, ...), over intervals of the axes, gaps up to a limit interpolated, (t, ...); NaN beyond."""
+    """Average columns (n, ...) over the intervals of the axes, (t, ...); interpolate gaps up to a limit, else NaN."""
     slot = axes.slot_of(time_s)
     known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(axes.time_s))
     result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)

@@ -1,7 +1,7 @@
-"""What a gridded velocity is uncertain by: errors of the heading as modes along time, and what turns with no heading.
+"""Uncertainty of gridded velocities: modes of the heading error along time, and errors not due to the heading.
 
-The heading error of an instrument is a sum of modes, each a function of time times one unit normal number, and of a
-random part with a memory. It turns all velocities of a time alike: du = v delta, dv = -u delta.
+The heading error of an instrument is a sum of modes, each a function of time times a standard normal variable, and an
+autocorrelated random part. It rotates all simultaneous velocities alike: du = v delta, dv = -u delta.
 """
 
 from __future__ import annotations
@@ -24,51 +24,51 @@ from compasslib.records import EarthField, Readings
 from compasslib.types import Bools, Complexes, Floats
 
 MAX_MODES = 8
-MAX_REFERENCES = 3  # with a mode of their own
-# Error of a field model's declination, crust and daily variation included: sqrt(0.26^2 + (5417 nT / H)^2) degrees
-# (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), taken for IGRF.
+MAX_REFERENCES = 3  # number of modes for the references' compasses; further references share the last
+# Error of a field model's declination, including crust and daily variation: sqrt(0.26^2 + (5417 nT / H)^2) degrees
+# (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), used for IGRF.
 MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
-REFERENCE_SIGMA_DEG = 2.0  # of a moored magnetic compass that nobody calibrated at its place
-PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of one that is written down
-GROWTH_IN_CELL = 1.5  # power of the distance by which velocities differ within a cell
+REFERENCE_SIGMA_DEG = 2.0  # of a moored magnetic compass that was not calibrated in place
+PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of a nominal depth
+GROWTH_IN_CELL = 1.5  # exponent of the structure function at distances within a cell
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
-STILL_M = 0.5  # of a dive below which its square root says nothing
-MOTION_S = 3 * 3600.0  # over which the sphere's position is averaged before it is differentiated
+STILL_M = 0.5  # least dive that is analysed, added to dives so that the slope of their square root stays finite
+MOTION_S = 3 * 3600.0  # window over which the sphere's position is averaged before differentiation
 MIN_MEMORY_S = 3600.0
 NOTHING = [np.zeros(0, dtype=complex)]
 MAX_LAGS, FEWEST = 400, 100
 REACH_M, RESOLUTION = 200.0, 0.02  # of the tabulated structure function; its step in cells
-FALLBACK_M = 150.0  # over which layers decorrelate where no profile tells: as in the ocean's upper hundreds of metres
+FALLBACK_M = 150.0  # decorrelation depth without a profile: typical of the ocean's upper hundreds of metres
 
 
 @dataclass(frozen=True)
 class HeadingErrors:
     """The heading error of the instruments of a mooring along t times."""
 
-    names: tuple[str, ...]  #: of the modes
-    modes: Floats  #: (k, t) radians per unit normal, NaN where no heading is
-    random: Floats  #: (a, t) radians, of each affected instrument
+    names: tuple[str, ...]  #: names of the modes
+    modes: Floats  #: (k, t) heading error by one standard deviation of each mode, radians; NaN without a heading
+    random: Floats  #: (a, t) standard deviation of the random part of each affected instrument, radians
     memory_s: float  #: s, e-folding time of the random part
-    shares: Floats  #: (s, k) of each mode in the heading error of each instrument, affected ones first
+    shares: Floats  #: (s, k) factor of each mode in the heading error of each instrument, affected ones first
 
     def variance(self, source: int) -> Floats:
-        """Return the variance of the heading of an instrument, (t,) square radians."""
+        """Compute the variance of an instrument's heading, (t,) square radians."""
         common = np.einsum("k,kt->t", self.shares[source] ** 2, np.nan_to_num(self.modes) ** 2)
         return common + self.random[source] ** 2 if source < len(self.random) else common
 
 
 def declination_sigma(field: EarthField) -> float:
-    """Return the standard deviation of the field model's declination, degrees."""
+    """Compute the standard deviation of the field model's declination, degrees."""
     return float(np.hypot(MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT / float(np.mean(field.horizontal_nT))))
 
 
 def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Readings, heading_deg: Floats) -> Floats:
-    """Decompose the error that the coefficients' covariance makes into columns of unit variance, (n, p) degrees.
+    """Decompose the heading error due to the coefficients' covariance into modes, (n, p) degrees per unit normal.
 
-    Where several compasses are averaged, each has its columns by the root of its weight, and so have their distances.
+    If several compasses are averaged, the modes and the shifts of each are scaled by the square root of its weight.
 
     Args:
-        at: the compass along the samples, where more than the fit acted on it.
+        at: the compass at each sample, if effects beyond the fit were modelled.
     """
     if not fit.fitted:
         return np.zeros((len(heading_deg), 0))
@@ -94,10 +94,10 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
 
 
 def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
-    """Reduce columns to the few that hold most of their variance.
+    """Reduce columns to their leading principal components.
 
     Returns:
-        The leading columns, (n, count or fewer), and the variance of each row that they leave out, (n,).
+        The leading components, (n, count or fewer), and the residual variance of each row, (n,).
     """
     if columns.shape[1] == 0 or not len(columns):
         return columns[:, :0], np.zeros(len(columns))
@@ -107,9 +107,9 @@ def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
 
 
 def memory_of(heading_deg: Floats, step_s: float) -> float:
-    """Estimate for how long a heading lasts, the first lag at which its own correlation falls below 1/e, seconds.
+    """Estimate the correlation time of a heading, the first lag with an autocorrelation below 1/e, seconds.
 
-    What the model of a compass leaves out repeats with heading and tilt, and is forgotten as they are.
+    Unmodelled errors of a compass depend on heading and tilt, and therefore share the correlation time of these.
     """
     known = np.isfinite(heading_deg)
     if known.sum() < FEWEST:
@@ -123,13 +123,13 @@ def memory_of(heading_deg: Floats, step_s: float) -> float:
 
 
 def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Differences:
-    """Learn how velocities, (n, m), differ by depth in a profile; of too few bins, assume it by their variance."""
+    """Fit the structure function of velocities (n, m) by depth; for too few bins, scale a fixed one by the variance."""
     learnt = fit_structure_function(velocity, range_m)
     step = RESOLUTION * (cell_m or 1.0)
     distance = np.arange(0.0, REACH_M + step, step)
     if learnt is not None:
         values = learnt.layers(distance)
-        within = distance < cell_m  # a bin is a mean over its cell: there differences grow smoothly
+        within = distance < cell_m  # a bin is a mean over its cell, hence smooth growth there
         values[within] = np.interp(cell_m, distance, values) * (distance[within] / cell_m) ** GROWTH_IN_CELL
         return Differences(step, values, learnt.noise)
     known = velocity[np.isfinite(velocity.real)]
@@ -138,10 +138,10 @@ def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Diffe
 
 
 def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
-    """Learn the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours.
+    """Estimate the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours.
 
     Args:
-        by_depth: whose noise the quieter half of the bins has.
+        by_depth: structure function whose noise applies to the quieter half of the bins.
     """
     steps = np.abs(np.diff(velocity, axis=1)) ** 2
     known = np.isfinite(steps)
@@ -155,11 +155,11 @@ def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
 
 
 def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None) -> Differences:
-    """Learn how velocities of one bin differ by time, noise apart.
+    """Estimate the structure function of velocity by time in one bin, without noise.
 
     Args:
-        blocks: of neighbouring samples, (k, m) each, NaN where missing.
-        noise: (m/s)^2 of one measurement as depths tell it, None where they do not; then by the first two lags.
+        blocks: velocities of consecutive samples, (k, m) each, NaN where missing.
+        noise: (m/s)^2 of one measurement, estimated by depth; None to extrapolate it from the first two lags.
     """
     lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, MAX_LAGS)) + 1)
     half = np.full(len(lags), np.nan)
@@ -171,7 +171,7 @@ def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, no
     if not np.isfinite(half[:2]).all():
         return Differences(step_s, np.zeros(1), noise or 0.0)
     half = half[: np.argmin(np.isfinite(np.append(half, np.nan)))]
-    least = max(half[0] - (half[1] - half[0]), 0.02 * half[0])  # where changes grow evenly with the lag
+    least = max(half[0] - (half[1] - half[0]), 0.02 * half[0])  # linear extrapolation to lag 0
     left = min(least if noise is None else noise, 0.9 * half[0])
     smooth = np.maximum.accumulate(np.append(0.0, half - left))
     power = float(np.clip(np.log2(max(smooth[2], 1e-12) / max(smooth[1], 1e-12)), 0.7, 2.0))
@@ -183,9 +183,9 @@ def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, no
 
 
 def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> float:
-    """Estimate for how long differences of neighbouring bins last, seconds: so long do errors of interpolation.
+    """Estimate the correlation time of differences between neighbouring bins, and so of interpolation errors, seconds.
 
-    The noise of one measurement, (m/s)^2, is forgotten at once.
+    The noise of one measurement, (m/s)^2, is taken as uncorrelated.
     """
     shears = [np.diff(block, axis=1) for block in blocks if block.shape[1] > 1]
     if not shears:
@@ -202,9 +202,9 @@ def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> fl
 
 
 def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None) -> Floats:
-    """Estimate the horizontal velocity of a sphere that dives, one standard deviation of a component, (n,) m/s.
+    """Estimate the horizontal velocity of a diving sphere, one standard deviation of a component, (n,) m/s.
 
-    A line of length l that leans evenly takes its top down by d and away by sqrt(2 l d), with the current.
+    If a straight line of length l leans so that its top dips by d, the top moves sqrt(2 l d) downstream.
     """
     known = np.isfinite(depth_m)
     if len(time_s) < 3 or known.sum() < 3 or water_depth_m is None or np.ptp(depth_m[known]) < STILL_M:
@@ -222,9 +222,9 @@ def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_
 
 
 def marginals(velocity: Complexes, heading_variance: Floats, other: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute the variances of u and of v, and their covariance, (t, z) each, (m/s)^2, by those of heading and others.
+    """Compute the variances of u and v and their covariance, (t, z) (m/s)^2, from heading variance and other errors.
 
-    Of a normal error delta of the heading, sin and 1 - cos of which stand across and along the velocity.
+    For a normal heading error delta, sin(delta) acts across and 1 - cos(delta) along the velocity.
     """
     once, twice = np.exp(-0.5 * heading_variance), np.exp(-2.0 * heading_variance)
     across, along = 0.5 * (1.0 - twice), 1.5 + 0.5 * twice - 2.0 * once
@@ -236,17 +236,17 @@ def sum_sigma(
     weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
     errors: HeadingErrors, step_s: float, *, memory_s: float = 0.0, depths_apart: float = 1.0,
 ) -> float:  # fmt: skip
-    """Return the standard deviation of a weighted sum of eastward and northward velocities, as a transport is one.
+    """Compute the standard deviation of a weighted sum of eastward and northward velocities, such as a transport.
 
-    With g = weight_east v - weight_north u, summed over the cells of a time and instrument: each mode adds its sum over
-    all times, squared; the random part that of each pair of times by their distance; the rest adds squares.
+    With g = weight_east v - weight_north u, summed over the cells of a time and instrument, each mode adds the square
+    of its sum over all times, the random part the products of all pairs of times by correlation, the rest squares.
 
     Args:
-        weight_east: of each cell, (t, z), zero where a cell does not count.
-        other: variance of a component that turns with no heading, (t, z).
-        source: instrument of each cell, as rows of ``errors.shares``; below 0 without any.
-        memory_s: e-folding time of what turns with no heading.
-        depths_apart: independent cells among all of one time, as a share.
+        weight_east: weight of each cell, (t, z), zero for cells that do not contribute.
+        other: variance of a component not due to the heading, (t, z).
+        source: instrument of each cell as row of ``errors.shares``, negative if there is none.
+        memory_s: e-folding time of the errors not due to the heading.
+        depths_apart: number of independent cells at one time as a fraction of all.
     """
     flow = np.where(np.isfinite(velocity), velocity, 0.0)
     turned = weight_east * flow.imag - weight_north * flow.real
@@ -260,7 +260,7 @@ def sum_sigma(
 
 
 def _remembered(series: Floats, memory: float) -> float:
-    """Return the variance of the sum of a series whose correlation falls off as exp(-lag / memory), memory in steps."""
+    """Compute the variance of the sum of a series with correlation exp(-lag / memory), memory in steps."""
     if memory <= 0.0:
         return float(series @ series)
     decay, behind, total = float(np.exp(-1.0 / memory)), 0.0, 0.0
@@ -272,7 +272,7 @@ def _remembered(series: Floats, memory: float) -> float:
 
 
 def mean_factor(count: NDArray[Any], memory: float) -> Floats:
-    """Return the variance of a mean of neighbours over that of one; correlation exp(-lag / memory), memory in steps."""
+    """Compute the variance ratio of a mean of consecutive values to one; correlation exp(-lag / memory) in steps."""
     decay = np.exp(-1.0 / max(memory, 1e-3))
     n = np.maximum(count, 1)
     return (1.0 + decay) / (1.0 - decay) / n - 2.0 * decay * (1.0 - decay**n) / (1.0 - decay) ** 2 / n**2
@@ -285,38 +285,38 @@ def _square_root(covariance: Floats) -> Floats:
 
 # The heading error of a mooring's instruments along the times of the grid.
 
-HOPELESS = 1e8  # variance in square degrees, marks a heading whose error has none
+HOPELESS = 1e8  # square degrees, stands for an infinite variance
 
 
 @dataclass(frozen=True)
 class ReferenceCompass:
-    """What a reference's directions rest on."""
+    """Source of a reference's directions."""
 
     name: str
-    sigma_deg: float  # of a constant error
-    magnetic: bool  # whether its directions were turned by the declination of the mooring
+    sigma_deg: float  # standard deviation of a constant error
+    magnetic: bool  # whether its directions were corrected by the declination of the mooring
 
 
 @dataclass(frozen=True)
 class AffectedHeadings:
-    """Corrected headings of an affected instrument at n samples, and the parts of their error."""
+    """Corrected headings of an affected instrument at n samples, with their error components."""
 
     name: str
     time_s: Floats
     used: Bools  # (n,) whether velocities of the sample go into the grid
     heading_deg: Floats
-    sigma_deg: Floats  # all but declination and the reference's compass
-    probability: Floats  # of the branch
-    columns_deg: Floats  # (n, p) by the coefficients of the compass, per unit normal
-    doubted_deg: Floats  # (n,) standard deviation of what is suspected, within sigma_deg
-    unexplained_deg: float  # standard deviation of what was seen and not corrected, within sigma_deg
-    veer_deg: float  # of the mean current between the depths, where the coefficients' covariance does not hold it
-    weights: Floats  # (r,) share of each reference in the pairs behind the coefficients; zero where these are of none
+    sigma_deg: Floats  # without declination and the reference's compass
+    probability: Floats  # of the selected branch
+    columns_deg: Floats  # (n, p) modes of the error due to the compass coefficients, per unit normal
+    doubted_deg: Floats  # (n,) standard deviation of suspected errors, included in sigma_deg
+    unexplained_deg: float  # standard deviation of detected but uncorrected errors, included in sigma_deg
+    veer_deg: float  # standard deviation of the mean veer between the depths, unless in the coefficients' covariance
+    weights: Floats  # (r,) share of each reference in the pairs that the coefficients are fitted to; zero without pairs
 
 
 @dataclass(frozen=True)
 class _Decomposition:
-    """The heading error of one affected instrument along t times."""
+    """Heading error of one affected instrument along t times."""
 
     names: tuple[str, ...]
     modes: Floats  # (k, t) radians per unit normal
@@ -333,9 +333,9 @@ def heading_errors(
 ) -> HeadingErrors:
     """Decompose the heading errors of a mooring into modes along time and a random part.
 
-    The covariance of a fit holds the mean veer between the depths and the water's scatter. It does not hold a constant
-    error of the reference's compass, which passes into the coefficient A, nor that of the declination, by which
-    affected and reference velocities are turned alike.
+    The covariance of a fit includes the mean veer between the depths and the scatter of the water. It does not include
+    a constant error of the reference's compass, which enters the coefficient A, nor that of the declination, which
+    rotates affected and reference velocities alike.
     """
     constants = {"declination": declination_deg}
     constants |= {f"compass of {r.name}": r.sigma_deg for r in references[: MAX_REFERENCES - 1]}
@@ -370,7 +370,7 @@ def _decompose(affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: 
     leading, left = compress(columns, count - len(by_time))
     random = np.maximum(affected.sigma_deg**2 - within, 0.0) + left
     undecided = (affected.probability > 0.0) & (affected.probability < MIN_PROBABILITY)
-    random = np.where(undecided, np.inf, random)  # either of two headings: no normal error
+    random = np.where(undecided, np.inf, random)  # either of two headings: the error is not normal
     columns = np.column_stack([*by_time.values(), leading, random]) if samples else np.zeros((0, len(by_time) + 1))
     columns = np.where((affected.used & np.isfinite(affected.heading_deg))[:, None], columns, np.nan)
     finite = np.where(np.isinf(columns), HOPELESS, columns)
@@ -388,9 +388,9 @@ def _decompose(affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: 
 def _shares(
     affected: Sequence[AffectedHeadings], references: Sequence[ReferenceCompass], constants: int, modes: Sequence[int]
 ) -> Floats:
-    """Compute the share of each mode in the heading error of each instrument, affected ones first.
+    """Compute the factor of each mode in the heading error of each instrument, affected ones first.
 
-    The first modes are the declination's and the references' compasses, those of each affected instrument follow.
+    Modes are those of the declination, of the references' compasses and of each affected instrument, in this order.
     """
     shares = np.zeros((len(affected) + len(references), constants + sum(modes)))
     of_reference = [1 + min(k, MAX_REFERENCES - 1) for k in range(len(references))]

@@ -1,4 +1,4 @@
-"""Grid the instruments of a mooring: axes, cells, merging and their uncertainty, in pieces along time."""
+"""Grid the velocities of a mooring's instruments: axes, cells, merging and uncertainty, piecewise along time."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ from compasslib.product.errors import (
 from compasslib.records import MISSING, PROBABLY_BAD, Flags
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
-PIECE = 4096  # times that are gridded at once
+PIECE = 4096  # times gridded at once
 INTERPOLATED = 8  # OceanSITES reference table 2
 POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, 3600.0, 60.0
-RARE = 0.01  # of the samples of the fullest depth: depths that are reached more rarely do not widen the grid
-DIVES = 0.1  # of the step: a sphere that moves more has no bins of fixed depth that the grid could keep
+RARE = 0.01  # fraction of the samples at the best-sampled depth; depths with fewer do not extend the grid
+DIVES = 0.1  # fraction of the step: the grid follows the bins of an instrument whose depth varies less
 MAX_DEPTH_M = 12000
-PROFILER_M_S = 0.02  # vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
-BLOCKS, BLOCK = 8, 1500  # of samples that differences are learnt from
+PROFILER_M_S = 0.02  # least vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
+BLOCKS, BLOCK = 8, 1500  # approximate number and largest length of the blocks that structure functions are fitted to
 WIDEST_GAP_CELLS = 2.0  # one missing bin
 
 
 @dataclass(frozen=True)
 class Source:
-    """An instrument whose velocities are gridded; n samples."""
+    """An instrument with n samples whose velocities are gridded."""
 
     name: str
     time_s: Floats  # (n,) increasing
@@ -63,12 +63,12 @@ class Source:
     tilt_deg: Floats  # (n,) NaN where unknown
     bins: int
     beam_angle_deg: float
-    rows: Callable[[slice], Velocities]  # reads some of the samples
+    rows: Callable[[slice], Velocities]  # reads a slice of the samples
     rising: bool = False  # whether vertical velocities were measured
 
     @property
     def profiles(self) -> bool:
-        """Whether it moves along the line, or gives profiles at times of their own: nothing is interpolated between."""
+        """Whether it moves along the line or delivers separate profiles, between which nothing is interpolated."""
         if self.bins > 1:
             return self.beam_angle_deg == 0.0
         known = np.isfinite(self.depth_m)
@@ -77,14 +77,14 @@ class Source:
 
     @cached_property
     def depth_sigma_m(self) -> float:
-        """How well its depth is known: one that never varies was written down."""
+        """Standard deviation of its depth, m; a depth that never varies is nominal, not measured."""
         known = self.depth_m[np.isfinite(self.depth_m)]
         return PRESSURE_SIGMA_M if known.size and np.ptp(known) > 0.0 else NOMINAL_SIGMA_M
 
 
 @dataclass(frozen=True)
 class GridRules:
-    """The grid that is asked for; None: as the affected instrument measures."""
+    """Requested grid; None stands for the sampling of the affected instrument."""
 
     step_m: float | None = None
     from_m: float | None = None
@@ -96,11 +96,11 @@ class GridRules:
 
 @dataclass(frozen=True)
 class Survey:
-    """What one pass through an instrument's velocities shows."""
+    """Summary of an instrument's velocities, from one pass through them."""
 
-    count: NDArray[np.int_]  # of usable velocities at each metre of depth
+    count: NDArray[np.int_]  # number of usable velocities at each metre of depth
     flow: Complexes  # (n,) mean over the usable bins
-    blocks: tuple[Complexes, ...]  # of neighbouring samples
+    blocks: tuple[Complexes, ...]  # velocities of consecutive samples, (k, m) each
     range_m: Floats  # (m,) median distance of the bins from the instrument
     cell_m: float
 
@@ -112,18 +112,18 @@ class Survey:
 
 @dataclass(frozen=True)
 class Learnt:
-    """How the velocities of an instrument differ."""
+    """Structure functions, noise and motion of an instrument, estimated from the records."""
 
     by_depth: Differences
     by_time: Differences
-    bin_noise: Floats  # (m,) (m/s)^2 of both components
+    bin_noise: Floats  # (m,) variance of the noise, summed over both components, (m/s)^2
     cell_m: float
     motion: Floats  # (n,) horizontal velocity of the instrument itself, one standard deviation, m/s
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Some of the times of the product, (t, z) each."""
+    """The product over a slice of its times, (t, z) each."""
 
     slots: slice
     cells: Cells
@@ -132,22 +132,22 @@ class Piece:
     east_variance: Floats
     north_variance: Floats
     covariance: Floats
-    noise: Floats  # of the variance: independent from time to time
-    spread: Floats  # of the variance: turned by no heading, with a memory
+    noise: Floats  # part of the variance that is independent from time to time
+    spread: Floats  # part of the variance that is correlated in time but not due to the heading
 
 
 @dataclass(frozen=True)
 class GriddedProduct:
-    """The velocities of a mooring on fixed depths and times, in pieces along time."""
+    """Velocities of a mooring at fixed depths and times; iteration yields pieces along time."""
 
     sources: tuple[Source, ...]  # affected instruments first
     learnt: tuple[Learnt, ...]
     axes: Axes
     errors: HeadingErrors
-    deviation_deg: Floats  # (a, t) by which recorded velocities of each affected instrument were turned
+    deviation_deg: Floats  # (a, t) corrected minus recorded heading of each affected instrument
     max_gap_m: float
     max_gap_s: float
-    memory_s: float  # of errors that turn with no heading
+    memory_s: float  # correlation time of the errors that are not due to the heading
 
     @cached_property
     def heading_variance(self) -> Floats:
@@ -155,7 +155,7 @@ class GriddedProduct:
         return np.array([self.errors.variance(k) for k in range(len(self.sources))])
 
     def __iter__(self) -> Iterator[Piece]:
-        """Give the pieces in order of time."""
+        """Yield the pieces in order of time."""
         halo = int(np.ceil(self.max_gap_s / self.axes.step_s)) + 1
         count = len(self.axes.time_s)
         for begin in range(0, count, PIECE):
@@ -189,7 +189,7 @@ class GriddedProduct:
         return replace(cells, spread=cells.spread + moving[:, None] ** 2)
 
     def _combine(self, each: list[Cells], inner: slice) -> Piece:
-        # References stand before affected instruments: their headings are known better.
+        # References take precedence over affected instruments: their headings are better known.
         affected = len(self.errors.random)
         order = [*range(affected, len(each)), *range(affected)]
         cells, taken = merge([each[k] for k in order])
@@ -205,7 +205,7 @@ class GriddedProduct:
 
 
 def survey(source: Source) -> Survey:
-    """Go once through an instrument's velocities."""
+    """Summarize an instrument's velocities in one pass."""
     n = len(source.time_s)
     count, flow = np.zeros(MAX_DEPTH_M, dtype=int), np.full(n, complex(np.nan, np.nan))
     blocks, ranges, steps = [], [], []
@@ -234,7 +234,7 @@ def survey(source: Source) -> Survey:
 
 
 def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
-    """Make the axes: those of the first, affected instrument as far as any of them measured, or as asked for."""
+    """Make the axes: as requested, else with the steps of the first instrument over the range that any measured."""
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
     step_m = rules.step_m or cell_m or (cells[0] if cells else POINT_STEP_M)
@@ -259,7 +259,7 @@ def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridR
 def learn(
     sources: Sequence[Source], surveys: Sequence[Survey], max_gap_s: float, water_depth_m: float | None
 ) -> tuple[Learnt, ...]:
-    """Learn from each instrument how its velocities differ; from the affected one where it cannot tell."""
+    """Estimate each instrument's structure functions and noise, borrowing those of the first where data are too few."""
     learnt: list[Learnt] = []
     for source, survey in zip(sources, surveys, strict=True):
         step_s = float(np.median(np.diff(source.time_s))) if len(source.time_s) > 1 else SLOWEST_STEP_S
@@ -292,11 +292,11 @@ def grid(
     *,
     water_depth_m: float | None,
 ) -> GriddedProduct:
-    """Grid the instruments of a mooring; cells are computed when the product is gone through.
+    """Grid the instruments of a mooring; cells are computed lazily, when the product is iterated.
 
     Args:
-        sources: affected instruments first, then references; where they overlap, a reference stands alone.
-        errors: at the times of the axes.
+        sources: affected instruments first, then references; where both have a measured cell, the reference's is used.
+        errors: heading errors at the times of the axes.
         deviation_deg: (a, t) corrected minus recorded heading of each affected instrument.
     """
     max_gap_s = 60.0 * rules.max_gap_minutes
@@ -311,7 +311,7 @@ def grid(
 
 
 def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
-    """Find a depth that a level is to have: of a bin where the instrument stays at its depth, else 0."""
+    """Find the depth to align the levels with: that of the first bin of an instrument at steady depth, else 0."""
     known = source.depth_m[np.isfinite(source.depth_m)]
     if survey.empty or not known.size or np.std(known) > DIVES * step_m or not len(survey.range_m):
         return 0.0
@@ -321,7 +321,7 @@ def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
 
 
 def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
-    """Return the first and last level that an instrument reaches more than rarely."""
+    """Find the depths of the first and last level that an instrument samples more than rarely, m."""
     metre = np.flatnonzero(survey.count)
     level = np.rint((metre - phase_m) / step_m).astype(int)
     number = np.bincount(level - level[0], survey.count[metre])
@@ -331,25 +331,25 @@ def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
 
 # Daily means of the gridded product.
 
-TIDE_S = 6 * 3600.0  # hours of a day that are missing differ from the others as these do
-LEAST_SHARE = 0.5  # of a day's times that a mean needs, but for a profiler's few
+TIDE_S = 6 * 3600.0  # lag at which velocities differ as much as those of missing hours from the rest of the day
+LEAST_SHARE = 0.5  # fraction of a day's times that a mean needs, except for profilers
 
 
 @dataclass(frozen=True)
 class Daily:
-    """Means of d days."""
+    """Daily means over d days."""
 
     time_s: Floats  # (d,) noon
     piece: Piece
     errors: HeadingErrors
     deviation_deg: Floats  # (a, d)
-    count: NDArray[np.int_]  # (d, z) times that went in
-    shrinkage: Floats  # (d,)
+    count: NDArray[np.int_]  # (d, z) number of averaged times
+    shrinkage: Floats  # (d,) exp(-heading variance / 2) of the first instrument
 
 
 @dataclass
 class DailyMeans:
-    """Sums over the days of a product, piece by piece."""
+    """Daily sums of a product, accumulated piece by piece."""
 
     axes: Axes
     errors: HeadingErrors
@@ -357,12 +357,12 @@ class DailyMeans:
 
     @property
     def days(self) -> NDArray[np.intp]:
-        """The day of each time, counted from the first, (t,)."""
+        """Day number of each time, counted from the first day, (t,)."""
         day = np.floor(self.axes.time_s / DAY_S).astype(np.intp)
         return day - day[0] if len(day) else day
 
     def add(self, piece: Piece) -> None:
-        """Add some of the times."""
+        """Add a piece to the daily sums."""
         there, flow, sources = piece.source >= 0, piece.cells.velocity, np.maximum(piece.source, 0)
         flow = np.where(there, flow, 0.0)
         modes, random = self.errors.modes[:, piece.slots], self.errors.random[:, piece.slots]
@@ -396,7 +396,7 @@ class DailyMeans:
         return self.sums[name]
 
     def means(self, product: GriddedProduct) -> Daily:
-        """Return the means; what is common to a day's velocities is not divided by the root of their number."""
+        """Compute the daily means; errors common to a day's velocities are not reduced by averaging."""
         axes, sums, depths = self.axes, self.sums, len(self.axes.depth_m)
         if not sums:
             none, nothing = np.zeros((0, depths)), np.zeros(0)
@@ -419,9 +419,9 @@ class DailyMeans:
             squares = turned.imag**2, turned.real**2, -turned.real * turned.imag
             for variance, square in zip(variances, squares, strict=True):
                 variance += square
-        # The times that are missing follow each other, and a sphere is at a depth when the current lets it be there.
+        # Missing times are no random sample: they are consecutive, and the current sets the depth of a sphere.
         apart = float(product.learnt[0].by_time.at(np.array([TIDE_S]))[0])
-        missing = 0.5 * np.maximum(1.0 - count / expected, 0.0) ** 2 * apart  # means differ less than moments
+        missing = 0.5 * np.maximum(1.0 - count / expected, 0.0) ** 2 * apart  # means differ less than single values
         spread = sums["spread"] / number * mean_factor(number, product.memory_s / axes.step_s) + missing
         noise = sums["noise"] / number**2
         quality = np.where(sums["interpolated"] > 0.5 * count, INTERPOLATED, np.maximum(sums["worst"], 1))

@@ -1,6 +1,6 @@
-"""Raw files to records: one module or package a format, and a table that says which; other packages may add to it.
+"""Read raw files to records: one module or package per format, listed in a registry that plug-ins can extend.
 
-A reader is imported only by the job that needs it. Every sample is kept, by the instrument's own clock:
+Readers are imported on demand. Samples with missing values are retained and flagged, timed by the instrument's clock:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
@@ -28,25 +28,25 @@ from compasslib import plugins
 from compasslib.errors import InputError
 from compasslib.readers import detect
 
-if TYPE_CHECKING:  # the Snakefile needs the table only
+if TYPE_CHECKING:  # keeps the import light for the Snakefile, which needs only the registry
     from compasslib.records import Record
 
 
 @dataclass(frozen=True)
 class Format:
-    """A raw format: the module that reads it, and the keys of the instrument that its ``read`` takes."""
+    """A raw format: the module that reads it, and the settings of an instrument that its ``read`` accepts."""
 
-    module: str  # below compasslib.readers; of a plug-in the whole name
-    keys: tuple[str, ...]
-    plugin: str = ""  # package and version that adds it, with a hash of its code
+    module: str  # relative to compasslib.readers; for a plug-in the full name
+    keys: tuple[str, ...]  # keyword arguments of ``read``
+    plugin: str = ""  # package and version of a plug-in, with a hash of its code
 
     @property
     def takes_declination(self) -> bool:
-        """Whether the reader itself takes an applied declination out, as the file may tell it too (heading bias)."""
+        """Whether the reader itself removes an applied declination, which the file may state too (heading bias)."""
         return "declination_applied" in self.keys
 
 
-TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")  # of any text table
+TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")  # for any text table
 FORMATS = {
     "pd0": Format("pd0", ("orientation", "declination_applied", "heading_alignment", "serial_number")),
     "table": Format("table", ("columns", "flags", *TABLE_KEYS)),
@@ -63,19 +63,19 @@ FORMATS = {
 
 
 def format_names() -> tuple[str, ...]:
-    """List the formats that are read here, those of other packages last.
+    """List the names of all formats, those of plug-ins last.
 
     Raises:
-        InputError: another package uses a name that is taken.
+        InputError: a plug-in uses a name that is taken.
     """
     return (*FORMATS, *plugins.plugin_table(plugins.READERS, FORMATS))
 
 
 def get_format(form: str) -> Format:
-    """Look up a format; of a plug-in's ``read`` the keyword-only parameters are the keys of the instrument.
+    """Look up a format; the keys of a plug-in are the keyword-only parameters of its reader function.
 
     Raises:
-        InputError: a plug-in that cannot be imported.
+        InputError: a plug-in cannot be imported.
     """
     if form in FORMATS:
         return FORMATS[form]
@@ -87,13 +87,13 @@ def get_format(form: str) -> Format:
 
 
 def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Record:
-    """Read the record of an instrument, by its own clock, nothing left out.
+    """Read the record of an instrument, with the times of its own clock.
 
     Args:
-        settings: the instrument's part of the mooring file.
+        settings: section of the instrument in the mooring file.
 
     Raises:
-        InputError: a file that cannot be read.
+        InputError: a file cannot be read.
     """
     from compasslib.records import Record
 

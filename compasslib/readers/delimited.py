@@ -1,11 +1,11 @@
-"""Text tables with a header line: columns of numbers and times, nothing else.
+"""Read text tables with a header line: columns of numbers, times and quality flags.
 
-What parts the cells, decimal commas, lines above the header, units below it, packing and encoding are recognised where
-there is one way to read them, and said in ``Table.notes``; the rest is refused in a line that names the key of the YAML
-file (``Layout``) that settles it. The header is the first line that holds every column that is asked for.
+The delimiter, decimal commas, lines above the header, unit lines below it, compression and encoding are detected where
+they are unambiguous, and reported in ``Table.notes``; anything else raises an error that names the key of the YAML file
+(``Layout``) to set. The header is the first line that contains every requested column.
 
-A line that holds more or fewer cells than the header, or a word where a number belongs, ends the reading in one line:
-cells that have moved are numbers too. Only a last line without its end may be cut; it is left out and counted.
+A row with surplus cells, a missing requested cell or a word in place of a number raises an error, as shifted cells can
+still parse as numbers. Only an unterminated last line may be truncated; it is dropped and counted.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from compasslib.records import NOT_CHECKED, PROBABLY_BAD
 from compasslib.types import Floats
 
 COLUMN_MAP = "correct columns in the mooring file"
-TIMES = ("time", "time_utc")  # roles that hold times
-FLAG = "flag"  # the role of quality flags: words or values
+TIMES = ("time", "time_utc")  # roles of time columns
+FLAG = "flag"  # role of quality flags: words or values
 NO_MEANINGS: Mapping[str, int] = MappingProxyType({})
-DATE_AND_CLOCK = ("date", "clock")  # roles that hold the two parts of one
+DATE_AND_CLOCK = ("date", "clock")  # roles of the date and the time of day, combined into ``time``
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
 LONGEST_MISSING_WORD = 20
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
-SEARCHED_LINES = 400  # lines among which the header is looked for
-HEAD_LINES = 1000  # which tell how a table is written
-UNIT_LINES = 2  # lines of units or the like below a header
+SEARCHED_LINES = 400  # lines searched for the header
+HEAD_LINES = 1000  # lines from which the vectorized parser takes the format of a table
+UNIT_LINES = 2  # maximum number of unit lines below the header
 NUMBER_STARTS = tuple("+-.0123456789")
 COMMENT_MARKS = "#%"
-QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # around a time, where a table was exported twice or for a spreadsheet
-TYPESETTING = {0x2212: "-", 0xA0: " ", 0x202F: " "}  # the minus sign and blanks of typesetters
+QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # stripped around headers and times: left by repeated export, or ="..."
+TYPESETTING = {0x2212: "-", 0xA0: " ", 0x202F: " "}  # typographic minus sign and no-break spaces
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
@@ -56,18 +56,18 @@ _UNIT = re.compile(r"(?=.*[^\W\d_]|.*%|.*°)(?!.*\d\d)[^\n]{1,40}|", re.DOTALL) 
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table is written by the YAML file, None where it does not say."""
+    """Format of a table as set in the YAML file; None where it is not set."""
 
-    delimiter: str | None = None  # the character
-    decimal: str | None = None  # the character
-    time_format: str | None = None  # strptime, or a scale of ``times.SCALES``
-    timezone: str | None = None  # UTC or +02:00
-    missing: tuple[str, ...] = ()
-    skip_rows: int | None = None  # lines above the header
+    delimiter: str | None = None  # character between cells
+    decimal: str | None = None  # decimal mark, a point or a comma
+    time_format: str | None = None  # strptime format, or a key of ``times.SCALES``
+    timezone: str | None = None  # UTC or an offset such as +02:00
+    missing: tuple[str, ...] = ()  # texts that stand for missing values, besides ``plain.MISSING_TEXT``
+    skip_rows: int | None = None  # number of lines to skip above the header
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Layout:
-        """Take the layout from the settings of a file."""
+        """Create a layout from the table keys of a settings mapping; absent keys keep their defaults."""
         given = {field.name: settings.get(field.name) for field in fields(cls)}
         return cls(**(given | {"missing": tuple(given["missing"] or ())}))
 
@@ -77,25 +77,25 @@ DEFAULT_LAYOUT = Layout()
 
 @dataclass(frozen=True)
 class Lines:
-    """The lines of a table that are not empty and no comments; cells of rows are not stripped."""
+    """Header and rows of a table without empty lines and comments; the cells of rows are not stripped."""
 
     header: list[str]
     rows: list[list[str]]
-    numbers: Sequence[int]  # of each row's line in the file
-    cut: int = 0  # last lines that were left out
+    numbers: Sequence[int]  # line number of each row in the file, from 1
+    cut: int = 0  # number of truncated last lines dropped
     delimiter: str = ""
-    notes: tuple[str, ...] = ()  # what was recognised
+    notes: tuple[str, ...] = ()  # detected format, in words
 
 
 @dataclass(frozen=True)
 class Table:
     """Columns of a table by role."""
 
-    columns: dict[str, Floats]  # times as UTC seconds since 1970, nothing as NaN
+    columns: dict[str, Floats]  # (rows,) each; times in UTC seconds since 1970, NaN where missing
     rows: int
-    cut: int
-    notes: tuple[str, ...]  # what was recognised, in words
-    unknown_flags: str = ""  # the sentence about flags that nobody knows
+    cut: int  # number of truncated last lines dropped
+    notes: tuple[str, ...]  # detected format, in words
+    unknown_flags: str = ""  # warning about flags of unknown meaning, empty without any
 
 
 def read_table(
@@ -105,23 +105,23 @@ def read_table(
     layout: Layout = DEFAULT_LAYOUT,
     meanings: Mapping[str, int] = NO_MEANINGS,
 ) -> Table:
-    """Read columns of one table.
+    """Read the requested columns of one table.
 
     Args:
-        headers: role -> header; ``time`` and ``time_utc`` hold times, ``date`` and ``clock`` the two parts of one,
-            which becomes ``time``, ``flag`` quality flags; all others numbers.
-        advice: what to do about a column that is not there.
-        meanings: of the flags, see ``flags.parse_flag_settings``.
+        headers: role -> header; ``time`` and ``time_utc`` hold times, ``date`` and ``clock`` are combined into
+            ``time``, ``flag`` holds quality flags, and all other roles hold numbers.
+        advice: advice in the error message for a missing column.
+        meanings: flag value or meaning -> OceanSITES flag, see ``flags.parse_flag_settings``.
 
     Raises:
-        InputError: the file or a column is absent, or a time or number cannot be read in one way only.
+        InputError: the file or a column is missing, or a time or number is unreadable or ambiguous.
     """
     fast = _read_plain(path, headers, layout)
     return fast or parse_table(path, read_lines(path, headers.values(), layout), headers, advice, layout, meanings)
 
 
 def _read_plain(path: Path, headers: Mapping[str, str], layout: Layout) -> Table | None:
-    """Read a table by its first lines and plain rows below them; None where these are not plain."""
+    """Read a table with the vectorized parser below its first lines; None where the rows are not plain enough."""
     timed = [role for role in headers if role in TIMES]
     if len(timed) != 1 or {FLAG, *DATE_AND_CLOCK} & {*headers} or layout.decimal == "," or layout.time_format:
         return None
@@ -171,10 +171,10 @@ def parse_table(
     path: Path, lines: Lines, headers: Mapping[str, str], advice: str, layout: Layout,
     meanings: Mapping[str, int] = NO_MEANINGS,
 ) -> Table:  # fmt: skip
-    """Parse columns of the lines of one table; arguments and errors as for ``read_table``."""
+    """Parse the requested columns from the lines of one table; arguments and errors as for ``read_table``."""
     for role, header in headers.items():
         if (count := lines.header.count(header)) != 1:
-            # First the keys that may have hidden the column.
+            # A wrong skip_rows or delimiter may have hidden the column: suggest these keys first.
             keys = " or ".join(key for key in ("skip_rows", "delimiter") if getattr(layout, key) is not None)
             advice = f"correct {keys}, else {advice}" if keys else advice
             raise InputError(
@@ -220,7 +220,7 @@ def parse_table(
 
 
 def _advise_on_word(cell: str) -> str:
-    """Report what to do about a cell that is no number: what holds digits may be one, and is not to be left out."""
+    """Word the advice on a cell that is not a number; malformed text with digits is not offered as a missing value."""
     if _WITH_THOUSANDS.fullmatch(cell):
         return "export numbers without marks between thousands"
     word = len(cell) <= LONGEST_MISSING_WORD and (NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
@@ -228,36 +228,36 @@ def _advise_on_word(cell: str) -> str:
 
 
 def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
-    """Select the headers of date and clock where both are named and neither is withheld."""
+    """Select the headers of date and clock; empty unless both are given and neither these nor a time is withheld."""
     parts = {role: headers[role] for role in DATE_AND_CLOCK if headers.get(role)}
     usable = len(parts) == len(DATE_AND_CLOCK) and not {*parts, *parts.values(), *TIMES} & set(withheld)
     return parts if usable else {}
 
 
 def table_notes(tables: Iterable[Table]) -> tuple[str, ...]:
-    """Collect the sentences on what was recognised in tables, each once."""
+    """Collect the notes on detected formats and unknown flags of several tables, without duplicates."""
     tables = [*tables]
     read = [f"the table was read as it is written: {', '.join(table.notes)}" for table in tables if table.notes]
     return tuple(dict.fromkeys([*read, *(table.unknown_flags for table in tables if table.unknown_flags)]))
 
 
 def read_header(path: Path, needed: Iterable[str], layout: Layout = DEFAULT_LAYOUT) -> list[str]:
-    """Read the names of a table's columns, none for an empty file; arguments and errors as for ``read_lines``."""
+    """Read the column names of a table, empty for an empty file; arguments and errors as for ``read_lines``."""
     return read_lines(path, needed, layout).header
 
 
 def read_lines(path: Path, needed: Iterable[str], layout: Layout = DEFAULT_LAYOUT) -> Lines:
-    """Read the header and the rows of a table, comments left out.
+    """Read the header and the rows of a table without comments.
 
     Args:
-        needed: names that the header holds; where no line does the first is taken for it.
+        needed: column names that identify the header; if no line contains them all, the first line is the header.
 
     Raises:
         InputError: the file cannot be read.
     """
     wanted = set(needed)
     lines = find_lines(path, lambda names: wanted <= set(names), layout)
-    assert lines is not None  # any line fits in the end
+    assert lines is not None  # without ``must`` the first line is the fallback
     return lines
 
 
@@ -270,13 +270,13 @@ def find_lines(
     must: bool = False,
     text: str | None = None,
 ) -> Lines | None:
-    """Find the lines of a table whose header fits.
+    """Locate the header by a predicate, and split the header and the rows below it into cells.
 
     Args:
-        fits: whether names may be those of the header.
+        fits: predicate that accepts the column names of the header.
         delimiters: candidates, in order of preference.
-        must: None is returned where no line fits, else the first is the header.
-        text: of the file's begin, where it alone is wanted.
+        must: return None if no line fits, instead of taking the first line as the header.
+        text: beginning of the file, if only that is to be parsed.
 
     Raises:
         InputError: the file cannot be read.
@@ -308,7 +308,7 @@ def find_lines(
 def _find_header(
     raw: Sequence[str], places: Iterable[int], delimiter: str, fits: Callable[[Sequence[str]], bool]
 ) -> tuple[int, str] | None:
-    """Find the first line that fits; none below rows of numbers, which nothing may pass over."""
+    """Find the index of the first line that fits, and its delimiter; None if a row of numbers comes first."""
     for k in places:
         if k >= len(raw) or not _has_content(raw[k]):
             continue
@@ -328,11 +328,11 @@ def _has_content(line: str) -> bool:
 
 
 def _reader(lines: Iterable[str], delimiter: str) -> Any:
-    return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)  # a quotation mark may stand behind blanks
+    return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)  # quoted cells may follow blanks
 
 
 def split_words(line: str) -> list[str]:
-    """Split a line at blanks that are not between quotation marks."""
+    """Split a line at blanks outside quotation marks."""
     return line.split() if '"' not in line else [cell.strip('="') for cell in _WORD.findall(line)]
 
 
@@ -341,7 +341,7 @@ def _strip_quotes(row: Sequence[str]) -> list[str]:
 
 
 def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: bool) -> Lines:
-    """Split the header in one line and the rows below it into cells."""
+    """Split the header line and the rows below it into cells."""
     if delimiter == " ":
         listed = [split_words(line) for line in raw[begin:]]
     else:
@@ -351,7 +351,7 @@ def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ende
         except csv.Error as error:
             advice = "check path and format"
             raise InputError(str(path), expected="a readable CSV file", found=error, advice=advice) from None
-        if len(listed) < reader.line_num:  # a cell goes on in the next line: a stray quotation mark swallows rows
+        if len(listed) < reader.line_num:  # a cell spans lines: a stray quotation mark swallows rows
             reader = _reader(raw[begin:], delimiter)
             line = next(k for k, _ in enumerate(reader, 1) if reader.line_num > k) + begin
             _refuse_line(path, line, "cells that end in their line", "a quotation mark that is not closed")
@@ -360,19 +360,19 @@ def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ende
     if not filled:
         return Lines([], [], [])
     header = _strip_quotes(listed[filled[0]])
-    # Of pages or files put together.
+    # Printed pages and concatenated files repeat the header.
     again = {k for k in filled[1:] if header[0] in listed[k][0] and _strip_quotes(listed[k]) == header}
     places = [k for k in filled[1:] if k not in again]
     rows = [listed[k] for k in places]
     if delimiter == " " and rows and all(len(row) == len(header) + 1 for row in rows):
         k = next((k for k, cell in enumerate(rows[0]) if k and ":" in cell), 0)
-        if k and all(":" in row[k] for row in rows):  # date and clock are one cell
+        if k and all(":" in row[k] for row in rows):  # one header names date and clock
             rows = [[*row[: k - 1], f"{row[k - 1]} {row[k]}", *row[k + 1 :]] for row in rows]
 
     def decimals(row: list[str]) -> int:
         return len(row[-1].strip().replace(",", ".").partition(".")[2])
 
-    # A last line without its end is cut where it lacks cells, or its last cell decimals that all others have.
+    # An unterminated last line is truncated if it lacks cells, or its last cell has fewer decimals than any other.
     usual = min((decimals(row) for row in rows[:-1] if row[-1].strip()), default=0)
     cut = bool(rows) and not ended and (len(rows[-1]) < len(header) or decimals(rows[-1]) < usual)
     notes = (f"{len(again)} more header line{'s' * (len(again) > 1)}",) if again else ()
@@ -380,7 +380,7 @@ def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ende
 
 
 def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
-    """Drop lines of units below the header: words in every column, where rows hold numbers."""
+    """Drop unit lines below the header, whose requested cells hold unit-like words instead of numbers."""
     count = 0
     for row in lines.rows[:UNIT_LINES]:
         cells = [row[k].strip() for k in places if k < len(row)]
@@ -392,10 +392,10 @@ def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
 
 
 def _join_decimals(path: Path, lines: Lines) -> Lines:
-    """Join the halves of numbers where commas part cells and decimals; refuse a number without decimals."""
+    """Rejoin numbers split at decimal commas where the delimiter is a comma too; reject numbers without decimals."""
     n, rows = len(lines.header), list(lines.rows)
     for k, row in enumerate(rows):
-        if len(row) <= n:  # numbers between quotation marks
+        if len(row) <= n:  # quoted numbers were not split
             continue
         halves = iter(row)
         whole = [f"{cell.strip()},{next(halves, '')}" if _WHOLE.fullmatch(cell.strip()) else cell for cell in halves]
@@ -419,7 +419,7 @@ def _column(path: Path, lines: Lines, place: int, role: str) -> list[str]:
 def _detect_decimal(
     path: Path, texts: Mapping[str, list[str]], headers: Mapping[str, str], layout: Layout
 ) -> tuple[str, bool]:
-    """Detect the character before decimals, and whether it was recognised as a comma; refuse what may be thousands."""
+    """Detect the decimal mark, and whether it is an inferred comma; reject commas that may separate thousands."""
     if layout.decimal:
         return layout.decimal, False
     with_comma = [
@@ -440,8 +440,8 @@ def _detect_decimal(
 
 
 def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
-    """Parse the times of a table by their role, date and clock together, and describe what was recognised."""
-    around = "".join({*QUOTES} - {*(layout.time_format or "")})  # a format may hold them
+    """Parse the time columns by role, with date and clock combined, and describe the detected format."""
+    around = "".join({*QUOTES} - {*(layout.time_format or "")})  # never strip characters of the format itself
     texts = {}
     for role, place in places.items():
         texts[role] = [cell.strip(around) for cell in _column(path, lines, place, role)], lines.header[place]
@@ -452,7 +452,7 @@ def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: La
     for role, (cells, header) in texts.items():
 
         def numbers(cells: list[str] = cells) -> Floats | None:
-            """Parse times as numbers, None where a cell is none; a comma is a decimal one: thousands part no time."""
+            """Parse times as numbers, None unless all are; commas are decimal, as times have no thousands separator."""
             by_comma = layout.decimal is None and any("," in cell for cell in cells)
             values, row = plain.parse_texts(cells, "," if by_comma else layout.decimal or ".", ())
             return values if row is None else None

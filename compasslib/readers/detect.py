@@ -1,7 +1,6 @@
-"""The kind of a file by its first bytes: formats that are read, and those that people have at hand.
+"""Detect the kind of a file from its first bytes, both supported formats and common unsupported ones.
 
-A line of ``KINDS`` is one kind of file: its name, the format that reads it, the bytes that it begins with. The
-first that fits counts. So a wrong format is named instead of refused:
+The first match in ``KINDS`` (name, format, first bytes) applies. Errors can thus name the kind of a misdeclared file:
 
     raw/x.ad2cp: expected an RDI PD0 file, found a Nortek ad2cp file; write format: nortek
 
@@ -24,8 +23,8 @@ from compasslib.readers import delimited
 from compasslib.readers.files import TooLarge, detect_utf16, read_bytes, unreadable
 
 HEAD_BYTES = 65536
-SEARCHED_BYTES = 2**20  # in which records are looked for where the first bytes tell nothing
-TEXT_SHARE = 0.98  # of a text's bytes are printable
+SEARCHED_BYTES = 2**20  # bytes searched for binary records if the first bytes are inconclusive
+TEXT_SHARE = 0.98  # least share of printable bytes in a text
 READABLE = {
     "pd0": "an RDI PD0 file",
     "pd12": "an RDI PD12 file",
@@ -39,7 +38,7 @@ READABLE = {
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
 }
-BINARY, LINE_FEEDS = ("pd0", "pd12", "nortek", "netcdf"), 20  # so many by chance never all follow a carriage return
+BINARY, LINE_FEEDS = ("pd0", "pd12", "nortek", "netcdf"), 20  # so many never all follow a carriage return by chance
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
@@ -55,10 +54,10 @@ UNPACK = "unpack it"
 class Kind:
     """A kind of file."""
 
-    name: str  #: with its article, as a message says it
-    form: str | None  #: the format that reads it
-    holds: re.Pattern[bytes]  #: matched at the file's first byte
-    advice: str = CONVERT  #: where no format reads it
+    name: str  #: name with article, as used in messages
+    form: str | None  #: format that reads it; None if unsupported
+    holds: re.Pattern[bytes]  #: pattern matched at the first byte of the file
+    advice: str = CONVERT  #: advice if no format reads it
 
 
 def _kind(name: str, form: str | None, holds: bytes, advice: str = CONVERT) -> Kind:
@@ -119,20 +118,20 @@ TABLE = _kind("a text table", "table", rb"")
 PROSE = _kind("a text without columns", None, rb"", EXPORT)
 _DIGITS = re.compile(rb"(?<![0-9A-Za-z.:])(?:[0-9A-Fa-f]{40,}|(?:[0-9A-Fa-f]{2} ){19,}[0-9A-Fa-f]{2})")
 _PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
-# What begins a record: of RDI, of older Nortek instruments, of an ad2cp file, and behind a header of a Falmouth 3D-ACM.
+# Start of a record: of RDI, of older Nortek instruments, of an ad2cp file, and after the header of a Falmouth 3D-ACM.
 _BINARY_RECORD = re.compile(
     rb"(?=(?P<rdi>[n\x7f]\x7f)|(?P<older>\xa5(?:\x05\x18\0|\x04\x70\0|\0\0\x01))|(?P<ad2cp>\xa5[\x0a\x0c][\x15-\x2f\xa0])"
     rb"|(?P<acm>DATA[\0-\x17][\0-;][\0-;][\x01-\x0c][\x01-\x1f](?:[\xbc-\xff]\x07|[\0-\x33]\x08)))",
     re.DOTALL,
 )
-NORTEK_START = 0xB58C  # of a checksum's sum of words
+NORTEK_START = 0xB58C  # initial value of the checksum, to which 16-bit words are added
 
 
 def detect_kind(path: str | Path) -> Kind | None:
-    """Detect the kind of a file, None where nobody knows; of a gzip file with a known kind inside both are named.
+    """Detect the kind of a file, None if unknown; the name of a gzip file includes the kind of its content.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the file cannot be read.
     """
     try:
         with Path(path).open("rb") as file:
@@ -156,13 +155,14 @@ def detect_kind(path: str | Path) -> Kind | None:
 def format_hints(
     form: str, paths: Sequence[str | Path], *, offered: Collection[str] = (), advice: str = ""
 ) -> Iterator[None]:
-    """Say, where a reader refuses its files, which of them is of another kind and what reads that.
+    """Replace a reader's error by one that names the actual kind of a file given with the wrong format.
 
     Args:
-        advice: what to do where the kind found is not among these; by the kind where empty.
+        offered: formats that the error may recommend.
+        advice: advice if the detected format is not offered; by default that of the detected kind.
 
     Raises:
-        InputError: the reader's own where every file is of its format or unknown, else one that names the kind.
+        InputError: the reader's own if every file is of its format or unknown, else one that names the kind.
     """
     try:
         yield
@@ -172,7 +172,7 @@ def format_hints(
         for path in paths:
             kind = detect_kind(path) if Path(path).is_file() else None
             if kind is None or kind.name == "an empty file" or (kind in (TABLE, PROSE) and form in TEXTS):
-                continue  # the reader's own words say more
+                continue  # the reader's own message says more
             if kind.form is None or READABLE.get(kind.form) != READABLE.get(form):
                 expected = READABLE.get(form, f"a file of format {form}")
                 to_do = advice or ELSEWHERE.get(kind.form or "", kind.advice)
@@ -186,7 +186,7 @@ def format_hints(
 
 
 def _copied_as_text(path: str | Path) -> bool:
-    """Recognize a file in which a carriage return stands before every line feed, of which bytes hold many by chance."""
+    """Return whether every line feed of a binary file follows a carriage return, as after a copy in text mode."""
     try:
         data = read_bytes(path)
     except InputError:
@@ -205,7 +205,7 @@ def _kind_of_head(head: bytes) -> Kind | None:
     if not _is_text(head):
         return None
     lines = [line for line in head.splitlines() if line.strip()]
-    below = lines[len(lines) // 2 :]  # whatever stands above a table
+    below = lines[len(lines) // 2 :]  # the second half, below any preamble of a table
     digits, letters = ([len(re.findall(pattern, line)) for line in below] for pattern in (rb"\d", rb"[A-Za-z]"))
     parted = (bool(re.search(rb"\S[,;|\t ]+\S", line)) for line in below)
     rows = sum(d > a and columns for d, a, columns in zip(digits, letters, parted, strict=True))
@@ -213,7 +213,7 @@ def _kind_of_head(head: bytes) -> Kind | None:
 
 
 def _hexadecimal(head: bytes) -> Kind | None:
-    """Identify the binary file in a text of hexadecimal digits, None where few lines hold a long row of them."""
+    """Identify a binary file written as hexadecimal text; None unless most lines hold a long run of digits."""
     lines = [line for line in head.splitlines() if line.strip()]
     rows = [(line, row[0]) for line in lines if (row := _DIGITS.search(line))]
     digits = b"".join(row.replace(b" ", b"") for _, row in rows)
@@ -233,7 +233,7 @@ def _is_text(head: bytes) -> bool:
 
 
 def _kind_of_record(data: bytes) -> Kind | None:
-    """Identify a file by the first binary record in it whose checksum holds, whatever stands before."""
+    """Identify a file by the first binary record in it with a valid checksum, regardless of preceding bytes."""
     view = memoryview(data)
     for mark in _BINARY_RECORD.finditer(data):
         record, ad2cp = view[mark.start() :], bool(mark["ad2cp"])
@@ -245,7 +245,7 @@ def _kind_of_record(data: bytes) -> Kind | None:
             if 4 < size <= len(record) - 2 and sum(record[:size]) & 0xFFFF == stated:
                 return next(kind for kind in KINDS if kind.form == ("pd12" if mark["rdi"][:1] == b"n" else "pd0"))
             continue
-        # The last word is the sum of a record's words, or of those of an ad2cp file's header.
+        # The last word is the checksum of the record, or of the header in an ad2cp file.
         size = record[1] if ad2cp else 2 * int.from_bytes(record[2:4], "little")
         if size <= len(record):
             *words, stated = struct.unpack(f"<{size // 2}H", record[:size])
@@ -254,8 +254,8 @@ def _kind_of_record(data: bytes) -> Kind | None:
     return None
 
 
-PRESSURE_ALONE = 3  # columns of a profiler's pressure, perhaps with temperature
-SPEEDS = {"mm": 0.001, "cm": 0.01, "m": 1.0}  # a second, in m/s
+PRESSURE_ALONE = 3  # most columns of a pressure table: time, pressure and perhaps temperature
+SPEEDS = {"mm": 0.001, "cm": 0.01, "m": 1.0}  # length unit per second -> m/s
 _SPEED = re.compile(r"(?:^|[\W_])(mm|cm|m)[\W_]*(?:/|p|per)?[\W_]*s(?:ec|econd)?(?:\W*-?1)?\W*$")
 _UNIT = re.compile(
     r"[\[(][^\])]*[\])]|_(?:m|metres?|deg|degrees?|dbar|c|degc|utc|gmt|kn|knots|nt|ut|counts)$|°|\s+utc$"
@@ -263,7 +263,7 @@ _UNIT = re.compile(
 _NORTH = {
     "magnetic": r"deg[\W_]*m\b|\bmag(?:netic)?\b",
     "true": r"deg[\W_]*t\b|\btrue\b",
-}  # to which a direction counts
+}  # words for the reference north of directions
 _FLOW = r"(?:velocity|vel|current|cur|comp|component|water)?"
 _WORDS = {
     "time": r"(?:(?:record|sampl(?:e|ing)|measurement|observation|ensemble|utc|gmt)_?)?(?:date)?_?times?"
@@ -304,7 +304,7 @@ _MAGNETOMETER = {axis: rf"(?:mag(?:netometer)?|field|b|h|m)?_?{axis}" for axis i
 }
 _ABOUT = ("date", "clock", "depth", "pressure", "heading", "tilt_x", "tilt_y", "temperature")
 _FLOWS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
-# What a table is, the words of its columns, and those that it must have, in the order in which they are tried.
+# Kind of table, patterns of its column names, and required columns, in the order in which they are tried.
 _TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
     ("swing", _SWING, ("compass_deg", "cog_deg")),
     ("platform", _BENCH, ("reference_deg", "recorded_deg")),
@@ -314,17 +314,17 @@ _TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
 
 @dataclass(frozen=True)
 class GuessedTable:
-    """A guess of the content of a table."""
+    """Guessed kind, columns, velocity unit and reference north of a table."""
 
     kind: str  # instrument | platform | swing | magnetometer | series | pressure
     columns: dict[str, str]  # role -> header
-    scale: float | None = None  # to m/s, None where the headers do not tell
-    north: str | None = None  # magnetic or true, None where the headers do not tell
+    scale: float | None = None  # factor to m/s, None if the headers do not state the unit
+    north: str | None = None  # magnetic or true, None if the headers do not state it
 
 
 def guess_columns(path: Path) -> GuessedTable | None:
-    """Guess the columns of a table, None where its header does not tell."""
-    delimiters = list(delimited.DELIMITERS)[: -1 if _is_delimited(path) else None]  # blanks may stand inside such names
+    """Guess the columns of a table from its header, None if it is inconclusive."""
+    delimiters = list(delimited.DELIMITERS)[: -1 if _is_delimited(path) else None]  # names may then contain blanks
     lines = delimited.find_lines(
         path, lambda names: guess_from_names(names) is not None, must=True, delimiters=delimiters
     )
@@ -332,7 +332,7 @@ def guess_columns(path: Path) -> GuessedTable | None:
 
 
 def _is_delimited(path: Path) -> bool:
-    """Return whether a character other than a blank separates the cells of most lines, the same number in each."""
+    """Return whether a delimiter other than a blank splits most rows into as many cells as the header."""
 
     def names_columns(names: Sequence[str]) -> bool:
         return len(names) > 1 and all(re.search(r"[^\W\d_]", name) for name in names)
@@ -346,7 +346,7 @@ def _is_delimited(path: Path) -> bool:
 
 
 def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
-    """Guess the columns of a table with such a header, None where it does not tell.
+    """Guess the columns of a table from its column names, None if they are inconclusive.
 
     >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
@@ -380,7 +380,7 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
 
 
 def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:
-    """Match headers to roles, the first that has a role's words, none twice."""
+    """Match headers to roles: the first header that fits each role, used only once except for ``clock``."""
     plain = {name: _plain(name) for name in names}
     roles: dict[str, str] = {}
     for role, pattern in words.items():
@@ -394,6 +394,6 @@ def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:
 
 
 def _plain(name: str) -> str:
-    """Strip a header of its unit; small letters, what parts its words as one sign."""
+    """Normalize a header: strip its unit, convert to lower case, and join its words by underscores."""
     unitless = _SPEED.sub("", _UNIT.sub("", name.strip().lower()).strip())
     return re.sub(r"[\W_]+", "_", unitless).strip("_")

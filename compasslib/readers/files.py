@@ -1,9 +1,9 @@
-"""Raw files: their bytes and text, how much memory they may take, how much of them may be damaged, a modem's escapes.
+"""Read bytes and text of raw files, limit their memory use and share of damage, and undo a modem's escapes and frames.
 
-Text is packed by gzip or not, in UTF-8, UTF-16 or Latin-1. A controller of inductive modems sends 2B as 18 6B and 18 as
-18 58, in frames of a head (SOH, instrument, length, time, block, checksum, STX), as many bytes as it says, and ETX.
-Found in genuine files: in four of them every 18 is of a pair, and no 2B is left; in nine others, straight from
-instruments, no more than 2 in 100 of these bytes are of pairs.
+Text may be compressed by gzip, and encoded in UTF-8, UTF-16 or Latin-1. A controller of inductive modems escapes 2B as
+18 6B and 18 as 18 58, in frames of a header (SOH, instrument, length, time, block, checksum, STX), data and ETX. This
+was inferred from genuine files: in four of them every 18 belongs to an escape, and no 2B remains; in nine others,
+directly from instruments, at most 2 in 100 of these bytes look like escapes.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from typing import NamedTuple
 from compasslib.errors import InputError
 
 MEGABYTE = 1 << 20
-LARGEST_TEXT = 256 * MEGABYTE  # of one file, unpacked; a table of so much takes some 19 times as much memory
-LARGEST_ARRAYS, LARGEST_GROWTH = 1024 * MEGABYTE, 16  # more than both, the second times the file, is no recording's
+LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 19 times as much memory
+LARGEST_ARRAYS, LARGEST_GROWTH = 1024 * MEGABYTE, 16  # bytes, and multiple of the file size; recordings need less
 LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
 GZIP_MAGIC = b"\x1f\x8b"
-UTF16_SAMPLE = 4096  # bytes that tell UTF-16 without its mark
+UTF16_SAMPLE = 4096  # bytes from which UTF-16 without a byte order mark is detected
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
-_LATIN = bytes([*range(0xA0, 0xFF)])  # no letter of a header is a control character or a filling of FF
+_LATIN = bytes([*range(0xA0, 0xFF)])  # without control characters and FF, a fill byte
 
 ESCAPE = b"\x18"
 ESCAPE_PAIRS = ((b"\x18\x6b", b"\x2b"), (b"\x18\x58", ESCAPE))
-ESCAPE_SAMPLE = 2 << 20  # bytes that tell whether a file is escaped
+ESCAPE_SAMPLE = 2 << 20  # bytes from which escapes are detected
 ESCAPES_UNDONE = "came with the escapes of a modem's controller (18 6B for 2B, 18 58 for 18), which were undone"
 FRAME = re.compile(rb"\x01([A-Z]{2}\d{7})_([0-9A-Fa-f]{4})[A-Za-z][0-9A-Fa-f]{8}_[0-9A-Fa-f]{2}_[0-9A-Fa-f]{4}\x02")
 FRAME_END = b"\x03"
 
 
 class TooLarge(InputError):
-    """A file of whatever kind that would take more memory than is allowed."""
+    """A file that would take more memory than is allowed."""
 
 
 def unreadable(path: str | Path, error: OSError) -> InputError:
-    """Word the error of a file that cannot be opened or read."""
+    """Create the error for a file that cannot be opened or read."""
     shown = error.strerror or type(error).__name__
     return InputError(str(path), expected="a readable file", found=shown, advice="check the path")
 
@@ -57,10 +57,10 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_text_bytes(path: Path) -> bytes:
-    """Read and unpack a text file, after a look that it has lines.
+    """Read and decompress a text file.
 
     Raises:
-        InputError: it cannot be read, is too large, or a line of it is longer than any instrument's.
+        InputError: the file cannot be read, is too large, or has a line of implausible length.
     """
     blocks, size = [], 0
     try:
@@ -84,10 +84,10 @@ def read_text_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> tuple[str, tuple[str, ...]]:
-    """Read the text of a file, and describe its packing and encoding where it is not plain UTF-8.
+    """Read the text of a file, and describe its compression and encoding unless it is plain UTF-8.
 
     Raises:
-        InputError: it cannot be read, or holds bytes of no text.
+        InputError: the file cannot be read, or contains bytes that are not text.
     """
     data = read_text_bytes(path)
     with Path(path).open("rb") as raw:
@@ -105,7 +105,7 @@ def read_text(path: Path) -> tuple[str, tuple[str, ...]]:
 
 
 def detect_utf16(data: bytes) -> str | None:
-    """Identify which UTF-16 a text is in, None where it is in none."""
+    """Detect the UTF-16 encoding of a text, None if it has another encoding."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data):
         return "utf-16"
     low, high = data[:UTF16_SAMPLE:2], data[1:UTF16_SAMPLE:2]
@@ -116,12 +116,12 @@ def detect_utf16(data: bytes) -> str | None:
 
 
 def count_unprintable(data: bytes) -> int:
-    """Count the bytes that are neither printable ASCII nor space between words and lines."""
+    """Count the bytes that are neither printable ASCII characters nor white space."""
     return len(data.translate(None, _TEXT))
 
 
 def refuse_large_text(path: Path, size: int) -> None:
-    """Raise TooLarge for a text of more than 256 MB, of which ``size`` bytes are there so far."""
+    """Raise TooLarge for a text of more than 256 MB, of which ``size`` bytes have been read so far."""
     if size > LARGEST_TEXT:
         stored = path.stat().st_size
         unpacked = f" that unpack to over {LARGEST_TEXT // MEGABYTE} MB" if stored < size else ""
@@ -134,7 +134,7 @@ def refuse_large_text(path: Path, size: int) -> None:
 
 
 def refuse_large_arrays(where: str, needed: int, size: int, cells: int) -> None:
-    """Raise TooLarge for arrays that need more bytes than 1 GB and than 16 times the size of their files."""
+    """Raise TooLarge for arrays that need more than 1 GB and more than 16 times the size of their files."""
     if needed > (allowed := max(LARGEST_ARRAYS, LARGEST_GROWTH * size)):
         raise TooLarge(
             where,
@@ -145,10 +145,10 @@ def refuse_large_arrays(where: str, needed: int, size: int, cells: int) -> None:
 
 
 def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole: int) -> None:
-    """Raise InputError for a file with more damaged than whole records: what is left is no recording.
+    """Raise InputError for a file with more damaged than intact records, unless none is intact.
 
     Args:
-        damaged: records that are recognised and fail; bytes of another kind between records are none.
+        damaged: number of recognized but invalid records; unrelated bytes between records do not count.
     """
     if damaged > whole > 0:
         raise InputError(
@@ -160,29 +160,29 @@ def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole
 
 
 def unescape(data: bytes) -> bytes:
-    """Turn the pairs that stand for 2B and 18 back."""
+    """Replace the escape pairs by the bytes 2B and 18."""
     for pair, octet in ESCAPE_PAIRS:
         data = data.replace(pair, octet)
     return data
 
 
 def looks_escaped(data: bytes) -> bool:
-    """Find bytes in which most of 18 and 2B are escapes; whether records are whole without them decides."""
+    """Return whether most bytes 18 and 2B belong to escapes; intact records after ``unescape`` must confirm this."""
     sample = data[:ESCAPE_SAMPLE]
     pairs = sum(sample.count(pair) for pair, _ in ESCAPE_PAIRS)
     return pairs > sample.count(ESCAPE) - pairs + sample.count(b"\x2b")
 
 
 class Payload(NamedTuple):
-    """The content of a modem's frame."""
+    """Content of a modem's frame."""
 
     instrument: str  # two letters and the number of its controller
     data: bytes  # without escapes
-    whole: bool  # as long as the head of the frame says
+    whole: bool  # whether the frame ends after the length in its header
 
 
 def payloads(data: bytes) -> Iterator[Payload]:
-    """Iterate over the contents of a file's frames; of a frame that is damaged all up to the next."""
+    """Iterate over the contents of a file's frames; a damaged frame yields all bytes up to the next one."""
     undo = looks_escaped(data)
     heads = list(FRAME.finditer(data))
     ends = [*(head.start() for head in heads), len(data)][1:]

@@ -1,8 +1,7 @@
-"""The meaning of quality flags: the exact words of known vocabularies, and the key ``flags`` of the mooring file.
+"""Interpret quality flags by the exact meanings of known vocabularies and the key ``flags`` of the mooring file.
 
 The vocabularies are those of OceanSITES (manual 1.2 to 1.4), IMOS, Argo (reference table 2), SeaDataNet (L20), QARTOD
-and WOCE (of CTDs). A word or a value that stands in none of them and not under ``flags`` has no
-meaning here; it is never taken for good.
+and WOCE (of CTDs). A meaning or value found neither there nor under ``flags`` is unknown, and never counts as good.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 
 ORDER = (GOOD, PROBABLY_GOOD, NOT_CHECKED, PROBABLY_BAD, BAD, MISSING)  # from best to worst
-SHOWN = 5  # meanings in a sentence
+SHOWN = 5  # largest number of meanings listed in a warning
 KEYS = {"good": GOOD, "bad": BAD, "unchecked": NOT_CHECKED}  # of the mooring file's ``flags``
 _NOT_CHECKED_WORDS = (
     "unknown no_qc no_qc_performed no_quality_control no_quality_control_performed not_evaluated not_checked unchecked "
@@ -57,7 +56,7 @@ _L20 |= {"B": "nominal_value", "Q": "value_below_limit_of_quantification"}
 _QARTOD = {"1": "pass", "2": "not_evaluated", "3": "suspect", "4": "fail", "9": "missing_data"}
 _WOCE = {"1": "not_calibrated", "2": "acceptable_measurement", "3": "questionable_measurement", "4": "bad_measurement"}
 _WOCE |= {"5": "not_reported", "6": "interpolated_measurement", "7": "despiked", "9": "not_sampled"}
-# Vocabularies by a pattern of the text that names them: value to word, for flags that do not state their meanings.
+# Name, pattern of texts that name it, and value -> meaning of each vocabulary, for flags without stated meanings.
 VOCABULARIES: tuple[tuple[str, str, Mapping[str, str]], ...] = (
     ("OceanSITES", r"oceansites", _COMMON | {"7": "nominal_value"}),
     ("SeaDataNet L20", r"seadatanet|sdn:l20", _L20),
@@ -69,23 +68,23 @@ VOCABULARIES: tuple[tuple[str, str, Mapping[str, str]], ...] = (
 
 
 def parse_flag_settings(key: Mapping[str, Iterable[object]] | None) -> dict[str, int]:
-    """Map each meaning or value under the mooring file's key ``flags`` (good, bad and unchecked) to its flag."""
+    """Map each meaning or value under the mooring file's key ``flags`` (good, bad, unchecked) to an OceanSITES flag."""
     return {normalize(item): KEYS[name] for name, items in (key or {}).items() for item in items}
 
 
 def normalize(word: object) -> str:
-    """Spell a meaning or value as all are compared."""
+    """Normalize a meaning or value for comparison: lower case, words joined by underscores."""
     return re.sub(r"[\s-]+", "_", str(word).strip().lower())
 
 
 def flag_of(value: str, word: str, stated: Mapping[str, int]) -> int | None:
-    """Look up the OceanSITES flag of a value and its meaning, by what is stated first; None where nobody knows it."""
+    """Look up the OceanSITES flag of a value and its meaning; ``stated`` takes precedence; None if unknown."""
     word, value = normalize(word), normalize(value)
     return stated.get(word, stated.get(value, MEANINGS.get(word)))
 
 
 def find_vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
-    """Find name and values of the vocabulary that the first of some texts names, nothing where none does."""
+    """Find the vocabulary, as name and value -> meaning, that the first of several texts names; empty without one."""
     for text in texts:
         for name, pattern, words in VOCABULARIES:
             if re.search(pattern, text.lower()):
@@ -94,7 +93,7 @@ def find_vocabulary(*texts: str) -> tuple[str, Mapping[str, str]]:
 
 
 def worst_flag(flags: Sequence[ArrayLike]) -> Flags:
-    """Take the worst of several flags, element by element; their shapes broadcast."""
+    """Compute the element-wise worst of several flags with broadcasting."""
     rank = np.zeros(max(ORDER) + 1, dtype=np.int8)
     rank[list(ORDER)] = np.arange(len(ORDER))
     highest: Any = reduce(np.maximum, (rank[np.asarray(flag)] for flag in flags))
@@ -102,7 +101,7 @@ def worst_flag(flags: Sequence[ArrayLike]) -> Flags:
 
 
 def describe_unknown_flags(where: str, unknown: Mapping[str, int]) -> str:
-    """Word the sentence about meanings of a variable or column that nobody knows, with their numbers of samples."""
+    """Compose the warning about unknown flag meanings of a variable or column, with their numbers of samples."""
     shown = ", ".join(f"{meaning} ({n} samples)" for meaning, n in list(unknown.items())[:SHOWN])
     more = f" and {len(unknown) - SHOWN} more" if len(unknown) > SHOWN else ""
     return (

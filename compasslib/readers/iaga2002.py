@@ -1,7 +1,7 @@
-"""IAGA-2002: the exchange format of magnetic observatories (IAGA Division V-DAT, December 2001).
+"""Read IAGA-2002, the exchange format of magnetic observatories (IAGA Division V-DAT, December 2001).
 
-A header of labelled lines, a line DATE that names the four components, then one row an instant. The components and
-their order change from year to year, so that only the line DATE counts. D and I are minutes of arc, the others nT.
+A header of labelled lines, a line DATE that names the four components, then one row per time. As the components and
+their order vary between years, they are taken from the line DATE only. D and I are in minutes of arc, the others in nT.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from compasslib.readers.files import read_text_bytes, refuse_mostly_damaged
 from compasslib.records import FieldSeries
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
-MISSING = 88888.0  # and 99999; nothing on earth is as large
-LABEL_ENDS = 24  # column before which a header's label stands
-MINUTES = 60.0  # of arc in a degree
-CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may stand against the number before
+MISSING = 88888.0  # this, 99999 and anything larger is missing: no geomagnetic field is as strong
+LABEL_ENDS = 24  # number of columns of a header label
+MINUTES = 60.0  # minutes of arc per degree
+CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may follow the previous number without a blank
 ROW = re.compile(r"(\d{4})-(\d\d)-(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?)\s+(\d{1,3})" + CELL * 4 + r"\s*\|?\s*")
-DATED = re.compile(r"\d{4}-\d\d-\d\d\s")  # rows, damaged or not; headers may stand between those of joined files
+DATED = re.compile(r"\d{4}-\d\d-\d\d\s")  # rows, damaged or not; concatenated files have headers in between
 ADVICE = "give IAGA-2002 files of one observatory"
-SETS = ("D", "XY")  # components of which either gives the declination
-KILOMETRE_DEG = 0.01  # by which the positions of one station may differ between files
-MOST_MISSING = 10  # different numbers that stand for missing values
-MOST_WRONG = 0.02  # of the rows: fewer are damage
-LEAST_MINUTES, LARGEST_MINUTES = -10800.0, 21600.0  # of arc: half a turn to the west, a whole one to the east
+SETS = ("D", "XY")  # sets of components that determine the declination
+KILOMETRE_DEG = 0.01  # largest difference in position of one station between files, about a kilometre
+MOST_MISSING = 10  # largest number of distinct values that may stand for missing ones
+MOST_WRONG = 0.02  # share of rows up to which invalid values are taken for damage
+LEAST_MINUTES, LARGEST_MINUTES = -10800.0, 21600.0  # minutes of arc: -180 to 360 degrees
 FILLERS = (0.0, 99.0, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 32767.0, 32768.0)  # of either sign
-FEWEST_FILLED, ALONE_NT, ALONE_MINUTES = 3, 200.0, 35.0  # a value so often, so far from every other: no storm does that
-STEPS_OFF = 8.0  # of the middle step between neighbours: so far a filler stands from what is around it
-STUCK_S, FEWEST_STUCK = DAY_S, 24  # no declination stands still for a day, whatever its resolution
-CONTRADICTION = 0.01  # of F: what pillars of one observatory differ by is a tenth of it
-LEAST_F_NT = 10000.0  # a smaller F is a difference of two instruments
-NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.02  # of a variation about zero: its declination, its horizontal part of F
-SAME_DEG = 0.1  # between two rows of one instant
+FEWEST_FILLED, ALONE_NT, ALONE_MINUTES = 3, 200.0, 35.0  # least count, and distance to other values beyond any storm's
+STEPS_OFF = 8.0  # least distance of a fill value from its surroundings, in median steps between neighbours
+STUCK_S, FEWEST_STUCK = DAY_S, 24  # duration and rows: no declination is constant for a day at any resolution
+CONTRADICTION = 0.01  # relative to F; differences between pillars of one observatory are a tenth of this
+LEAST_F_NT = 10000.0  # a smaller F is a difference between two instruments
+NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.02  # limits of median D, and of H relative to F, of data without baseline
+SAME_DEG = 0.1  # largest difference in declination between rows of equal time
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class _File:
     header: Mapping[str, str]
     time_s: Floats
     values: Mapping[str, Floats]  # (n,) by component letter, NaN where missing
-    counts: Mapping[str, int]  # rows that are damaged, rows with fillers, rows that stand still
+    counts: Mapping[str, int]  # number of rows that are damaged, with fill values, or stuck
 
 
 def read(paths: Sequence[str | Path]) -> FieldSeries:
-    """Read the series of one observatory from its files, in the order of time, each instant once.
+    """Read the series of one observatory from its files, sorted by time without repeated times.
 
     Raises:
         InputError: a file is not of this format, holds no rows or no declination, or is of another station.
@@ -130,7 +130,7 @@ def _read_file(path: Path) -> _File:
     months = np.where(sound, 12 * (year - 1970) + month - 1, 0).astype(int)
     day = months.astype("datetime64[M]").astype("datetime64[D]").astype(int) + np.where(sound, date, 1).astype(int) - 1
     began = (months // 12).astype("datetime64[Y]").astype("datetime64[D]").astype(int)
-    sound &= day - began + 1 == day_of_year  # refuses 30 February too: its day is another month's
+    sound &= day - began + 1 == day_of_year  # and excludes dates such as 30 February, by the month
     sound &= day.astype("datetime64[D]").astype("datetime64[M]").astype(int) == months
     time_s = DAY_S * day + HOUR_S * hour + 60.0 * minute + second
     lost = sum(bool(DATED.match(line)) for line in rows) - int(sound.sum())
@@ -140,11 +140,11 @@ def _read_file(path: Path) -> _File:
     large = np.abs(numbers[sound, 7:]) >= MISSING
     beyond = np.unique(numbers[sound, 7:][large])
     if len(beyond) > MOST_MISSING and np.mean(np.any(large, axis=1)) > MOST_WRONG:
-        # No field is so large, and these are too many different numbers to stand for missing values.
+        # Too large for a geomagnetic field, and too many distinct values to stand for missing ones.
         raise _error(path, f"nT under {MISSING:g}", f"{beyond[-1]:g}", "write the components in nT")
     values = np.where(np.abs(numbers[:, 7:]) >= MISSING, np.nan, numbers[:, 7:])[sound]
     header = {line[:LABEL_ENDS].strip().lower(): line[LABEL_ENDS:].rstrip(" |").strip() for line in lines[:begin]}
-    # What stands for a missing value in the components is dropped, and the rows in which it stood are counted.
+    # Set fill values and stuck values to NaN, and count the affected rows.
     columns = dict(zip(letters, values.T, strict=True))
     filled = {letter: _fillers(letter, column) for letter, column in columns.items()}
     known = {letter: np.where(filled[letter], np.nan, column) for letter, column in columns.items()}
@@ -160,14 +160,14 @@ def _read_file(path: Path) -> _File:
 
 
 def _fillers(letter: str, column: Floats) -> Bools:
-    """Find where one exact value stands for a missing one: alone on the scale, or off its neighbours in time."""
+    """Flag fill values: common or repeated values isolated from all others, or far from their neighbours in time."""
     alone = ALONE_MINUTES if letter in "DI" else ALONE_NT
     value, count = np.unique(column[np.isfinite(column)], return_counts=True)
     apart = np.diff(value, prepend=-np.inf, append=np.inf)
     isolated = (np.minimum(apart[:-1], apart[1:]) > alone) & (len(value) > 1)
     usual = np.isin(np.abs(value), FILLERS)
     sure = isolated & (usual | ((count >= FEWEST_FILLED) & (count < np.sum(count) / 2)))
-    doubtful = []  # what stands far off what is before and after it, wherever it stands
+    doubtful = []  # common fill values far from the values before and after
     for each in value[usual & ~sure & (count >= FEWEST_FILLED)]:
         others = np.flatnonzero(np.isfinite(column) & (column != each))
         if len(others) >= FEWEST_FILLED:
@@ -179,7 +179,7 @@ def _fillers(letter: str, column: Floats) -> Bools:
 
 
 def _stuck(column: Floats, time_s: Floats) -> Bools:
-    """Find where a component does not move for a day and longer."""
+    """Flag values of a component that stay constant for a day or longer."""
     begins = np.flatnonzero(np.diff(column, prepend=np.inf) != 0.0)
     lasts = np.append(begins[1:], len(column)) - 1
     still = (time_s[lasts] - time_s[begins] >= STUCK_S) & (lasts - begins >= FEWEST_STUCK - 1)
@@ -187,9 +187,9 @@ def _stuck(column: Floats, time_s: Floats) -> Bools:
 
 
 def _refuse_contradiction(file: _File) -> None:
-    """Refuse a declination beyond a turn, and an intensity that is not that of the components.
+    """Reject a declination outside its range, and a total intensity F that contradicts the components.
 
-    Of a variation without its baseline the scalar F says nothing: it passes as where F is absent.
+    Variations without a baseline are exempt, as if F were absent, because F cannot verify them.
     """
     beyond = ~_within_a_turn(file.values.get("D", np.zeros(1)))
     if np.mean(beyond) > MOST_WRONG:
@@ -217,7 +217,7 @@ def _within_a_turn(minutes: Floats) -> Bools:
 
 
 def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
-    """Compute declination, horizontal and vertical field from the components that are there, (n,) each."""
+    """Compute declination (degrees), horizontal and vertical field (nT) from the available components, (n,) each."""
     nothing = np.full(len(next(iter(values.values()))), np.nan)
     if "D" in values:
         declination = angles.wrap180(np.where(_within_a_turn(values["D"]), values["D"], np.nan) / MINUTES)

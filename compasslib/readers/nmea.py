@@ -1,7 +1,7 @@
-"""NMEA 0183 logs: compass headings paired in time with courses over ground.
+"""Read NMEA 0183 logs: compass headings paired in time with courses over ground.
 
-Each sentence is parsed by itself, so that a damaged one costs itself and nothing else. Sentences without a right
-checksum do not count.
+Sentences are parsed independently, so a damaged one does not affect others. Sentences without a valid checksum are
+dropped.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
-PAIRED_S = 2.5  # a heading further in time from its course is not paired
+PAIRED_S = 2.5  # largest time difference between a heading and its course
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
     "strange_bytes": "bytes that are no text",
@@ -37,25 +37,25 @@ LOSSES = {
 }
 NAN = float("nan")
 FASTEST_KN = 100.0
-ASTRAY_DEG = 1.0  # of latitude from the middle of a log: a swing lasts less than a day
+ASTRAY_DEG = 1.0  # largest distance in latitude from the median position: a compass swing lasts less than a day
 
-_Values = dict[str, list[tuple[int, float]]]  # by sentence: line and number
+_Values = dict[str, list[tuple[int, float]]]  # sentence type -> (line, value)
 
 
 @dataclass(frozen=True)
 class NmeaLog:
-    """Headings and courses of one or several logs, a row each time that a course came."""
+    """Headings and courses of one or several logs, one row per course."""
 
     time_s: Floats  # (n,) UTC seconds since 1970; NaN without RMC
-    heading_deg: Floats  # (n,) the compass's reading, magnetic, deviation not applied
+    heading_deg: Floats  # (n,) compass reading, magnetic, not corrected for deviation
     course_deg: Floats  # (n,) over ground, true north
     speed_kn: Floats  # (n,) over ground
     true_heading_deg: Floats  # (n,) HDT, NaN where absent
     water_speed_kn: Floats  # (n,) VHW, NaN where absent
     latitude: Floats  # (n,) degrees north, NaN without RMC
     longitude: Floats  # (n,) degrees east
-    variation_deg: Floats  # (n,) the declination that the log itself states, degrees east, NaN where absent
-    counts: dict[str, int] = field(default_factory=dict)  # sentences read, damaged, void, not paired
+    variation_deg: Floats  # (n,) declination stated in the log, degrees east, NaN where absent
+    counts: dict[str, int] = field(default_factory=dict)  # numbers of sentences read, damaged, void, unpaired etc.
     warnings: tuple[str, ...] = ()
 
 
@@ -71,15 +71,15 @@ class _Fix:
 
 
 def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") -> NmeaLog:
-    """Read the headings of NMEA 0183 logs, each course with the heading nearest in the stream.
+    """Read NMEA 0183 logs, pairing each course with the heading nearest in the stream.
 
     Args:
         heading: sentence of the magnetic heading, ``HDG`` or ``HDM``.
-        course: sentence of the course over ground, ``RMC`` or ``VTG`` (which takes the time of RMC).
+        course: sentence of the course over ground, ``RMC`` or ``VTG`` (timed by interpolation between RMC).
 
     Raises:
-        InputError: a file cannot be read, over half of its headings and courses are damaged, or nothing in it can be
-            paired.
+        InputError: a file cannot be read, over half of its headings and courses are damaged, or there are no headings
+            or no courses to pair.
     """
     counts: Counter[str] = Counter()
     fixes, values = _sort_sentences(_sentences(paths, counts, (heading, course)), counts, (heading, course))
@@ -103,10 +103,10 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
 
 
 def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
-    """Read a log by the first sentences of heading and course that can be paired, None where it has none.
+    """Read a log with the first readable pair of heading and course sentences, None without any.
 
     Returns:
-        What ``columns`` of a swing names, empty for the usual sentences, and the log.
+        The setting ``columns`` of a swing for these sentences, empty for the default ones, and the log.
     """
     content = _content(path)
     named = [name for name in (*HEADINGS, *COURSES) if re.search(rb"\$[A-Z]{2}%s,[^,\s]" % name.encode(), content)]
@@ -124,12 +124,12 @@ def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
 def _sort_sentences(
     sentences: Iterator[tuple[int, Any]], counts: Counter[str], wanted: tuple[str, str]
 ) -> tuple[list[_Fix], _Values]:
-    """Sort sentences into courses, and into (line, value) of all others that have one number."""
+    """Sort sentences into courses, and into (line, value) of headings and water speed."""
     fixes: list[_Fix] = []
     clock: list[tuple[int, float]] = []
     values: _Values = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
     for line, sentence in sentences:
-        kind = getattr(sentence, "sentence_type", "")  # a maker's own sentence has none
+        kind = getattr(sentence, "sentence_type", "")  # absent in proprietary sentences
         if kind == "RMC" and (fix := _rmc(line, sentence, counts)):
             clock.append((line, fix.time_s))
             fixes += [fix] if wanted[1] == "RMC" else []
@@ -142,7 +142,7 @@ def _sort_sentences(
             values[kind] += [(line, value)] if np.isfinite(value) and possible else []
             counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(sentence.deviation) > 0.0)
     numbers = [(fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude) for fix in fixes]
-    at, speed, latitude, longitude = np.nan_to_num(numbers).reshape(-1, 4).T  # nothing is no contradiction
+    at, speed, latitude, longitude = np.nan_to_num(numbers).reshape(-1, 4).T  # missing values are valid
     valid = (at >= 0) & (at <= 360) & (speed >= 0) & (speed <= FASTEST_KN)
     valid &= (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180)
     counts["impossible"] += int((~valid).sum())
@@ -160,7 +160,7 @@ def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:
         time_s = datetime.combine(sentence.datestamp, sentence.timestamp).replace(tzinfo=UTC).timestamp()
         place = float(sentence.latitude), float(sentence.longitude)
     except (TypeError, ValueError, AttributeError):
-        counts["damaged"] += 1  # a right checksum over a field that is no time or place
+        counts["damaged"] += 1  # valid checksum, but an invalid time or position
         return None
     sign = -1.0 if sentence.mag_var_dir == "W" else 1.0
     course, speed = _number(sentence.true_course), _number(sentence.spd_over_grnd)
@@ -175,7 +175,7 @@ def _number(text: object) -> float:
 
 
 def _add_times(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
-    """Give courses that carry no time that of the clock's sentences around them."""
+    """Interpolate the times of courses without one from the surrounding RMC sentences."""
     if not clock:
         return fixes
     lines, times = np.transpose(clock)
@@ -184,7 +184,7 @@ def _add_times(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
 
 
 def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str]) -> Iterator[tuple[int, Any]]:
-    """Yield (running line number, sentence) of all that are whole; of other sentences any number may be damaged."""
+    """Iterate over (running line number, intact sentence); raise an error if most wanted ones in a file are damaged."""
     import pynmea2
 
     line_number = count()
@@ -221,8 +221,8 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
     table = np.array([list(vars(fix).values()) for fix in fixes])
     line, time_s = table[:, 0], table[:, 1]
     value, apart_s = _nearest(values[heading], line, time_s)
-    near = ~(apart_s > PAIRED_S)  # without a clock the nearest in the stream counts
-    # Receivers send some sentences twice in a row; a log that was joined to itself goes back in time and repeats rows.
+    near = ~(apart_s > PAIRED_S)  # without a clock the nearest heading in the stream is used
+    # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
     back = np.append(False, np.cumsum(np.diff(time_s) < -PAIRED_S) > 0)
     rows = np.nan_to_num(np.column_stack([table[:, 1:], value]), nan=-1.0)
     again = np.ones(len(rows), dtype=bool)
@@ -246,7 +246,7 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:
-    """Find the value nearest in the stream to each line, and its distance in time, seconds."""
+    """Find the value nearest in the stream to each line, and its time difference, seconds."""
     if not values:
         return np.full(line.shape, np.nan), np.full(line.shape, np.inf)
     at, value = np.transpose(values)

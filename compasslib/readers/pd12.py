@@ -1,10 +1,10 @@
-"""RDI PD12: the short ensembles that a profiler sends through a modem, in whatever the modem wraps around them.
+"""Read RDI PD12, the short ensembles that an ADCP transmits through a modem, with any framing of the modem.
 
-An ensemble begins with 6E 7F and ends with the sum of its bytes; what stands between ensembles (frames of the modem,
-other instruments' data, a controller's log) is passed over. A controller of inductive modems writes 2B as 18 6B and 18
-as 18 58: an ensemble whose sum fails as it stands is tried once more without these escapes. Coordinates, heading bias,
-orientation and the distances of the bins are not in the file. Source: RDI, WorkHorse Commands and Output Data Format,
-PD12; the escapes were found in a genuine file, where they mend two checksums in three.
+An ensemble begins with 6E 7F and ends with the sum of its bytes; bytes between ensembles (modem frames, data of other
+instruments, a controller's log) are skipped. A controller of inductive modems escapes 2B as 18 6B and 18 as 18 58: an
+ensemble with an invalid checksum is tried again without these escapes. Coordinates, heading bias, orientation and bin
+distances are not in the file. Source: RDI, WorkHorse Commands and Output Data Format, PD12; the escapes were found in
+a genuine file, where their removal makes two of three checksums valid.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ HEADER = np.dtype(
         *(("pressure", "<i4"), ("components", "u1"), ("first", "u1"), ("bins", "u1")),
     ]
 )
-FOUR = 0x0F  # components: a bit each for east, north, up and error; the high half counts every which bin is sent
-LONGEST = HEADER.itemsize + 2 * 4 * 255 + 2  # bytes, sum included
-NONE = -32768
+FOUR = 0x0F  # components: one bit each for east, north, up and error; the high half is the interval of bins sent
+LONGEST = HEADER.itemsize + 2 * 4 * 255 + 2  # bytes including the checksum
+NONE = -32768  # missing value
 BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
 COORDINATES = (
     "PD12 tells neither coordinates nor heading bias: velocities were taken as east and north by the recorded heading, "
@@ -45,14 +45,14 @@ COORDINATES = (
 
 
 def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin: float) -> Record:
-    """Read the ensembles of one instrument in the order of the files, each once.
+    """Read the ensembles of one instrument from files sorted by their first ensemble, without repetitions.
 
     Args:
-        bin_size: metres from one bin that was sent to the next.
-        first_bin: metres from the transducer to the middle of the first bin that was sent.
+        bin_size: distance between adjacent transmitted bins, metres.
+        first_bin: distance from the transducer to the middle of the first transmitted bin, metres.
 
     Raises:
-        InputError: a file that cannot be read or holds no whole ensemble, or ensembles without all four components.
+        InputError: a file cannot be read, no intact ensemble is found, or ensembles lack some of the four components.
     """
     where = ", ".join(map(str, paths))
     frames, counts = _frames(paths)
@@ -71,7 +71,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
     known = np.isfinite(east + north)
     pitch, roll = from_hundredths(heads["pitch"]), from_hundredths(heads["roll"])
-    # Compute the distances of the bins; those of an ensemble that starts at a later bin are shifted.
+    # Shift the bin distances of ensembles that start at a later bin.
     bins = east.shape[1]
     stride = np.maximum(heads["components"] >> 4, 1)
     later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / stride
@@ -98,7 +98,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
 
 
 def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
-    """Find the whole ensembles, files in order of their first number; count what the files hold besides."""
+    """Find the intact ensembles, with files in order of their first number, and count all other content."""
     by_file = []
     counts = dict.fromkeys(("bytes_total", "bytes_skipped", "damaged", "escaped", "no_reply", "repeated"), 0)
     for path in paths:
@@ -115,14 +115,14 @@ def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
         by_file.append(whole)
     by_file.sort(key=lambda frames: int.from_bytes(frames[0][4:8], "little") if frames else 0)
     frames = [frame for whole in by_file for frame in whole]
-    once = list(dict.fromkeys(frames))  # a controller that is asked again sends again
+    once = list(dict.fromkeys(frames))  # a controller resends on request
     return once, counts | {"repeated": len(frames) - len(once)}
 
 
 def _candidates(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
-    """Give each ensemble without its sum, nothing where it is damaged, if it had escapes, and if its head is right.
+    """Iterate over (ensemble without checksum, empty if damaged; whether it was escaped; whether its header is valid).
 
-    A head whose length is that of its bins and components is an ensemble's; others are chance pairs of its mark.
+    A header is valid if its length agrees with its bins and components; others are chance occurrences of the mark.
     """
     end = 0
     for mark in re.finditer(MARK, data):
@@ -140,7 +140,7 @@ def _candidates(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
 
 
 def _whole(data: bytes) -> bytes:
-    """Take the ensemble at the beginning, without its sum; nothing where length or sum are not right."""
+    """Extract the ensemble at the beginning without its checksum; empty if length or checksum is invalid."""
     if not _declares(data):
         return b""
     size = int.from_bytes(data[2:4], "little")
@@ -148,7 +148,7 @@ def _whole(data: bytes) -> bytes:
 
 
 def _declares(data: bytes) -> bool:
-    """Return whether an ensemble's head stands at the beginning, and as many bytes as it says."""
+    """Return whether the data begin with a valid ensemble header and hold as many bytes as it states."""
     size = int.from_bytes(data[2:4], "little")
     if not HEADER.itemsize <= size <= len(data) - 2:
         return False
@@ -170,7 +170,7 @@ def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: 
 
 
 def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
-    """Decode east, north, up and error, (4, n, m) m/s, padded where ensembles have fewer bins than the longest."""
+    """Decode east, north, up and error velocities, (4, n, m) m/s, with missing bins padded by NaN."""
     flow = np.full((4, len(frames), int(heads["bins"].max(initial=1))), np.nan)
     for bins in np.unique(heads["bins"]):
         mine = heads["bins"] == bins

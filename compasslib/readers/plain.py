@@ -1,6 +1,6 @@
-"""Rows of plain cells, read by arrays: numbers in figures and ISO times of one width, as most tables are.
+"""Parse rows of plain cells with vectorized operations: decimal numbers and ISO times of constant width.
 
-All else, damage included, is left to ``delimited``, which reads line by line and words what is wrong.
+Everything else, including damage, is left to ``delimited``, which parses line by line and reports errors.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from compasslib.types import Bools, Floats
 
-BLOCK = 2**20  # bytes at once, which stay in the processor's cache
-LONGEST, FIGURES = 18, 15  # characters of a number, and figures that a float holds exactly
-TENS = 10.0 ** np.arange(LONGEST + 1)  # exact, so that a quotient is the nearest float, as by float()
-LARGEST = 1e30  # no measurement in any unit; its square still is a number
+BLOCK = 2**20  # bytes per block, which fit into the processor's cache
+LONGEST, FIGURES = 18, 15  # largest number of characters, and of digits that a float represents exactly
+TENS = 10.0 ** np.arange(LONGEST + 1)  # exact, so quotients are the nearest floats, as by float()
+LARGEST = 1e30  # above any measurement in any unit; its square is still finite
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]*")
@@ -28,7 +28,7 @@ Places = NDArray[np.int64]
 
 
 def parse_texts(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple[Floats, int | None]:
-    """Parse cells as numbers, (n,), NaN for nothing; and find the first row that holds something else."""
+    """Parse cells as numbers, (n,), NaN where missing; also give the first row that is neither, None without one."""
     points = [cell.replace(",", ".") if "." not in cell else f"{cell}?" for cell in cells] if decimal == "," else cells
     words = MISSING_TEXT | {text.lower() for text in missing}
     try:
@@ -50,7 +50,7 @@ def parse_texts(cells: list[str], decimal: str, missing: Sequence[str]) -> tuple
 
 
 def without_missing(values: Floats, missing: Sequence[str]) -> Floats:
-    """Blank the numbers that stand for nothing."""
+    """Set numbers that stand for missing values to NaN, in place."""
     for text in (text.replace(",", ".") for text in missing):
         values[values == float(text) if NUMBER.fullmatch(text) else np.isnan(values)] = np.nan
     return values
@@ -58,24 +58,24 @@ def without_missing(values: Floats, missing: Sequence[str]) -> Floats:
 
 @dataclass(frozen=True)
 class Cells:
-    """The cells of some lines, (lines, cells) places of their first bytes and of the byte behind each."""
+    """Cells of a block of lines, as (lines, cells) offsets of the first byte and of the byte after each cell."""
 
     data: Bytes
     first: Places
     behind: Places
 
     def texts(self, rows: Places, column: int) -> list[str]:
-        """List the texts of some cells of a column, without the blanks around them."""
+        """List the texts of selected cells of a column, stripped of surrounding blanks."""
         raw = self.data.tobytes()
         ends = zip(self.first[rows, column].tolist(), self.behind[rows, column].tolist(), strict=True)
         return [raw[first:behind].decode("ascii").strip() for first, behind in ends]
 
 
 def split_cells(data: bytes, begin: int, delimiter: str, count: int) -> Iterator[Cells | None]:
-    """Split lines into cells, block by block; None, and nothing more, where a line holds more or fewer of them.
+    """Split lines into ``count`` cells block by block; yield None and stop at a line with another number of cells.
 
     Args:
-        data: ends with a line's end, and holds no quotation marks.
+        data: text that ends with a line feed and contains no quotation marks.
     """
     while begin < len(data):
         end = data.rfind(b"\n", begin, begin + BLOCK) + 1 or data.find(b"\n", begin) + 1
@@ -93,7 +93,7 @@ def split_cells(data: bytes, begin: int, delimiter: str, count: int) -> Iterator
 
 
 def parse_numbers(cells: Cells, column: int, other: Callable[[list[str]], Floats | None]) -> Floats | None:
-    """Parse a column of numbers, the nearest floats, by another parser what is not plain; None where a cell is none."""
+    """Parse a column of numbers exactly, with ``other`` for cells that are not plain; None if it fails for any."""
     first, behind = cells.first[:, column], cells.behind[:, column]
     while (blank := (cells.data[first] == BLANK) & (first < behind)).any():
         first = first + blank
@@ -107,9 +107,9 @@ def parse_numbers(cells: Cells, column: int, other: Callable[[list[str]], Floats
 
 
 def parse_figures(data: Bytes, first: Places, behind: Places) -> tuple[Floats, Bools]:
-    """Parse numbers of at most 15 figures, a point and a sign, (n,), the nearest floats; and flag those that are such.
+    """Parse numbers of at most 15 digits, a decimal point and a sign to the nearest floats, (n,), and flag valid ones.
 
-    The byte behind each is there.
+    The byte after each number must be inside the data.
     """
     sign = data[first]
     negative = sign == MINUS
@@ -134,7 +134,7 @@ def parse_figures(data: Bytes, first: Places, behind: Places) -> tuple[Floats, B
 
 
 def parse_iso(cells: Cells, column: int, like: str) -> Floats | None:
-    """Parse a column of times that are written as a given one, UTC seconds since 1970; None where one is not."""
+    """Parse a column of times with the same format as ``like`` to UTC seconds since 1970; None if one differs."""
     first, width = cells.first[:, column], len(like)
     if (cells.behind[:, column] - first != width).any():
         return None

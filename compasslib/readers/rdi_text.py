@@ -1,8 +1,8 @@
-"""The series that RDI's WinADCP exports as text: a preamble, three lines of headers, a row an ensemble, tabs between.
+"""Read text exports of RDI's WinADCP: a preamble, three header lines and one row per ensemble, separated by tabs.
 
-The preamble tells the range of the first bin and the size of the bins; the headers are the columns' names (one a bin:
-Eas Eas Eas ...), their units and the numbers of the bins. Columns are read by name, whichever a person exported; of
-velocities Eas and Nor, else Mag and Dir. WinRiver's and VMDAS' ASCII are other formats and are refused.
+The preamble states the range of the first bin and the bin size; the header lines hold column names (one per bin:
+Eas Eas Eas ...), units and bin numbers. Columns are identified by name, in any selection; velocities are Eas and Nor,
+or else Mag and Dir. The ASCII formats of WinRiver and VMDAS are not supported.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ VERTICAL = {"Ver": "up", "Err": "error_velocity"}
 SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
 MISSING_TEXT = ("", "-32768", "32768")
 NO_BIAS = "A text export does not hold the heading bias EB: none was taken out but for declination_applied."
-SINCE_1980 = 80  # years of two digits: WinADCP's are of 1980 to 2079
+SINCE_1980 = 80  # WinADCP's two-digit years are 1980 to 2079
 BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
 NUMBER = re.compile(r"[-+]?(\d{1,9}(\.\d*)?|\.\d+)", re.ASCII)
 FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
@@ -40,31 +40,31 @@ EXPORT = "export the series as text with WinADCP, names and units in the header,
 
 @dataclass(frozen=True)
 class _Table:
-    """A file's rows and what its headers say."""
+    """Rows of a file, and the contents of its preamble and header lines."""
 
     path: Path
     names: list[str]
     units: list[str]
     bins: list[str]
     rows: list[list[str]]
-    first_bin: float
-    bin_size: float
-    average_s: float  # that the pings of an ensemble take, 0 where the preamble does not say
-    cut: int
+    first_bin: float  # metres, range of the first bin
+    bin_size: float  # metres
+    average_s: float  # averaging time of an ensemble, 0 if the preamble does not state it
+    cut: int  # number of truncated last lines dropped, 0 or 1
 
     def places(self, name: str) -> list[int]:
-        """Find the columns of a name."""
+        """Find the indices of the columns with a name."""
         return [k for k, other in enumerate(self.names) if other == name]
 
 
 def read(paths: Sequence[Path], *, orientation: str | None) -> Record:
-    """Read the ensembles of one instrument, files in order of time.
+    """Read the ensembles of one instrument from files in order of time.
 
     Args:
-        orientation: up or down; the file's column Ori where None.
+        orientation: up or down; None uses the column Ori of the file.
 
     Raises:
-        InputError: a file that is no such export, lacks what is needed, or has a row that is damaged.
+        InputError: a file is not such an export, lacks required columns, or has a damaged row.
     """
     return join_records([_to_record(_read_table(Path(path)), orientation) for path in paths])
 
@@ -77,7 +77,7 @@ def _to_record(table: _Table, orientation: str | None) -> Record:
     heading = np.where((heading >= 0.0) & (heading <= 360.0), angles.wrap360(np.nan_to_num(heading)), np.nan)
     pitch, roll, known = _series(table, "Pit", n), _series(table, "Rol", n), np.isfinite(east + north)
     missing = {"velocities_missing": int((~known).sum()), "heading_missing": int(np.isnan(heading).sum())}
-    # Select upward and error velocities where they were exported for the same bins, (n, m) m/s.
+    # Upward and error velocities, if exported for the same number of bins, (n, m) m/s.
     profiles = {}
     for name, key in VERTICAL.items():
         places = table.places(name)
@@ -143,7 +143,7 @@ def _read_table(path: Path) -> _Table:
 
 
 def _kind(lines: Sequence[str], data: bytes) -> str:
-    """Describe what a file looks like instead."""
+    """Describe the apparent kind of an unsupported file."""
     if data[:2] == b"\x7f\x7f":
         return "a binary PD0 file"
     if any("Ens" in line and "YR" in line for line in lines[:100]):
@@ -184,7 +184,7 @@ def _times(table: _Table) -> Floats:
 
 
 def _currents(table: _Table) -> tuple[Floats, Floats, Floats]:
-    """Compute east and north, m/s, and the numbers of their bins."""
+    """Compute east and north velocities, (n, m) m/s, and their bin numbers, (m,)."""
     for pair in (("Eas", "Nor"), ("Mag", "Dir")):
         first_places, second_places = (table.places(name) for name in pair)
         if not first_places or len(first_places) != len(second_places):

@@ -1,6 +1,6 @@
-"""Text tables with a header line: current meters and profiles that others have decoded already, and series along time.
+"""Read text tables with a header line: decoded data of current meters and profilers, and time series of covariates.
 
-The column map of the mooring file says which column is what. Rows that share a time become the bins of one sample.
+The column map of the mooring file assigns columns to roles. Consecutive rows of equal time become bins of one sample.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from compasslib.readers.delimited import COLUMN_MAP, Layout, read_table, table_n
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 from compasslib.types import Bools, Floats
 
-CURRENTS = ("east", "north", "x", "y", "speed")  # roles that hold speeds
-BY_LEVEL = 0.75  # different times among runs of one time, below which a table lists one level after the other
-# Share of steps that are one sample or several, and of samples that are there: exchanged days and months leave gaps.
+CURRENTS = ("east", "north", "x", "y", "speed")  # roles of velocity columns
+BY_LEVEL = 0.75  # ratio of distinct times to runs of equal time, up to which a table is listed level by level
+# Least share of steps that are multiples of the interval, and of samples present: swapped days and months leave gaps.
 EVEN, FILLED = 0.99, 0.7
-UNORDERED = 0.1  # share of steps back in time that makes a table one in no order
-FILL_SHARE, FEWEST_FILLS = 0.005, 10  # of the rows that hold one value
-FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # as often as its neighbours, and chance: rounding gives neighbours alike
-NEIGHBOURS = 8  # values on either side
-FROZEN_ROWS = 12  # of one value in a row, on average: a meter that is stuck, which the deployment flags
-FILLER_TIMES = 2.0  # a filler stands this far beyond all measured speeds, unless both components hold it
-OTHER_UNIT, OTHER_UNIT_VALUES = 0.05, 10  # share of headings that are no angles, and their different values
+UNORDERED = 0.1  # share of backward time steps above which a table counts as unordered
+FILL_SHARE, FEWEST_FILLS = 0.005, 10  # least share and number of rows with a fill value
+FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # least excess over the frequency of neighbouring values: factor, plus sigmas
+NEIGHBOURS = 8  # neighbouring values on either side
+FROZEN_ROWS = 12  # mean length of runs of one value beyond which a meter is stuck; the deployment flags this
+FILLER_TIMES = 2.0  # least ratio of a fill value to the largest measured speed, unless both components hold it
+OTHER_UNIT, OTHER_UNIT_VALUES = 0.05, 10  # share and distinct values of invalid headings that indicate another unit
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
     "rows_repeated": "rows repeat time and depth of another and were left out",
@@ -48,22 +48,22 @@ def read(
     flags: Mapping[str, Sequence[object]] | None = None,
     **layout: Any,
 ) -> Record:
-    """Read the series of one or several tables, in the order given.
+    """Read one record from one or several tables, sorted by their first times.
 
     Args:
         columns: role -> header: time, or date and clock; depth or pressure; east+north, speed+direction, or x+y+heading
-            (x forward, y to port); tilt_x, tilt_y, temperature; flag; ``scale`` turns velocities into m/s.
-        flags: good, bad and unchecked -> meanings or values of flags that stand in no known vocabulary.
-        **layout: how the files are written, keys of ``delimited.Layout``.
+            (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the factor of velocities to m/s.
+        flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
+        **layout: format of the files, by the fields of ``delimited.Layout``.
 
     Raises:
-        InputError: a file or a column is absent, or a time or number cannot be read.
+        InputError: a file or a column is missing, or a time or number cannot be parsed.
     """
     scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
     known = vocabularies.parse_flag_settings(flags)
     files = [read_table(path, headers, COLUMN_MAP, Layout.from_settings(layout), known) for path in paths]
-    # Listed in any order.
+    # The files may be listed in any order.
     tables = sorted((file.columns for file in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
     rows, cut = sum(file.rows for file in files), sum(file.cut for file in files)
     joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
@@ -105,7 +105,7 @@ def read(
 
 
 def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
-    """Drop fillers, angles that are none and rows that are there twice; count what is lost."""
+    """Set fill values and invalid angles to NaN, drop repeated rows, and count what is removed."""
     nines = _fillers(table)
     filled = nines | _fill_values(table)
     with np.errstate(invalid="ignore"):
@@ -128,10 +128,10 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
 
 
 def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
-    """Sort rows that are listed newest first, level by level, or in no order by time; count those of the last.
+    """Sort rows by time if they are listed newest first, level by level or unordered, and count suspicious steps back.
 
-    A few steps back are a clock that was set, and are left for the deployment to see. Times that are evenly spaced once
-    they are sorted were read rightly, in whatever order, and are not counted.
+    A few steps back are a clock adjustment, left to the checks of the deployment. Times that are evenly spaced after
+    sorting were parsed correctly, whatever their order, and are not counted.
     """
     steps = np.diff(table["time"])
     back = int((steps < 0.0).sum())
@@ -142,7 +142,7 @@ def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
         return table, 0
     order = np.argsort(table["time"], kind="stable")
     spacing = np.diff(np.unique(table["time"]))
-    whole = np.maximum(np.rint(spacing / np.median(spacing)), 1.0) if len(spacing) else spacing  # samples may lack
+    whole = np.maximum(np.rint(spacing / np.median(spacing)), 1.0) if len(spacing) else spacing  # allows gaps
     on_grid = np.isclose(spacing, whole * np.median(spacing), rtol=0.01)
     even = on_grid.mean() > EVEN and len(spacing) > FILLED * whole.sum() if len(spacing) else True
     doubtful = mixed and (steps > 0.0).any() and not even
@@ -150,7 +150,7 @@ def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
 
 
 def _fillers(table: Mapping[str, Floats]) -> Bools:
-    """Find rows whose speed is a repeated number of nothing but nines, such as -99.9 or 9999, and no speed."""
+    """Flag rows whose velocity is a repeated fill value consisting of nines only, such as -99.9 or 9999."""
     speeds = [table[role] for role in CURRENTS if role in table]
     nines = []
     for column in speeds:
@@ -171,9 +171,9 @@ def _fillers(table: Mapping[str, Floats]) -> Bools:
 
 
 def _fill_values(table: Mapping[str, Floats]) -> Bools:
-    """Find rows where one component holds a value that the column jumps to, and the other does not rest with it.
+    """Flag rows in which a velocity component has a value that is far too frequent, as a fill value.
 
-    Both at zero are water too slow for a rotor; a speed's least value is its threshold.
+    Exempt are rows of zero components, where the flow is too slow for a rotor, and speeds, frequent at the threshold.
     """
     parts = [table[role] for role in CURRENTS if role in table and role != "speed"]
     filled = np.zeros(table["time"].shape, dtype=bool)
@@ -184,7 +184,7 @@ def _fill_values(table: Mapping[str, Floats]) -> Bools:
 
 
 def _is_too_frequent(column: Floats) -> Bools:
-    """Find where a column holds a value many times as often as any of its neighbours."""
+    """Flag values of a column that occur much more often than the median of their neighbouring values."""
     distinct, where, count = np.unique(column, return_inverse=True, return_counts=True)
     if len(distinct) < 4 * NEIGHBOURS:
         return np.zeros(column.shape, dtype=bool)
@@ -199,7 +199,7 @@ def _is_too_frequent(column: Floats) -> Bools:
 
 
 def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
-    """Select rows to keep: of rows with one time and depth the first where all are equal, none where they differ."""
+    """Select one of several rows with equal time and depth if they agree, none otherwise; count both kinds of loss."""
     if (np.diff(table["time"]) > 0.0).all():
         return np.ones(len(table["time"]), dtype=bool), 0, 0
     key = np.column_stack([table["time"], np.nan_to_num(table.get("depth", table.get("pressure", 0 * table["time"])))])
@@ -215,7 +215,7 @@ def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
 
 
 class _Grid:
-    """Sample and bin of each row: rows with the same time as the one before are further bins of that sample."""
+    """Sample and bin index of each row; rows with the same time as the previous row are further bins of its sample."""
 
     def __init__(self, time_s: Floats):
         new = np.append(True, np.diff(time_s) != 0)[: len(time_s)]
@@ -232,7 +232,7 @@ def _spread(values: Floats, samples: _Grid, shape: tuple[int, int]) -> Floats:
 
 
 def _ranges(table: Mapping[str, Floats], samples: _Grid, shape: tuple[int, int]) -> Floats:
-    """Compute each bin's depth below the first bin of its sample."""
+    """Compute the depth of each bin below the first bin of its sample, (n, m)."""
     level = table.get("depth", table.get("pressure"))
     if level is None or shape[1] == 1:
         return np.zeros(shape)
@@ -240,16 +240,16 @@ def _ranges(table: Mapping[str, Floats], samples: _Grid, shape: tuple[int, int])
 
 
 def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str, ...]]:
-    """Read a covariate's table: UTC seconds since 1970, increasing, and finite values, (n,) each; and notes.
+    """Read the tables of a covariate: increasing UTC seconds since 1970 and finite values, (n,) each, and notes.
 
-    Of rows that share a time the first counts where all agree, none where they differ.
+    Rows of equal time are merged if their values agree, and dropped otherwise.
 
     Args:
-        covariate: its part of the mooring file, as ``Covariate.model_dump`` gives it: ``files``, ``columns`` (time or
+        covariate: section of the mooring file, as given by ``Covariate.model_dump``: ``files``, ``columns`` (time or
             date and clock, value) and the keys of tables.
 
     Raises:
-        InputError: a file or a column is absent, a cell cannot be read, or no row holds both time and value.
+        InputError: a file or a column is missing, a cell cannot be parsed, or no row has both a time and a value.
     """
     headers = {role: header for role, header in covariate["columns"].items() if header is not None}
     paths = [Path(file) for file in covariate["files"]]

@@ -1,8 +1,8 @@
-"""Cells that hold times to UTC seconds: what can be read in one way only is recognised, all else needs ``time_format``.
+"""Parse time cells to UTC seconds: unambiguous formats are detected, all others require ``time_format``.
 
-All rows of a column are of one form. A day and a month in figures are told apart by a value above 12 alone, which every
-row must agree with; the order of the rows is held against the result. Numbers are recognised by their size: seconds and
-milliseconds since 1970, MATLAB's days since the year 0, years with a fraction of their own length.
+All rows of a column must have the same format. A numeric day and month are distinguished by a value above 12, with
+which all rows and their order must agree. Numeric times are identified by their magnitude: seconds and milliseconds
+since 1970, MATLAB's datenum, and decimal years.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Ints = NDArray[np.int64]
 
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
-DATENUM_1970, EXCEL_1970 = 719529.0, 25569.0  # the first of January 1970 in MATLAB's and in Excel's days
-JULIAN_DAY_1970 = 2440588  # of the noon of the first of January 1970
-FARTHEST_ZONE_H = 14  # of the inhabited earth
-FIRST_YEAR, LAST_YEAR = 1980, 2100  # of dates that instruments write as numbers
-YEARS = (1950, 2100)  # of times in text without an ISO form
-FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: numbers of times that are recognised
+DATENUM_1970, EXCEL_1970 = 719529.0, 25569.0  # 1970-01-01 in MATLAB's and in Excel's day numbers
+JULIAN_DAY_1970 = 2440588  # Julian day number of noon on 1970-01-01
+FARTHEST_ZONE_H = 14  # hours, largest UTC offset in use
+FIRST_YEAR, LAST_YEAR = 1980, 2100  # accepted years of instrument clocks
+YEARS = (1950, 2100)  # accepted years of numeric times
+FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: range in which numeric times are detected
 MONTHS = (
     *("january", "february", "march", "april", "may", "june"),
     *("july", "august", "september", "october", "november", "december"),
@@ -56,15 +56,15 @@ _SINCE = re.compile(
 _ISO = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,6})?)?)?)?Z?", re.ASCII)
 _SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
 _ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
-LONG_AVERAGE_S = 120.0  # whose middle lies a minute after its time
-OVERLAP = 0.9  # of the time to the next sample that a mean takes at least; clocks are rounded to a second
+LONG_AVERAGE_S = 120.0  # averages from here on, with a midpoint at least a minute after the time stamp, are reported
+OVERLAP = 0.9  # least sampling interval of an average, relative to its duration; clocks are rounded to a second
 
 
 class Unreadable(Exception):
-    """A cell or a column of times that cannot be read.
+    """A cell or a column of times that cannot be parsed.
 
     Args:
-        row: its number from 0, None where it is the column as a whole.
+        row: index of the row from 0, None for the column as a whole.
     """
 
     def __init__(self, row: int | None, shown: str, expected: str = TIME_FORM, advice: str = ""):
@@ -79,15 +79,15 @@ def _refused(cells: Sequence[str], row: int, expected: str = TIME_FORM, advice: 
 def parse_times(
     cells: Sequence[str], numbers: Callable[[], Floats | None], *, form: str | None = None, zone: str | None = None
 ) -> tuple[Floats, str]:
-    """Parse cells as UTC seconds since 1970, (n,), and describe what was recognised, empty for ISO.
+    """Parse cells as UTC seconds since 1970, (n,), and describe the detected format; empty for ISO or a given format.
 
     Args:
-        numbers: gives the same as numbers, None where they are none.
+        numbers: function that parses the cells as numbers, (n,), or gives None if they are not all numbers.
         form: a strptime format, or a scale: epoch, epoch_ms, datenum, decimal_year, excel.
-        zone: of cells that name none, UTC or as +02:00.
+        zone: time zone of cells that state none, UTC or an offset such as +02:00.
 
     Raises:
-        Unreadable: a cell is no such time, or could be more than one.
+        Unreadable: a cell is not a valid time, or is ambiguous.
     """
     ahead_s = 0.0 if zone in (None, "UTC") else _offset_s(str(zone))
     if form is None and all(map(_ISO.fullmatch, cells)):
@@ -108,7 +108,7 @@ def parse_times(
 
 
 def is_iso(cell: str, zone: str | None) -> bool:
-    """Return whether a time is an ISO time in UTC, for which no form and no note is needed."""
+    """Return whether a cell is an ISO time in UTC, which needs neither ``time_format`` nor a note."""
     return zone in (None, "UTC") and _ISO.fullmatch(cell) is not None
 
 
@@ -130,15 +130,15 @@ def _offset_s(zone: str) -> float:
 
 
 def parse_origin(text: str, calendar: str) -> float:
-    """Parse the instant that a unit such as "days since" counts from, UTC seconds since 1970.
+    """Parse the reference time of a unit such as "days since", UTC seconds since 1970.
 
     Args:
-        text: what follows "since" by CF 4.4 and UDUNITS: a date, the time of day where it is not 0 h, and the offset
-            from UTC where it is not UTC, as in 1992-10-8 15:15:42.5 -6:00.
+        text: text after "since" by CF 4.4 and UDUNITS: a date, optionally a time of day (default 0 h) and an offset
+            from UTC (default 0), as in 1992-10-8 15:15:42.5 -6:00.
         calendar: standard, proleptic_gregorian or julian.
 
     Raises:
-        Unreadable: it is none, or holds more than that.
+        Unreadable: the text is not such a time, or contains anything else.
     """
     import cftime
 
@@ -154,7 +154,7 @@ def parse_origin(text: str, calendar: str) -> float:
         raise unreadable
     year_zero = calendar == "proleptic_gregorian"
     try:
-        with warnings.catch_warnings():  # of years before the first
+        with warnings.catch_warnings():  # cftime warns of years before year 1
             warnings.simplefilter("ignore", cftime.CFWarning)
             day = cftime.datetime(*map(int, date), calendar=calendar, has_year_zero=year_zero).toordinal()
     except ValueError:
@@ -169,7 +169,7 @@ def _decimal_years(years: Floats) -> Floats:
     return np.round(begin + (years - whole) * (end - begin), 3)
 
 
-# Numbers that are times.
+# Numeric times.
 
 SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "epoch": (lambda x: x, "seconds since 1970"),
@@ -196,7 +196,7 @@ def _from_scale(scale: str, cells: Sequence[str], values: Floats | None) -> Floa
 
 
 def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
-    """Find the one scale on which all numbers are times of instruments."""
+    """Detect the scale on which all numbers lie between 1980 and 2030."""
     if values is None or not np.isfinite(values).all() or not len(values):
         row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
         row = next((k for k, cell in enumerate(cells) if not _NUMBERLIKE.fullmatch(cell)), row)
@@ -209,7 +209,7 @@ def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
     fraction = bool(np.any(values != np.floor(values)))
     for scale in ("epoch", "epoch_ms", "datenum", "decimal_year"):
         if not fraction and scale in ("datenum", "decimal_year"):
-            continue  # whole ones may be anything, dates written together too
+            continue  # integers may be anything, such as concatenated dates
         seconds = (FIRST_S, LAST_S) if scale == "epoch" else (FIRST_S * 1e3, LAST_S * 1e3)
         low, high = {"decimal_year": (1980.0, 2030.0), "datenum": (723181.0, 741444.0)}.get(scale, seconds)
         if np.all((values >= low) & (values < high)):
@@ -221,11 +221,11 @@ def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
 _NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
 
 
-# Times in words and figures.
+# Times as text.
 
 
 def _parse_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
-    import pandas as pd  # only for a format that somebody gives: its import takes longer than the table
+    import pandas as pd  # imported only for a given format, as this takes longer than parsing a table
 
     try:
         parsed = pd.to_datetime(pd.Index(cells, dtype=object), format=form, errors="coerce", utc=True)
@@ -240,9 +240,9 @@ def _parse_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
 
 
 def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
-    """Parse the form that the first cell has, None where it has none: by its own clock, its zone, what form it is.
+    """Parse cells by the format of the first one, as (local time, UTC offset, note); None if no known format matches.
 
-    Clock and zone are seconds since 1970 and seconds ahead of UTC, (n,), the zone NaN where a cell names none.
+    Local times are seconds since 1970, offsets seconds ahead of UTC, (n,) each; offsets are NaN where not stated.
     """
     form = next((form for form, pattern in _PATTERNS.items() if cells and pattern.fullmatch(cells[0])), None)
     if form is None:
@@ -271,7 +271,7 @@ def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
                 raise _refused(cells, row, "an English name of a month", advice)
         column["m"], note = np.array([float(number[name.lower()]) for name in groups["name"]]), "months by their names"
     hour, half = column.get("H", np.zeros(n)), groups.get("half", (None,) * n)
-    if any(half):  # of 12 with AM or PM
+    if any(half):  # 12-hour clock with AM or PM
         wrong = next((k for k, letter in enumerate(half) if not letter or not 1 <= hour[k] <= 12), None)
         if wrong is not None:
             raise _refused(cells, wrong, "an hour from 1 to 12 with AM or PM, as in other rows")
@@ -284,7 +284,7 @@ def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
 
 
 def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
-    """Distinguish days from months in dates in figures, describe which row settles it; refuse what stays open."""
+    """Distinguish days from months in numeric dates, and describe the row that decides; reject ambiguous columns."""
     first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
     expected = "dates in which day and month can be told apart"
     if len(first) and len(second):
@@ -306,7 +306,7 @@ def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> 
 def _fields_to_seconds(
     cells: Sequence[str], year: Floats, month: Floats, day: Floats, hour: Floats, minute: Floats, second: Floats
 ) -> Floats:
-    """Convert fields to seconds since 1970; dates and hours that do not exist are refused."""
+    """Convert date and time fields, (n,) each, to seconds since 1970; reject invalid dates and times."""
     months = ((year - 1970.0) * 12.0 + np.clip(month, 1.0, 12.0) - 1.0).astype(np.int64).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (day - 1.0).astype("timedelta64[D]")
     wrong: Bools = (days.astype("datetime64[M]") != months) | (month < 1.0) | (month > 12.0)
@@ -319,7 +319,7 @@ def _fields_to_seconds(
 
 
 def _zone_offset_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead_s: float) -> Floats:
-    """Find how far each cell's clock is ahead of UTC: by its offset, else by the given zone."""
+    """Determine the UTC offset of each cell, (n,) seconds ahead: as stated in the cell, or else the given zone."""
     stated = np.isfinite(zone_s)
     unstated = np.flatnonzero(~stated)
     if len(unstated) and np.any(zone_s[stated] != 0.0) and zone is None:
@@ -331,9 +331,9 @@ def _zone_offset_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead
 
 
 def describe_averages(average_s: float, time_s: Floats) -> tuple[str, ...]:
-    """Describe where the middle of averaged samples lies, if it is far from their times.
+    """Describe the offset between the midpoints of averages and their time stamps, if it is a minute or more.
 
-    Samples that follow each other faster than an average takes are no averages, whatever was set: single pings.
+    Samples at intervals shorter than the averaging time are single pings, whatever setting was recorded.
     """
     steps = np.diff(time_s)
     steps = steps[steps > 0.0]
@@ -351,7 +351,7 @@ def civil_seconds(
     year: Ints, month: Ints, day: Ints, hour: Ints, minute: Ints, second: Ints, hundredths: Ints | int = 0, *,
     last_year: int = LAST_YEAR,
 ) -> Floats:  # fmt: skip
-    """Convert dates and times of day, (n,) each, to UTC seconds since 1970; NaN where there is no such date or time."""
+    """Convert dates and times of day, (n,) each, to UTC seconds since 1970; NaN for invalid dates or times."""
     real = (year >= FIRST_YEAR) & (year <= last_year) & (month >= 1) & (month <= 12)
     months = np.where(real, 12 * (year - 1970) + month - 1, 0)
     first, following = (

@@ -1,9 +1,9 @@
-"""results/report.html: the whole cruise on one page that needs no network, no server and no other file.
+"""Report of a whole cruise, results/report.html: one page that needs no network, server or other file.
 
-Results are read (``sections``), put into sentences and tables (``mooring``, ``calibration``, ``explanation`` with the
-templates ``*.txt``) and set by the templates ``*.html``, which escape every text.
+Results are read (``sections``), described in sentences and tables (``explanation`` with the templates ``*.txt``) and
+rendered by the templates ``*.html``, which escape all texts.
 
-Numbers as the page writes them, each with its uncertainty:
+Numbers are formatted with their uncertainty:
 
 >>> from compasslib.report import words
 >>> words.with_sigma(-12.3456, 0.21, "°").replace(words.SPACE, " ")
@@ -46,7 +46,7 @@ NO_COMPASSES = Overview(COMPASSES, (), ())
 
 @dataclass(frozen=True)
 class Report:
-    """All that the page says."""
+    """Content of the page."""
 
     title: str
     attributes: tuple[tuple[str, str], ...]
@@ -55,10 +55,10 @@ class Report:
     software: str
     date: str
     map: chart.Chart | None = None
-    figures: tuple[Figure, ...] = ()  # that hold all moorings
-    small: bool = False  # whether there are too many sections for whole pictures
+    figures: tuple[Figure, ...] = ()  # figures of all moorings together
+    small: bool = False  # whether there are too many sections for figures of full size
     compasses: Overview = NO_COMPASSES
-    missing: tuple[str, ...] = ()  # global attributes that the YAML files of some mooring do not give
+    missing: tuple[str, ...] = ()  # global attributes that the YAML files do not give for some mooring
 
     def counts(self) -> str:
         """Count moorings by verdict, calibrations and shared compasses."""
@@ -85,21 +85,21 @@ def gather(
     compasses: Sequence[str] = (),
     stopped: Mapping[str, Mapping[str, str]] = NONE_STOPPED,
 ) -> Report:
-    """Compose all that the page says from the results.
+    """Compose the content of the page from the results.
 
     Args:
-        root: folder of the results, in which the page will stand.
-        moorings: latitude, longitude, water_depth_m, start, end, instruments and their roles of each, by name.
-        stopped: why some have no results, by name, of ``moorings`` and of ``calibrations``.
+        root: folder of the results, to which links on the page are relative.
+        moorings: latitude, longitude, water_depth_m, start, end, instruments and their roles, by name of the mooring.
+        stopped: reasons why there are no results, by name, for ``moorings`` and for ``calibrations``.
 
     Raises:
-        InputError: a file of the results is absent or damaged.
+        InputError: if a result file is missing or damaged.
     """
     root = Path(root)
     rows = read_summary(root / "summary.csv") if moorings else {}
     small = len(moorings) + len(calibrations) > MAX_SECTIONS
     sections, stations, missing = [], [], dict[str, None]()
-    for name, site in moorings.items():  # one after the other: a record of each is in memory
+    for name, site in moorings.items():  # one by one, as the record of each is read into memory
         if name in stopped["moorings"]:
             stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
             continue
@@ -141,22 +141,22 @@ def write(path: str | Path, report: Report) -> None:
 
 
 def write_page(path: str | Path, template: str, **given: Any) -> None:
-    """Fill a template of a page, which gets the style and its hash besides."""
-    import jinja2  # only where a page is made
+    """Render an HTML template with the style sheet and its hash, and write the page."""
+    import jinja2  # deferred until a page is rendered
 
     loader = jinja2.FileSystemLoader(words.TEMPLATES)
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     style = (words.TEMPLATES / "style.css").read_text(encoding="utf-8")
-    known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()  # the one style that a browser may use
+    known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()  # for the content security policy
     text = made.get_template(template).render(**given, style=style, style_hash=known)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def read_glossary() -> list[tuple[str, str]]:
-    """Read the terms of the documentation's glossary with their explanations; no link leads out of the page."""
+    """Read the terms of the documentation's glossary with their explanations, links removed."""
     path = provenance.RELEASE_FILES / "docs/glossary.md"
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     entries = re.sub(r"\[([^]]+)\]\([^)]+\)|`", r"\1", text).split("\n## ")[1:]
@@ -164,7 +164,7 @@ def read_glossary() -> list[tuple[str, str]]:
 
 
 def log_line(path: str | Path, report: Report) -> str:
-    """Format the job's line on the page."""
+    """Format the line about the page in the log."""
     size = Path(path).stat().st_size / 1e6
     missing = f"; attributes not given: {', '.join(report.missing)}" if report.missing else ""
     return f"{path}: {report.counts()} {size:.1f} MB{missing}".replace(words.SPACE, " ")

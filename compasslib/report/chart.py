@@ -1,4 +1,4 @@
-"""The map of the moorings: positions and mean currents before and after, as numbers that a template draws."""
+"""Layout of the map of moorings: positions and mean currents before and after, in coordinates for a template."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from compasslib import angles
 from compasslib.report import words
 
-WIDTH, HEIGHT, MARGIN = 360.0, 300.0, (76.0, 12.0, 12.0, 38.0)  # of the drawing; left, right, top, bottom
-LEAST_DEG = 0.02  # from south to north
-TICKS = 3  # about so many along each axis
+WIDTH, HEIGHT, MARGIN = 360.0, 300.0, (76.0, 12.0, 12.0, 38.0)  # margins: left, right, top, bottom
+LEAST_DEG = 0.02  # minimum extent in latitude and longitude
+TICKS = 3  # approximate number along each axis
 STEPS = (1.0, 2.0, 5.0, 10.0)
 ARROW = 44.0  # length of the largest mean current
-LETTER, LINE = 6.6, 12.0  # size of a letter of a label
-DOT, ALONG = 4.0, (0.4, 0.7, 1.0)  # half the room of a point; where along a line there is one
+LETTER, LINE = 6.6, 12.0  # width of a letter and height of a line of a label
+DOT, ALONG = 4.0, (0.4, 0.7, 1.0)  # half-width kept free about a point, and positions of such points along a line
 LABEL_OFFSETS = ((7.0, 4.0, "start"), (-7.0, 4.0, "end"), (0.0, -8.0, "middle"), (0.0, 17.0, "middle"))
 ANCHORS = {"start": 0.0, "end": 1.0, "middle": 0.5}
 Box = tuple[float, float, float, float]
@@ -48,29 +48,29 @@ class Label:
 
 @dataclass(frozen=True)
 class Mark:
-    """A mooring in the drawing: its point, its means as lines from there, and its label where there is room."""
+    """A mooring in the drawing: its point, its mean currents as lines from it, and its label if there is room."""
 
     x: float
     y: float
     station: Station
-    tips: tuple[tuple[str, float, float], ...]  # recorded or corrected, and where its line ends
+    tips: tuple[tuple[str, float, float], ...]  # recorded or corrected, and the end of its line
     label: Label | None = None
 
 
 @dataclass(frozen=True)
 class Chart:
-    """All that the map draws."""
+    """Elements of the map."""
 
     box: Box  # x, y, width, height
     marks: Sequence[Mark]
     across: Sequence[Label]  # ticks
     up: Sequence[Label]
-    said: str  # what it shows, in words
-    arrow: tuple[float, str] | None  # length and text of the scale; None where no current is drawn
+    said: str  # description of the map
+    arrow: tuple[float, str] | None  # length and text of the scale; None if no current is drawn
 
 
 def chart(stations: Sequence[Station]) -> Chart | None:
-    """Lay out the map of the moorings, a degree of longitude as long as it is there; None where there are none."""
+    """Lay out the map of the moorings, with longitude scaled by the cosine of latitude; None without moorings."""
     if not stations:
         return None
     left, right, top, bottom = MARGIN
@@ -125,7 +125,7 @@ def _below(value: float) -> float:
 def _ticks(
     centre: float, half: float, place: Callable[[float], float], sides: tuple[str, str]
 ) -> list[tuple[float, str]]:
-    """Place round degrees along an axis, with their texts."""
+    """Compute positions and labels of ticks at round degrees along an axis."""
     step = _below(2.0 * half / TICKS * 1.5)
     digits = max(-math.floor(math.log10(step)), 0)
     first = math.ceil((centre - half) / step)
@@ -136,7 +136,7 @@ def _ticks(
 
 
 def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
-    """Give each mooring its name where it lies over no other name, no point, no line and no edge; else none."""
+    """Label each mooring where the label overlaps no other label, point, line or edge; otherwise leave it out."""
     marks = list(marks)
     points = [(item.x, item.y) for item in marks]
     points += [

@@ -1,4 +1,4 @@
-"""Moorings with known truth: what the results conclude beside what is true, as one page."""
+"""Comparison of results with the truth for moorings where it is known, as content of one page."""
 
 from __future__ import annotations
 
@@ -19,43 +19,43 @@ from compasslib.report.sections import Figure, ReportedFinding
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
-BLOCK_S, DRAWS = 5 * DAY_S, 1000  # of the errors that are resampled together
+BLOCK_S, DRAWS = 5 * DAY_S, 1000  # block resampling of the errors
 
 
 @dataclass(frozen=True)
 class HeadingErrors:
-    """Errors of headings at n samples, degrees, NaN where there is none."""
+    """Heading errors at n samples, degrees, NaN if missing."""
 
     time_s: Floats
     recorded_deg: Floats
     fit_deg: Floats  # by the fitted coefficients alone
     corrected_deg: Floats
-    sigma_deg: Floats  # as stated, of the corrected ones
+    sigma_deg: Floats  # stated standard deviation of the corrected headings
 
     def rms(self, error_deg: Floats) -> str:
-        """Format the rms with its 95 % interval by resampled blocks."""
+        """Format the rms with its 95 % interval by block resampling."""
         if (mean := self._mean(error_deg**2)) is None:
             return "–"
         return "{:.1f}° ({:.1f}–{:.1f})".format(*np.sqrt(mean))
 
     @property
     def coverage(self) -> tuple[float, float, float] | None:
-        """The share of corrected headings within their stated 95 % of the truth, and the interval of that share."""
+        """Share of corrected headings whose stated 95 % interval contains the truth, with its own 95 % interval."""
         within = np.abs(self.corrected_deg) <= NORMAL_95 * self.sigma_deg
         return self._mean(np.where(np.isfinite(self.corrected_deg + self.sigma_deg), within, np.nan))
 
     @property
     def understated(self) -> bool:
-        """Whether the stated uncertainty is too small: less than 95 % of the errors within it, by more than chance."""
+        """Whether the stated uncertainty is too small: the coverage is significantly below 95 %."""
         return self.coverage is not None and self.coverage[2] < 0.95
 
     @property
     def sigma_rms_deg(self) -> float:
-        """The stated standard deviation, rms over the corrected headings."""
+        """Rms of the stated standard deviation over the corrected headings."""
         return angles.rms(self.sigma_deg[np.isfinite(self.corrected_deg + self.sigma_deg)])
 
     def _mean(self, values: Floats) -> tuple[float, float, float] | None:
-        """Average over the samples that have a value, with the 95 % interval by resampled blocks of days."""
+        """Average over the finite values, with the 95 % interval by resampling blocks of ``BLOCK_S``."""
         known = np.isfinite(values)
         if not known.any():
             return None
@@ -69,7 +69,7 @@ class HeadingErrors:
 
 @dataclass(frozen=True)
 class Revealed:
-    """One mooring: the truth, what the results conclude, and the headings beside the truth."""
+    """One mooring: the truth, the conclusions of the results, and the heading errors."""
 
     name: str
     truth: Mapping[str, Any]
@@ -101,11 +101,11 @@ def heading_errors(truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> 
 
 
 def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> Revealed:
-    """Set the results of a mooring beside the truth.
+    """Compare the results of a mooring with the truth.
 
     Args:
-        root: folder of the results, in which the page will stand.
-        reach_deg: limit of the errors' axis, the same for all moorings of the page.
+        root: folder of the results, to which links on the page are relative.
+        reach_deg: limit of the axis of heading errors, common to all moorings of the page.
     """
     diagnosis = read_json(root / name / "diagnosis.json")
     with tempfile.TemporaryDirectory() as folder:
@@ -128,7 +128,7 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
 
 
 def _with_truth(said: ReportedFinding, field: Mapping[str, Any]) -> ReportedFinding:
-    """Set the true field beside the parameters of a finding, where iron with the same driver is true."""
+    """Add the true field to the parameters of a finding if iron with the same driver was planted."""
     if said.parameters is None or not field:
         return said
     known = {row: next((field[way] for way in field if row[0].endswith(way)), None) for row in said.parameters.rows}

@@ -1,4 +1,4 @@
-"""A diagnosis.json in words, for moorings, compasses and calibrations alike: the answer, the findings, the limits."""
+"""Diagnoses in words (conclusion, findings, limits), and sections of moorings, compasses and calibrations."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from compasslib.inference import wording
 from compasslib.report import sections, words
 from compasslib.report.sections import CalibrationResults, MooringResults, ReportedFinding, ReportSection, ReportTable
 
-LARGE = "large_deviation"  # whose reason is that the exact compass was fitted, which has it
-MAX_NAMES, MOST_ALTERNATIVES = 3, 5  # of one finding: in the answer, and in its section
+LARGE = "large_deviation"  # not a limit: it is not tested because the exact compass, which includes it, was fitted
+MAX_NAMES, MOST_ALTERNATIVES = 3, 5  # candidates of a finding that are named in the summary, and in its section
 CLAUSES = {
     **wording.PHYSICS,
     "hard_iron": "iron near by adds a constant field",
@@ -25,7 +25,7 @@ CLAUSES = {
 
 
 def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[ReportedFinding, ...]:
-    """Word the findings, strongest first, and after them what stays unexplained.
+    """Describe the findings, strongest first, and then what remains unexplained.
 
     Args:
         diagnosis: content of diagnosis.json.
@@ -51,7 +51,7 @@ def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[Rep
 
 
 def candidate_names(finding: Mapping[str, Any]) -> list[str]:
-    """Name the candidates of a finding, the best first: physics, and in brackets its name and probability."""
+    """Describe the candidates of a finding, best first: the physics, with name and probability in parentheses."""
     chances = {finding["effect"]: finding.get("probability"), **(finding.get("alternatives_probability") or {})}
     if composed := finding.get("composition"):
         chances = {f"{COMPOSED}{'/'.join(composed.values())}": chances.pop(finding["effect"]), **chances}
@@ -79,11 +79,11 @@ def describe_findings(diagnosis: Mapping[str, Any]) -> str:
 
 
 def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
-    """List what the recording cannot show, and what would."""
+    """List what the recording cannot show, and which observations would show it."""
     reasons: dict[str, dict[str, None]] = {}
     for entry in (entry for entry in diagnosis["not_testable"] if entry["effect"] != LARGE):
         reasons.setdefault(entry["effect"], {})[entry["why"].rstrip(".")] = None
-    tested = {entry["effect"] for entry in diagnosis.get("hypotheses") or []}  # in another form
+    tested = {entry["effect"] for entry in diagnosis.get("hypotheses") or []}  # tested in another form
     closed: dict[tuple[bool, str], list[str]] = {}
     for effect, whys in reasons.items():
         closed.setdefault((effect in tested, ", ".join(whys)), []).append(words.plain(effect))
@@ -92,18 +92,18 @@ def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def hypotheses_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
-    """Tabulate the single effects that were tested, the best first; no table where none was."""
+    """Tabulate the single effects that were tested, best first; without tested effects there is no table."""
     return sections.table("diagnosis", "hypotheses", d=diagnosis)
 
 
 def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
-    """Tabulate the detection limits, the smallest first; no table where none is stated."""
+    """Tabulate the detection limits, smallest first; without limits there is no table."""
     return sections.table("diagnosis", "detectable", d=diagnosis)
 
 
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
-    """Caption the figure of a diagnosis."""
-    from compasslib.plots.diagnosis import count_outside  # and what draws, which no other command needs
+    """Compose the caption of the figure of a diagnosis."""
+    from compasslib.plots.diagnosis import count_outside  # imports matplotlib, which other commands do not need
 
     curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
@@ -119,7 +119,7 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
 
 
 CURRENTS = ("sticks", "progressive", "roses")
-OF_PAIRS = ("diagnosis", "deviation", "histograms", "scatter")  # empty where there is neither a pair nor a curve
+OF_PAIRS = ("diagnosis", "deviation", "histograms", "scatter")  # left out if there are neither pairs nor a curve
 FILES = (
     *("corrected.nc", "gridded.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json"),
     *("table.csv", "histograms.csv", "figures", "logs"),
@@ -130,8 +130,8 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
     """Compose one mooring's section.
 
     Args:
-        site: latitude, longitude, water_depth_m, instruments (role and what it is).
-        small: whether the page has too many sections for whole pictures.
+        site: latitude, longitude, water_depth_m, instruments (role and description).
+        small: whether the page has too many sections for figures of full size.
     """
 
     def caption(figure: str) -> str:
@@ -139,13 +139,13 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
             return diagnosis_caption(results.diagnosis)
         return words.caption("mooring", figure, r=results)
 
-    folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # the whole mooring's besides
+    folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # also of the whole mooring
     collected = [sections.collect_figures(folder, root, caption, small=small) for folder in folders]
     pictures = {name: figure for figures in collected for name, figure in figures.items()}
     if not (results.fit["n_pairs"] or results.product["coefficients"]):
         pictures = {name: entry for name, entry in pictures.items() if name not in OF_PAIRS}
     findings = report_findings(results.diagnosis, product=True)
-    extra = ("diagnosis",) if findings else ()  # else it stands with the other figures
+    extra = ("diagnosis",) if findings else ()  # otherwise it is shown with the other figures
     counts = dict.fromkeys(name for of_role in results.inputs.values() for name in of_role)
     nonzero = [name for name in counts if any(of_role.get(name) for of_role in results.inputs.values())]
     zero = [words.plain(name) for name in counts if name not in nonzero]
@@ -183,13 +183,13 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
 
 
 def summary_sentences(results: MooringResults) -> tuple[str, ...]:
-    """Summarize a mooring: the answer, agreement with the reference, and reasons why not more."""
+    """Summarize a mooring: conclusion, agreement with the reference, and reasons for what was not achieved."""
     findings = describe_findings(results.diagnosis)
     return words.paragraphs("mooring", "summary", r=results, findings=findings)
 
 
 def measures(results: MooringResults) -> tuple[tuple[str, str], ...]:
-    """State method, samples corrected, uncertainty and largest deviation."""
+    """List method, number of corrected samples, uncertainty and largest deviation."""
     return words.facts("mooring", "measures", r=results)
 
 
@@ -202,7 +202,7 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
     """Compose one calibration's section.
 
     Args:
-        small: whether the page has too many sections for whole pictures.
+        small: whether the page has too many sections for figures of full size.
     """
     content, diagnosis = results.content, results.diagnosis
 
@@ -243,7 +243,7 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
 
 
 def _nested_texts(content: Mapping[str, Any]) -> Iterator[str]:
-    """Give the sentences that a kind says about itself, wherever they stand in the file."""
+    """Yield the sentences (values of the key ``text``) of a calibration at any level of nesting."""
     for key, value in content.items():
         if key == "text" and isinstance(value, str) and value:
             yield value
@@ -255,10 +255,10 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
     """Compose the section of a compass that several records share.
 
     Args:
-        small: whether the page has too many sections for whole pictures.
+        small: whether the page has too many sections for figures of full size.
 
     Raises:
-        InputError: a file of its results is absent or damaged.
+        InputError: if a result file is missing or damaged.
     """
     folder = root / "compasses" / name
     content, diagnosis = read_json(folder / "compass.json"), read_json(folder / "diagnosis.json")

@@ -1,6 +1,6 @@
-"""What the report says, before it is HTML: results as read from files, figures, and the parts of a section.
+"""Content of the report before its conversion to HTML: results read from files, figures, and parts of a section.
 
-Texts are plain; whatever stands in them is escaped when the page is made.
+Texts are plain and are escaped when the page is rendered.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ class Figure:
     """A figure of the results."""
 
     title: str
-    caption: str  # what it shows, in words and numbers
-    href: str  # the file, relative to the page
-    data: str = ""  # the picture itself as a data URI; empty where it is only linked
-    width: int = 0  # pixels of the data
+    caption: str
+    href: str  # URL of the file, relative to the page
+    data: str = ""  # the picture as a data URI; empty if it is only linked
+    width: int = 0  # pixels
     height: int = 0
 
 
 @dataclass(frozen=True)
 class ReportedFinding:
-    """One effect that was found, or what stays unexplained."""
+    """One identified effect, or what remains unexplained."""
 
     title: str
     text: str
@@ -60,23 +60,23 @@ class ReportSection:
 
     name: str
     anchor: str
-    verdict: str  # a word of search.wording.VERDICTS, or empty
-    summary: tuple[str, ...]  # sentences; the first is the answer, and stands on the top of the page too
+    verdict: str  # one of ``inference.wording.VERDICTS``, ``stopped``, or empty
+    summary: tuple[str, ...]  # sentences; the first is the conclusion, which the top of the page repeats
     facts: tuple[tuple[str, str], ...]
-    to_do: tuple[str, ...] = ()  # sentences: what is left to the reader
-    first: tuple[Figure, ...] = ()  # what is looked for first: currents before and after
-    finding_figures: tuple[Figure, ...] = ()  # beside the findings
+    to_do: tuple[str, ...] = ()  # sentences: actions left to the user
+    first: tuple[Figure, ...] = ()  # figures shown first, such as currents before and after
+    finding_figures: tuple[Figure, ...] = ()  # figures shown with the findings
     findings: tuple[ReportedFinding, ...] = ()
     limits: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = ()  # all others
     tables: tuple[ReportTable, ...] = ()
-    links: tuple[tuple[str, str], ...] = ()  # text, address relative to the page
+    links: tuple[tuple[str, str], ...] = ()  # text, URL relative to the page
     cells: tuple[str, ...] = ()  # its row in the overview
 
 
 def table(template: str, block: str, **given: Any) -> tuple[ReportTable, ...]:
-    """Fill a table of a template: caption, header and rows; none where it has no row."""
+    """Render a table of a template as caption, header and rows; the result is empty if it has no rows."""
     filled = words.cells(template, block, **given)
     return (ReportTable(" ".join(filled[0]), filled[1], tuple(filled[2:])),) if filled[2:] else ()
 
@@ -99,7 +99,7 @@ def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> Re
 
 @dataclass(frozen=True)
 class Overview:
-    """All moorings, compasses or calibrations, and the table that compares them."""
+    """All sections of moorings, compasses or calibrations, and the table that compares them."""
 
     caption: str
     header: tuple[str, ...]
@@ -111,7 +111,7 @@ class Overview:
         return ReportTable(self.caption, self.header, tuple(section.cells for section in self.sections))
 
 
-# Results of one mooring or calibration, as far as its section needs them.
+# Results of one mooring or calibration that its section shows.
 
 SHOWN_ATTRIBUTES = (
     "instrument",
@@ -125,25 +125,25 @@ SHOWN_ATTRIBUTES = (
 
 @dataclass(frozen=True)
 class HeadingSummary:
-    """The headings of one product in a few numbers."""
+    """Summary statistics of the headings of one product."""
 
     n: int  # samples
-    absent: int  # between the first and the last, by the usual interval
+    absent: int  # missing samples between the first and the last, by the median interval
     recorded: int
     corrected: int
     doubtful: int  # corrected, flagged 3
-    sigma_deg: tuple[float, float]  # median and 95th percentile of the uncertainty; NaN where none is corrected
+    sigma_deg: tuple[float, float]  # median and 95th percentile of the uncertainty; NaN if none is corrected
     largest_deviation_deg: float
-    recorded_span_deg: tuple[float, float]  # where nine in ten lie
+    recorded_span_deg: tuple[float, float]  # 5th and 95th percentile about the circular mean
     corrected_span_deg: tuple[float, float]
     declination_deg: tuple[float, float]
     attributes: dict[str, Any]  # those of SHOWN_ATTRIBUTES that the file has
-    missing: tuple[str, ...]  # global attributes that the conventions ask for
+    missing: tuple[str, ...]  # global attributes required by the conventions that the file lacks
 
 
 @dataclass(frozen=True)
 class MooringResults:
-    """What the files of one mooring hold, as far as the report needs it."""
+    """Results of one mooring that the report uses."""
 
     name: str
     folder: Path
@@ -152,34 +152,34 @@ class MooringResults:
     diagnosis: Mapping[str, Any]
     assessment: Mapping[str, Any]
     headings: HeadingSummary
-    currents: summary.BinCurrents  # of the bin that is shown
-    inputs: Mapping[str, Mapping[str, int]]  # counts of each instrument
+    currents: summary.BinCurrents  # of the bin shown in figures
+    inputs: Mapping[str, Mapping[str, int]]  # counts of the samples of each instrument, by kind
 
     @property
     def product(self) -> Mapping[str, Any]:
-        """The fit that the product was made by, which is the one in the figures."""
+        """The fit used for the product and shown in the figures."""
         fit: Mapping[str, Any] = self.fit["applied"]["fit"] or self.fit
         return fit
 
     @property
     def other_compass(self) -> bool:
-        """Whether the product is made by another compass than the configured fit's."""
+        """Whether the product uses a compass other than that of the configured fit."""
         applied = self.fit["applied"]
         changed = applied["effects"] or applied["accounted_for"] or applied["method"] != self.fit["method"]
         return bool(applied["fit"] and changed)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings of all its stages."""
+        """Warnings of all stages."""
         return tuple(warning for warning in self.row["warnings"].split(" | ") if warning)
 
     @property
     def depth(self) -> str:
-        """Depth of the currents that are shown."""
+        """Depth of the currents shown in figures, with its unit."""
         return f"{words.number(self.currents.depth_m, 0)}{words.SPACE}m"
 
     def averaging(self, *, sticks: bool = False) -> str:
-        """Give the time over which these currents are averaged."""
+        """Format the time over which the currents in figures are averaged."""
         most = summary.MAX_STICKS if sticks else summary.MAX_MEANS
         hours = summary.averaging_hours(self.currents.recorded.time_s, most)
         return words.plural(int(hours), "hour") if hours <= 24.0 else words.plural(int(hours / 24.0), "day")
@@ -195,7 +195,7 @@ def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[
     """Read the files of one mooring.
 
     Args:
-        roles: its instruments, see ``summary.records``.
+        roles: names of its instruments, see ``summary.record_paths``.
     """
     folder = root / name
     fit, diagnosis, assessment = (
@@ -209,7 +209,7 @@ def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[
 
 @dataclass(frozen=True)
 class CalibrationResults:
-    """What the files of one calibration hold, as far as the report needs it."""
+    """Results of one calibration that the report uses."""
 
     name: str
     folder: Path
@@ -258,10 +258,10 @@ def _summarize_headings(path: str | Path) -> HeadingSummary:
 
 
 def heading_span(heading_deg: Floats) -> tuple[float, float]:
-    """Find the two headings between which nine in ten lie, clockwise, about their circular mean; NaN where none is.
+    """Compute the 5th and 95th percentile of headings about their circular mean, degrees; NaN without headings.
 
     Args:
-        heading_deg: (n,) degrees, NaN left out.
+        heading_deg: (n,) degrees; NaN are ignored.
     """
     finite = heading_deg[np.isfinite(heading_deg)]
     middle = angles.mean(finite)
@@ -276,9 +276,9 @@ def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]
     return float(low), float(high)
 
 
-# Figures inside the page: with a palette, and on a page of many sections small and few.
+# Figures embedded in the page: with a colour palette; on a page of many sections small and few.
 
-MAX_SECTIONS = 50  # whose figures stand in the page whole; those of a thousand moorings would be 400 MB
+MAX_SECTIONS = 50  # above which figures are not embedded at full size; a thousand moorings would need 400 MB
 NO_PICTURE: Picture = ("", (0, 0))
 TITLES = {
     "sticks": "Currents along time",
@@ -307,16 +307,16 @@ TITLES |= {
     "differences": "Differences from the reference",
     "currents": "Mean currents and variance ellipses",
 }
-LINKED = ("certificate",)  # a page to keep with the instrument, whose numbers stand in the tables
+LINKED = ("certificate",)  # not embedded, as the tables contain the same numbers
 
 
 def collect_figures(folder: Path, root: Path, caption: Callable[[str], str], *, small: bool) -> dict[str, Figure]:
-    """Collect the figures of one mooring or calibration by name, in the order of ``TITLES``, others after them.
+    """Collect the figures of one mooring or calibration by name, in the order of ``TITLES``, then all others.
 
     Args:
-        folder: its results; the figures are the PNG files of its folder ``figures``.
-        caption: writes what a figure shows, by its name.
-        small: whether the page has too many sections for whole pictures.
+        folder: folder of its results, with the PNG files in ``figures``.
+        caption: composes the caption of a figure from its name.
+        small: whether the page has too many sections for figures of full size.
     """
     order = {name: k for k, name in enumerate(TITLES)}
     paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
@@ -333,10 +333,10 @@ def collect_figures(folder: Path, root: Path, caption: Callable[[str], str], *, 
 
 
 def relative_link(path: Path, root: Path) -> str:
-    """Give the address of a file of the results from the page."""
+    """Compose the URL of a result file relative to the page."""
     return quote(path.relative_to(root).as_posix())
 
 
 def links(folder: Path, root: Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
-    """Link the files of a folder that are there."""
+    """Compose the links to those files of a folder that exist."""
     return tuple((name, relative_link(folder / name, root)) for name in names if (folder / name).exists())

@@ -1,6 +1,6 @@
-"""Numbers, dates and names as the report writes them, and the texts of its templates.
+"""Format numbers, dates and names for the report, and render its text templates.
 
-The sentences of the page stand in ``templates/*.txt``, a macro for each, in plain text.
+The sentences of the page are macros in ``templates/*.txt``, in plain text.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
 def number(value: float | None, digits: int = 1) -> str:
-    """Format a number with a fixed count of decimals, a dash where it is NaN or None."""
+    """Format a number with a fixed number of decimals, or as a dash if it is NaN or None."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
-    if abs(value) >= 1e9:  # nothing on the page is that large in earnest, and 140 digits help nobody
+    if abs(value) >= 1e9:  # only results of a failed fit are that large, and could have 140 digits
         return f"{value:.1e}".replace("-", MINUS)
     return f"{value:.{digits}f}".replace("-", MINUS)
 
 
 def degrees(value: float | None, digits: int = 1) -> str:
-    """Format an angle with its sign of degree."""
+    """Format an angle with a degree sign."""
     text = number(value, digits)
     return text if text == UNKNOWN else f"{text}°"
 
@@ -45,7 +45,7 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def with_sigma(value: float | None, sigma: float | None, unit: str = "") -> str:
-    """Format value ± sigma, the value to the place of sigma's second digit, the unit behind both."""
+    """Format value ± sigma with a unit, both rounded to the second significant digit of sigma."""
     behind = "°" if unit in ("degrees", "°") else f"{SPACE}{unit}" * (unit not in ("", "1"))
     if value is None or sigma is None or not (math.isfinite(sigma) and sigma > 0.0):
         text = significant(value)
@@ -55,7 +55,7 @@ def with_sigma(value: float | None, sigma: float | None, unit: str = "") -> str:
 
 
 def percent(share: float | None) -> str:
-    """Format a share from 0 to 1 as percent; 0 and 100 are written only where they are exact."""
+    """Format a share from 0 to 1 as percent; 0 and 100 are used only if they are exact."""
     if share is None or not math.isfinite(share):
         return UNKNOWN
     text = number(100.0 * share)
@@ -81,17 +81,17 @@ def current(velocity: complex) -> str:
 
 
 def count(value: int | None) -> str:
-    """Format a whole number, thousands apart."""
+    """Format a whole number with spaces between thousands."""
     return UNKNOWN if value is None else f"{value:,}".replace(",", SPACE)
 
 
 def plural(n: int, noun: str, many: str | None = None) -> str:
-    """Format a number with its noun, in the plural ``many`` where an s does not make it."""
+    """Format a number with its noun; ``many`` is a plural that is not formed by adding an s."""
     return f"{count(n)}{SPACE}{noun if n == 1 else many or noun + 's'}"
 
 
 def days(span: Mapping[str, str]) -> str:
-    """Format a span of time, ``from`` and ``to`` in ISO 8601, as two dates, or as hours of one day."""
+    """Format a time span, ``from`` and ``to`` in ISO 8601, as two dates, or as one date with hours."""
     first, last = (datetime.fromisoformat(span[end].replace("Z", "+00:00")) for end in ("from", "to"))
     begin, end = (f"{at.day}{SPACE}{at:%b}{SPACE}{at.year}" for at in (first, last))
     return f"{begin} to {end}" if begin != end else f"{begin}, {span['from'][11:16]} to {span['to'][11:16]} UTC"
@@ -104,7 +104,7 @@ def position(latitude: float, longitude: float) -> str:
 
 
 def plain(name: str) -> str:
-    """Spell out a name with underscores, or that of a composed effect."""
+    """Convert a name with underscores, or that of a composed effect, to plain words."""
     if name.startswith("composed:"):
         from compasslib.inference import wording  # only where an effect outside the catalogue was identified
 
@@ -113,31 +113,31 @@ def plain(name: str) -> str:
 
 
 def parameter(name: str, unit: str) -> str:
-    """Spell out the name of a parameter without the unit at its end, which stands behind its value."""
+    """Convert the name of a parameter to plain words, without the suffix of its unit."""
     return plain(name.removesuffix(f"_{'deg' if unit in ('degrees', '°') else unit}"))
 
 
 def listed(names: list[str]) -> str:
-    """Join names in a sentence."""
+    """Join names by commas and a final "and"."""
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def sentence(text: str) -> str:
-    """Give a text a capital and a full stop."""
+    """Capitalize a text and end it with a full stop."""
     text = text.strip()
     begun = text[:1].upper() + text[1:]
     return begun if not begun or begun.endswith((".", "!", "?")) else begun + "."
 
 
 def confirmed(finding: Mapping[str, Any]) -> bool:
-    """Judge whether held-out days show a finding and chance hardly does; true where they are not asked."""
+    """Return whether held-out days confirm a finding beyond chance; true if it was not tested on them."""
     proof = finding.get("heldout") or {}
     size, placebo = proof.get("amplitude_deg"), proof.get("placebo")
     return not (size and placebo) or is_confirmed(size["low"], placebo["rank_p"])
 
 
 def observations(separated_by: str | None) -> list[str]:
-    """Split what would separate alternatives; of more than three, those that name an observation."""
+    """Split the observations that would separate alternatives; of more than three, select the specific ones."""
     parts = [part for part in (separated_by or "").split("; ") if part]
     named = [part for part in parts if not part.endswith("vary independently")]
     return named if named and len(parts) > 3 else parts
@@ -151,13 +151,13 @@ FILTERS = (
 
 
 def standard_error(covariance: Any, k: int) -> float | None:
-    """Compute the standard error of the k-th coefficient; None where its covariance is unknown."""
+    """Compute the standard error of the k-th coefficient; None if its covariance is unknown."""
     return math.sqrt(covariance[k][k]) if covariance and covariance[k][k] is not None else None
 
 
 @cache
 def _template(name: str) -> Any:
-    import jinja2  # only where a text is made
+    import jinja2  # deferred until a text is rendered
 
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
@@ -173,10 +173,10 @@ def _template(name: str) -> Any:
 
 
 def _filled(template: str, block: str, given: dict[str, Any]) -> str:
-    """Fill a block of a template.
+    """Render a block of a template.
 
     Raises:
-        LookupError: the results lack something that it names.
+        LookupError: if the results lack a value that the block uses.
     """
     import jinja2
 
@@ -187,29 +187,29 @@ def _filled(template: str, block: str, given: dict[str, Any]) -> str:
 
 
 def lines(template: str, block: str, **given: Any) -> list[str]:
-    """Fill a block of a template; each line is a text."""
+    """Render a block of a template and split it into lines, without empty ones."""
     filled = _filled(template, block, given).split("\n")
     return [text for line in filled if (text := re.sub(r"[ ]+", " ", line).strip(" "))]
 
 
 def paragraphs(template: str, block: str, **given: Any) -> tuple[str, ...]:
-    """Fill a block of a template; blank lines separate its texts."""
+    """Render a block of a template and split it into paragraphs at blank lines."""
     filled = re.split(r"\n\s*\n", _filled(template, block, given))
     return tuple(text for part in filled if (text := re.sub(r"[ \n]+", " ", part).strip(" ")))
 
 
 def caption(template: str, figure: str, **given: Any) -> str:
-    """Fill the caption of a figure, ``figure_NAME`` of a template; empty where it has none."""
+    """Render the caption of a figure, the block ``figure_NAME`` of a template; empty if there is none."""
     block = f"figure_{figure}"
     return " ".join(paragraphs(template, block, **given)) if hasattr(_template(template), block) else ""
 
 
 def facts(template: str, block: str, **given: Any) -> tuple[tuple[str, str], ...]:
-    """Fill a block of a template; each line is a name and, after a colon, its value."""
+    """Render a block of a template and split each line into a name and its value at the first colon."""
     parts = (line.partition(": ") for line in lines(template, block, **given))
     return tuple((name, value) for name, _, value in parts)
 
 
 def cells(template: str, block: str, **given: Any) -> list[tuple[str, ...]]:
-    """Fill a block of a template; each line is a row, its cells separated by bars."""
+    """Render a block of a template and split each line into the cells of a row at vertical bars."""
     return [tuple(cell.strip(" ") for cell in line.split("|")) for line in lines(template, block, **given)]

@@ -1,7 +1,7 @@
-"""The stages of the workflow: files in, files out, and one line that says what came of it.
+"""Stages of the workflow: functions that read files, write files and report their result.
 
-A stage is a function that takes what its rule in the Snakefile names. The rule ``read``
-makes the record of one instrument:
+The arguments of a stage are those of its rule in ``pipeline.stages``. The rule ``read`` makes the record of one
+instrument:
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -16,5 +16,5 @@ makes the record of one instrument:
 ...          reader={"columns": columns}, deployment=when | where, series={}, say=print)
 M1 deep: 24 samples of 1 bins (rows 24)
 
-``pipeline.process.process_mooring`` runs the stages of one mooring of a cruise, one after the other, without Snakemake.
+``pipeline.process.process_mooring`` runs the stages of one mooring of a cruise in sequence, without Snakemake.
 """

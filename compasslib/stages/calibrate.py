@@ -1,4 +1,4 @@
-"""Calibrate a compass apart from any mooring."""
+"""Calibrate a compass independently of any mooring."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def calibrate(
     settings: Mapping[str, Any],
     say: Callable[[str], None],
 ) -> None:
-    """Write coefficients, table of deviations, points and budget of uncertainty.
+    """Write coefficients, deviation table, points and uncertainty budget of a calibration.
 
     Args:
-        raw: files in the order of the YAML file.
-        earlier: calibration.json that it is compared with, perhaps none.
-        settings: keys of the YAML file that the kind takes.
+        raw: raw files in the order of the YAML file.
+        earlier: calibration.json of the calibrations to compare with, possibly none.
+        settings: keys of the YAML file that the kind of calibration takes.
 
     Raises:
         InputError: a raw file cannot be read.

@@ -1,4 +1,4 @@
-"""Set the results of the moorings with a concealed cause beside the truth."""
+"""Compare the results of the demonstration moorings whose errors are concealed with the truth."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from compasslib.types import Floats
 
 
 def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say: Callable[[str], None]) -> None:
-    """Write the page; the only stage that reads the truth.
+    """Write the page of the comparison; this is the only stage that reads the truth.
 
     Args:
-        truths: of each mooring; those without a corrected record are left out.
+        truths: file of the truth of each mooring; those without a corrected record are left out.
         corrected: corrected.nc of the moorings that were not stopped.
     """
     there = {Path(path).parent.name for path in corrected}

@@ -35,12 +35,12 @@ def correct(
     superseded: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
-    """Write the corrected record, the lookup table of its compass and histograms before and after.
+    """Write the corrected record, the lookup table of its compass, and histograms before and after correction.
 
     Args:
-        attributes: of the archive, by the YAML files.
+        attributes: global attributes from the YAML files.
         sources: raw files, relative to the cruise folder.
-        superseded: the earlier deposit, as ``deposit.describe_superseded`` gives it.
+        superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -74,7 +74,7 @@ def correct(
 
 
 def compare(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[str], None]) -> None:
-    """Write which form predicts best; no other stage waits for it."""
+    """Write a comparison of forms of the curve by prediction of held-out pairs; no other stage needs it."""
     made_by = product.from_json(read_json(deviation))
     compared = compare_forms(combine_references(netcdf.read_pairs(pairs)), made_by.fit)
     write_json(forms, {"forms": compared})

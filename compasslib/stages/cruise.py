@@ -22,12 +22,12 @@ def summary(
     stopped: Mapping[str, Mapping[str, str]],
     say: Callable[[str], None],
 ) -> None:
-    """Write the rows of the moorings that were processed and of those that were stopped.
+    """Write summary.csv, one row for each mooring, processed or stopped.
 
     Args:
-        summary: beside the folders of the moorings' results.
+        summary: path of summary.csv, in the folder that contains the moorings' result folders.
         roles: instruments that each mooring uses, in the order of the rows.
-        stopped: why some have no results, by name, of ``moorings`` and of ``calibrations``.
+        stopped: reasons for missing results by name, under ``moorings`` and ``calibrations``.
     """
     results = Path(summary).parent
     why = stopped["moorings"]
@@ -49,10 +49,10 @@ def provenance(
     stopped: Mapping[str, Mapping[str, str]],
     say: Callable[[str], None],
 ) -> None:
-    """Write the lineage of the products, as ``crate.crate`` takes it.
+    """Write the manifest, a crate of the jobs that led to the products; arguments as for ``crate.crate``.
 
     Raises:
-        InputError: a product, or a result that it was made from, is not what a job wrote.
+        InputError: a product, or a result that it was made from, is not as a job wrote it.
     """
     jobs = crate.lineage(crate.records(), products)
     page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=_named(stopped))
@@ -61,13 +61,13 @@ def provenance(
 
 
 def complete(*, folders: Sequence[str], stopped: Mapping[str, Mapping[str, str]], say: Callable[[str], None]) -> None:
-    """End the run: what is no longer stopped loses its ``stopped.json``.
+    """End the run: report what was stopped, and delete outdated ``stopped.json`` files.
 
     Args:
-        folders: of the results of moorings, calibrations and compasses.
+        folders: result folders of moorings, calibrations and compasses.
 
     Raises:
-        Stopped: a mooring or calibration has no results.
+        Stopped: a mooring or calibration was stopped and has no results.
     """
     left = {f"results/{name}" for name in stopped["moorings"]}
     left |= {f"results/calibrations/{name}" for name in stopped["calibrations"]}
@@ -83,24 +83,24 @@ def complete(*, folders: Sequence[str], stopped: Mapping[str, Mapping[str, str]]
 
 
 def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    """Name what was stopped by kind and name, as the configuration behind it is named."""
+    """Return the reasons by kind and name, such as "mooring EG4", the keys of the configuration."""
     kinds = ("mooring", "calibration")
     return {f"{kind} {name}": why for kind in kinds for name, why in stopped[f"{kind}s"].items()}
 
 
 def verify(*, configured: Sequence[str], say: Callable[[str], None]) -> None:
-    """Report what differs from the manifest of the working folder, a line each.
+    """Report the differences from the manifest of the working folder, one line each.
 
     Args:
-        configured: files that the rules make.
+        configured: files that the rules can make.
 
     Raises:
-        InputError: something differs, or there is no manifest.
+        InputError: there are differences, or there is no manifest.
     """
 
     def shown(line: str) -> None:
         say(line)
-        print(line, file=sys.stderr)  # these lines are what was asked for
+        print(line, file=sys.stderr)  # these lines are the requested output
 
     verification.verify(".", configured, shown)
 
@@ -114,9 +114,9 @@ def conventions(
     conventions: str,
     say: Callable[[str], None],
 ) -> None:
-    """Write what the files were held against.
+    """Check files against conventions, and write which conventions were checked.
 
     Raises:
-        InputError: something stands against one of them.
+        InputError: there are remarks on a file.
     """
     write_json(conventions, rules.report_remarks([*products, *gridded, *records], say))

@@ -29,7 +29,7 @@ from compasslib.inference.product import Product
 from compasslib.preparation.references import combine_references
 from compasslib.records import EarthField, Pairs, Record
 
-if TYPE_CHECKING:  # only where it searches: half of what its job imports
+if TYPE_CHECKING:  # imported at run time only for a search, as they are half of the job's imports
     from compasslib.inference.comparison import SharedInformation
     from compasslib.inference.diagnosis import Diagnosis
 
@@ -55,15 +55,15 @@ def diagnose(
     say: Callable[[str], None],
     summary: str = "",
 ) -> None:
-    """Write the diagnosis, the fit with what was found and is applied, and the agreement with the reference.
+    """Write the diagnosis, the fit with the effects found and applied, and the agreement with the reference.
 
     Args:
-        references: records of the reference instruments, perhaps none.
-        wide: pairs that may stand further apart, from which the shear of the water is learnt.
-        observatory: IAGA-2002 files of one observatory, perhaps none.
-        options: of the mooring's diagnosis.
-        sphere_distance_m: bounds of the distance from the compass to the iron's centre, where they are known.
-        summary: what other records of the compass may learn from this one, where there are others.
+        references: record files of the reference instruments, possibly none.
+        wide: file of pairs with larger separations, from which the shear of the water is estimated.
+        observatory: IAGA-2002 files of one observatory, possibly none.
+        options: options of the mooring's diagnosis.
+        sphere_distance_m: bounds of the distance from the compass to the iron's centre, m, where known.
+        summary: file to write for other records of the compass, empty if there are none.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -99,14 +99,14 @@ def judged(
     shared: SharedInformation | None = None,
     with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
 ) -> Conclusion:
-    """Search the pairs of a mooring and judge it as a whole; other arguments as of ``diagnose`` and ``conclude``.
+    """Search the pairs of a mooring for effects and conclude; other arguments as for ``diagnose`` and ``conclude``.
 
     Args:
         configured: content of the fit's file.
-        shared: what other records of the same compass tell of its effects.
+        shared: information on effects from other records of the same compass.
     """
     series = covariates.logged_series(netcdf.read_record(record), observatory)
-    upper = netcdf.read_record(record, velocities=False)  # they are a third of the memory
+    upper = netcdf.read_record(record, velocities=False)  # these take a third of the memory
     biases = netcdf.read_applied_declinations((record, *references))
 
     def find_constant(fit: DeviationFit) -> ConstantOffset | None:
@@ -173,12 +173,12 @@ def share(
     tilt: bool,
     say: Callable[[str], None],
 ) -> None:
-    """Write the diagnosis and the fit that correct the record; those of the record alone where no other belongs to it.
+    """Write diagnosis, fit and assessment of a record given the others of its compass, if any are consistent with it.
 
     Args:
         joined: compass.json.
-        alone: diagnosis.json, deviation.json and assessment.json as the record has them alone.
-        wide: pairs that may stand further apart, from which the shear of the water is learnt.
+        alone: diagnosis.json, deviation.json and assessment.json of the record by itself.
+        wide: file of pairs with larger separations, from which the shear of the water is estimated.
         tilt: whether pitch and roll enter the fit.
 
     Raises:
@@ -230,7 +230,7 @@ def share(
 def fit_with_siblings(
     siblings: SiblingInformation, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool
 ) -> DeviationFit:
-    """Return the compass fitted to a record's pairs with what others tell; by theirs alone where there are too few."""
+    """Fit a record's compass with the other records as prior; return the prior where the record determines none."""
     if len(pairs) >= MIN_PAIRS and not siblings.prior.precision[0, 0]:
         dip_ratio = tilt * earthfield.dip_ratio(field)
         return fit_deviation("exact", pairs, start_from_prior(siblings.prior, pairs), dip_ratio=dip_ratio)
@@ -243,7 +243,7 @@ def fit_with_siblings(
 
 
 def describe_siblings(siblings: SiblingInformation, alone: DeviationFit, fitted: DeviationFit) -> str:
-    """Return in a sentence whose data carry the compass of a record."""
+    """Describe in a sentence which records determine the compass of a record, and how well."""
     others = ", ".join(siblings.others)
     if not alone.fitted:
         return f"the compass is carried by {others} of compass {siblings.compass}; this record alone determines none"
@@ -269,10 +269,10 @@ def join(
     """Write compass.json and the diagnosis of the compass.
 
     Args:
-        summaries: what each mooring's record tells, ``joint_compass.summarize_record``.
-        calibrations: calibration.json of its calibrations.
-        spheres: by the names of moorings and calibrations.
-        min_effect_deg: visible size of a shared effect below which it does not matter.
+        summaries: summary of each mooring's record, see ``joint_compass.summarize_record``.
+        calibrations: calibration.json of each calibration.
+        spheres: sphere or frame by name of mooring or calibration, None where not stated.
+        min_effect_deg: visible size below which a shared effect is irrelevant.
     """
     moored = [read_json(path) for path in summaries]
     calibrated = [read_json(path) for path in calibrations]
@@ -295,12 +295,12 @@ def diagnose_calibration(
     options: Mapping[str, Any],
     say: Callable[[str], None],
 ) -> None:
-    """Write what its recording shows that the simulation does not hold.
+    """Write the diagnosis of a calibration: effects in its readings that its model lacks.
 
     Args:
-        raw: files in the order of the YAML file.
-        settings: keys of the YAML file that the kind takes.
-        options: of the cruise's diagnoses.
+        raw: raw files in the order of the YAML file.
+        settings: keys of the YAML file that the kind of calibration takes.
+        options: options of the cruise's diagnoses.
 
     Raises:
         InputError: a raw file cannot be read.

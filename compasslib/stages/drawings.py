@@ -19,7 +19,7 @@ from compasslib.plots.moorings import draw_array
 def calibration_figures(
     name: str, /, *, calibration: str, table: str, points: str, figures: Sequence[str], say: Callable[[str], None]
 ) -> None:
-    """Draw each figure of its kind, by its file's name."""
+    """Draw the figures of a calibration, each selected by its file name."""
     page = archive.read(calibration=calibration, table=table, points=points)
     for figure in figures:
         plots.draw_figure(Path(figure).stem, figure, page)
@@ -27,14 +27,14 @@ def calibration_figures(
 
 
 def diagnosis_figure(name: str, /, *, diagnosis: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
-    """Draw where the mismatch lives, before and after, and the ranked hypotheses, in each format."""
+    """Draw a calibration's residuals before and after, and the ranked hypotheses, in each format."""
     for figure in figures:
         hypotheses.draw_calibration(figure, read_json(diagnosis))
     say(f"{name}: figure of the diagnosis")
 
 
 def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
-    """Draw each figure, by its file's name.
+    """Draw the figures of a shared compass, each selected by its file name.
 
     Args:
         joined: compass.json.
@@ -53,11 +53,11 @@ def cruise_figures(
     figures: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
-    """Draw the array as configured, and the figures that hold all moorings which have results, by their files' names.
+    """Draw the configured array and the figures of all moorings that have results, each selected by its file name.
 
     Args:
-        deviations: deviation.json of each mooring.
-        assessments: assessment.json of the same.
+        deviations: deviation.json of each mooring with results.
+        assessments: assessment.json of the same moorings.
         array: arguments of ``plots.moorings.draw_array``.
     """
     moorings = [

@@ -32,7 +32,7 @@ def figures(
     pictures: str,
     say: Callable[[str], None],
 ) -> None:
-    """Draw each figure, by its file's name and in each format, and write small ones for the page."""
+    """Draw the figures of a mooring in each format, and write the PNGs as data URIs for the report."""
     both, corrected = combine_references(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
     shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
     averaged, coarser = (water.average_currents(shown, reference, n) for n in (summary.MAX_MEANS, summary.MAX_STICKS))
@@ -59,7 +59,7 @@ def figures(
 def sections(
     mooring: str, *, gridded: Sequence[str], figures: Sequence[str], pictures: str, say: Callable[[str], None]
 ) -> None:
-    """Draw section and mean profile of a mooring of several affected instruments."""
+    """Draw section and mean profile of a mooring with several affected instruments."""
     section = read_section(gridded[0], COLUMNS)
     for figure in figures:
         (draw_section if Path(figure).stem == "section" else draw_profile)(figure, section)

@@ -27,10 +27,10 @@ def fit(
     given: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
-    """Write the fit, or the compass that the YAML file gives.
+    """Write the fitted compass, or the one given in the YAML file.
 
     Args:
-        tilt: whether pitch and roll enter.
+        tilt: whether pitch and roll enter the model.
         given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
     """
     upper, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
@@ -61,12 +61,12 @@ def carry(
     fit: str,
     say: Callable[[str], None],
 ) -> None:
-    """Write the calibration's model as it is in the mooring's field.
+    """Write the compass of a calibration, converted to the mooring's field.
 
     Args:
-        calibrations: calibration.json of one, or of those before and after the deployment.
-        pairs: they are held against it; nothing is fitted to them.
-        parts: what stands near the mooring's compass.
+        calibrations: calibration.json of one calibration, or of those before and after the deployment.
+        pairs: file of pairs, used for comparison only: nothing is fitted to them.
+        parts: parts mounted near the mooring's compass.
     """
     upper, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
     elsewhere = [read_json(path) for path in calibrations]

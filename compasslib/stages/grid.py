@@ -1,4 +1,4 @@
-"""Put corrected and reference velocities of a mooring on fixed depths and times."""
+"""Grid the corrected and reference velocities of a mooring to fixed depths and times."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _Affected:
     made_by: Product
     pairs: Pairs
     headings: AffectedHeadings
-    doubtful: bool  # whether only flag 3 is there to be used
+    doubtful: bool  # whether velocities of flag 3 are used, as there are no better ones
 
 
 def grid(
@@ -70,14 +70,14 @@ def grid(
     """Write velocities on fixed depths and times.
 
     Args:
-        corrected: of each affected instrument, as records, pairs, deviations, assessments and fields.
-        gridded: gridded.nc, and gridded_daily.nc where it is asked for.
-        references: records of the reference instruments, perhaps none.
-        options: of the mooring's product.
-        compasses: ``sigma_deg``, a number or None, and ``magnetic`` of each reference.
-        attributes: of the archive, by the YAML files.
+        corrected: corrected.nc of each affected instrument, in the order of the other files of these instruments.
+        gridded: gridded.nc, and gridded_daily.nc if configured.
+        references: record files of the reference instruments, possibly none.
+        options: options of the mooring's product.
+        compasses: ``sigma_deg`` (degrees, None for the usual value) and ``magnetic`` of each reference.
+        attributes: global attributes from the YAML files.
         sources: raw files, relative to the cruise folder.
-        superseded: the earlier deposit, as ``deposit.describe_superseded`` gives it.
+        superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -134,7 +134,7 @@ def _read_affected(
     corrected: str, record: str, pairs: str, deviation: str, *,
     along: EarthField, observatory: Sequence[str], flags: tuple[int, ...], references: int,
 ) -> _Affected:  # fmt: skip
-    """Read an affected instrument; where none of its velocities has one of the flags, those of flag 3 are used."""
+    """Read an affected instrument; velocities of flag 3 are used if none has one of the given flags."""
     made_by, product = products.from_json(read_json(deviation)), netcdf.read_corrected(corrected, velocities=False)
     recording, name = netcdf.read_record(record, velocities=bool(made_by.applied)), Path(record).stem
     source = archive.affected_source(name, corrected, product, recording, flags)
@@ -156,7 +156,7 @@ def _affected_headings(
     name: str, product: CorrectedRecord, made_by: Product, pairs: Pairs, recording: Record, along: EarthField,
     observatory: Sequence[str], used: Bools, references: int,
 ) -> AffectedHeadings:  # fmt: skip
-    """Collect the corrected headings and the parts of their error."""
+    """Collect the corrected headings and the components of their error."""
     series = covariates.logged_series(recording, observatory) if made_by.applied else {}
     at = products.compass_along_record(made_by, recording, along, series)
     index = np.zeros(len(pairs), dtype=int) if pairs.reference_index is None else pairs.reference_index
@@ -179,9 +179,9 @@ def _affected_headings(
 def _reference_compasses(
     names: Sequence[str], compasses: Sequence[Mapping[str, Any]], declination_deg: float
 ) -> list[ReferenceCompass]:
-    """Return the references' compasses.
+    """Return the references' compasses with their standard deviations.
 
-    Directions that were true already were turned by somebody else, with another declination.
+    Directions that are already true were rotated elsewhere by another declination, whose error is added.
     """
     usual = {True: REFERENCE_SIGMA_DEG, False: float(np.hypot(REFERENCE_SIGMA_DEG, declination_deg))}
     sigmas = [usual[x["magnetic"]] if x["sigma_deg"] is None else x["sigma_deg"] for x in compasses]
@@ -192,7 +192,7 @@ def _reference_compasses(
 def _describe_processing(
     affected: Sequence[_Affected], along: EarthField, sources: Sequence[str], superseded: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Describe how the headings were corrected; of several instruments, each by its name."""
+    """Describe how the headings were corrected; several instruments are listed by name."""
     each = {part.source.name: provenance.processing(part.made_by, along, sources, superseded) for part in affected}
     first = next(iter(each.values()))
     if len(each) == 1:
@@ -204,7 +204,7 @@ def _describe_processing(
 
 
 def _seam_attributes(affected: Sequence[_Affected], seams: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Name the comparison at the seam as global attributes, of several instruments with their names."""
+    """Return the comparison of affected and reference velocities as global attributes, by instrument if several."""
     attributes: dict[str, Any] = {}
     for part, seam in zip(affected, seams, strict=True):
         prefix = f"seam_{part.source.name}_" if len(affected) > 1 else "seam_"

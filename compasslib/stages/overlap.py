@@ -1,4 +1,4 @@
-"""Find overlapping measurements: two records become the earth's field there and the pairs of nearly the same water."""
+"""Find overlapping measurements of affected and reference instruments, and the earth's field at the mooring."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ def overlap(
     columns: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
-    """Write the field along the deployment, the pairs by the rules, and those that may stand further apart.
+    """Write the field along the deployment, the pairs by the rules, and pairs by rules for larger separations.
 
     Args:
-        upper: record of the instrument to correct.
-        lower: records of the references, perhaps none.
-        observatory: IAGA-2002 files of one observatory, perhaps none.
-        ready: file of pairs that others made, which take the place of those of the records; else nothing.
+        upper: record file of the affected instrument.
+        lower: record files of the references, possibly none.
+        observatory: IAGA-2002 files of one observatory, possibly none.
+        ready: file of ready-made pairs, which replace those of the records; empty if there is none.
         place: arguments of ``earthfield.field_along``.
-        columns: headers or variables of that file by role, and ``scale``.
+        columns: headers or variables of the ready-made file by role, and ``scale``.
 
     Raises:
         InputError: a file of pairs or of an observatory cannot be read, or a date lies outside the model of the field.
     """
     along = declination.with_observatory_warnings(earthfield.field_along(**place), observatory, place)
     write_json(field, vars(along))
-    along = earthfield.field_from_json(read_json(field))  # what every later stage reads
+    along = earthfield.field_from_json(read_json(field))  # as every later stage reads it
     say(earthfield.describe_field(mooring, along))
     above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
-    # Named from the mooring's own folder, so that the file is the same wherever that stands.
+    # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
     made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
     if ready and columns is not None:
         headers = {role: columns[role] for role in ROLES}

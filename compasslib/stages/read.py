@@ -1,4 +1,4 @@
-"""Read one instrument: its raw export becomes its record inside the deployment."""
+"""Read one instrument: from its raw export to its record inside the deployment."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def read(
     """Write the record of one instrument.
 
     Args:
-        raw: files as the instrument left them, in order.
+        raw: raw files of the instrument, in order.
         form: a format of ``readers.FORMATS``.
-        reader: the keys of the mooring file that its reader takes.
-        deployment: arguments of ``deployment.settle``.
-        series: other series that are kept beside it by name, with files, columns and unit.
+        reader: keys of the mooring's YAML file that are arguments of the reader.
+        deployment: arguments of ``deployment.apply_deployment``.
+        series: covariates to add to the record: files, columns and unit by name.
 
     Raises:
         InputError: a raw file cannot be read.

@@ -19,10 +19,10 @@ def report(
     stopped: Mapping[str, Mapping[str, str]],
     say: Callable[[str], None],
 ) -> None:
-    """Write the page beside the results that it shows, as ``report.gather`` takes them.
+    """Write the page into the folder of the results; arguments as for ``report.gather``.
 
     Raises:
-        InputError: a file of the results is absent or damaged.
+        InputError: a file of the results is missing or damaged.
     """
     content = html.gather(
         Path(page).parent,

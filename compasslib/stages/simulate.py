@@ -1,4 +1,4 @@
-"""Simulate one mooring of the demonstration cruise, as its instruments would have left it."""
+"""Simulate the raw files of one mooring of the demonstration cruise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from compasslib.pipeline import records
 
 
 def simulate(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Callable[[str], None]) -> None:
-    """Write the raw files, and the truth apart from them.
+    """Write the raw files of a mooring, and the truth to a separate file.
 
     Raises:
         InputError: the simulation does not write one of the files.
@@ -29,12 +29,12 @@ def simulate(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Calla
 
 @contextmanager
 def put(name: str, files: Sequence[str]) -> Iterator[Path]:
-    """Give a folder to simulate into; ``files`` come from there to the cruise once the block has ended well.
+    """Yield a folder to simulate into; ``files`` are moved from there to the cruise once the block has succeeded.
 
-    Killed at any moment, what stands in the cruise is on record as the simulation's own.
+    Their hashes are recorded before, so that they are known to be simulated even if the job is killed meanwhile.
     """
     folder = Path("raw", f".{name}{HALF_WRITTEN}")
-    shutil.rmtree(folder, ignore_errors=True)  # of a killed job; a link is not followed
+    shutil.rmtree(folder, ignore_errors=True)  # left by a killed job; links are not followed
     try:
         yield folder
         for file in files:

@@ -1,6 +1,6 @@
-"""Statistics that several rooms share: minimisation, robust widths, correlated noise and its whitening.
+"""Shared statistics: minimization, robust widths, correlated noise and its whitening.
 
-Hourly currents are correlated, so that a thousand of them say as much as a few dozen independent ones:
+Hourly currents are correlated: a thousand of them contain as much information as a few dozen independent ones:
 
 >>> import numpy as np
 >>> from compasslib.statistics.least_squares import robust_width
@@ -28,13 +28,13 @@ _VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 def single_threaded() -> Iterator[None]:
     """Limit the linear algebra of the block, or of the decorated function, to one thread.
 
-    Threads split sums differently, which changes the last bits of a result, and at the sizes met here they cost more
-    than they gain. The limit ends with the block.
+    Multiple threads split sums differently, which changes the last bits of a result, and cost more than they gain at
+    the sizes used here. The limit ends with the block.
     """
     before = {name: os.environ.get(name) for name in _VARIABLES}
-    os.environ.update(dict.fromkeys(_VARIABLES, "1"))  # for libraries that the block is the first to load
+    os.environ.update(dict.fromkeys(_VARIABLES, "1"))  # for libraries first loaded within the block
     try:
-        with threadpool_limits(limits=1, user_api="blas"):  # for those that are loaded
+        with threadpool_limits(limits=1, user_api="blas"):  # for those already loaded
             yield
     finally:
         for name, value in before.items():

@@ -10,7 +10,7 @@ import numpy as np
 from compasslib.types import Floats
 
 SIGMA_PER_MAD = 1.4826  # of normal noise: standard deviation over median absolute deviation
-HUBER_CLIP = 2.5  # Huber's, in widths: of normal noise 1 in 80 is clipped, and 1 % of the information is lost
+HUBER_CLIP = 2.5  # Huber's constant in widths: clips 1 in 80 of normal noise and loses 1 % of the information
 
 
 def robust_width(deviation: Floats) -> float:
@@ -21,25 +21,25 @@ def robust_width(deviation: Floats) -> float:
 Loss = Callable[[Floats], tuple[float, Floats]]
 
 ARMIJO = 1e-4  # share of the decrease predicted by the gradient that a step must reach
-MAX_HALVINGS = 20  # of a step, at most
-GRADIENT_TOLERANCE, LOSS_TOLERANCE = 1e-5, 2.2e-9  # gradient, and relative decrease of the loss, at which it ends
-POWELL_DAMPING = 0.2  # least curvature along a step, over the one so far
+MAX_HALVINGS = 20  # maximum number of reductions of a step
+GRADIENT_TOLERANCE, LOSS_TOLERANCE = 1e-5, 2.2e-9  # convergence: gradient, and relative decrease of the loss
+POWELL_DAMPING = 0.2  # least new curvature along a step, relative to the previous one
 
 
 def minimize_bfgs(
     loss: Loss, start: Floats, bounds: Floats, steps: int, hessian: Floats | None = None
 ) -> tuple[Floats, float]:
-    """Minimize a function, and evaluate it there.
+    """Minimize a function within bounds; return the minimizer and the minimum.
 
     Quasi-Newton steps (BFGS, damped after Powell, Lect. Notes Math. 630, 144, 1978), projected on the bounds
-    (Bertsekas, SIAM J. Control Optim. 20, 221, 1982). SciPy's solvers cost half a second of imports, which is more than
-    a fit takes.
+    (Bertsekas, SIAM J. Control Optim. 20, 221, 1982). SciPy's solvers take half a second to import, which is longer
+    than a fit.
 
     Args:
-        loss: gives value and gradient, (p,).
-        start: (p,), brought within the bounds.
-        bounds: least and greatest, (p, 2), infinite where there is none.
-        hessian: a first estimate, (p, p), positive definite.
+        loss: function that returns value and gradient, (p,).
+        start: (p,), clipped to the bounds.
+        bounds: lower and upper bounds, (p, 2), infinite where there is none.
+        hessian: initial estimate, (p, p), positive definite.
     """
     at = np.clip(start, *bounds.T)
     value, gradient = loss(at)
@@ -54,7 +54,7 @@ def minimize_bfgs(
         direction = np.zeros(len(at))
         try:
             direction[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
-        except np.linalg.LinAlgError:  # singular by rounding: begun anew down the gradient
+        except np.linalg.LinAlgError:  # singular by rounding: restart with steepest descent
             unscaled, hessian = True, _even(gradient)
             direction[free] = -gradient[free] / hessian[0, 0]
         trial, lower, new = _line_search(loss, at, value, gradient, direction, bounds)
@@ -71,14 +71,14 @@ def minimize_bfgs(
 
 
 def _even(gradient: Floats) -> Floats:
-    """Compute the Hessian by which a first step down the gradient has a length of one."""
+    """Compute the multiple of the identity as Hessian for which the first step has unit length."""
     return np.eye(len(gradient)) * max(float(np.linalg.norm(gradient)), GRADIENT_TOLERANCE)
 
 
 def _line_search(
     loss: Loss, at: Floats, value: float, gradient: Floats, direction: Floats, bounds: Floats
 ) -> tuple[Floats, float, Floats]:
-    """Find the first point along a direction that satisfies Armijo's rule, or the start where none does."""
+    """Find a point along a direction by backtracking to Armijo's rule; return the start if there is none."""
     length = 1.0
     for _ in range(MAX_HALVINGS):
         trial = np.clip(at + length * direction, *bounds.T)
@@ -91,7 +91,7 @@ def _line_search(
 
 
 def _updated(hessian: Floats, step: Floats, change: Floats) -> Floats:
-    """Update the Hessian by the change of the gradient along a step (BFGS with Powell's damping)."""
+    """Update the Hessian from the change of the gradient along a step (BFGS with Powell's damping)."""
     expected = hessian @ step
     before, now = float(step @ expected), float(step @ change)
     if before <= 0.0:
@@ -102,23 +102,23 @@ def _updated(hessian: Floats, step: Floats, change: Floats) -> Floats:
     return hessian - np.outer(expected, expected) / before + np.outer(change, change) / now
 
 
-MAX_STEP_DEG = 12.0  # of one step, in about degrees: beyond it a simulation of angles is no longer linear
-MISFIT_TOLERANCE = 1e-9  # relative change of the misfit that is rounding
+MAX_STEP_DEG = 12.0  # length of a step, in approximate degrees, beyond which a model of angles is not linear
+MISFIT_TOLERANCE = 1e-9  # relative change of the misfit within rounding errors
 
 
 class GaussNewtonState(Protocol):
-    """Where a fit stands."""
+    """Current point of a fit."""
 
     def step(self) -> tuple[Floats, float]:
-        """Compute the least-squares step, and how far it goes in about degrees."""
+        """Compute the least-squares step, and its length in approximate degrees."""
         ...
 
     def moved(self, step: Floats) -> Self | None:
-        """Go a step, None where there is no such point."""
+        """Return the point after a step, None if it is not admissible."""
         ...
 
     def misfit(self, other: Self) -> float:
-        """Compute the misfit of another point over its own, both by its own widths."""
+        """Compute the ratio of another point's misfit to its own, both with its own widths."""
         ...
 
 
@@ -129,9 +129,9 @@ def gauss_newton(point: State, *, rounds: int, close: float, worse: float) -> St
     """Iterate Gauss-Newton steps from a point.
 
     Args:
-        rounds: points that are looked at, at most.
-        close: length of a step that is the last, in about degrees.
-        worse: growth of the misfit at which a step is not taken.
+        rounds: maximum number of points to evaluate.
+        close: length of a step at which iteration stops, in approximate degrees.
+        worse: ratio of misfits above which a step is halved instead of taken.
     """
     step, length = _cut(*point.step())
     for _ in range(rounds):

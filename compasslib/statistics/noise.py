@@ -1,12 +1,12 @@
 """Correlated noise: effective sample size, ARMA(1, 1) models, and the noise of a swing.
 
-A record of a quarter of an hour holds a dozen independent stretches: a bootstrap of it would hold no distribution.
-Draws therefore come from an ARMA(1, 1) model, and each from another one as likely as the record makes it.
+A record of a quarter of an hour contains only a dozen independent segments, too few for a bootstrap. Noise is therefore
+drawn from ARMA(1, 1) models, with the model of each draw sampled by its likelihood.
 
-In a swing a helmsman's wandering, the swell and a receiver's filter correlate neighbouring residuals. Means over blocks
-of 20 s are free of most of the swing about the course; the correlation that is left between blocks is an ARMA(1, 1)
-series. It widens the covariance; it does not steer the fit, because a filter to independence would weigh most what a
-boat does within seconds, where the course lags behind the compass.
+In a swing the helmsman's corrections, the swell and a receiver's filter correlate neighbouring residuals. Means over
+blocks of 20 s remove most of the oscillation about the course; the remaining correlation between blocks is modelled as
+an ARMA(1, 1) series. It increases the covariance but is not used to whiten the fit, because whitening would give most
+weight to motions within seconds, where the course lags behind the compass.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from compasslib.types import DAY_S, Floats
 
 
 def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float = 5 * DAY_S) -> float:
-    """Estimate n over the integral of the residual's autocorrelation, which real currents make much less than n.
+    """Estimate the effective sample size, n over the summed autocorrelation; for real currents it is much below n.
 
     Args:
-        longest_s: longest lag that is looked at, seconds.
+        longest_s: longest lag included, seconds.
     """
     n = len(residual)
     if n < 3:
@@ -37,7 +37,7 @@ def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float 
     lags = min(int(longest_s / step), len(series) // 3)
     together = lagged_sums(present, lags)
     rho = lagged_sums(series, lags) / np.maximum(together, 1.0)
-    if not rho[0] > 0.0:  # one value throughout, as of a sensor that is stuck
+    if not rho[0] > 0.0:  # constant, as for a stuck sensor
         return 1.0
     rho = np.where(together > 0.02 * n, rho, 0.0) / rho[0]
     rho = rho[1:]
@@ -47,7 +47,7 @@ def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float 
 
 
 def lagged_sums(x: Floats, lags: int) -> Floats:
-    """Compute the sums of a series times itself 0, 1, ... steps later, (lags + 1,).
+    """Compute the sums of products of a series with itself at lags 0, 1, ..., (lags + 1,).
 
     Args:
         x: the series, 0 where nothing was measured.
@@ -59,18 +59,18 @@ def lagged_sums(x: Floats, lags: int) -> Floats:
 
 Ints = NDArray[np.int_]
 
-PHI = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # autoregressive coefficients that are tried
-THETA = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # moving-average coefficients that are tried
-MIN_DOF = 3.0  # of Student's law, which has a variance from there
-LIKELIHOOD_RANGE = 20.0  # units of log likelihood beyond which a model is hardly ever drawn
-RANK_TOLERANCE = 1e-6  # of the largest direction
+PHI = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # candidate autoregressive coefficients
+THETA = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # candidate moving-average coefficients
+MIN_DOF = 3.0  # degrees of freedom from which Student's distribution has a finite variance
+LIKELIHOOD_RANGE = 20.0  # largest difference of log likelihood that is distinguished in the weights
+RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 
 
 def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
-    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none of few data.
+    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); empty if n is small.
 
     Args:
-        columns: that the fit can take up, (n, k).
+        columns: columns that the fit can absorb, (n, k).
     """
     columns = span_basis(columns)
     dof = len(residual) - columns.shape[1]
@@ -104,9 +104,9 @@ def arma_variance_ratio(law: tuple[float, float]) -> float:
 
 
 def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
-    """Compute the innovations that an ARMA(1, 1) law makes of evenly sampled columns, (n, k).
+    """Compute the innovations of evenly sampled columns under an ARMA(1, 1) model, (n, k).
 
-    The first sample is taken over its own variance, and foretells its own innovation.
+    The first sample is divided by its own standard deviation, and the filter is initialized from it.
     """
     from scipy.signal import lfilter
 
@@ -129,21 +129,21 @@ def lag_matrix(n: int) -> Ints:
 
 
 def span_basis(columns: Floats, least: float = 0.0) -> Floats:
-    """Compute an orthonormal basis of what columns span, directions without length left out.
+    """Compute an orthonormal basis of the span of columns, without directions of negligible singular value.
 
     Args:
-        least: length that a direction must have.
+        least: smallest singular value of a direction.
     """
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, size > max(least, RANK_TOLERANCE * size.max(initial=0.0))]
 
 
 def arma_draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Floats:
-    """Draw draws of the noise, each by a model that is drawn too, (repeats, n) of unit variance.
+    """Draw samples of the noise, each from a model drawn by its likelihood, (repeats, n) of unit variance.
 
     Args:
-        residual: of the hypothesis, a stretch each, (n,).
-        columns: that its fit takes up, (n, k).
+        residual: residual of the hypothesis, one per time segment, (n,).
+        columns: columns that its fit absorbs, (n, k).
     """
     rng, n = np.random.default_rng(seed), len(residual)
     models = arma_likelihoods(residual, columns)
@@ -161,8 +161,8 @@ def arma_covariance(residual: Floats, columns: Floats) -> Floats:
     """Estimate the covariance of least squares, averaged over the models by their likelihood, (k, k).
 
     Args:
-        residual: of the fit, (n,).
-        columns: its derivatives, (n, k).
+        residual: residual of the fit, (n,).
+        columns: derivatives of the fit by its parameters, (n, k).
     """
     size = np.linalg.norm(columns, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
@@ -172,7 +172,7 @@ def arma_covariance(residual: Floats, columns: Floats) -> Floats:
     spread = np.stack([solved.T @ of_noise @ solved for of_noise in each])
     logs = np.log(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 1e-300))
     middle = np.tensordot(weight, spread, 1)
-    # The mean of variances over models is that of the slowest; their middle is that of their logarithms.
+    # The slowest noise dominates an arithmetic mean of variances, so their geometric mean over the models is used.
     share = np.exp(weight @ logs / 2.0) / np.sqrt(np.maximum(np.diagonal(middle), 1e-300)) / scale
     return np.asarray(middle * np.outer(share, share))
 
@@ -183,10 +183,10 @@ def arma_whitening_matrix(residual: Floats, columns: Floats) -> Floats:
 
 
 def arma_standard_errors(residual: Floats, columns: Floats, weights: Floats) -> Floats:
-    """Estimate the standard errors of weighted sums of stretches, (k,).
+    """Estimate the standard errors of weighted sums over time segments, (k,).
 
     Args:
-        weights: (n, k).
+        weights: weights of the segments in each sum, (n, k).
     """
     return np.sqrt(np.einsum("nk,nm,mk->k", weights, _noise_covariance(residual, columns), weights))
 
@@ -203,13 +203,13 @@ def _first_lag(phi: float, theta: float) -> float:
 
 
 def _noise_covariance(residual: Floats, columns: Floats) -> Floats:
-    """Estimate the covariance of the stretches, the mean over the models by their likelihood, (n, n)."""
+    """Estimate the covariance of the time segments, averaged over the models by their likelihood, (n, n)."""
     weight, each = _weighted_models(residual, columns)
     return np.asarray(np.tensordot(weight, np.stack(each), 1))
 
 
 def _weighted_models(residual: Floats, columns: Floats) -> tuple[Floats, list[Floats]]:
-    """Compute the weight of each model, and the covariance of the stretches by it, (n, n) each."""
+    """Compute the weight of each model, and its covariance of the time segments, (n, n) each."""
     n, models = len(residual), arma_likelihoods(residual, columns)
     if not len(models):
         return np.ones(1), [np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)]
@@ -222,10 +222,10 @@ def _weight(models: Floats) -> Floats:
     return np.asarray(weight / weight.sum())
 
 
-MIN_ROBUST = 30  # residuals from which a median tells a width within a fifth
-SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # speeds at which both parts of the scatter are equal
-MIN_SCATTER_DEG = 1e-3  # degrees of scatter; no compass reads finer, and what agrees to the last digit was copied
-LIKELIHOOD_TOLERANCE = 0.125  # of log likelihood: half a standard error
+MIN_ROBUST = 30  # residuals from which the median absolute deviation gives a width within a fifth
+SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # candidate speeds of equal constant and slow scatter
+MIN_SCATTER_DEG = 1e-3  # degrees; no compass has a finer resolution, and exact agreement means copied data
+LIKELIHOOD_TOLERANCE = 0.125  # difference of log likelihood that corresponds to half a standard error
 
 
 @dataclass(frozen=True)
@@ -236,21 +236,21 @@ class SwingNoise:
     phi: float = 0.0  # autoregressive coefficient of the blocks' means
     theta: float = 0.0  # moving-average coefficient
     level: float = 1.0  # variance of a block's mean over that of a residual
-    n_effective: float = 0.0  # independent residuals that would say as much
+    n_effective: float = 0.0  # effective number of independent residuals
     dof: float = np.inf  # degrees of freedom of the scatter
-    weight: float = 1.0  # information of a row over that of an independent one
+    weight: float = 1.0  # information of a row relative to an independent one
 
 
 def estimate_swing_noise(
     residual: Floats, basis: Floats, *, speed_kn: Floats | None, blocks: Ints | None
 ) -> SwingNoise:
-    """Estimate the scatter, by restricted likelihood where residuals are correlated.
+    """Estimate the scatter, with its correlation by restricted likelihood if blocks are given.
 
     Args:
-        residual: (n,) of the present fit.
-        basis: (n, rank) orthonormal, what the fit can take up.
-        speed_kn: (n,) where slow courses scatter more.
-        blocks: (n,) number of each residual's block in time; None where they are independent.
+        residual: (n,) residual of the current fit.
+        basis: (n, rank) orthonormal basis of what the fit can absorb.
+        speed_kn: (n,) speed, for courses that scatter more when slow; None for constant scatter.
+        blocks: (n,) number of each residual's block in time; None if residuals are independent.
     """
     n, rank = basis.shape
     if n < MIN_ROBUST:
@@ -259,7 +259,7 @@ def estimate_swing_noise(
     shape, clipped = _scatter_shape(residual, speed_kn)
     scale = np.sqrt(np.sum((clipped / shape) ** 2) / (n - rank))
     noise = SwingNoise(np.maximum(shape * scale, MIN_SCATTER_DEG))
-    unclipped = float(np.mean(residual == clipped))  # Huber's estimate varies as if the clipped ones were not there
+    unclipped = float(np.mean(residual == clipped))  # Huber's estimate has the variance of the unclipped residuals
     if blocks is None:
         return replace(noise, sigma=noise.sigma / unclipped, n_effective=float(n), dof=float(n - rank))
     columns = span_basis(basis / noise.sigma[:, None])
@@ -271,11 +271,11 @@ def estimate_swing_noise(
 
 
 def score_covariance(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Floats:
-    """Compute the covariance of the sums of rows times residuals, (k, k), for rows over their scatter.
+    """Compute the covariance of the sums of rows times residuals, (k, k), both divided by the scatter.
 
     Args:
-        rows: (n, k) in order of time, over the scatter.
-        blocks: (n,) number of each row's block in time, without gaps; None where rows are independent.
+        rows: (n, k) in order of time, divided by the scatter.
+        blocks: (n,) number of each row's block in time, without gaps; None if rows are independent.
     """
     if blocks is None:
         return rows.T @ rows
@@ -292,7 +292,7 @@ def clip_residuals(residual: Floats, noise: SwingNoise) -> Floats:
 
 
 def _scatter_shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, Floats]:
-    """Fit the scatter of each residual and clip the residuals by it, the likeliest share of slowness taken."""
+    """Fit the scatter of each residual, with the maximum-likelihood share of slowness, and clip the residuals by it."""
     slowness = np.zeros(residual.shape) if speed_kn is None else 1.0 / np.maximum(speed_kn, 0.1)
     best, best_fit = np.inf, (residual, residual)
     for equal_kn in SLOW_KN if speed_kn is not None else SLOW_KN[:1]:
@@ -306,10 +306,10 @@ def _scatter_shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, F
 
 
 def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise:
-    """Fit correlation and level of the blocks' means by restricted likelihood; none where the blocks are too few.
+    """Fit correlation and level of the blocks' means by restricted likelihood; no correlation if blocks are too few.
 
-    Of the models as likely as the likeliest but for half a standard error the one of the slowest noise is taken: too
-    short a correlation understates the uncertainty, too long a one hardly overstates it.
+    Of the models within half a standard error of the maximum likelihood the one with the slowest noise is used: too
+    short a correlation understates the uncertainty, while too long a one hardly overstates it.
     """
     models = arma_likelihoods(means, columns)
     if not len(models):

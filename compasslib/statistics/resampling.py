@@ -1,4 +1,4 @@
-"""Blocks of samples that count as one, and the resolution of recorded angles."""
+"""Block-based statistics of correlated samples, and the resolution of recorded angles."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from numpy.typing import NDArray
 
 from compasslib.types import Bools, Floats
 
-NORMAL_95 = 1.959964  # quantile of the normal law
-EVEN_BLOCKS = 10.0  # blocks of even noise that a group's own blocks are held against
+NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
+EVEN_BLOCKS = 10.0  # pseudo-count of blocks in shrinking a group's variance inflation
 
 
 def blocks_by_count(time_s: Floats, count: int) -> NDArray[np.intp]:
-    """Number the equal stretches of time that samples lie in, (n,)."""
+    """Assign samples to a number of blocks of equal duration, (n,) block numbers."""
     share = (time_s - time_s[0]) / max(float(np.ptp(time_s)), 1e-9)
     return np.minimum((share * count).astype(np.intp), count - 1)
 
 
 def blocks_by_span(time_s: Floats, span_s: float) -> NDArray[np.intp]:
-    """Number the stretches of some length that samples lie in, counted from the first, (n,)."""
+    """Assign samples to blocks of given duration from the first sample on, (n,) block numbers."""
     return np.floor((time_s - time_s[0]) / span_s).astype(np.intp)
 
 
 def block_sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
-    """Sum the rows of each block, (b, ...), those without any left out.
+    """Sum the rows of each non-empty block, (b, ...).
 
     Args:
         rows: (n, ...).
-        block: number of the block of each, from 0, (n,).
+        block: block number of each row, from 0, (n,).
     """
     order = np.argsort(block, kind="stable")
     return np.add.reduceat(rows[order], np.flatnonzero(np.diff(block[order], prepend=-1)), axis=0)
 
 
 def block_scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Floats:
-    """Compute the score of each block, (b, k): their squares are a sandwich by clusters.
+    """Compute the score of each block, (b, k), for a cluster-robust (sandwich) variance.
 
-    The group's own fit is taken out of the residual (Liang and Zeger, Biometrika 73, 13, 1986).
+    The group's own fit is removed from the residual first (Liang and Zeger, Biometrika 73, 13, 1986).
 
     Args:
         basis: the group's columns, orthonormal, (n, k).
@@ -47,7 +47,7 @@ def block_scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Fl
 
 
 def resample_blocks(series: Floats, length: int, repeats: int, seed: int) -> Floats:
-    """Draw a series' own noise: blocks of it from other places, turned at random, (repeats, n)."""
+    """Resample a series from its blocks at random positions and with random signs, (repeats, n)."""
     rng, n = np.random.default_rng(seed), len(series)
     count = -(-n // length)
     begin = rng.integers(0, n, (repeats, count))
@@ -59,12 +59,12 @@ def resample_blocks(series: Floats, length: int, repeats: int, seed: int) -> Flo
 def cluster_variance_inflation(
     basis: Floats, residual: Floats, block: NDArray[np.intp], variance: float
 ) -> tuple[float, float]:
-    """Compute the variance inflation of a group's block scores over even noise, and its effective number of blocks.
+    """Compute a group's variance inflation relative to homogeneous noise, and its effective number of blocks.
 
     Args:
         basis: the group's columns, orthonormal, (n, k).
         residual: (n,), in units of the columns' noise.
-        variance: of the residual, as if it were even.
+        variance: variance of the residual if it were homogeneous.
     """
     k = basis.shape[1]
     held = block_sums(np.sum(basis**2, axis=1), block) / k
@@ -75,15 +75,15 @@ def cluster_variance_inflation(
 
 
 def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information: Floats) -> Floats:
-    """Estimate the covariance of parameters by leaving out each block, by one Newton step from the whole fit.
+    """Estimate the covariance of parameters by the block jackknife, with one Newton step per block from the full fit.
 
-    It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not flatter itself when
-    there are few blocks.
+    It is the estimator CR3 of Bell and McCaffrey (Survey Methodology 28, 169, 2002), which does not underestimate the
+    covariance if there are few blocks.
 
     Args:
-        rows: whose products are the information, (n, p).
-        pulls: what each sample adds to the gradient, (n, p).
-        information: of all samples, (p, p).
+        rows: rows whose outer products sum to the information, (n, p).
+        pulls: contribution of each sample to the gradient, (n, p).
+        information: information matrix of all samples, (p, p).
     """
     members = [block == b for b in np.unique(block)]
     lesser = [information - rows[member].T @ rows[member] for member in members]
@@ -93,23 +93,23 @@ def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], inform
 
 
 def student_factor(freedom: float) -> float:
-    """Compute by how much a standard deviation from few residuals must grow for 1.96 of it to hold 95 %."""
+    """Compute the factor on a standard deviation from few residuals for which 1.96 of it is a 95 % interval."""
     from scipy.special import stdtrit
 
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL_95
 
 
-RESOLUTION_RUN = 500  # samples in which the step is looked for
-MAX_DISTINCT = 0.4  # distinct values among them; of one that steps by 1 degree there are more
+RESOLUTION_RUN = 500  # samples from which the step is estimated
+MAX_DISTINCT = 0.4  # largest share of distinct values among them for which a step is estimated
 
 
 def adjacent(windows: Bools) -> Bools:
-    """Find the windows that have a selected one before or after them, (w,)."""
+    """Find the windows that directly precede or follow a selected one, (w,)."""
     return np.append(windows[1:], False) | np.append(False, windows[:-1])
 
 
 def angle_resolution(angle_deg: Floats) -> Floats:
-    """Measure the step of a series of angles, sample by sample, (n,) degrees; 0 where it is too fine to tell.
+    """Estimate the resolution of a series of angles, (n,) degrees; 0 where it is too fine to be seen.
 
     Args:
         angle_deg: (n,) in order of time, NaN where missing.
@@ -124,5 +124,5 @@ def angle_resolution(angle_deg: Floats) -> Floats:
 
 
 def rounding_sigma(step: Floats) -> Floats:
-    """Compute the standard error that steps leave, (n,): nobody knows whether they round down, up or to the nearest."""
+    """Compute the standard error due to a resolution, (n,), if values may be rounded down, up or to the nearest."""
     return step / np.sqrt(3.0)

@@ -1,8 +1,8 @@
-"""Residuals and columns made comparable: divided by their width, clipped, freed of their autocorrelation.
+"""Whitening of residuals and design columns: division by the width, clipping, and autoregressive filtering.
 
-Hourly currents are correlated over hours to days, and a test that ignores this finds something in every record. One
-autoregressive filter, fitted to the residual, is applied to residual and columns alike; what is missing counts as 0 in
-both, so that gaps cost a little power and no truth.
+Hourly currents are correlated over hours to days, and a test that ignores this finds an effect in every record. An
+autoregressive filter, fitted to the residual, is applied to residual and columns alike; missing samples are 0 in both,
+so gaps reduce the power slightly but cause no bias.
 """
 
 from __future__ import annotations
@@ -17,47 +17,47 @@ from compasslib.statistics.least_squares import HUBER_CLIP, SIGMA_PER_MAD, robus
 from compasslib.statistics.noise import lagged_sums
 from compasslib.types import DAY_S, Floats
 
-ORDER, SAMPLES_PER_LAG = 24, 40  # a day of hourly correlation; no more lags than the record can carry
-RIDGE = 1e-3  # keeps the filter steady where gaps leave the autocorrelation rough
-WIDTH_BINS = 12  # of slowness, along which the water's scatter is followed
-NARROWEST = 0.25  # least width as a share of the middle one
-ANYWHERE_DEG = SIGMA_PER_MAD * 90.0  # robust width of directions that point anywhere
-CHUNK = 32  # samples filtered at once: speed only
-MAX_MEMORY = 512  # samples over which a filter's memory is followed
-MIN_DIRECTION = 1e-6  # share of a group's largest direction below which a direction is taken for absorbed by the base
-TREND_S, TREND_LENGTHS = 10 * DAY_S, 10  # least spacing of the knots of what is slow, and in lengths of the filter
-NEAR = 4.0  # frequencies up to this many times that of what is slow are its neighbours
+ORDER, SAMPLES_PER_LAG = 24, 40  # filter order: a day of hourly samples; fewest samples per lag
+RIDGE = 1e-3  # stabilizes the filter where gaps make the autocorrelation rough
+WIDTH_BINS = 12  # bins of slowness for the scatter of the water
+NARROWEST = 0.25  # least width relative to the median one
+ANYWHERE_DEG = SIGMA_PER_MAD * 90.0  # robust width of uniformly distributed directions
+CHUNK = 32  # samples filtered at once, for speed
+MAX_MEMORY = 512  # length in samples of a filter's inverse impulse response
+MIN_DIRECTION = 1e-6  # eigenvalue relative to a group's largest below which a direction counts as absorbed by the base
+TREND_S, TREND_LENGTHS = 10 * DAY_S, 10  # least spacing of the knots of a slow trend, and in lengths of the filter
+NEAR = 4.0  # frequencies up to this multiple of the slow limit are its neighbours
 
 
 @dataclass(frozen=True)
 class LowRankNoise:
-    """Directions in which the filtered noise is louder than white, by slow processes."""
+    """Directions in which slow processes make the filtered noise larger than white noise."""
 
     basis: Floats  # (n, k) orthonormal, float32
-    keep: Floats  # (k,) of each direction's amplitude, so that it becomes white
+    keep: Floats  # (k,) factor on each direction's amplitude that makes it white
 
     def whiten(self, filtered: Floats) -> Floats:
-        """Make these directions of filtered columns, (n, k), as quiet as all others."""
+        """Scale these directions of filtered columns, (n, k), to the variance of all others."""
         basis = self.basis.astype(filtered.dtype)
         return filtered - basis @ ((1.0 - self.keep).astype(filtered.dtype)[:, None] * (basis.T @ filtered))
 
 
 @dataclass(frozen=True)
 class Whitener:
-    """The filter and the widths of one record."""
+    """Autoregressive filter and widths of one record."""
 
-    slot: NDArray[np.intp]  # (n,) place of each sample on the even grid
+    slot: NDArray[np.intp]  # (n,) position of each sample on the regular grid
     filter: Floats  # (p + 1,) 1 and minus the autoregressive coefficients
-    width_deg: Floats  # (n,) infinite where a sample does not count
+    width_deg: Floats  # (n,) infinite for ignored samples
     low_rank: LowRankNoise | None = None
 
     def __call__(self, columns_deg: Floats) -> Floats:
         """Divide columns, (n, k) degrees, by the widths and filter them."""
-        width = self.width_deg.astype(np.promote_types(columns_deg.dtype, np.float32))  # of float32 no copy in float64
+        width = self.width_deg.astype(np.promote_types(columns_deg.dtype, np.float32))  # avoids a copy in float64
         return self.filtered(columns_deg / width[:, None])
 
     def filtered(self, standard: Floats) -> Floats:
-        """Filter columns, (n, k), that are divided by the widths already."""
+        """Filter columns, (n, k), that are already divided by the widths."""
         lags, width = len(self.filter) - 1, standard.shape[1]
         chunks = -(-(int(self.slot[-1]) + 1) // CHUNK)
         grid = np.zeros((lags + chunks * CHUNK, width), dtype=standard.dtype)
@@ -71,13 +71,13 @@ class Whitener:
 
 
 def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
-    """Fit the filter that takes the autocorrelation out of a residual.
+    """Fit the autoregressive filter that whitens a residual.
 
-    A real drift must not pass for the water's correlation. What changes over weeks counts with the power of its
-    neighbours in frequency: were it taken out instead, the filter would leave half as much again of slow noise.
+    A real drift must not be mistaken for autocorrelation of the water: power at periods of weeks is replaced by that at
+    neighbouring frequencies. Removing it altogether would leave half as much again of slow noise after filtering.
 
     Args:
-        width_deg: (n,), degrees, infinite where a sample does not count.
+        width_deg: (n,), degrees, infinite for ignored samples.
     """
     slot = grid_positions(time_s)
     standard = clip_standardized(residual_deg, width_deg)
@@ -93,12 +93,12 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
 
 
 def trend_spacing_s(time_s: Floats) -> float:
-    """Compute the spacing of the knots that follow what changes over weeks, seconds."""
+    """Compute the spacing of the knots of a slow trend, seconds."""
     return max(TREND_LENGTHS * filter_order(len(time_s)) * sampling_interval_s(time_s), TREND_S)
 
 
 def sampling_interval_s(time_s: Floats) -> float:
-    """Compute the usual interval of samples, seconds."""
+    """Compute the median sampling interval, seconds."""
     return float(np.median(np.diff(time_s)))
 
 
@@ -107,16 +107,16 @@ def filter_order(samples: int) -> int:
 
 
 def grid_positions(time_s: Floats) -> NDArray[np.intp]:
-    """Place each sample on an even grid of the usual interval, (n,)."""
+    """Compute the position of each sample on a regular grid of the median interval, (n,), with long gaps shortened."""
     apart = np.maximum(np.rint(np.diff(time_s) / sampling_interval_s(time_s)).astype(np.intp), 1)
     return np.concatenate([[0], np.cumsum(np.minimum(apart, 10 * ORDER))]).astype(np.intp)
 
 
 def clip_standardized(residual_deg: Floats, width_deg: Floats) -> Floats:
-    """Divide residuals by their widths and clip them, 0 where a sample does not count, (n,).
+    """Divide residuals by their widths and clip them, (n,); 0 for ignored samples.
 
-    Beyond a right angle they fall again, to 0 at the opposite: slow water that points the other way is on neither side,
-    and must not leap from one to the other when a heading moves by a degree.
+    Residuals beyond 90 degrees decrease again, to 0 at 180: slow water in the opposite direction is on neither side,
+    and its contribution must not jump when a heading changes by a degree.
     """
     known = np.isfinite(width_deg)
     near = angles.wrap180(np.where(known, residual_deg, 0.0))
@@ -125,14 +125,14 @@ def clip_standardized(residual_deg: Floats, width_deg: Floats) -> Floats:
 
 
 def clip_response(residual_deg: Floats, width_deg: Floats) -> float:
-    """Compute the share of a small shift that clipped residuals keep, each sample by what it tells."""
+    """Compute the mean response of clipped residuals to a small shift, weighted by the samples' precision."""
     weight = width_deg**-2.0
     falls = np.where(np.abs(angles.wrap180(np.where(weight > 0.0, residual_deg, 0.0))) > 90.0, -1.0, 1.0)
     return float(np.average(falls * (np.abs(clip_standardized(residual_deg, width_deg)) < HUBER_CLIP), weights=weight))
 
 
 def autoregress(driver: Floats, coefficients: ArrayLike) -> Floats:
-    """Run an autoregression over what drives it, (n,): sum of a_k y(t - k) from k = 0 on is x(t), with a_0 = 1."""
+    """Solve the autoregression a_0 y(t) + a_1 y(t - 1) + ... = x(t), with a_0 = 1, for y, (n,)."""
     from scipy.linalg.lapack import dtbtrs  # scipy.signal would take a second to import
 
     band = np.tile(np.asarray(coefficients, dtype=float)[:, None], len(driver))
@@ -140,7 +140,7 @@ def autoregress(driver: Floats, coefficients: ArrayLike) -> Floats:
 
 
 def correlation_time(fitted: Whitener) -> float:
-    """Compute in how many samples the correlation that a filter takes out falls to 1/e."""
+    """Compute the number of samples in which the autocorrelation removed by a filter falls to 1/e."""
     pulse = autoregress(np.eye(1, MAX_MEMORY)[0], fitted.filter)
     lagged = lagged_sums(pulse, MAX_MEMORY // 2)
     known = lagged / lagged[0]
@@ -149,11 +149,11 @@ def correlation_time(fitted: Whitener) -> float:
 
 
 def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
-    """Estimate the robust width of the residual, which grows with slowness, (n,) degrees.
+    """Estimate the robust width of the residual as an increasing function of slowness, (n,) degrees.
 
     Args:
-        residual_deg: (n,), degrees; NaN does not count and gets an infinite width.
-        slowness: (n,), of any unit.
+        residual_deg: (n,), degrees; NaN is ignored and gets an infinite width.
+        slowness: (n,), in any unit.
     """
     known = np.isfinite(residual_deg)
     size = np.abs(residual_deg[known])
@@ -164,8 +164,8 @@ def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
     middle = np.array([robust_width(size[bins == b]) for b in filled])
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
     width = np.interp(slowness, centre, middle) * _beyond(slowness, centre, middle)
-    # A direction that points anywhere tells nothing, however narrow its law looks: of a wrapped normal law this follows
-    # what the score of the mean direction knows within a fifth.
+    # Uniform directions are uninformative although their robust width is finite: for a wrapped normal distribution this
+    # approximates the information on the mean direction within a fifth.
     width = np.maximum(width, 1e-6)
     with np.errstate(divide="ignore"):
         on_circle = width / np.maximum(1.0 - (width / ANYWHERE_DEG) ** 2, 0.0)
@@ -173,18 +173,18 @@ def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
 
 
 def scaled_inverse(gram: Floats) -> Floats:
-    """Invert a symmetric matrix of products of columns of any units; directions that vanish are left out."""
+    """Invert a symmetric matrix of products of columns of any units, ignoring directions that vanish."""
     scale = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
     outer = np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)
 
 
 def orthonormal_basis(columns: Floats, least: float = 1e-5) -> Floats:
-    """Compute an orthonormal basis of columns, those that hardly add anything left out, (n, k).
+    """Compute an orthonormal basis of columns, without directions of negligible size, (n, at most k).
 
     Args:
         columns: (n, k).
-        least: size of a direction, over the largest, below which it is left out.
+        least: singular value relative to the largest below which a direction is ignored.
     """
     scale = np.linalg.norm(columns, axis=0)
     if not np.any(scale > 0.0):
@@ -194,12 +194,12 @@ def orthonormal_basis(columns: Floats, least: float = 1e-5) -> Floats:
 
 
 def project_out(columns: Floats, basis: Floats) -> Floats:
-    """Subtract from columns what an orthonormal basis, (n, b), can take of them, (n, ...)."""
+    """Subtract the projection of columns, (n, ...), on an orthonormal basis, (n, b)."""
     return columns - basis @ (basis.T @ columns)
 
 
 def whitened_basis(white: Floats) -> Floats:
-    """Compute an orthonormal basis of whitened columns, (n, k), float32, (n, at most k)."""
+    """Compute an orthonormal basis, (n, at most k), of whitened columns, (n, k), float32 both."""
     scale = np.linalg.norm(white, axis=0)
     unit = white[:, scale > 0] / scale[scale > 0]
     if unit.shape[1] < 2:
@@ -210,10 +210,10 @@ def whitened_basis(white: Floats) -> Floats:
 
 
 def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
-    """Compute the sums of a series times itself later, what is slow counted as its neighbours, (lags + 1,).
+    """Compute autocovariance sums with low-frequency power replaced by that of neighbouring frequencies, (lags + 1,).
 
     Args:
-        series: 0 where nothing was measured, (n,).
+        series: 0 where nothing was measured, (n,); periods longer than ``slowest`` samples count as low frequency.
     """
     size = 1 << (2 * len(series) - 1).bit_length()
     power = np.abs(np.fft.rfft(series, size)) ** 2
@@ -224,11 +224,11 @@ def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
 
 
 def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
-    """Compute the width over that of the fastest or slowest bin where the water is beyond their middles, else 1, (n,).
+    """Compute the factor on the width beyond the centres of the fastest and the slowest bin, else 1, (n,).
 
-    Width squared is a floor and what grows with slowness squared, as the fit's noise has it; both by least squares over
-    the faster half of the bins. What veers or heels does so where the water is fastest, and there it is seen best. The
-    slowest water goes where it rarely goes: a width too narrow there makes a veer of noise.
+    Towards fast water the squared width is a floor plus a term in squared slowness, as in the noise of the fit, by
+    least squares over the faster half of the bins: veer and heeling are largest and best observed there. Towards slow
+    water it grows with slowness: slow water has unusual directions, and too narrow a width would turn noise into veer.
     """
     faster = slice(0, max(len(centre) // 2, 2))
     x, y = centre[faster] ** 2, middle[faster] ** 2

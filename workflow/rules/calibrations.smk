@@ -1,8 +1,8 @@
-"""Calibrations that need no mooring: one rule for all kinds."""
+"""Calibrations independent of any mooring, by the same rules for all kinds."""
 
 
 rule calibrate:
-    """Raw readings -> coefficients, table of deviations, budget of uncertainty."""
+    """Calibrate a compass by raw readings: coefficients, deviation table, uncertainty budget."""
     input:
         PLAN.inputs("calibrate"),
     output:
@@ -16,7 +16,7 @@ rule calibrate:
 
 
 rule diagnose_calibration:
-    """Raw readings -> what they show that the simulation does not hold."""
+    """Search raw readings for effects that the model of the calibration lacks."""
     input:
         PLAN.inputs("diagnose_calibration"),
     output:
@@ -30,7 +30,7 @@ rule diagnose_calibration:
 
 
 rule diagnosis_figure:
-    """What was found -> where the mismatch lives, before and after, and the ranked hypotheses."""
+    """Draw the residuals of a calibration before and after, and the ranked hypotheses."""
     input:
         PLAN.inputs("diagnosis_figure"),
     output:
@@ -44,7 +44,7 @@ rule diagnosis_figure:
 
 
 rule calibration_figures:
-    """Calibration -> the figures of its kind."""
+    """Draw the figures of a calibration according to its kind."""
     input:
         PLAN.inputs("calibration_figures"),
     output:

@@ -1,8 +1,8 @@
-"""Records of one compass: each is judged alone, all are joined, and each is judged again with what the others tell."""
+"""Records that share a compass: each is diagnosed alone, all are joined, and each is diagnosed given the others."""
 
 
 rule join:
-    """What all records of one compass tell -> its iron and effects, who does not belong, what each may learn."""
+    """Join the records of a compass: its iron and effects, rejected records, and the prior for each record."""
     input:
         PLAN.inputs("join"),
     output:
@@ -16,7 +16,7 @@ rule join:
 
 
 rule joined_figures:
-    """A compass -> the iron that each record shows, and the curve that they share."""
+    """Draw the iron by each record of a compass, and the deviation curve that they share."""
     input:
         PLAN.inputs("joined_figures"),
     output:

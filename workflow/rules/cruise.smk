@@ -1,7 +1,7 @@
-"""The whole cruise: summary, report, what was made from what, and whether it still is so."""
+"""The whole cruise: summary, report, manifest with provenance, and verification."""
 
 
-# On a cluster these run where Snakemake was started: seconds each, and they wait for all others.
+# On a cluster these run where Snakemake was started: they take seconds each, and wait for all other jobs.
 localrules:
     summary,
     cruise_figures,
@@ -11,7 +11,7 @@ localrules:
 
 
 rule summary:
-    """One row a mooring."""
+    """Summarize the cruise, one row per mooring."""
     input:
         PLAN.inputs("summary"),
     output:
@@ -26,7 +26,7 @@ rule summary:
 
 
 rule cruise_figures:
-    """All moorings on one figure each: deviations, differences from the reference, currents."""
+    """Draw figures of all moorings: array, deviations, differences from the reference, currents."""
     input:
         PLAN.inputs("cruise_figures"),
     output:
@@ -40,7 +40,7 @@ rule cruise_figures:
 
 
 rule report:
-    """All results on one page that needs no network."""
+    """Write all results to one page that needs no network."""
     input:
         PLAN.inputs("report"),
     output:
@@ -55,7 +55,7 @@ rule report:
 
 
 rule provenance:
-    """Records of all jobs -> manifest with the hash of every file read or written, a Process Run Crate."""
+    """Write the manifest from all job records: a Process Run Crate with the hash of every file read or written."""
     input:
         PLAN.inputs("provenance"),
     output:
@@ -70,7 +70,7 @@ rule provenance:
 
 
 rule complete:
-    """All else -> status 1 where a mooring or calibration was stopped."""
+    """End the run after all other jobs, with status 1 if a mooring or calibration was stopped."""
     input:
         PLAN.inputs("complete"),
     output:
@@ -84,7 +84,7 @@ rule complete:
 
 
 rule check_conventions:
-    """CF, ACDD and OceanSITES against one mooring's netCDF files; in each run where the options say so."""
+    """Check one mooring's netCDF files against CF, ACDD and OceanSITES, in each run if configured."""
     input:
         PLAN.inputs("check_conventions"),
     output:
@@ -98,13 +98,13 @@ rule check_conventions:
 
 
 rule conventions:
-    """CF, ACDD and OceanSITES against the netCDF files of all moorings."""
+    """Check the netCDF files of all moorings against CF, ACDD and OceanSITES."""
     input:
         PLAN.conventions,
 
 
 rule verify:
-    """The manifest against the files; no input, so that nothing is made anew before it is looked at."""
+    """Verify the files against the manifest; without inputs, so that nothing is remade before."""
     log:
         "results/logs/verify.log",
     params:

@@ -1,4 +1,4 @@
-"""Raw files of the demonstration cruise: rules only where config.yaml says demonstration: true, and no file is another's."""
+"""Simulation of raw files, only if config.yaml sets demonstration: true and no file has another origin."""
 
 for NAME in SIMULATED:
 
@@ -10,7 +10,7 @@ for NAME in SIMULATED:
             truth=records.truth_file(NAME),
         log:
             f"results/{NAME}/logs/simulate.log",
-        priority: 1  # all moorings first: one that came last would end on one core
+        priority: 1  # before all other jobs: a mooring simulated last would end on one core
         params:
             files={"reads": {}, "writes": {"raw": SIMULATED[NAME], "truth": records.truth_file(NAME)}},
             name=NAME,
@@ -26,7 +26,7 @@ if PLAN.concealed:
         concealed,
 
     rule concealed:
-        """The only rule that reads the truth: what was said of the moorings C1, C2, ... beside what was planted."""
+        """Compare the diagnoses of the moorings C1, C2, ... with the truth, which no other rule reads."""
         input:
             PLAN.inputs("concealed"),
         output:

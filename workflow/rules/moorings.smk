@@ -2,7 +2,7 @@
 
 
 rule read:
-    """Raw export -> the instrument's record inside the deployment."""
+    """Read a raw export into the instrument's record inside the deployment."""
     input:
         PLAN.inputs("read"),
     output:
@@ -16,7 +16,7 @@ rule read:
 
 
 rule overlap:
-    """Two records, position and dates -> the earth's field, and pairs that measured nearly the same water."""
+    """Compute the earth's field, and find pairs of measurements of nearly the same water in the records."""
     input:
         PLAN.inputs("overlap"),
     output:
@@ -30,7 +30,7 @@ rule overlap:
 
 
 rule fit:
-    """Pairs -> the deviation model."""
+    """Fit the deviation model to the pairs."""
     input:
         PLAN.inputs("fit"),
     output:
@@ -46,7 +46,7 @@ rule fit:
 
 
 rule carry:
-    """Calibration elsewhere -> the deviation model in the mooring's field."""
+    """Convert the compass of a calibration to the mooring's field."""
     input:
         PLAN.inputs("carry"),
     output:
@@ -62,7 +62,7 @@ rule carry:
 
 
 rule diagnose:
-    """Pairs and fit -> what physics the fit leaves out, the compass that corrects the record, and how well it does."""
+    """Search for effects that the fit lacks, choose the compass that corrects the record, and assess it."""
     input:
         PLAN.inputs("diagnose"),
     output:
@@ -78,7 +78,7 @@ rule diagnose:
 
 
 rule diagnose_alone:
-    """As diagnose, of a record whose compass has others: what it shows alone, and what they may learn from it."""
+    """Diagnose a record of a shared compass by itself, and summarize it for the other records."""
     input:
         PLAN.inputs("diagnose_alone"),
     output:
@@ -94,7 +94,7 @@ rule diagnose_alone:
 
 
 rule share:
-    """As diagnose, with what the other records of the compass tell beforehand."""
+    """Diagnose a record of a shared compass, with prior information from the other records."""
     input:
         PLAN.inputs("share"),
     output:
@@ -110,7 +110,7 @@ rule share:
 
 
 rule correct:
-    """Record and deviation -> corrected headings and velocities in the archive's form."""
+    """Correct the headings and velocities of a record and write them as corrected.nc."""
     input:
         PLAN.inputs("correct"),
     output:
@@ -124,7 +124,7 @@ rule correct:
 
 
 rule grid:
-    """Corrected and reference velocities -> fixed depths and times, with the uncertainty of sections and means."""
+    """Grid corrected and reference velocities to fixed depths and times, with uncertainties of sections and means."""
     input:
         PLAN.inputs("grid"),
     output:
@@ -140,14 +140,14 @@ rule grid:
 
 
 rule compare:
-    """Pairs -> which form of the curve predicts held-out ones best; no other stage waits for it."""
+    """Compare forms of the curve by prediction of held-out pairs; no other stage needs it."""
     input:
         PLAN.inputs("compare"),
     output:
         update("results/{mooring}/logs/compare.json"),
     log:
         "results/{mooring}/logs/compare.log",
-    priority: -1  # it fills the cores that others leave
+    priority: -1  # runs on cores that are idle otherwise
     params:
         **PLAN.params("compare"),
     script:
@@ -155,7 +155,7 @@ rule compare:
 
 
 rule figures:
-    """The equivalents of von Appen's Figs 6 to 9, and the record along time; small ones for the page."""
+    """Draw the equivalents of von Appen's Figs 6 to 9 and time series, with thumbnails for the report."""
     input:
         PLAN.inputs("figures"),
     output:
@@ -169,7 +169,7 @@ rule figures:
 
 
 rule sections:
-    """Sections and mean profiles of a mooring of several affected instruments."""
+    """Draw sections and mean profiles of a mooring with several affected instruments."""
     input:
         PLAN.inputs("sections"),
     output:

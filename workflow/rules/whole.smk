@@ -1,4 +1,4 @@
-"""A mooring or a calibration, from raw files to figures, as one job: what clusters want, and the fewest starts."""
+"""Process a mooring or calibration from raw files to figures in one job, for clusters and for the fewest starts."""
 
 for NAME, RECORDS in PLAN.mooring_jobs().items():
 
@@ -9,7 +9,7 @@ for NAME, RECORDS in PLAN.mooring_jobs().items():
             PLAN.inputs_of(RECORDS),
         output:
             update(RECORDS),
-        localrule: workflow.remote_exec  # on its node it runs at once: a step would start Snakemake a third time
+        localrule: workflow.remote_exec  # run directly on the node: a job step would start Snakemake a third time
         threads: CORES
         params:
             jobs=PLAN.described_jobs(RECORDS),

@@ -1,4 +1,4 @@
-"""Calibrate a compass apart from any mooring: raw readings -> results/calibrations/NAME/calibration.json and tables."""
+"""Calibrate a compass without a mooring: raw readings -> results/calibrations/NAME/calibration.json and tables."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.calibrate import calibrate

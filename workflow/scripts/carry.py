@@ -1,4 +1,4 @@
-"""Carry a calibration to a mooring: calibration.json and the mooring's field -> results/MOORING/work/fit.json."""
+"""Convert a calibration to a mooring's field: calibration.json, field -> results/MOORING/work/fit.json."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.fit import carry

@@ -1,4 +1,4 @@
-"""Compare forms of the curve on pairs held out from each: pairs, deviation -> results/MOORING/forms.json."""
+"""Compare forms of the deviation curve on held-out pairs: pairs, deviation -> results/MOORING/forms.json."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.correct import compare

@@ -1,4 +1,4 @@
-"""End a run: status 1 where a mooring or calibration was stopped."""
+"""End a run, with status 1 if a mooring or calibration was stopped."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.cruise import complete

@@ -1,4 +1,4 @@
-"""Set what was said beside what was planted: concealed/*.json and the results -> results/concealed.html."""
+"""Compare diagnoses with the truth: concealed/*.json, results -> results/concealed.html."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.concealed import concealed

@@ -1,4 +1,4 @@
-"""Check the conventions: a mooring's netCDF files -> results/MOORING/conventions.json; a remark is a line and fails."""
+"""Check conventions: a mooring's netCDF files -> results/MOORING/conventions.json; any remark fails the job."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.cruise import conventions

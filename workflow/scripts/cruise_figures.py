@@ -1,4 +1,4 @@
-"""Draw all moorings on one figure each: deviation.json and assessment.json of each -> results/figures."""
+"""Draw figures of all moorings: deviation.json and assessment.json of each -> results/figures."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.drawings import cruise_figures

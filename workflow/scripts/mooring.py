@@ -1,4 +1,4 @@
-"""All stages of a mooring or calibration, one after the other: raw files -> results/NAME/."""
+"""Run all stages of a mooring or calibration: raw files -> results/NAME/."""
 
 from compasslib.pipeline.whole import run_jobs
 

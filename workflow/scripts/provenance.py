@@ -1,4 +1,4 @@
-"""Write the manifest: the jobs' records -> results/ro-crate-metadata.json, what was made from what and by what."""
+"""Write the manifest with the provenance of all results: job records -> results/ro-crate-metadata.json."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.cruise import provenance

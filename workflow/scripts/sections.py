@@ -1,4 +1,4 @@
-"""Draw the currents of a mooring of several affected instruments: gridded.nc -> results/MOORING/figures/*.png."""
+"""Draw the currents of a mooring with several affected instruments: gridded.nc -> results/MOORING/figures/*.png."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.figures import sections

@@ -1,4 +1,4 @@
-"""Judge a record with what the others tell: compass.json, pairs -> results/MOORING/{diagnosis,deviation}.json."""
+"""Diagnose a record given others of its compass: compass.json, pairs -> results/MOORING/{diagnosis,deviation}.json."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.diagnose import share

@@ -1,4 +1,4 @@
-"""Simulate one demonstration mooring: seed -> raw/MOORING/ as its instruments left it, and truth/MOORING.csv."""
+"""Simulate one demonstration mooring: seed -> raw/MOORING/, and truth/MOORING.csv or concealed/MOORING.json."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.simulate import simulate

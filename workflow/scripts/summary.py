@@ -1,4 +1,4 @@
-"""Write one row a mooring: all results -> results/summary.csv."""
+"""Write one row per mooring: all results -> results/summary.csv."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.cruise import summary

@@ -1,4 +1,4 @@
-"""Verify the archive: the files of the cruise -> what differs from its manifest, a line each."""
+"""Verify the archive: files of the cruise -> differences from its manifest, one line each."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.cruise import verify

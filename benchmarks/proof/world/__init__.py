@@ -1,6 +1,6 @@
-"""A world of its own for the proof: it shares no water, no iron and no effect with the one the search was built on.
+"""Independent simulation for the proof: it shares no currents, iron or effects with that used to develop the search.
 
-``scene`` says what truly was at a mooring; ``seas`` makes it up, ``records`` takes it from real ones. ``families`` is
-what may be planted: it was sealed by its hash before the code of the search was frozen. ``compass`` reads a heading
-there, ``export`` writes the files. Nothing here imports the search, the effects or the fit.
+``scene`` describes the truth at a mooring; ``seas`` simulates it, ``records`` takes it from real records. ``families``
+defines the effects, sealed by its hash before the code of the search was frozen. ``compass`` simulates readings, and
+``export`` writes the files. Nothing here imports the search, the effects or the fit of the library.
 """

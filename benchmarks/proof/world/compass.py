@@ -1,4 +1,4 @@
-"""What a compass near iron reads in a scene: three sensors apart, inclinometers in steps, an ensemble's average."""
+"""Readings of a compass near iron in a scene: three separate sensors, quantized inclinometers, ensemble averages."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from benchmarks.proof.world.scene import Acts, Complexes, Family, Floats, Scene,
 from compasslib.demo.compass import tilting
 
 PINGS = 3
-YAW_DEG, WOBBLE_DEG, NOISE_DEG = 1.2, 0.35, 0.4  # of pings about their ensemble; of its heading
+YAW_DEG, WOBBLE_DEG, NOISE_DEG = 1.2, 0.35, 0.4  # yaw and tilt of pings about their ensemble; noise of its heading
 TILT_STEP_DEG = 180.0 / 4096.0
 SENSOR_STEP_NT = 30.0
 EVERY, ROUNDS, NEWTON = 3, 4, 10
-STEADIEST = 0.2  # slope of the recorded over the correct heading that an error is not blown up below
+STEADIEST = 0.2  # lower limit of the slope of recorded by correct heading in the conversion of errors
 
 
 @dataclass(frozen=True, eq=False)
 class Meter:
-    """Three sensors, a row each: what they make of the earth's field in the body, and what the iron adds."""
+    """Three sensors, one per row: response to the earth's field in the body frame, and offset by hard iron."""
 
     matrix: Floats  # (3, 3)
     hard_nt: Floats  # (3,)
@@ -28,7 +28,7 @@ class Meter:
 
 @dataclass(frozen=True, eq=False)
 class Planted:
-    """An effect of some size: what it does, and what can be seen of it."""
+    """An effect with its size and visible size."""
 
     family: Family
     make: Callable[[float], Acts]
@@ -37,26 +37,26 @@ class Planted:
 
     @property
     def acts(self) -> Acts:
-        """What it does."""
+        """Action of the effect at its size."""
         return self.make(self.size)
 
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """What a compass gave in its ensembles, (n,)."""
+    """Readings of a compass in its ensembles, (n,)."""
 
-    heading_deg: Floats  # the mean of the correct ones
+    heading_deg: Floats  # mean correct heading
     recorded_deg: Floats
     pitch_deg: Floats  # sensed
     roll_deg: Floats
-    resultant: Complexes  # of what the pings turned about the correct heading: 1 where nothing
+    resultant: Complexes  # mean phasor of the yaw of pings about the correct heading, 1 without yaw
 
 
 def build(rng: np.random.Generator, scene: Scene, strength: float) -> Meter:
-    """Return a compass with magnets and a rod of soft iron nearby, none of them at the same distance of all sensors.
+    """Draw a compass with magnets and a rod of soft iron nearby, at different distances from the three sensors.
 
     Args:
-        strength: of the horizontal hard iron, over the earth's field.
+        strength: horizontal hard iron relative to the earth's horizontal field.
     """
     horizontal, vertical = float(scene.horizontal_nt.mean()), float(scene.vertical_nt.mean())
     sensors = rng.normal(0.0, 0.018, (3, 3))
@@ -69,16 +69,16 @@ def build(rng: np.random.Generator, scene: Scene, strength: float) -> Meter:
     matrix = np.einsum("ij,ijk->ik", axes, soft)
     added = np.einsum("ij,ij->i", axes, hard)
     added *= strength * horizontal / max(float(np.hypot(added[0], added[1])), 1.0)
-    # The maker's calibration takes off what would heel, to some eighty nT.
+    # The maker's calibration removes vertical iron, which causes heeling error, to within about 80 nT.
     added[2] = rng.normal(0.0, 80.0) - (matrix[2, 2] - 0.5 * (matrix[0, 0] + matrix[1, 1])) * vertical
     return Meter(matrix, added)
 
 
 def read(scene: Scene, meter: Meter, effects: Sequence[Acts], rng: np.random.Generator | None = None) -> Read:
-    """Return what the compass gives.
+    """Simulate the readings of the compass.
 
     Args:
-        rng: of pings, noise and steps; without it one ping without any.
+        rng: random generator of pings and noise; without one, a single ping without noise and quantization.
     """
     shape = (1 if rng is None else PINGS, scene.time_s.size)
     yaw, *wobble = np.zeros((3, *shape)) if rng is None else rng.normal(0.0, 1.0, (3, *shape))
@@ -96,7 +96,7 @@ def read(scene: Scene, meter: Meter, effects: Sequence[Acts], rng: np.random.Gen
 
 
 def plant(scene: Scene, meter: Meter, family: Family, wanted_deg: float, rng: np.random.Generator) -> Planted:
-    """Return an effect so large that a wanted size can be seen of it, or as large as is believed."""
+    """Scale an effect to a wanted visible size, at most to its largest plausible size."""
     make, size = family.make(rng, scene), 1.0
     seen = visible_deg(scene, meter, make(size))
     for _ in range(ROUNDS * family.sized):
@@ -106,7 +106,7 @@ def plant(scene: Scene, meter: Meter, family: Family, wanted_deg: float, rng: np
 
 
 def visible_deg(scene: Scene, meter: Meter, acts: Acts) -> float:
-    """Return the visible size of an effect: rms of what five coefficients, fitted to the true headings, leave of it."""
+    """Compute the visible size, degrees: rms residual of a fit of five coefficients; of clocks, the direction error."""
     if acts.ahead_s is not None:
         late = towards(scene.at(scene.time_s - acts.ahead_s).lower)
         return float(1.4826 * np.nanmedian(np.abs(wrap(late - towards(scene.lower)))))
@@ -115,15 +115,15 @@ def visible_deg(scene: Scene, meter: Meter, acts: Acts) -> float:
 
 
 def ideal(scene: Scene, meter: Meter, effects: Sequence[Acts]) -> Floats:
-    """Return what five coefficients leave of a reading without noise, every few ensembles, degrees."""
+    """Compute the residual of five coefficients from readings without noise, every few ensembles, degrees."""
     made = read(scene, meter, effects)
-    # Water that is turned clockwise at the trusted instrument looks like a compass that reads too little.
+    # A clockwise rotation of the current at the reference appears as a compass that reads too little.
     seen = made.recorded_deg - total(effects, "veer_deg", scene.time_s.size)
     return left_deg(seen[::EVERY], made.heading_deg[::EVERY])
 
 
 def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
-    """Return the error of the heading that the best compass of five coefficients leaves, degrees, (n,).
+    """Compute the heading error that remains after a fit of five coefficients, degrees, (n,).
 
     Args:
         recorded_deg: readings, (n,).
@@ -142,16 +142,16 @@ def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
 
 
 def total(effects: Sequence[Acts], part: str, count: int) -> Floats:
-    """Return the sum of one series of several effects, (count,)."""
+    """Sum one series over several effects, (count,)."""
     return sum((getattr(one, part) for one in effects if getattr(one, part) is not None), np.zeros(count))
 
 
 def ensemble(flow: Complexes, made: Read, declination_deg: Floats, *, by_ping: bool) -> Complexes:
-    """Return velocities as an instrument in earth coordinates has them, to its own magnetic north, (n, m).
+    """Compute velocities of an instrument in earth coordinates, relative to its own magnetic north, (n, m).
 
     Args:
         flow: true currents, (n, m).
-        by_ping: whether each ping was turned by its own heading, or their mean by the mean heading.
+        by_ping: whether each ping is rotated by its own heading, or their mean by the mean heading.
     """
     wrong = made.recorded_deg - made.heading_deg - declination_deg
     seen = turned(flow, wrong[:, None])
@@ -174,7 +174,7 @@ def _reading(
     tilt_deg: tuple[Floats, Floats],
     sensed_deg: tuple[Floats, Floats],
 ) -> Floats:
-    """Return the reading of one ping, (n,), not wrapped."""
+    """Compute the reading of one ping, (n,) degrees, not wrapped."""
     lags = next((one.late_s for one in effects if one.late_s), (0.0,))
     felt = [_felt(scene, meter, effects, _ago(scene, heading_deg, lag), tilt_deg, sensed_deg) for lag in lags]
     gamma = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(felt)).mean(axis=0)))
@@ -216,17 +216,17 @@ def _places(rng: np.random.Generator, count: int, nearest: float, farthest: floa
 
 
 def _dipole(moment: Floats, away_m: Floats) -> Floats:
-    """Return the field of a dipole, nT, from its moment in A m²."""
+    """Compute the field of a dipole, nT, from its moment in A m² and the vector from it in metres."""
     distance = float(np.linalg.norm(away_m))
     along = away_m / distance
     return np.asarray(100.0 * (3.0 * along * (along @ moment) - moment) / distance**3)
 
 
 def without(planted: Sequence[Planted], side: str) -> list[Acts]:
-    """Return what all effects do but those of one side."""
+    """List the actions of all effects except those of one side."""
     return [one.acts for one in planted if one.family.side != side]
 
 
 def clocks(planted: Sequence[Planted]) -> list[Acts]:
-    """Return what wrong clocks alone do."""
+    """List the actions of clock errors only."""
     return [replace(Acts(), ahead_s=one.acts.ahead_s) for one in planted if one.acts.ahead_s is not None]

@@ -1,4 +1,4 @@
-"""Draws the moorings of a proof by seed: of what kind, in which water, with what planted how large."""
+"""Draw the moorings of a proof by seed: kind, water, planted effects and their sizes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.proof.world.export import Export, Mooring
 from benchmarks.proof.world.scene import Family, Scene
 from benchmarks.proof.world.seas import Weather
 
-# Nothing is planted in the first lines: what differs is the water, the sphere, the log, or the trusted instrument.
+# Shares of kinds. The first rows have no planted effect: they differ in water, sphere, log, or reference.
 MADE = {
     "null": 0.14, "noisy": 0.05, "turned": 0.05, "veering": 0.05, "reference": 0.05,
     "strange": 0.17, "shifted": 0.04, "undecidable": 0.05, "single": 0.30, "pair": 0.10,
@@ -22,18 +22,18 @@ REAL = {
     "null": 0.14, "rolled": 0.10, "mirrored": 0.10, "strange": 0.18, "shifted": 0.05, "single": 0.34, "pair": 0.09,
 }  # fmt: skip
 SMALLEST_DEG, LARGEST_DEG, LARGEST_STORM_DEG = 0.8, 4.5, 1.8
-STRENGTHS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.6)  # of the iron, over the earth's horizontal field
-UNDECIDABLE = {"supply_loop": ("compass_drift", "hard_iron_drift"), "magnetic_storms": ()}  # what nobody could tell
+STRENGTHS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.6)  # field of the iron relative to the earth's horizontal field
+UNDECIDABLE = {"supply_loop": ("compass_drift", "hard_iron_drift"), "magnetic_storms": ()}  # with equivalent effects
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """One mooring that is to be made."""
+    """Specification of one mooring."""
 
     name: str
     kind: str
-    water: str = "made"  # made, internal waves, or the record that it is or comes of
-    real: bool = False  # whether the record stands as it is
+    water: str = "made"  # made, internal waves, or the name of the record that is used or extended
+    real: bool = False  # whether the record is used unchanged
     wanted: tuple[tuple[str, float], ...] = ()  # families and their visible sizes, rms degrees
     rivals: tuple[str, ...] = ()
     weather: Weather = field(default_factory=Weather)
@@ -41,7 +41,7 @@ class Drawn:
     seed: int = 0
 
     def random(self, purpose: str) -> np.random.Generator:
-        """Return the generator of one purpose on this mooring."""
+        """Create the random generator of one purpose on this mooring."""
         return np.random.default_rng([self.seed, int.from_bytes(f"{self.name}/{purpose}".encode(), "big")])
 
 
@@ -57,11 +57,11 @@ def draw(
     """Draw the moorings of one proof, in simulated and in real water, in random order.
 
     Args:
-        counts: of moorings in simulated water, and in that of records as they are.
-        hours: of each record in simulated water.
-        there: names of the real records, and whether the trusted instrument of each only stands in.
-        second: whether those in simulated water are of the second world.
-        kind: of all moorings; where None, kinds have the shares of MADE and REAL.
+        counts: numbers of moorings in simulated water, and in unchanged real records.
+        hours: length of each record in simulated water.
+        there: names of the real records, and whether the reference of each is made of its own samples.
+        second: whether simulated water is that of the second world (``waves``).
+        kind: kind of all moorings; if None, kinds have the shares of ``MADE`` and ``REAL``.
     """
     rng = np.random.default_rng([seed, 1])
     turns = rng.integers(0, 1000, 2)
@@ -78,11 +78,11 @@ def draw(
 
 
 def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None = None) -> None:
-    """Make one mooring: its files into a cruise, its truth elsewhere.
+    """Simulate one mooring and write its files to a cruise, and its truth to another folder.
 
     Args:
         data: folder of recordings.
-        own: folder with descriptions of more.
+        own: folder with descriptions of more recordings.
     """
     scene = _scene(one, data, own)
     record = next((each for each in records.described(data, own) if each.name == one.water), None)
@@ -97,7 +97,7 @@ def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None =
 
 
 def _kinds(shares: dict[str, float], count: int) -> list[str]:
-    """Return the kinds, each as often as its share says, by largest remainders."""
+    """List the kinds, each in proportion to its share, by the method of largest remainders."""
     exact = {kind: share * count for kind, share in shares.items()}
     whole = {kind: int(x) for kind, x in exact.items()}
     order = sorted(exact, key=lambda kind: whole[kind] - exact[kind])
@@ -111,7 +111,7 @@ def _one(seed: int, name: str, kind: str, turn: int, how: tuple[int, dict[str, b
     one = Drawn(name, kind, seed=seed, real=real)
     rng = one.random("draw")
     size = float(np.exp(rng.uniform(np.log(SMALLEST_DEG), np.log(LARGEST_DEG))))
-    # Half of the made moorings are records made longer, where there are any with two instruments' water.
+    # Half of the simulated moorings are extended real records, if there are any with currents of two instruments.
     records_of = [record for record, stands_in in there.items() if real or not stands_in]
     water = records_of[turn % len(records_of)] if records_of and (real or rng.random() < 0.5) else "made"
     wanted, rivals = _wanted(kind, turn, size, real=real, rng=rng)
@@ -140,7 +140,7 @@ def _one(seed: int, name: str, kind: str, turn: int, how: tuple[int, dict[str, b
 def _wanted(
     kind: str, turn: int, size: float, *, real: bool, rng: np.random.Generator
 ) -> tuple[tuple[tuple[str, float], ...], tuple[str, ...]]:
-    """Return families with their sizes, and what nobody could tell from them."""
+    """Draw families with their sizes, and the effects that cannot be distinguished from them."""
     named = [each for each in families.NAMED if not (real and _needs_more(each))]
     strange = families.STRANGE
     if kind == "single":
@@ -163,7 +163,7 @@ def _wanted(
 
 
 def _needs_more(family: Family) -> bool:
-    """Return whether a real record lacks what a family needs: a storm's observatory, another battery, a knee."""
+    """Return whether a real record lacks what a family requires: observatory, change of battery, discharge curve."""
     return bool(family.needs) or family.name == "supply_loop"
 
 
@@ -186,5 +186,5 @@ def _part(scene: Scene, some: slice) -> Scene:
 
 
 def _wide(scene: Scene) -> bool:
-    """Return whether the headings go round the circle."""
+    """Return whether the headings are widely spread: their resultant length is below 0.6."""
     return bool(np.abs(np.exp(1j * np.deg2rad(scene.heading_deg)).mean()) < 0.6)

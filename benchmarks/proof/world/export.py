@@ -1,4 +1,4 @@
-"""Writes a mooring as its instruments give it, raw exports and YAML, and apart from them the truth."""
+"""Write the raw files of a mooring's instruments and its YAML file, and the truth to a separate folder."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from compasslib.demo.adcp import Ensembles, Setup, inclinometers
 from tests.world import observatory
 
 NOISE_M_S, LOWER_NOISE_M_S, SUPPLY_NOISE, TEMPERATURE_NOISE_K = 0.012, 0.012, 0.5, 0.02
-GAPS, LONGEST_GAP = 3, 30  # ensembles that are lost
-LOST_BEAM_NOISE = 1.8  # of a solution by three beams
-WIDEST_CELLS = 2.5  # farther than that no pair is made
+GAPS, LONGEST_GAP = 3, 30  # number of gaps, and their largest length in ensembles
+LOST_BEAM_NOISE = 1.8  # noise of three-beam solutions relative to four-beam ones
+WIDEST_CELLS = 2.5  # largest vertical distance of pairs, in cells
 DEEP_CELLS, DEEP_FIRST_M = 3, 2.5
 
 
 @dataclass(frozen=True)
 class Export:
-    """In which form the files are, and what is wrong with their instruments beside the compass."""
+    """Formats of the files, and errors of the instruments other than those of the compass."""
 
-    table: bool = False  # the trusted instrument's currents come as a table, without its heading
-    true_north: bool = False  # and count from true north
-    observatory: bool = False  # an observatory's series lies beside
-    shift: float = 0.0  # share of the record by which the logged temperature and voltage are rolled round
+    table: bool = False  # whether the currents of the reference are a table, without headings
+    true_north: bool = False  # whether the directions of the reference are relative to true north
+    observatory: bool = False  # whether there is an observatory's series
+    shift: float = 0.0  # circular shift of logged temperature and voltage, share of the record
     noise: float = 1.0
-    by_ping: bool = True  # each ping is turned by its own heading; else their mean by the mean heading
-    lost_beam: float = 0.0  # share of the record from whose end a beam is missing
-    fouling: float = 0.0  # share of the range that is lost by the end
-    reference_deg: float = 0.0  # deviation of the trusted compass
+    by_ping: bool = True  # whether each ping is rotated by its own heading, or their mean by the mean heading
+    lost_beam: float = 0.0  # share of the record, at its end, in which a beam is missing
+    fouling: float = 0.0  # share of the range that is lost at the end
+    reference_deg: float = 0.0  # deviation of the compass of the reference
 
 
 @dataclass(frozen=True, eq=False)
 class Mooring:
-    """All that is known of one mooring."""
+    """Truth and file formats of one mooring."""
 
     name: str
     scene: Scene
@@ -54,20 +54,20 @@ class Mooring:
 
     @property
     def effects(self) -> list[Acts]:
-        """What is planted."""
+        """Actions of the planted effects."""
         return [one.acts for one in self.planted]
 
     def random(self, purpose: str, seed: int) -> np.random.Generator:
-        """Return the generator of one purpose on this mooring."""
+        """Create the random generator of one purpose on this mooring."""
         return np.random.default_rng([seed, int.from_bytes(f"{self.name}/{purpose}".encode(), "big")])
 
 
 def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
-    """Write raw files and YAML, a cruise of its own; last, elsewhere, the truth.
+    """Write raw files and YAML as a separate cruise and, last, the truth to another folder.
 
     Args:
-        seed: of the noise.
-        facts: what the truth says beside what is measured here.
+        seed: seed of the noise.
+        facts: entries of the truth in addition to those computed here.
     """
     raw = cruise / "raw" / made.name
     raw.mkdir(parents=True, exist_ok=True)
@@ -159,7 +159,7 @@ def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, ke
 
 
 def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
-    """Write what the trusted instrument gives; its own compass has a heading of its own."""
+    """Write the record of the reference, whose compass has an independent heading."""
     scene, export, rng = made.scene, made.export, made.random("deep", seed)
     n = scene.time_s.size
     flow = turned(scene.lower, compass.total(made.effects, "veer_deg", n))
@@ -177,7 +177,7 @@ def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
     velocity = np.zeros((n, DEEP_CELLS, 4))
     velocity[:, 0, 0], velocity[:, 0, 1] = flow.real, flow.imag
     velocity[:, 0, :2] += rng.normal(0.0, 0.3 * LOWER_NOISE_M_S, (n, 2))
-    velocity[:, 1:] = np.nan  # the water is known at one depth, and other cells would put it where it was not
+    velocity[:, 1:] = np.nan  # the current is known at one depth only
     ones, level = np.ones((n, DEEP_CELLS, 4), dtype=np.uint8), rng.normal(0.0, 0.3, (2, n))
     depth = _lower_depth(scene) - DEEP_FIRST_M
     ensembles = Ensembles(

@@ -1,11 +1,11 @@
-"""Real records as scenes: water, headings and tilts of a genuine mooring, cut into two instruments, or made longer.
+"""Real records as scenes: currents, headings and tilts of a real mooring, split into two instruments, or extended.
 
-A record is described by a YAML file: ``format``, ``files`` (from the folder of recordings) and ``settings`` as a
-mooring's instrument has them, ``latitude``, ``longitude``, ``water_depth``, ``depth``, ``start``, ``end``,
-``looks_up``. Of a profile ``bins`` says which are used and ``gaps`` how many cells lie between the bin that is the
-trusted instrument and the nearest of the other; of a point meter ``stands_in_hours`` before and after give a second
-one. ``every`` takes every so many samples, ``supply_counts`` is counts a volt, ``follows_pressure`` says that the depth
-is the pressure's. The bins share one compass: what they differ by is water.
+A record is described by a YAML file: ``format``, ``files`` (relative to the folder of recordings) and ``settings`` as
+for an instrument of a mooring, ``latitude``, ``longitude``, ``water_depth``, ``depth``, ``start``, ``end``,
+``looks_up``. For a profile, ``bins`` are the bins used and ``gaps`` the number of cells between the bin used as the
+reference and the nearest affected bin; for a point meter, the samples ``stands_in_hours`` before and after serve as the
+reference. ``every`` is the step of the samples used, ``supply_counts`` counts per volt; with ``follows_pressure`` the
+depth is the recorded pressure. The bins share one compass, so they differ by the water only.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from benchmarks.proof.world.scene import DAY_S, HOUR_S, Complexes, Floats, Scene
 from compasslib import readers
 
 OURS = Path(__file__).resolve().parents[1] / "records"
-SUPPLY = 150.0  # counts, where a record has none
-FADE = 8  # samples in which one stretch goes over into the next
+SUPPLY = 150.0  # counts, if a record has none
+FADE = 8  # samples over which one segment fades into the next
 MOST_BINS = 8
-BESIDE_M = 4.0  # by its word, to either side of a point meter
-FELT_M, FELT_S = 16.0, 3 * HOUR_S  # of bins, and of time, over which a profiler's noise is averaged away
+BESIDE_M = 4.0  # nominal distance of the bins and the reference of a point meter
+FELT_M, FELT_S = 16.0, 3 * HOUR_S  # range of bins and time over which the noise of a profiler is averaged out
 BLOCK_DAYS = (4.0, 20.0)
 
 
 @dataclass(frozen=True)
 class Described:
-    """A record and how it is cut."""
+    """A real record and how it is split."""
 
     name: str
     keys: dict[str, Any]
@@ -43,20 +43,20 @@ class Described:
 
     @property
     def stands_in(self) -> bool:
-        """Whether it is a point meter alone, whose own samples stand in for a trusted instrument."""
+        """Whether it is a single point meter, whose own samples serve as the reference."""
         return "stands_in_hours" in self.keys
 
     @property
     def there(self) -> bool:
-        """Whether its file is in the folder of recordings."""
+        """Whether its file exists in the folder of recordings."""
         return (self.data / str(self.keys["files"])).exists()
 
 
 def described(data: Path, own: Path | None = None) -> list[Described]:
-    """Return the records that are known, those of a user last.
+    """List the described records, those of a user last.
 
     Args:
-        data: folder of recordings; a folder ``proof`` in it may describe more.
+        data: folder of recordings; a folder ``proof`` in it may contain more descriptions.
         own: another folder with descriptions.
     """
     folders = [folder for folder in (OURS, data / "proof", own) if folder is not None and folder.is_dir()]
@@ -69,11 +69,11 @@ def described(data: Path, own: Path | None = None) -> list[Described]:
 
 @cache
 def whole(name: str, data: Path, own: Path | None = None) -> Scene:
-    """Return a record as it was, all bins that are used; the trusted instrument is not cut from it yet."""
+    """Read a real record with all bins used, before the reference is split from it."""
     one = next(each for each in described(data, own) if each.name == name)
     keys = one.keys
     record = readers.read(keys["format"], [data / keys["files"]], keys.get("settings", {}))
-    # A modem may send an ensemble twice, and late.
+    # A modem may send an ensemble twice, and out of order.
     stamps, first_sent = np.unique(np.rint(record.time_s), return_index=True)
     ends = [_seconds(keys[end]) for end in ("start", "end")]
     inside = first_sent[(stamps >= ends[0]) & (stamps < ends[1])][:: keys.get("every", 1)]
@@ -97,10 +97,10 @@ def whole(name: str, data: Path, own: Path | None = None) -> Scene:
 
 
 def cut(rng: np.random.Generator, one: Described, scene: Scene, *, mirrored: bool = False) -> Scene:
-    """Return a record as two instruments: one bin is trusted, those beyond a gap are the compromised one.
+    """Split a record into two instruments: one bin is the reference, those beyond a gap are the affected instrument.
 
     Args:
-        mirrored: the trusted bin lies on the other side of them, and the whole world is seen in a mirror.
+        mirrored: whether to mirror the scene, with the reference bin on the other side of the affected ones.
     """
     if mirrored:
         scene = _mirrored(scene)
@@ -122,11 +122,11 @@ def cut(rng: np.random.Generator, one: Described, scene: Scene, *, mirrored: boo
 
 
 def longer(rng: np.random.Generator, scene: Scene, weather: seas.Weather) -> Scene:
-    """Return a scene with the statistics of a record: its stretches in another order, or a longer one by random phases.
+    """Construct a scene with the statistics of a record: its segments permuted, or a longer one by random phases.
 
-    Stretches keep headings and tilts with their water, and none comes twice: water that repeats to the last millimetre
-    a second is nowhere. With random phases (the same for all bins, so that they stay as coherent as they are) the
-    sphere moves anew. Temperature and battery are made up.
+    Segments keep headings and tilts with their currents, and none is repeated, as real currents never repeat exactly.
+    With random phases (the same for all bins, to preserve their coherence), the motion of the sphere is simulated.
+    Temperature and battery are simulated.
     """
     step = HOUR_S * max(1.0, np.ceil(scene.step_s / HOUR_S))
     even = scene.at(np.arange(scene.time_s[0], scene.time_s[-1], step))
@@ -153,7 +153,7 @@ def longer(rng: np.random.Generator, scene: Scene, weather: seas.Weather) -> Sce
 
 
 def chained(parts: Sequence[Complexes], count: int) -> Complexes:
-    """Return parts one after the other, each fading into the next, (count, k)."""
+    """Concatenate parts, each fading into the next, (count, k)."""
     ramp = (np.arange(FADE) + 0.5)[:, None] / FADE
     made = np.zeros((count + 2 * max(map(len, parts)), parts[0].shape[1]), dtype=complex)
     at = 0
@@ -169,19 +169,19 @@ def chained(parts: Sequence[Complexes], count: int) -> Complexes:
 
 
 def bridged_flow(flow: Complexes) -> Complexes:
-    """Return a current with its gaps bridged, (n,)."""
+    """Interpolate a current linearly over gaps, (n,)."""
     return np.asarray(bridged(flow.real) + 1j * bridged(flow.imag))
 
 
 def _felt(water: seas.Water, step_s: float) -> Complexes:
-    """Return what a sphere feels of recorded water, (n,): not the profiler's noise, which each bin has anew."""
+    """Compute the current that a sphere feels, (n,), averaged over near bins and time to remove instrument noise."""
     near = water.flow[:, water.range_m <= water.range_m.min() + FELT_M].mean(axis=1)
     ones = np.ones(max(int(FELT_S / step_s), 1))
     return np.asarray(np.convolve(near, ones, "same") / np.convolve(np.ones(near.size), ones, "same"))
 
 
 def _stretches(rng: np.random.Generator, columns: Complexes, step_s: float) -> list[Complexes]:
-    """Return a record in stretches of some days, each once, in another order."""
+    """Split a record into segments of some days and permute them."""
     shortest, longest = (int(days * DAY_S / step_s) for days in BLOCK_DAYS)
     ends = [0]
     while len(columns) - ends[-1] >= shortest + longest:
@@ -191,14 +191,14 @@ def _stretches(rng: np.random.Generator, columns: Complexes, step_s: float) -> l
 
 
 def _surrogate(rng: np.random.Generator, columns: Complexes) -> Complexes:
-    """Return series with the same spectra and coherences and other phases, (n, k) (Prichard and Theiler 1994)."""
+    """Draw surrogates with the same spectra and coherences and random phases, (n, k) (Prichard and Theiler 1994)."""
     mean = columns.mean(axis=0)
     turn = np.exp(2j * np.pi * rng.random(len(columns)))[:, None]
     return np.asarray(np.fft.ifft(np.fft.fft(columns - mean, axis=0) * turn, axis=0) + mean)
 
 
 def _mirrored(scene: Scene) -> Scene:
-    """Return the scene in a mirror that stands north to south, upside down: east is west, the far bin the near one."""
+    """Mirror a scene about magnetic north and reverse its bins: east becomes west, the far bin the near one."""
     flow = -np.conj(turned(scene.flow, -scene.declination_deg[:, None]))[:, ::-1]
     return replace(
         scene,

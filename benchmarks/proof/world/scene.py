@@ -1,4 +1,4 @@
-"""What truly was at a mooring, and what an effect does there."""
+"""True conditions at a mooring, and actions of effects on its recordings."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ HOUR_S, DAY_S, YEAR_S = 3600.0, 86400.0, 365.25 * 86400.0
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A mooring ensemble by ensemble; directions true, headings magnetic, m bins from the nearest on."""
+    """Ensembles of a mooring; directions are true, headings magnetic, the m bins sorted from the nearest."""
 
     time_s: Floats  # (n,) true, UTC seconds since 1970
-    heading_deg: Floats  # (n,) correct, of the compromised instrument
+    heading_deg: Floats  # (n,) correct, of the affected instrument
     pitch_deg: Floats  # (n,) forward up
     roll_deg: Floats  # (n,) starboard down
-    depth_m: Floats  # (n,) of the compromised instrument
+    depth_m: Floats  # (n,) of the affected instrument
     temperature_c: Floats  # (n,)
     supply: Floats  # (n,) counts
-    flow: Complexes  # (n, m) east + i north, m/s, NaN where nothing was measured
-    lower: Complexes  # (n,) the same at the trusted instrument
+    flow: Complexes  # (n, m) east + i north, m/s, NaN if not measured
+    lower: Complexes  # (n,) the same at the reference
     declination_deg: Floats  # (n,)
     horizontal_nt: Floats  # (n,)
     vertical_nt: Floats  # (n,) down
     range_m: Floats  # (m,) of the bins
-    place: tuple[float, float, float]  # latitude and longitude in degrees, depth of the water in metres
+    place: tuple[float, float, float]  # latitude and longitude in degrees, water depth in metres
     looks_up: bool = True
-    below_m: float | Floats = 10.0  # the trusted depth minus the compromised instrument's, (n,) where it varies
+    below_m: float | Floats = 10.0  # depth of the reference minus that of the affected instrument, (n,) if it varies
     step_s: float = HOUR_S
-    real: bool = False  # whether water, headings and tilts are those of a record
+    real: bool = False  # whether currents, headings and tilts are those of a real record
 
     def at(self, time_s: Floats) -> Scene:
-        """Return the scene at other instants, linear between its own.
+        """Interpolate the scene linearly to other times.
 
         Args:
             time_s: (k,) UTC seconds.
@@ -54,85 +54,85 @@ class Scene:
 
     @property
     def near(self) -> Complexes:
-        """The water at the instrument: its nearest bin, (n,)."""
+        """Current in the nearest bin of the affected instrument, (n,)."""
         return self.flow[:, 0]
 
     @property
     def speed(self) -> Floats:
-        """Speed of that water, gaps bridged, m/s, (n,)."""
+        """Speed in the nearest bin, interpolated over gaps, m/s, (n,)."""
         return bridged(np.abs(self.near))
 
     @property
     def years(self) -> Floats:
-        """Since the first ensemble, (n,)."""
+        """Years since the first ensemble, (n,)."""
         return (self.time_s - self.time_s[0]) / YEAR_S
 
     @property
     def share(self) -> Floats:
-        """Of the record that has gone by, 0 to 1, (n,)."""
+        """Elapsed share of the record, 0 to 1, (n,)."""
         return (self.time_s - self.time_s[0]) / np.ptp(self.time_s)
 
 
 @dataclass(frozen=True, eq=False)
 class Acts:
-    """What one effect does, ensemble by ensemble; what it does not touch stays as it is."""
+    """Actions of one effect in all ensembles; quantities that are None or 0 are not changed."""
 
-    body_nt: Floats | None = None  # (n, 3) added to the field in the body: forward, starboard, down
-    warp: Callable[[Floats], Floats] | None = None  # of what the three sensors give, nT, (n, 3)
-    tilts: Callable[[Floats, Floats], tuple[Floats, Floats]] | None = None  # of sensed pitch and roll, (n,)
-    unlevelled: float = 0.0  # share of the levelling that is left out
-    late_s: tuple[float, ...] = ()  # the heading is the mean of those so long ago
+    body_nt: Floats | None = None  # (n, 3) added to the field in the body frame: forward, starboard, down
+    warp: Callable[[Floats], Floats] | None = None  # transforms the output of the three sensors, nT, (n, 3)
+    tilts: Callable[[Floats, Floats], tuple[Floats, Floats]] | None = None  # transforms sensed pitch and roll, (n,)
+    unlevelled: float = 0.0  # share of the levelling that is omitted
+    late_s: tuple[float, ...] = ()  # lags, over which the heading is averaged
     reading: Callable[[Floats], Floats] | None = None  # degrees, added to the readings (n,)
-    north_deg: Floats | None = None  # (n,) by which magnetic north lies east of where it should
-    veer_deg: Floats | None = None  # (n,) by which the trusted instrument's water is turned clockwise
-    ahead_s: Floats | None = None  # (n,) by which the compromised clock is ahead
-    reference: Callable[[Floats], Floats] | None = None  # degrees, added to the trusted compass's headings (n,)
+    north_deg: Floats | None = None  # (n,) eastward displacement of magnetic north
+    veer_deg: Floats | None = None  # (n,) clockwise rotation of the current at the reference
+    ahead_s: Floats | None = None  # (n,) by which the clock of the affected instrument is ahead
+    reference: Callable[[Floats], Floats] | None = None  # degrees, added to the headings of the reference (n,)
 
 
 @dataclass(frozen=True)
 class Family:
-    """One way in which a recording may go wrong."""
+    """A family of effects: one kind of error of a recording."""
 
     name: str
-    make: Callable[[np.random.Generator, Scene], Callable[[float], Acts]]  # of a mooring; then of a size
-    right: tuple[str, ...] = ()  # names of the catalogue that say it; none where nobody listed it
+    make: Callable[[np.random.Generator, Scene], Callable[[float], Acts]]  # draws the effect in a scene, as f(size)
+    right: tuple[str, ...] = ()  # correct names in the catalogue, empty if it is not listed
     side: str = "compass"
-    most: float = np.inf  # size beyond which nobody would believe it
-    sized: bool = True  # whether a size can be chosen
-    needs: tuple[str, ...] = ()  # observatory, battery
+    most: float = np.inf  # largest plausible size
+    sized: bool = True  # whether its size can be chosen
+    needs: tuple[str, ...] = ()  # requirements: observatory, battery
 
 
 def bridged(series: Floats) -> Floats:
-    """Return a series with its gaps bridged by lines.
+    """Interpolate a series linearly over gaps.
 
     Args:
-        series: (n,), some of it finite.
+        series: (n,), with at least one finite value.
     """
     known, at = np.isfinite(series), np.arange(series.size)
     return series if known.all() else np.interp(at, at[known], series[known])
 
 
 def wrap(angle_deg: Floats) -> Floats:
-    """Return angles in [-180, 180), degrees, any shape."""
+    """Wrap angles to [-180, 180), degrees, any shape."""
     return np.asarray((angle_deg + 180.0) % 360.0 - 180.0)
 
 
 def towards(flow: Complexes) -> Floats:
-    """Return the direction towards which water flows, degrees clockwise from north, any shape."""
+    """Compute the direction towards which water flows, degrees clockwise from north, any shape."""
     return np.asarray(90.0 - np.rad2deg(np.angle(flow)))
 
 
 def turned(flow: Complexes, by_deg: Floats) -> Complexes:
-    """Return water that is turned clockwise, any shape.
+    """Rotate currents clockwise, any shape.
 
     Args:
-        by_deg: that broadcasts with it.
+        by_deg: angle in degrees that broadcasts with the currents.
     """
     return np.asarray(flow * np.exp(-1j * np.deg2rad(by_deg)))
 
 
 def unit(series: Floats) -> Floats:
-    """Return a series about its mean in its own standard deviations, (n,)."""
+    """Standardize a series to zero mean and unit standard deviation, (n,)."""
     return np.asarray((series - series.mean()) / max(float(series.std()), 1e-9))
 
 

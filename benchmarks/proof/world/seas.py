@@ -1,7 +1,7 @@
-"""Water that was made up: Matérn currents, eddies, tides, inertial packets, fronts, and random waves over depth.
+"""Simulated currents: Matérn processes, eddies, tides, inertial packets, fronts, and random waves over depth.
 
-Nothing of it is a first-order process, and no layer has a wave of its own: what parts the depths are some hundred
-waves of depth and time whose numbers are drawn from Student's law, so that the field has a Matérn covariance.
+None of them is a first-order process, and waves are not tied to layers: differences over depth are 160 waves in depth
+and time with wavenumbers from Student's t distribution, which give the field a Matérn covariance.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from compasslib.demo.compass import earth_field
 
 WAVES = 160
 CELLS, CELL_M, FIRST_M = 8, 2.0, 3.5
-GAP_M = 14.0  # that the shear is told at
+GAP_M = 14.0  # distance for which the shear is given
 TIDES_H = {"M2": (12.4206, 1.0), "S2": (12.0, 0.4), "N2": (12.6583, 0.2), "K1": (23.9345, 0.5), "O1": (25.8193, 0.35)}
-SUBSTEPS = 4  # of a sphere that turns within a step
+SUBSTEPS = 4  # per time step in the rotation of the sphere
 STEEPEST_DEG = 12.0
-DEEP_M = 60.0  # below it a mooring has room to be blown down
+DEEP_M = 60.0  # instruments that are not deeper have no blow-down
 
 
 @dataclass(frozen=True)
 class Weather:
-    """How a made sea is to be; speeds in m/s."""
+    """Requested properties of simulated conditions."""
 
     hours: int = 8800
     wide: bool = False
     noise: float = 1.0
     veer_deg: float = 0.8  # rms of the slow veer between the two instruments
-    spinning: bool = False  # a sphere that turns as it likes, whatever the water does
+    spinning: bool = False  # whether the sphere turns independently of the current
     battery: str = "knee"  # knee, line, change
 
 
 @dataclass(frozen=True, eq=False)
 class Water:
-    """True currents, east + i north in m/s, at the instrument's bins and at the trusted one."""
+    """True currents, east + i north in m/s, in the bins of the affected instrument and at the reference."""
 
     time_s: Floats  # (n,)
     flow: Complexes  # (n, m)
@@ -49,7 +49,7 @@ class Water:
 
 
 def make(rng: np.random.Generator, weather: Weather) -> Scene:
-    """Return a mooring in a made sea."""
+    """Simulate a mooring in this water."""
     time = 1.2e9 + DAY_S * int(rng.integers(0, 4000)) + HOUR_S * np.arange(weather.hours)
     place = (float(rng.uniform(48.0, 70.0)), float(rng.uniform(-50.0, 10.0)), float(rng.uniform(250.0, 900.0)))
     column = _column(rng, time, place[0], wide=weather.wide)
@@ -64,10 +64,10 @@ def make(rng: np.random.Generator, weather: Weather) -> Scene:
 
 
 def settled(rng: np.random.Generator, water: Water, weather: Weather, near: Complexes) -> Scene:
-    """Return a scene whose sphere moves in given water.
+    """Simulate the motion of the sphere in given currents, and return the scene.
 
     Args:
-        near: flow that the sphere feels, (n,); without the noise of any instrument.
+        near: current at the sphere, (n,), without instrument noise.
     """
     time = water.time_s
     declination, horizontal, vertical = earth(time, water.place)
@@ -84,15 +84,15 @@ def settled(rng: np.random.Generator, water: Water, weather: Weather, near: Comp
 
 
 def earth(time_s: Floats, place: tuple[float, float, float]) -> tuple[Floats, Floats, Floats]:
-    """Return declination, horizontal and vertical field of the IGRF, degrees and nT, (n,) each."""
+    """Compute declination, horizontal and vertical field of the IGRF, degrees and nT, (n,) each."""
     return earth_field(place[0], place[1], (float(time_s[0]), float(time_s[-1]) + DAY_S)).at(time_s)
 
 
 def matern(rng: np.random.Generator, time_s: Floats, memory_s: float, smooth: float = 1.5) -> Floats:
-    """Return a series with a Matérn covariance and a standard deviation of one, (n,).
+    """Draw a series with a Matérn covariance and unit standard deviation, (n,).
 
     Args:
-        smooth: half-integer; 0.5 would be the first-order process.
+        smooth: smoothness parameter, half-integer; 0.5 is the first-order process.
     """
     count = 2 * time_s.size
     frequency = 2.0 * np.pi * np.fft.rfftfreq(count, float(np.median(np.diff(time_s))))
@@ -104,7 +104,7 @@ def matern(rng: np.random.Generator, time_s: Floats, memory_s: float, smooth: fl
 
 
 def temperature(rng: np.random.Generator, time_s: Floats, depth_m: Floats) -> Floats:
-    """Return the temperature of the water, °C, (n,): a skewed season, weather, fronts that pass, blow-down."""
+    """Simulate the water temperature, °C, (n,): a skewed seasonal cycle, weather, fronts, and blow-down."""
     season = 2.0 * np.pi * (time_s / (365.25 * DAY_S) + rng.uniform())
     front = np.tanh(matern(rng, time_s, rng.uniform(8.0, 25.0) * DAY_S) / 0.3)
     fast = matern(rng, time_s, 8.0 * HOUR_S)
@@ -113,7 +113,7 @@ def temperature(rng: np.random.Generator, time_s: Floats, depth_m: Floats) -> Fl
 
 
 def supply(rng: np.random.Generator, temperature_c: Floats, battery: str) -> Floats:
-    """Return the supply voltage in counts, (n,): a discharge with a knee, a line, or a new battery on the way."""
+    """Simulate the supply voltage in counts, (n,): discharge with a knee, linear, or with a change of battery."""
     used, drain = np.linspace(0.0, 1.0, temperature_c.size), rng.uniform(12.0, 22.0)
     if battery == "line":
         return np.asarray(165.0 - drain * used)
@@ -125,7 +125,7 @@ def supply(rng: np.random.Generator, temperature_c: Floats, battery: str) -> Flo
 
 
 def _column(rng: np.random.Generator, time_s: Floats, latitude_deg: float, *, wide: bool) -> Complexes:
-    """Return the current that all depths share."""
+    """Simulate the current common to all depths, m/s, (n,)."""
     along = np.exp(1j * rng.uniform(0.0, 2.0 * np.pi))
     mean, eddy, tide = (0.08, 0.13, 0.14) if wide else (0.26, 0.07, 0.06)
     slow = [matern(rng, time_s, rng.uniform(3.0, 9.0) * DAY_S) for _ in range(2)]
@@ -135,7 +135,7 @@ def _column(rng: np.random.Generator, time_s: Floats, latitude_deg: float, *, wi
 
 
 def _tides(rng: np.random.Generator, time_s: Floats, speed: float) -> Complexes:
-    """Return tides whose phase and strength follow the stratification."""
+    """Simulate tides whose phase and amplitude vary with the stratification, m/s, (n,)."""
     total = np.zeros(time_s.size, dtype=complex)
     for period, share in TIDES_H.values():
         drift = 0.5 * matern(rng, time_s, 12.0 * DAY_S)
@@ -146,7 +146,7 @@ def _tides(rng: np.random.Generator, time_s: Floats, speed: float) -> Complexes:
 
 
 def _eddies(rng: np.random.Generator, time_s: Floats) -> Complexes:
-    """Return eddies that drift by: v = U r/R exp((1 - r²/R²)/2), each on a straight track."""
+    """Simulate passing eddies, v = U r/R exp((1 - r²/R²)/2), each on a straight track."""
     total, when = np.zeros(time_s.size, dtype=complex), time_s[0] + rng.exponential(6.0) * DAY_S
     while when < time_s[-1]:
         radius, drift = rng.uniform(6e3, 18e3), rng.uniform(0.04, 0.15)
@@ -163,22 +163,22 @@ def _inertial(rng: np.random.Generator, time_s: Floats, latitude_deg: float) -> 
 
 
 def _shear(rng: np.random.Generator, time_s: Floats, height_m: Floats, size_m_s: float) -> Complexes:
-    """Return what parts the depths, (n, m): random waves, the shorter the sooner forgotten, and fronts.
+    """Simulate differences over depth, (n, m): random waves with memory increasing with wavelength, and fronts.
 
     Args:
-        size_m_s: rms difference of one component at GAP_M.
+        size_m_s: rms difference of one component at the distance ``GAP_M``.
     """
     numbers = rng.standard_t(3, WAVES) / rng.uniform(15.0, 40.0)  # rad/m
     rates = rng.standard_t(3, WAVES) * (0.15 + np.abs(numbers) * 12.0) / (12.0 * HOUR_S)
     rates[: WAVES // 5] = 2.0 * np.pi / (12.4206 * HOUR_S) + rng.normal(0.0, 0.05, WAVES // 5) / DAY_S
-    rates[WAVES // 5 : WAVES // 3] /= 40.0  # what stays for weeks
+    rates[WAVES // 5 : WAVES // 3] /= 40.0  # waves that persist for weeks
     sizes = rng.normal(size=WAVES) + 1j * rng.normal(size=WAVES)
     over_depth = sizes[:, None] * np.exp(1j * np.outer(numbers, height_m))
     made = np.exp(1j * np.outer(time_s - time_s[0], rates)) @ over_depth
     apart = 2.0 * np.sum(np.abs(sizes) ** 2 * (1.0 - np.cos(numbers * GAP_M)))
     front = np.zeros((time_s.size, height_m.size), dtype=complex)
     for when in rng.uniform(time_s[0], time_s[-1], max(1, int(np.ptp(time_s) / (20.0 * DAY_S)))):
-        # A front tilts: it comes to the upper depth some hours before the lower.
+        # A front is tilted: it passes different depths some hours apart.
         late = (time_s[:, None] - when - height_m * rng.uniform(-900.0, 900.0)) / (2.0 * HOUR_S)
         passed = (1.0 + np.tanh(late)) * np.exp(-np.maximum(late, 0.0) / 40.0)
         front += 1.5 * (rng.normal() + 1j * rng.normal()) * passed
@@ -186,7 +186,7 @@ def _shear(rng: np.random.Generator, time_s: Floats, height_m: Floats, size_m_s:
 
 
 def _wake(rng: np.random.Generator, flow_deg: Floats, speed: Floats, step_s: float) -> Floats:
-    """Return the heading of a body in its own wake: pulled the more, the faster; kicked by Student's law."""
+    """Simulate the heading of a body aligned by its wake, more strongly at high speed, with Student-t disturbances."""
     pull = np.minimum(speed / 0.2, 3.0) ** 1.5 * step_s / SUBSTEPS / (2.5 * HOUR_S)
     kicks = rng.standard_t(4, speed.size * SUBSTEPS) * np.deg2rad(9.0) * np.sqrt(step_s / SUBSTEPS / HOUR_S)
     rest = np.deg2rad(flow_deg + rng.uniform(0.0, 360.0))
@@ -205,7 +205,7 @@ def _spinning(rng: np.random.Generator, time_s: Floats) -> Floats:
 
 
 def _lean(rng: np.random.Generator, time_s: Floats, speed: Floats, way_deg: Floats) -> tuple[Floats, Floats]:
-    """Return pitch and roll: at rest, downstream with the drag, and a sway."""
+    """Simulate pitch and roll: tilt at rest, downstream lean by drag, and sway."""
     drag, way = rng.uniform(8.0, 20.0) * speed**2 / (0.25 + speed**2), np.deg2rad(way_deg)
     sway = [0.7 * matern(rng, time_s, 3.0 * HOUR_S) for _ in range(2)]
     pitch = rng.uniform(-3.0, 3.0) - drag * np.cos(way) + sway[0]
@@ -214,5 +214,5 @@ def _lean(rng: np.random.Generator, time_s: Floats, speed: Floats, way_deg: Floa
 
 
 def shifted(series: Floats, rng: np.random.Generator) -> Floats:
-    """Return a series rolled round by a fifth to four fifths of itself: right in every statistic, wrong in time."""
+    """Shift a series circularly by a fifth to four fifths of its length: right in all statistics, wrong in time."""
     return np.asarray(np.roll(series, int(series.size * rng.uniform(0.2, 0.8))))

@@ -1,9 +1,9 @@
-"""A second world: internal waves of random phases in a slow current, and a string of instruments that it knocks down.
+"""A second simulation: internal waves of random phases in a slow current, and blow-down of a string of instruments.
 
 Frequencies and vertical wavenumbers follow the spectrum of Garrett and Munk (Deep-Sea Research 19, 823, 1972), ellipses
 and displacements the linear theory of waves on a rotating earth. A wave whose intrinsic frequency in the slow current
-comes near the inertial one grows and is absorbed there (a critical layer). The string leans with its drag, so that both
-instruments sink and come nearer to each other; a cage with a fin turns on a swivel that sticks.
+approaches the inertial frequency grows and is absorbed (a critical layer). The string leans due to drag, by which both
+instruments sink and their vertical distance decreases; a cage with a fin turns on a swivel with friction.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from benchmarks.proof.world.scene import DAY_S, HOUR_S, Complexes, Floats, Scene
 from benchmarks.proof.world.seas import Weather
 
 WATER = "internal waves"
-WAVES, OF_TIDE = 200, 24  # waves, and how many of them are of the semidiurnal internal tide
-SHORTEST_M, SHORTEST_S = 8.0, 2.0 * HOUR_S  # wavelength and period
-SPEED_M_S, PLAIN_N = 0.05, 5.2e-3  # rms of one component where the buoyancy frequency is that, rad/s
-NEAR = 0.3  # of the inertial frequency: how near to it a wave is absorbed
-LARGEST = 2.0  # factor by which a wave grows before
-LEANING_M_S = 0.4  # speed of the slow current at which the string leans by the angle that is drawn
+WAVES, OF_TIDE = 200, 24  # number of waves, and of those of the semidiurnal internal tide
+SHORTEST_M, SHORTEST_S = 8.0, 2.0 * HOUR_S  # shortest wavelength and period
+SPEED_M_S, PLAIN_N = 0.05, 5.2e-3  # rms of one component at this buoyancy frequency, rad/s
+NEAR = 0.3  # distance from the inertial frequency, relative to it, within which a wave is absorbed
+LARGEST = 2.0  # largest factor of growth of a wave before absorption
+LEANING_M_S = 0.4  # speed of the slow current at which the string leans by the angle drawn
 STEEPEST_DEG = 18.0  # tilt
-SUBSTEPS = 4  # of a cage that turns within an hour
+SUBSTEPS = 4  # per hour in the rotation of the cage
 
 
 def make(rng: np.random.Generator, weather: Weather) -> Scene:
-    """Return a mooring of this world."""
+    """Simulate a mooring in this water."""
     time = 1.2e9 + DAY_S * int(rng.integers(0, 4000)) + HOUR_S * np.arange(weather.hours)
     place = (float(rng.uniform(48.0, 70.0)), float(rng.uniform(-50.0, 10.0)), float(rng.uniform(300.0, 900.0)))
     slow = _slow(rng, time, wide=weather.wide)
@@ -51,7 +51,7 @@ def make(rng: np.random.Generator, weather: Weather) -> Scene:
 
 
 def _red(rng: np.random.Generator, time_s: Floats, slope: float) -> Floats:
-    """Return a series of random phases whose amplitudes fall with a power of frequency from a day on, (n,), rms one."""
+    """Draw a series of random phases with power-law amplitudes at periods above a day, (n,), with unit rms."""
     rates = 2.0 * np.pi * np.arange(1, int(np.ptp(time_s) / DAY_S) + 1) / np.ptp(time_s)
     size = (rates + 2.0 * np.pi / (120.0 * DAY_S)) ** -slope
     phases = np.exp(2j * np.pi * rng.random(rates.size))
@@ -60,7 +60,7 @@ def _red(rng: np.random.Generator, time_s: Floats, slope: float) -> Floats:
 
 
 def _slow(rng: np.random.Generator, time_s: Floats, *, wide: bool) -> tuple[Complexes, Complexes]:
-    """Return the slow current with the tide of the whole column, and that of the first baroclinic mode, m/s, (n,)."""
+    """Simulate the slow barotropic current with the tide, and that of the first baroclinic mode, m/s, (n,) each."""
     along = np.exp(2j * np.pi * rng.random())
     mean, eddy, tide = (0.06, 0.13, 0.15) if wide else (0.24, 0.08, 0.06)
     whole = mean + eddy * (_red(rng, time_s, 1.1) + 0.7j * _red(rng, time_s, 1.1))
@@ -79,11 +79,11 @@ def _waves(
     through: tuple[Complexes, Floats],
     noise: float,
 ) -> tuple[Complexes, Floats]:
-    """Return the currents of the waves at some heights, m/s, (n, m), and their displacement at the first, m, (n,).
+    """Simulate the currents of the waves, m/s, (n, m), and their displacement at the first height, m, (n,).
 
     Args:
         through: the first baroclinic mode, m/s, (n,), and the heights above the bottom in metres, (n, m).
-        noise: factor of their amplitude.
+        noise: factor of the amplitude of the waves.
     """
     mode, heights = through
     inertial, buoyancy = 1.4584e-4 * np.sin(np.deg2rad(place[0])), rng.uniform(2e-3, 7e-3)
@@ -111,7 +111,7 @@ def _waves(
 
 
 def _swivelled(rng: np.random.Generator, way_deg: Floats, speed: Floats) -> Floats:
-    """Return the heading of a cage that its fin turns into the flow once the torque exceeds the swivel's friction."""
+    """Simulate the heading of a cage turned by its fin when the torque exceeds the friction of the swivel, (n,)."""
     rest = np.deg2rad(way_deg + rng.uniform(0.0, 360.0))
     friction, heading = rng.uniform(0.05, 0.4), float(rest[0])
     path, kicks = np.empty(speed.size), np.deg2rad(rng.uniform(4.0, 9.0)) * rng.normal(size=(speed.size, SUBSTEPS))
@@ -124,13 +124,13 @@ def _swivelled(rng: np.random.Generator, way_deg: Floats, speed: Floats) -> Floa
 
 
 def _untwisting(rng: np.random.Generator, way_deg: Floats, speed: Floats) -> Floats:
-    """Return the heading of a cage without a fin on a line that twists and untwists with the drag."""
+    """Simulate the heading of a cage without a fin on a line that twists and untwists with the drag, (n,)."""
     turns = rng.uniform(1.0, 4.0) * (speed - speed.mean()) / speed.std() + np.cumsum(rng.normal(0.0, 0.03, speed.size))
     return np.asarray((360.0 * turns + way_deg[0]) % 360.0)
 
 
 def _leaning(rng: np.random.Generator, time_s: Floats, lean_deg: Floats, way_deg: Floats) -> tuple[Floats, Floats]:
-    """Return pitch and roll of a cage that leans with the string, downstream, and sways."""
+    """Simulate pitch and roll of a cage that leans downstream with the string and sways, (n,) each."""
     sway, way = [0.5 * seas.matern(rng, time_s, 2.0 * HOUR_S, 0.5) for _ in range(2)], np.deg2rad(way_deg)
     pitch = rng.uniform(-3.0, 3.0) - lean_deg * np.cos(way) + sway[0]
     roll = rng.uniform(-3.0, 3.0) + lean_deg * np.sin(way) + sway[1]

@@ -1,8 +1,8 @@
-"""A compass calibrated from the raw axes of its magnetometer: hard and soft iron, and what they do to the heading.
+"""Calibration of a compass from the raw axes of its magnetometer: hard and soft iron, and their effect on the heading.
 
-Le Menn et al. 2023, eqs. (1), (2) and section 6. The axes are forward, starboard, down unless a logged heading tells
-otherwise. An ellipsoid gives G^T G only: the turn between magnetometer and instrument stays open, but for what tilts
-and heading show. What the orientations do not determine is named and not fitted.
+Le Menn et al. 2023, eqs. (1), (2) and section 6. The axes are forward, starboard, down unless a logged heading shows
+otherwise. An ellipsoid determines G^T G only: the rotation between magnetometer and instrument is known only as far as
+tilts and heading determine it. Parameters that the orientations do not determine are reported and not fitted.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ FOLDED = (
     "The iron is stronger than the earth's horizontal field: two correct headings give the same reading and no table "
     "can correct it; subtract hard_iron from the raw axes instead."
 )
-TILT_SENSOR_DEG = 0.20  # standard: Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
-MAX_RESIDUAL_PERCENT = 5.0  # of the modulus, that a compass with iron fixed to it leaves at most
-MAX_AXIS_RATIO = 1.4  # of the field along the best and the worst axis; sensors differ by a quarter, iron by less
+TILT_SENSOR_DEG = 0.20  # standard uncertainty; Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
+MAX_RESIDUAL_PERCENT = 5.0  # of the modulus: largest residual of a compass with iron fixed to it
+MAX_AXIS_RATIO = 1.4  # of the largest to the smallest sensitivity of an axis; sensors differ by a quarter, iron by less
 TURNS = ("forward", "starboard", "vertical")
 OPEN_TURN = "an ellipsoid does not depend on how the sensor is turned; only tilts and a logged heading determine it"
-MAX_UNIT_ERROR = 0.12  # sensor's scale, crust and day are within; of arbitrary scales one in nine agrees by chance
+MAX_UNIT_ERROR = 0.12  # exceeds errors by sensor, crust and daily variation; one in nine arbitrary scales passes
 NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
 UNIT_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
 Field = Mapping[str, float] | None
@@ -102,7 +102,7 @@ def _make_calibration(
 
 
 def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
-    """Compute what the iron does to the heading; the exact coefficients alone where it folds."""
+    """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
     each = zip(solved.replicates, solved.dip_replicates, strict=True)
     replicates = np.array([iron.exact_coefficients(replicate, float(dip)) for replicate, dip in each])
     moved = iron.exact_coefficients(solved.moved, solved.dip_ratio)
@@ -111,7 +111,7 @@ def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str,
         return correction
     series, table = iron.series_coefficients(exact), iron.deviation_table(exact, replicates, moved)
     each_series = np.array([iron.series_coefficients(replicate) for replicate in replicates])
-    # Compute the rms of the deviation about the series: of the readings, or along the circle without headings.
+    # Misfit of the series: over the readings, or around the circle if these have no headings.
     if solved.headed:
         recorded, corrected = solved.headings()
         deviation = angles.difference(corrected, recorded)
@@ -145,7 +145,7 @@ def _points(solved: SolvedIron) -> dict[str, Floats]:
 
 
 def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
-    """Describe what only a magnetometer has, ready for JSON; null where nothing is determined."""
+    """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
     choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
     angles_to_instrument = zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
     misalignment = {
@@ -185,7 +185,7 @@ def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
 
 
 def _strength(solved: SolvedIron, field: Mapping[str, float]) -> float:
-    """Compute the earth's modulus, nT."""
+    """Compute the modulus of the earth's field, nT, horizontal for a level platform, else total."""
     level = field["horizontal_nT"]
     return float(level if solved.choice.level else np.hypot(level, field["vertical_nT"]))
 
@@ -193,7 +193,7 @@ def _strength(solved: SolvedIron, field: Mapping[str, float]) -> float:
 def _iron(solved: SolvedIron) -> dict[str, Any]:
     """Describe hard and soft iron in the file's axes with one standard deviation.
 
-    A model without soft iron says that it is under what can be seen, so the larger model tells how much that is.
+    If the selected model has no soft iron, its uncertainty is taken from the largest model that is determined.
     """
     choice, to_body = solved.choice, solved.axes.matrix
     largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
@@ -217,7 +217,7 @@ def _iron(solved: SolvedIron) -> dict[str, Any]:
 
 
 def _residuals(solved: SolvedIron) -> dict[str, float]:
-    """Compute the scatter of the modulus about its mean before and after, percent."""
+    """Compute the scatter of the modulus about its mean before and after correction, percent."""
     down = solved.readings.down
     moduli = {"before": ellipsoid.modulus(solved.readings.field, down)}
     moduli["after"] = ellipsoid.modulus(solved.corrected(), down)
@@ -225,7 +225,7 @@ def _residuals(solved: SolvedIron) -> dict[str, float]:
 
 
 def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> list[str]:
-    """List the conditions of the correction, in sentences."""
+    """List the conditions under which the correction holds, in sentences."""
     level, tilted = solved.choice.level, solved.log.tilted
     sentences_where = {
         "The logged heading agrees with the corrected axes: it is taken as correct and gives the mounting, A.": (
@@ -250,7 +250,7 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
 
 
 def _misfits(solved: SolvedIron) -> list[str]:
-    """List residuals that iron fixed to a compass cannot cause: the coefficients are then doubtful."""
+    """List misfits that iron fixed to a compass cannot cause and that make the coefficients doubtful."""
     residual, dimensions = _residuals(solved)["after"], 2 if solved.choice.level else 3
     strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
     texts = []
@@ -293,14 +293,14 @@ def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple
 
 
 def _unit_warnings(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:
-    """Warn where no unit makes the modulus that of the earth's field, or the named one does not.
+    """Warn if the modulus is not that of the earth's field in the stated unit, or in any unit if none is stated.
 
-    A file need not say its unit, and the units of a magnetic field differ by powers of ten: without iron the modulus
-    must be IGRF's in one of them. Headers such as ``mag_x_nT`` say which.
+    Units of magnetic fields differ by powers of ten. If the file does not state its unit, the corrected modulus must
+    match IGRF in one of them; headers such as ``mag_x_nT`` state the unit.
 
     Args:
         modulus: of the corrected axes, in the file's unit.
-        what: which strength, total or horizontal.
+        what: which modulus it is, total or horizontal.
     """
     ends = {match[1] if (match := UNIT_SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
     unit = ends.pop() if len(ends) == 1 else None

@@ -1,13 +1,13 @@
-"""Hard and soft iron from the readings of a magnetometer alone: the field has one modulus, whichever way it is turned.
+"""Hard and soft iron from magnetometer readings alone: the field's modulus is the same in every orientation.
 
 Le Menn et al. 2023, eqs. (1), (2), after Fang et al. 2011: m = S f + b + n and |G (m - b)| = 1 with G the inverse of S
-over the field's strength. Two families share the algebra. In ``space`` the whole modulus is constant; where a platform
-is ``level`` but for small tilts it is the horizontal one, |h|^2 - (t h)^2 with t the downward direction.
+divided by the field strength. Two families of models share the algebra. In ``space`` the full modulus is constant; on a
+platform that stays ``level`` but for small tilts, the horizontal one, squared |h|^2 - (t h)^2 with t pointing down.
 
-The noise term of eq. (2) is -2 (m - b)^T G^T G n + n^T G^T G n (the print has lost the first sign). Its mean is not
-zero, which biases the plain algebraic fit. The loss here is the adjusted one (Kukush, Markovsky and Van Huffel 2004):
-with isotropic Gaussian noise of variance s its mean is the loss of readings without noise, to every order, and s
-follows from its being zero.
+The noise term of eq. (2) is -2 (m - b)^T G^T G n + n^T G^T G n (printed without the first sign). Its mean is not zero,
+which biases the plain algebraic fit. The adjusted loss (Kukush, Markovsky and Van Huffel 2004) is minimized instead:
+for isotropic Gaussian noise of variance s, its expectation equals the loss of noise-free readings to every order. The
+variance s is estimated as the value at which the adjusted loss vanishes.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Bools, Floats
 
 MAX_ITERATIONS, MAX_STEP, TOLERANCE = 60, 0.3, 1e-11
-BLOCKS = 20  # of the jackknife: each longer than the memory of the noise, enough of them for a variance
+BLOCKS = 20  # of the jackknife: long compared to the noise's correlation time, and enough to estimate a variance
 NORMAL_95 = 1.96
 CENTRE, SOFT = ("x offset", "y offset", "z offset"), ("S11", "S22", "S33", "S12", "S13", "S23")
 PARAMETERS = CENTRE + SOFT
 PLACES = {"S11": (0, 0), "S22": (1, 1), "S33": (2, 2), "S12": (0, 1), "S13": (0, 2), "S23": (1, 2)}
-MAX_STANDARD_ERROR = 0.05  # of the field: a parameter that is less sure is not given
-# Of the field: linearity, cross-axis, gradients; an error that more readings do not average out.
+MAX_STANDARD_ERROR = 0.05  # relative to the field: parameters with a larger one are undetermined
+# Relative to the field: errors by nonlinearity, cross-axis sensitivity and gradients, which do not average out.
 SYSTEMATIC_ERROR = 0.003
 FOLDS = 5
 MIN_ARC_DEG, MIN_SECTORS, MAX_SCATTER = 120.0, 6, 0.25
-# A platform counts as level by its tilts, or by z's scatter over the radius.
+# Largest tilts of a level platform; without logged tilts, largest scatter of z relative to the radius.
 MAX_LEVEL_TILT_DEG, MAX_LEVEL_SCATTER = 30.0, 0.3
 OUTLIER_WIDTHS, MAX_OUTLIER_SHARE = 6.0, 0.05
 DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
@@ -44,10 +44,10 @@ UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 
 @dataclass(frozen=True)
 class ScaledReadings:
-    """Readings over a scale that makes the field's modulus about 1, with the downward direction where that matters."""
+    """Readings scaled to a field modulus of about 1, with the downward direction for level platforms."""
 
     field: Floats  # (n, 3) body frame
-    down: Floats  # (n, 3) unit vector in the body frame, zero in space
+    down: Floats  # (n, 3) unit vector in the body frame, zero for models in ``space``
 
     def __len__(self) -> int:
         return len(self.field)
@@ -59,7 +59,7 @@ class ScaledReadings:
 
 @dataclass(frozen=True)
 class Model:
-    """Which parameters are free, and how each moves the centre (3) and the matrix G (9)."""
+    """Free parameters of a model, and their linear map to the centre (3) and the matrix G (9)."""
 
     name: str
     free: tuple[str, ...]
@@ -68,15 +68,15 @@ class Model:
 
 @dataclass(frozen=True)
 class FittedEllipsoid:
-    """One model fitted; ``replicates`` are the parameters without each block, which carry every uncertainty."""
+    """Fitted model; all uncertainties follow from the jackknife ``replicates``, parameters with one block left out."""
 
     model: Model
     parameters: Floats  # (p,)
-    noise: float  # standard deviation of one axis over the modulus
+    noise: float  # standard deviation per axis, relative to the modulus
     replicates: Floats  # (blocks, p)
 
     def iron(self) -> tuple[Floats, Floats]:
-        """Compute centre and G as one vector, (12,), and the same of each replicate, (blocks, 12)."""
+        """Compute centre and G as one vector (12,), and those of each replicate (blocks, 12)."""
         return self.parameters @ self.model.chain, self.replicates @ self.model.chain
 
 
@@ -98,13 +98,13 @@ SPHERE = Model("sphere", (*CENTRE, "scale"), _chain(X, Y, Z, ALIKE))
 AXES = Model("ellipsoid along the axes", (*CENTRE, *SOFT[:3]), _chain(X, Y, Z, *({k: 1.0} for k in SOFT[:3])))
 ELLIPSOID = Model("ellipsoid", PARAMETERS, _chain(X, Y, Z, *({k: 1.0} for k in SOFT)))
 CIRCLE = Model("circle", (*CENTRE[:2], "scale"), _chain(X, Y, ALIKE))
-# The third axis is not seen: its sensitivity is held at the mean of the two others.
+# The third axis is unobservable: its sensitivity is set to the mean of the other two.
 ELLIPSE = Model(
     "ellipse",
     (*CENTRE[:2], "S11", "S22", "S12"),
     _chain(X, Y, {"S11": 1.0, "S33": 0.5}, {"S22": 1.0, "S33": 0.5}, {"S12": 1.0}),
 )
-# What tilts could add on a level platform; it is only judged.
+# Never fitted: serves to assess which parameters the tilts of a level platform would determine.
 LEVEL_AND_THIRD = Model(
     "ellipse and third axis",
     (*CENTRE, "S11", "S22", "S33", "S12"),
@@ -119,12 +119,12 @@ def unpack(model: Model, parameters: Floats) -> tuple[Floats, Floats]:
 
 
 def corrected(iron: Floats, readings: ScaledReadings) -> Floats:
-    """Take the iron, centre b and G, (12,), off readings: h = G (m - b), the field over its modulus, (n, 3)."""
+    """Correct readings for the iron (12,), centre b and G: h = G (m - b), the normalized field (n, 3)."""
     return (readings.field - iron[:3]) @ iron[3:].reshape(3, 3).T
 
 
 def modulus(field: Floats, down: Floats) -> Floats:
-    """Compute the modulus of what is across the downward direction, (n,); the whole one where that is zero."""
+    """Compute the modulus of the field component perpendicular to ``down`` (n,), or the full one where that is zero."""
     along = np.sum(field * down, axis=1)
     return np.sqrt(np.maximum(np.sum(field**2, axis=1) - along**2, 0.0))
 
@@ -144,7 +144,7 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
     """Minimise the adjusted loss over the parameters (p,) and estimate the noise variance of one axis.
 
     Args:
-        adjusted: False leaves the noise's bias in, as the plain algebraic fit does.
+        adjusted: False for the plain algebraic fit, which the noise biases.
 
     Raises:
         np.linalg.LinAlgError: the readings do not determine the parameters.
@@ -162,7 +162,7 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
 
 
 def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid:
-    """Fit a model with a block jackknife that allows for memory.
+    """Fit a model, with a block jackknife that accounts for autocorrelated noise.
 
     Raises:
         np.linalg.LinAlgError: the readings do not determine the parameters.
@@ -170,7 +170,7 @@ def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipso
     parameters, variance = solve(model, readings, centre)
     score, columns = _scores(model, parameters, readings, variance)
     information, replicates = columns.T @ columns, np.tile(parameters, (BLOCKS, 1))
-    for k in range(BLOCKS):  # one step of the fit without each contiguous block
+    for k in range(BLOCKS):  # one Gauss-Newton step of the fit without the block
         i = blocks(len(readings)) == k
         if i.any():
             replicates[k] += np.linalg.solve(information - columns[i].T @ columns[i], score[i].sum(axis=0))
@@ -178,39 +178,39 @@ def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipso
 
 
 def blocks(n: int) -> NDArray[np.signedinteger]:
-    """Number the contiguous block of each of n readings, (n,)."""
+    """Assign n readings to contiguous blocks, (n,) numbers from 0."""
     return np.arange(n) * BLOCKS // max(n, 1)
 
 
 def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
-    """Compute the jackknife covariance of a quantity of each replicate, (q, q).
+    """Compute the jackknife covariance (q, q) of a quantity from its replicates (blocks, q).
 
-    It is widened so that 1.96 standard deviations hold what Student's distribution of the few blocks asks for. The
-    shift is what one standard deviation of something that no reading shows does to it, (q,).
+    It is inflated so that 1.96 standard deviations cover 95 % of Student's distribution for the number of blocks.
+    ``shift`` (q,) is the change of the quantity by one standard deviation of an unobservable parameter.
     """
     k = len(replicates)
     off = replicates - replicates.mean(axis=0)
-    wider = 1.0 + (NORMAL_95**2 + 1.0) / (4.0 * (k - 1))  # Student's quantile over the normal one, first order
+    wider = 1.0 + (NORMAL_95**2 + 1.0) / (4.0 * (k - 1))  # Student's over the normal quantile, to first order
     unseen = np.broadcast_to(shift, off.shape[1:])
     return wider**2 * (k - 1) / k * off.T @ off + np.outer(unseen, unseen)
 
 
 def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
-    """Compute the jackknife standard deviation of a quantity of each replicate, in its own shape."""
+    """Compute the jackknife standard deviation of a quantity from its replicates, in the quantity's shape."""
     shape = replicates.shape[1:]
     flat = replicates.reshape(len(replicates), -1)
     return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)
 
 
 def dilution(model: Model, iron: Floats, readings: ScaledReadings) -> dict[str, float]:
-    """Compute the magnification of a reading's error that does not average out in each parameter.
+    """Compute the factor by which errors of the readings that do not average out are magnified in each parameter.
 
-    It is the root of the diagonal of the inverse information of one average reading, all other parameters free,
-    by the eigenvalues of the information; one that is nothing beside the largest counts as such.
+    It is the square root of the diagonal of the inverse information of an average reading, with all parameters free.
+    Eigenvalues of the information are bounded below by 1e-14 of the largest.
     """
     centre, matrix = iron[:3], iron[3:].reshape(3, 3)
     across, weight = _across(centre, matrix, readings)
-    steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # of the squared modulus along a reading
+    steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
     columns = _gradient(centre, readings, across, weight) @ model.chain.T / np.maximum(steepness, 1e-6)
     values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
     inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
@@ -218,14 +218,14 @@ def dilution(model: Model, iron: Floats, readings: ScaledReadings) -> dict[str, 
 
 
 def _across(centre: Floats, matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
-    """Compute a = N h, the part of the field that the modulus is made of, and w = G^T a, (n, 3) each."""
+    """Compute a = N h, the field component that enters the modulus, and w = G^T a, (n, 3) each."""
     field = (readings.field - centre) @ matrix.T
     across = field - np.sum(field * readings.down, axis=1)[:, None] * readings.down
     return across, across @ matrix
 
 
 def _gradient(centre: Floats, readings: ScaledReadings, across: Floats, weight: Floats) -> Floats:
-    """Compute the derivative of the squared modulus by centre and G, (n, 12)."""
+    """Compute the derivative of the squared modulus with respect to centre and G, (n, 12)."""
     by_matrix = 2.0 * across[:, :, None] * (readings.field - centre)[:, None, :]
     return np.hstack([-2.0 * weight, by_matrix.reshape(-1, 9)])
 
@@ -274,27 +274,27 @@ def _scores(model: Model, parameters: Floats, readings: ScaledReadings, s: float
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """The model that was chosen with what it was chosen from; without a fit ``why`` says what is missing."""
+    """The selected model and its alternatives; ``why`` states the reason where no model could be fitted."""
 
     fitted: FittedEllipsoid | None = None
     readings: ScaledReadings | None = None
-    scale: float = 1.0  # file's unit for one unit of the readings
+    scale: float = 1.0  # file units per unit of the scaled readings
     level: bool = False
-    scores: dict[str, float] = field(default_factory=dict)  # rms of the modulus on held-out blocks, percent
+    scores: dict[str, float] = field(default_factory=dict)  # rms error of the modulus on held-out blocks, percent
     undetermined: dict[str, str] = field(default_factory=dict)  # parameter -> reason
-    weakest: dict[str, float] = field(default_factory=dict)  # one standard error over the field, as judged
-    full: FittedEllipsoid | None = None  # the largest model that is determined
+    weakest: dict[str, float] = field(default_factory=dict)  # parameter -> standard error relative to the field
+    full: FittedEllipsoid | None = None  # the largest model that the readings determine
     why: str = ""
 
 
 def choose_model(log: Log, body: Floats) -> ModelChoice:
-    """Choose the model that a log, (n, 3) in the body frame, determines: ellipsoid, else that of a level platform."""
+    """Choose the model that readings (n, 3) in the body frame determine: an ellipsoid, else one for level platforms."""
     spatial = _choose_spatial(body) if log.has_z else None
     return spatial if spatial and spatial.fitted else _choose_level(log, body)
 
 
 def find_outliers(choice: ModelChoice) -> Bools:
-    """Flag readings far off the fitted modulus, (n,); none where they are many."""
+    """Flag readings far from the fitted modulus, (n,); none if these would be 5 % or more."""
     if choice.full is None or choice.readings is None:
         return np.zeros(0, dtype=bool)
     off = modulus(corrected(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
@@ -349,7 +349,7 @@ def _choose_level(log: Log, body: Floats) -> ModelChoice:
 
 
 def _unobservable(log: Log, unsure: dict[str, float], down: Floats) -> dict[str, str]:
-    """Name what a platform that turns about the vertical cannot show, with the reason."""
+    """List the parameters that turning about the vertical does not determine, with the reason for each."""
     if not log.has_z:
         return dict.fromkeys(UNSEEN_LEVEL, "there is no z")
     mixed = "turning about the vertical, what the vertical field induces looks like hard iron in x and y"
@@ -361,7 +361,7 @@ def _unobservable(log: Log, unsure: dict[str, float], down: Floats) -> dict[str,
 
 
 def _undetermined_groups(unsure: dict[str, float], *groups: tuple[str, ...]) -> list[str]:
-    """List the groups of parameters of which one is too unsure: a model has all of a group or none."""
+    """List all parameters of each group with an undetermined member: a model has all of a group or none."""
     return [name for group in groups if any(unsure[k] > MAX_STANDARD_ERROR for k in group) for name in group]
 
 
@@ -378,14 +378,14 @@ def _tilt(down: Floats) -> Floats:
 
 
 def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
-    """Scale the readings by the radius of the circle or sphere through them; return radius and scaled centre too."""
+    """Scale readings by the radius of the fitted circle or sphere; also give that scale and the scaled centre."""
     centre, radius = fit_sphere(ScaledReadings(body, down))
     scale = radius if radius > 0.0 else 1.0
     return ScaledReadings(body / scale, down), scale, centre / scale
 
 
 def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
-    """Explain why a circle through the readings means nothing; empty where it does."""
+    """Explain why the circle fitted to the readings is unusable; empty if it is usable."""
     if noise > MAX_SCATTER:
         return _scattered(noise, "circle or ellipse")
     towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))
@@ -408,22 +408,22 @@ def _scattered(noise: float, shape: str) -> str:
 def _standard_errors(
     model: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
 ) -> dict[str, float]:
-    """Compute one standard error of each parameter over the field: noise that averages, and errors that do not."""
+    """Compute each parameter's standard error relative to the field, from averaged noise and systematic errors."""
     each = float(np.hypot(noise[0] / np.sqrt(noise[1]), SYSTEMATIC_ERROR))
     return {name: each * by for name, by in dilution(model, fitted.iron()[0], readings).items()}
 
 
 def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:
-    """Estimate the noise of one axis and the number of independent readings, by the largest model that can be fitted.
+    """Estimate the noise per axis and the effective sample size from the largest model that can be fitted.
 
-    Soft iron that a sphere leaves over would count as noise with a long memory.
+    The residual soft iron of a sphere would count as noise with a long correlation time.
     """
     iron, noise = fitted.iron()[0], fitted.noise
     try:
         parameters, variance = solve(largest, readings, iron[:3])
         iron, noise = parameters @ largest.chain, float(np.sqrt(max(variance, 0.0)))
     except np.linalg.LinAlgError:
-        pass  # that is what the judgement is about to say
+        pass  # the caller's standard errors then reveal which parameters are undetermined
     residual = modulus(corrected(iron, readings), readings.down) - 1.0
     times = np.arange(len(readings), dtype=float)
     return noise, effective_sample_size(residual, times, longest_s=len(readings) / 10.0)
@@ -432,7 +432,7 @@ def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) ->
 def _select_by_cross_validation(
     models: Sequence[Model], readings: ScaledReadings, centre: Floats, partial: ModelChoice
 ) -> ModelChoice:
-    """Select the model that predicts contiguous blocks best which it was not fitted to."""
+    """Select the model that best predicts held-out contiguous blocks."""
     scores = {model.name: _score(model, readings, centre) for model in models}
     fits = {model.name: fitted for model in models if (fitted := _fit_or_none(model, readings, centre))}
     if not fits:
@@ -449,7 +449,7 @@ def _fit_or_none(model: Model, readings: ScaledReadings, centre: Floats) -> Fitt
 
 
 def _score(model: Model, readings: ScaledReadings, centre: Floats) -> float:
-    """Compute the rms of the modulus about 1 on held-out blocks, percent."""
+    """Compute the rms error of the modulus, which should be 1, on held-out blocks, percent."""
     fold, off = blocks(len(readings)) % FOLDS, np.full(len(readings), np.nan)
     for k in range(FOLDS):
         try:

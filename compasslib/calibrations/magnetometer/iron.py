@@ -1,4 +1,4 @@
-"""The iron in the frame of the instrument: the chosen ellipsoid, turned as far as tilts and a logged heading show."""
+"""Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from compasslib.types import Floats
 
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
 GRID_DEG = np.arange(0.0, 360.0, 5.0)
-MAX_SCATTER_RATIO = 0.5  # scatter of a logged heading about the corrected one over that about the raw one
-ROUNDS = 3  # of the tilt angles' linear step
-MAX_DILUTION = 10.0  # tilt angles, radians for an error of the whole field: 0.3 % then makes 1.7 degrees
+MAX_SCATTER_RATIO = 0.5  # of logged minus corrected headings to logged minus raw ones
+ROUNDS = 3  # linearized steps for the misalignment
+MAX_DILUTION = 10.0  # radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees
 
 
 def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
-    """Compute A..E of the exact compass of an instrument that stands level, (5,).
+    """Compute A..E of the exact compass of a level instrument, (5,).
 
     Args:
-        dip_ratio: downward over horizontal field; 0 where the modulus is that of the horizontal field alone.
+        dip_ratio: downward over horizontal field; 0 if the modulus is that of the horizontal field alone.
     """
     horizontal = 1.0 / np.hypot(1.0, dip_ratio)
     soft = np.linalg.inv(iron[3:].reshape(3, 3))
@@ -34,20 +34,20 @@ def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
 
 
 def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    """Compute beta - gamma at recorded headings, the steadier root, (n,) degrees, of an exact compass A..E (5,)."""
+    """Compute beta - gamma of an exact compass A..E (5,) at recorded headings, root of larger slope, (n,) degrees."""
     return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
 
 
 def series_coefficients(coefficients: Floats) -> Floats:
-    """Fit A..E in degrees, the series in the recorded heading over the whole circle, to an exact compass, (5,)."""
+    """Fit A..E (5,), degrees, of the series in the recorded heading to an exact compass over the full circle."""
     return np.linalg.lstsq(series_design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
 
 
 def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> DeviationTable:
     """Tabulate the exact deviation every 10 degrees of the recorded heading.
 
-    Its uncertainty follows from the coefficients without each block, (blocks, 5), and from those moved by one standard
-    deviation of what no reading shows, (5,).
+    Its uncertainty follows from the jackknife replicates of the coefficients, (blocks, 5), and from ``moved``, the
+    coefficients changed by one standard deviation of the unobservable vertical iron, (5,).
     """
     value = exact_deviation(coefficients, TABLE_DEG)
     off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
@@ -55,7 +55,7 @@ def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> 
 
 
 def compute_headings(iron: Floats, readings: ScaledReadings, levelling: Floats) -> tuple[Floats, Floats]:
-    """Compute recorded and corrected heading of each reading, (n,) degrees each."""
+    """Compute recorded and corrected headings of readings, (n,) degrees each."""
     field = ellipsoid.corrected(iron, readings)
     return level_heading(readings.field, levelling), level_heading(field, levelling)
 
@@ -67,14 +67,14 @@ def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, floa
 
 
 def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Floats, float, Floats]:
-    """Estimate the small turn from the magnetometer to the tilt sensor that keeps the vertical field constant.
+    """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
 
-    With the downward direction t the vertical field t . (h + e x h) is one number c wherever the instrument points, so
-    t . h = c - e . (h x t) is linear in the turn e about forward, starboard and down.
+    With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
+    t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
 
     Returns:
-        The turn (3,) in degrees, NaN about an axis that the tilts do not determine; c, the sine of the dip; and the
-        iron with the turn in its G.
+        The rotation (3,) in degrees, NaN about axes that the tilts do not determine; c, the sine of the dip; and the
+        iron with the rotation included in G.
     """
     field = ellipsoid.corrected(iron, readings)
     turn, wide = np.eye(3), np.zeros(3, dtype=bool)
@@ -94,7 +94,7 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
 
 
 def _rotation(vector: Floats) -> Floats:
-    """Rotate about a vector by its length, radians (Rodrigues)."""
+    """Build the rotation about a vector by its length in radians (Rodrigues), (3, 3)."""
     length = float(np.linalg.norm(vector))
     x, y, z = vector / max(length, 1e-300)
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -104,38 +104,38 @@ def _rotation(vector: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class SolvedIron:
-    """The iron with all that a heading needs; a replicate is the same without one block of the readings."""
+    """Iron with everything needed to compute headings; replicates leave out one block of the readings each."""
 
     log: Log
     axes: Axes
     choice: ModelChoice
     fitted: FittedEllipsoid
     readings: ScaledReadings
-    iron: Floats  # (12,) centre and G over the readings' scale
+    iron: Floats  # (12,) centre and G, for the scaled readings
     replicates: Floats  # (blocks, 12)
     levelling: Floats  # (n, 3, 3)
     dip_ratio: float  # downward over horizontal field; 0 on a level platform, NaN where unknown
     dip_replicates: Floats  # (blocks,)
-    turn_deg: Floats  # (3,) from magnetometer to instrument about forward, starboard, down; NaN where open
+    turn_deg: Floats  # (3,) from magnetometer to instrument about forward, starboard, down; NaN where undetermined
     turn_sigma_deg: Floats  # (3,)
-    turn_replicates_deg: Floats  # (blocks, 3) what tilts add to the turn, 0 where nothing
-    logged_is_correct: bool = False  # the logged heading follows the corrected axes
+    turn_replicates_deg: Floats  # (blocks, 3) part of the rotation determined by tilts, 0 where none
+    logged_is_correct: bool = False  # whether the logged heading follows the corrected axes
 
     @property
     def headed(self) -> bool:
-        """Whether the readings have headings: they are levelled, or level."""
+        """Whether headings can be computed: tilts were logged, or the platform is level."""
         return self.log.tilted or self.choice.level
 
     @property
     def down(self) -> Floats:
-        """The downward direction in the body frame, (n, 3)."""
+        """Downward direction in the body frame, (n, 3)."""
         return self.levelling[:, 2, :]
 
     @property
     def moved(self) -> Floats:
-        """The iron moved by a vertical iron that the tilts do not show, (12,).
+        """Iron changed by one standard deviation of the unobservable vertical hard iron, (12,).
 
-        On a level platform with a mean tilt a vertical iron looks like a horizontal one. It may be as strong as that.
+        On a level platform with a mean tilt, vertical iron looks like horizontal iron; it is assumed equally strong.
         """
         if not (self.choice.level and self.log.tilted):
             return self.iron
@@ -143,28 +143,28 @@ class SolvedIron:
         return self.iron + np.append(hard * self.down[:, :2].mean(axis=0), np.zeros(10))
 
     def corrected(self) -> Floats:
-        """Take the iron off the readings: the field over its modulus, (n, 3)."""
+        """Correct the readings for the iron: the normalized field, (n, 3)."""
         return ellipsoid.corrected(self.iron, self.readings)
 
     def headings(self) -> tuple[Floats, Floats]:
-        """Compute recorded and corrected heading of each reading, (n,) degrees each."""
+        """Compute recorded and corrected headings, (n,) degrees each."""
         return compute_headings(self.iron, self.readings, self.levelling)
 
     def gain(self, iron: Floats) -> float:
-        """Compute the field's modulus over the readings' scale: the mean of the axes that are seen."""
+        """Compute the field's modulus in scaled readings: the mean diagonal of the observed axes."""
         soft = np.linalg.inv(iron[3:].reshape(3, 3))
         return float(np.mean(np.diag(soft)[: 2 if self.choice.level else 3]))
 
     def soft(self, iron: Floats) -> Floats:
-        """Compute the soft iron over the mean of its seen diagonal, body frame, (3, 3)."""
+        """Compute the soft iron relative to the mean diagonal of the observed axes, body frame, (3, 3)."""
         return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
 
 
 def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> SolvedIron | None:
-    """Express the iron in the frame of the instrument; None where the choice holds no fit.
+    """Express the iron in the frame of the instrument; None if no model was fitted.
 
     Args:
-        field: the earth's field {horizontal_nT, vertical_nT}, which gives the dip where no tilts do; None if unknown.
+        field: the earth's field {horizontal_nT, vertical_nT}, which gives the dip without tilts; None if unknown.
     """
     if choice.fitted is None or choice.readings is None:
         return None
@@ -180,7 +180,7 @@ def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, fl
 
 
 def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
-    """Turn the iron into the frame of the tilt sensor, in which the vertical field is constant; that is the dip."""
+    """Rotate the iron into the frame of the tilt sensor, where the vertical field is constant and gives the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
     turn, sine, turned = estimate_tilt_misalignment(solved.iron, readings, down)
     parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
@@ -205,9 +205,9 @@ def _dip_ratio(sine: float) -> float:
 
 
 def _align_to_heading(solved: SolvedIron) -> SolvedIron:
-    """Turn the iron about the vertical onto a logged heading that follows the corrected axes better than the raw ones.
+    """Rotate the iron about the vertical to a logged heading that follows the corrected axes better than the raw ones.
 
-    Such a heading knows what is correct, so it shows how the magnetometer is mounted.
+    Such a heading has been corrected for iron already, so it determines how the magnetometer is mounted.
     """
     logged = solved.log.heading_deg
     if logged is None or not solved.headed:
@@ -217,7 +217,7 @@ def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     if scatter > MAX_SCATTER_RATIO * _about_mean(angles.difference(logged, recorded))[1]:
         return solved
     block, angles_deg = ellipsoid.blocks(len(logged)), []
-    for k, replicate in enumerate(solved.replicates):  # each on the readings that it was made of
+    for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
         remaining = block != k
         headings = compute_headings(replicate, solved.readings.take(remaining), solved.levelling[remaining])
         angles_deg.append(_about_mean(angles.difference(logged[remaining], headings[1]))[0])
@@ -240,5 +240,5 @@ def _about_mean(off_deg: Floats) -> tuple[float, float]:
 
 
 def _about_down(iron: Floats, angle_deg: float) -> Floats:
-    """Turn iron so that corrected headings are an angle larger."""
+    """Rotate iron about the vertical so that corrected headings increase by an angle."""
     return np.append(iron[:3], (about_down(angle_deg) @ iron[3:].reshape(3, 3)).ravel())

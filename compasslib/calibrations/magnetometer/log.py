@@ -1,4 +1,4 @@
-"""The log of a magnetometer: its columns, what must be refused before any fit, and which way its axes point."""
+"""Log of a magnetometer: columns, checks before any fit, and orientation of the axes."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ TEMPERATURE = "temperature_c"
 COLUMNS = ("pitch_deg", "roll_deg", "heading_deg", "time_s", "temperature_c")
 ABSENT = "name it under columns in the calibration's file"
 MIN_READINGS, MIN_DISTINCT = 50, 20
-# Modulus of an accelerometer's columns: g, m/s^2, counts of a 16-bit sensor of 2 g. Direction cosines have 1 too.
+# Modulus of accelerometer columns in g, m/s^2 and counts of a 16-bit 2 g sensor. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
 SPIKE_HALF_RANGES = 3.0
-# Of an axis' range: a step over the end of the scale, and the middle step of a smooth log.
+# Relative to the range of an axis: least step of an overflow, and largest median step of a smooth log.
 MIN_JUMP, MAX_SMOOTH_STEP = 0.7, 0.1
-JUMP_TOLERANCE = 8.0  # middle steps by which the jumps differ
-# Readings at one largest value, and how many times more than at the values next to it.
+JUMP_TOLERANCE = 8.0  # largest difference between overflow steps, in median steps
+# Saturation: least number of readings at the extreme value, and least ratio to the counts of the next values.
 MIN_AT_END, MIN_PILE_RATIO = 8, 4.0
-NEIGHBOURS = 5  # values next to the largest
-MIN_STILL = 20  # readings in a row with one value
-MIN_MOVEMENT = 0.1  # of another axis' range, while an axis shows one value
+NEIGHBOURS = 5  # number of values next to the extreme one that are compared
+MIN_STILL = 20  # consecutive equal readings of a stuck axis
+MIN_MOVEMENT = 0.1  # variation of another axis during these, relative to its full range
 COSINE_TOLERANCE = 2e-3  # rounding of a direction cosine
 GRAVITY_SHARE, LIKE_TILT = 0.02, 0.95
 MAX_SCATTER_DEG, ALIKE_DEG, MAX_SCATTER_RATIO = 40.0, 2.0, 0.9
-MAX_RESULTANT = 0.9  # mean resultant length above which logged headings say nothing on the axes
+MAX_RESULTANT = 0.9  # mean resultant length above which logged headings do not constrain the axes
 COSINES = "The axes are direction cosines: the strength of the field, which reveals iron, is lost."
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
@@ -46,7 +46,7 @@ PLACES = {role: mmp_scans.COLUMNS.index(header) for role, header in HEADERS.item
 
 @dataclass(frozen=True)
 class Log:
-    """Readings in the order of the file, rows without a number left out; tilts and heading are None where absent."""
+    """Readings in file order, without incomplete rows; tilts and heading are None where absent."""
 
     raw: Floats  # (n, 3) in the file's unit and axes; the third is 0 where there is none
     has_z: bool
@@ -57,7 +57,7 @@ class Log:
     left_out: int
     warnings: tuple[str, ...] = ()
     temperature_c: Floats | None = None
-    axis_by_axis: bool = False  # each tilt levels its own axis only, as the logger's own rule has it
+    axis_by_axis: bool = False  # each tilt levels only its own axis, as the logger itself does
 
     @property
     def tilted(self) -> bool:
@@ -65,14 +65,14 @@ class Log:
         return self.pitch_deg is not None
 
     def take(self, index: Bools, *warnings: str) -> Log:
-        """Select readings by a mask (n,), with sentences on why."""
+        """Select readings by a mask (n,) and append warnings that state the reason."""
         each = {name: getattr(self, name) for name in COLUMNS}
         columns: dict[str, Any] = {name: None if x is None else x[index] for name, x in each.items()}
         left_out = self.left_out + int((~index).sum())
         return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
 
     def levelling(self) -> Floats:
-        """Compute the matrices that turn the body frame level, (n, 3, 3); the identity without tilts."""
+        """Compute the matrices from the body frame to the level frame, (n, 3, 3); the identity without tilts."""
         if self.pitch_deg is None or self.roll_deg is None:
             return np.broadcast_to(np.eye(3), (len(self.raw), 3, 3))
         level = compass.levelling(self.pitch_deg, self.roll_deg)
@@ -84,11 +84,11 @@ class Log:
 
 @dataclass(frozen=True)
 class Axes:
-    """How the file's axes stand in the body frame (forward, starboard, down)."""
+    """Orientation of the file's axes in the body frame (forward, starboard, down)."""
 
     matrix: Floats  # (3, 3) body = matrix @ file
     text: str
-    vertical_deg: float = float("nan")  # angle about the vertical from the axes' heading to the logged one
+    vertical_deg: float = float("nan")  # mean of the logged heading minus that of the axes
     vertical_sigma_deg: float = float("nan")
 
 
@@ -96,8 +96,8 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     """Read the log from one or several files.
 
     Args:
-        settings: ``format`` (csv, mmp_acm), ``columns`` (role -> header) and ``withhold`` (roles or headers that must
-            not be seen).
+        settings: ``format`` (csv, mmp_acm), ``columns`` (role -> header) and ``withhold`` (roles or headers to
+            ignore).
 
     Raises:
         InputError: x or y is absent or withheld, or a cell is not a number.
@@ -136,7 +136,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     log = Log(raw, z is not None, pitch, roll, heading, time_s, left_out, tuple(warnings), columns.get("temperature"))
     spike = np.zeros(len(raw), dtype=bool)
     if len(raw):
-        low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # of the range that holds 98 % of an axis
+        low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
         middle, reach = (low + high) / 2.0, SPIKE_HALF_RANGES * (high - low) / 2.0
         spike = np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
     return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and excluded.") if spike.any() else log
@@ -145,7 +145,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
 def _select_columns(
     paths: Sequence[Path], names: Mapping[str, str], withhold: set[str], layout: delimited.Layout
 ) -> dict[str, str]:
-    """Map roles to headers of the columns that are there: x and y in any case, and a clock apart where named."""
+    """Map roles to the headers of the columns present, always including x and y, and a separate clock if named."""
     needed = [names.get(axis) or axis for axis in "xy"]
     there = set.intersection(*(set(delimited.read_header(path, needed, layout)) for path in paths))
     wanted = delimited.date_and_clock(names, withhold)
@@ -165,13 +165,13 @@ def _needed(column: str) -> InputError:
 
 
 def are_direction_cosines(log: Log) -> bool:
-    """Return whether the readings are direction cosines: of one modulus, 1, whichever way they point."""
+    """Return whether the readings are direction cosines: their modulus is 1 in every orientation."""
     length = np.linalg.norm(log.raw, axis=1)
     return log.has_z and bool(np.all(np.abs(length - 1.0) < COSINE_TOLERANCE))
 
 
 def unusable_reason(log: Log) -> str:
-    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty where they may be."""
+    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can."""
     raw = log.raw
     if len(raw) < MIN_READINGS:
         return f"{len(raw)} readings, at least {MIN_READINGS} are needed."
@@ -185,7 +185,7 @@ def unusable_reason(log: Log) -> str:
 
 
 def _gravity_reason(log: Log) -> str:
-    """Explain why the columns hold gravity: its modulus, or axes that follow the tilts and not the heading."""
+    """Explain why the columns hold gravity (modulus, or correlation with tilts) or direction cosines; empty if not."""
     length = np.linalg.norm(log.raw, axis=1)
     mean = float(length.mean())
     if not log.has_z or mean == 0.0:
@@ -207,19 +207,19 @@ def _gravity_reason(log: Log) -> str:
 
 
 def level_heading(field: Floats, levelling: Floats) -> Floats:
-    """Compute the heading of a tilt-compensated compass from the field in the body frame, (n, 3), (n,) degrees."""
+    """Compute the tilt-compensated heading, (n,) degrees, from the field in the body frame, (n, 3)."""
     north = np.einsum("nij,nj->ni", levelling[:, :2, :], field)
     return angles.argument(north[:, 0] - 1j * north[:, 1])
 
 
 def determine_axes(log: Log) -> tuple[Axes, list[str]]:
-    """Determine the axes from the logged heading where it follows them, else x forward, y starboard, z down.
+    """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down.
 
-    The heading fixes the quarter turn, the handedness and, with tilts, up or down; what is left over is the angle
+    The heading fixes the quarter turn, the handedness and, with tilts, up or down; the remaining offset is the angle
     about the vertical between magnetometer and instrument.
 
     Returns:
-        The axes, and sentences on what was found.
+        The axes, and warnings.
     """
     assumed = Axes(np.eye(3), _describe_axes(np.eye(3)) + " (assumed)")
     if log.heading_deg is None:
@@ -234,16 +234,16 @@ def determine_axes(log: Log) -> tuple[Axes, list[str]]:
     if scatter > ALIKE_DEG:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
         return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
-    sigma = scatter / np.sqrt(min(len(log.raw), MIN_READINGS))  # neighbours in time share their error
+    sigma = scatter / np.sqrt(min(len(log.raw), MIN_READINGS))  # successive readings share their error
     return Axes(about_down(off) @ best, text, off, sigma), []
 
 
 def search_axes(log: Log) -> tuple[Floats, float, float]:
-    """Find the signed permutation with the least scatter of logged minus its heading; scatter and mean in degrees."""
+    """Find the signed permutation with the least scatter of logged minus computed heading; give scatter and mean."""
     levelling, logged = log.levelling(), np.asarray(log.heading_deg)
     best: Floats = np.eye(3)
     least, mean = np.inf, 0.0
-    # Right-handed ones first; the others must be clearly better, or the tilts say nothing on up and down.
+    # Right-handed axes first; others must be clearly better, as tilts need not distinguish up from down.
     for y, z in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
         matrix = np.diag([1.0, y, z])
         for quarter in range(4):
@@ -257,13 +257,13 @@ def search_axes(log: Log) -> tuple[Floats, float, float]:
 
 
 def about_down(angle_deg: float) -> Floats:
-    """Turn the axes so that an angle is added to their heading, (3, 3)."""
+    """Build the rotation about the vertical that adds an angle to the heading, (3, 3)."""
     s, c = (float(v) for v in angles.sin_cos(angle_deg))
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _describe_axes(matrix: Floats) -> str:
-    """Name where x, y, z point."""
+    """Describe the directions of x, y and z in words."""
     words = []
     for k, name in enumerate("xyz"):
         axis = int(np.argmax(np.abs(matrix[:, k])))
@@ -271,16 +271,16 @@ def _describe_axes(matrix: Floats) -> str:
     return ", ".join(words)
 
 
-# The compass of a Falmouth 3D-ACM as a magnetometer's log: direction cosines, tilts and the heading that it logged.
+# Falmouth 3D-ACM compass read as a magnetometer log: direction cosines, tilts and logged heading.
 
 
 def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
-    """Read the log of an ACM; the first scan of each profile is aliased and left out.
+    """Read the log of an ACM; the first scan of each profile is aliased and excluded.
 
-    The axes are forward, port, up; TX lifts the first and TY the second, each axis by itself in the logger's own rule.
+    The axes are forward, port, up; TX raises the first and TY the second. The logger levels each axis separately.
 
     Raises:
-        InputError: a file cannot be read, or something unknown or needed is withheld.
+        InputError: a file cannot be read, or an unknown or required column is withheld.
     """
     known = {*HEADERS, *HEADERS.values(), TIME}
     if unknown := sorted(set(withhold) - known):
@@ -314,9 +314,9 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
 
 
 def repair_counts(log: Log) -> Log:
-    """Put counts that went over the end of the scale back; leave saturated and stuck ones out.
+    """Unwrap counts that overflowed; exclude saturated and stuck readings.
 
-    What went over the end of a scale that is not one of whole counts is left out: how far it is off is a guess.
+    Overflows of a scale that is not in whole counts are excluded, because their size is uncertain.
     """
     if unusable_reason(log):
         return log
@@ -341,9 +341,9 @@ def repair_counts(log: Log) -> Log:
 
 
 def _count_overflows(column: Floats) -> tuple[Floats, int]:
-    """Count how often each reading went over the end of the scale, and of how many bits that is; 0 where of none.
+    """Count the overflows of each reading, and infer the bits of the scale; 0 bits if it is not in whole counts.
 
-    A smooth log shows it: its steps are small but for those that are nearly the whole scale, all alike.
+    Overflows are detected in smooth logs, where they are the only large steps, all of nearly the full scale.
     """
     none = np.zeros(len(column)), 0
     step, reach = np.diff(column), float(np.ptp(column)) if len(column) else 0.0
@@ -364,7 +364,7 @@ def _count_overflows(column: Floats) -> tuple[Floats, int]:
 
 
 def _find_saturated(raw: Floats, k: int) -> Bools:
-    """Flag readings that share the axis' largest or least value, where far more do than next to it."""
+    """Flag readings at the largest or least value of an axis if it is far more frequent than the next values."""
     out = np.zeros(len(raw), dtype=bool)
     value, count = np.unique(raw[:, k], return_counts=True)
     for at, neighbours in ((-1, slice(-1 - NEIGHBOURS, -1)), (0, slice(1, 1 + NEIGHBOURS))):
@@ -376,10 +376,10 @@ def _find_saturated(raw: Floats, k: int) -> Bools:
 
 
 def _find_stuck(raw: Floats, k: int) -> Bools:
-    """Flag readings in a long row of one value while another axis moves."""
+    """Flag long runs of equal readings of an axis while another axis varies."""
     out = np.zeros(len(raw), dtype=bool)
     if not np.ptp(raw[:, k]):
-        return out  # an axis that is not there, or is refused
+        return out  # an axis that is absent, or refused elsewhere
     begins = np.flatnonzero(np.diff(raw[:, k], prepend=np.inf) != 0.0)
     ends = np.append(begins[1:], len(raw))
     long = ends - begins >= MIN_STILL

@@ -1,7 +1,7 @@
-"""A swing: deviation by courses over ground (GNSS), true headings, a visual mark or the sun.
+"""Compass swing: deviation from courses over ground (GNSS), true headings, a visual mark or the sun.
 
-Least squares over all headings with the water's set and drift beside the compass; Moncunill Marimon et al. 2023 (MM)
-for the eight principal courses, the table, the certificate's verdict and the magnets.
+Compass and set and drift of the water are fitted jointly by least squares over all headings; the eight principal
+courses, the table, the certificate's verdict and the magnets follow Moncunill Marimon et al. 2023 (MM).
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from compasslib.errors import InputError, applicable
 from compasslib.types import Floats
 
 KIND, MODEL = "swing", "series"
-# Error of declination by a world model, crust included: hypot(0.26, 5417 nT / H) degrees (WMM2025).
+# Standard error of a world model's declination, including the crust: hypot(0.26, 5417 nT / H) degrees (WMM2025).
 MODEL_DEG, MODEL_NT = 0.26, 5417.0
-MAX_PLACE_ERROR_DEG = 2.0  # between the place that is given and the log's own
-UNKNOWN_FIELD_DEG = 0.4  # the same at H = 18,000 nT
+MAX_PLACE_ERROR_DEG = 2.0  # between the given position and that of the log
+UNKNOWN_FIELD_DEG = 0.4  # error of the declination at H = 18,000 nT, for an unknown field
 BLOCKS = {
     COURSE: ("scatter of the courses about the curve", "least squares, alike neighbours and Student's t allowed for"),
     model.VISUAL: ("visual references", "as given, and the scatter about the curve"),
@@ -46,12 +46,12 @@ PRIORS = {
     model.LOG: ("scale of the ship's log", "0.1, normal, reduced by the information of the swing"),
 }
 NOTHING = 1e-12
-UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days from its zero, noon of 31 December 1899
+UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days since PyEphem's epoch, noon of 31 December 1899
 TERMS = 5
 WIDE_GAP_DEG = 100.0
 MIN_HEADINGS = 16
-STRUCTURE_DEG = 2.0  # residuals of a steady swing beyond it are not reading errors
-SERIES_LIMIT_DEG = 20.0  # Smith's series (Le Menn et al. 2023)
+STRUCTURE_DEG = 2.0  # rms residual of a steady swing above which reading errors do not explain it
+SERIES_LIMIT_DEG = 20.0  # validity of Smith's series (Le Menn et al. 2023)
 REMEDY = "swing 16 to 24 headings round the full circle"
 
 
@@ -60,7 +60,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
     Args:
         files: CSV tables, or NMEA 0183 logs with ``format: nmea0183``.
-        settings: the keys of the calibration file (``observations.SwingOptions`` has those of this kind alone).
+        settings: the keys of the calibration file (see ``observations.SwingOptions`` for those specific to swings).
 
     Raises:
         InputError: a file or column cannot be used, or the declination is not known.
@@ -112,7 +112,7 @@ def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, 
 
 
 def _date(observed: Observations, settings: Mapping[str, Any]) -> float | None:
-    """Look up the day of the swing, UTC seconds; the log's own where none is given."""
+    """Look up the date of the swing, UTC seconds; if none is given, the median time of the log."""
     if settings.get("date_s") is not None:
         return float(settings["date_s"])
     known = observed.time_s[np.isfinite(observed.time_s)]
@@ -139,7 +139,7 @@ def _marks(options: SwingOptions, place: tuple[float, float] | None) -> tuple[tu
 
 
 def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe what does not need the five-term fit: the eight courses, place, date, what was left out."""
+    """Collect the details that need no five-term fit: principal courses, position, date, excluded observations."""
     observed, place, date_s = swing.observed, _place(swing.observed, settings), _date(swing.observed, settings)
     psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
     principal = adjustment.principal_coefficients(psi, swing.declination_deg)
@@ -163,7 +163,7 @@ def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _pseudo_minus_true(principal: Mapping[str, Any], swing: Swing) -> dict[str, float] | None:
-    """Compute what A, D and E by courses over ground differ by from those by true headings, MM Table 3, degrees."""
+    """Compute A, D and E from courses over ground minus those from true headings (MM Table 3), degrees."""
     observed = swing.observed
     if not np.isfinite(observed.also_course_deg).all() or not len(observed):
         return None
@@ -173,9 +173,9 @@ def _pseudo_minus_true(principal: Mapping[str, Any], swing: Swing) -> dict[str, 
 
 
 def _residual_b_c(principal: Mapping[str, Any], swing: Swing, drift_ratio: float) -> dict[str, Any] | None:
-    """Compute residual B and C by MM's own ways: two headings 60 to 120 degrees apart, else one (Lushnikov).
+    """Compute residual B and C by the methods of MM: from one heading (Lushnikov) and two 60 to 120 degrees apart.
 
-    Beside them stand B and C with the drift by speeds on opposite courses, and what drift leaves of one heading.
+    Also computes B and C corrected for the drift from speeds on opposite courses, and the drift error of one heading.
     """
     known = {letter: principal[letter] for letter in "ADE"}
     bars = principal["B_bar"], principal["C_bar"]
@@ -221,7 +221,7 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         "n_effective": series.noises[COURSE].n_effective,
         "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
     }
-    # Make the budget: each source's rms over the table's headings; squares add up to the table's.
+    # Uncertainty budget: rms of each source over the table's headings; the squares sum to the table's mean square.
     columns, squares = series_design(table.heading_deg), dict[tuple[str, str], float]()
     for key, part in series.parts.items():
         name = BLOCKS[key] if key in BLOCKS else PRIORS[int(key)]
@@ -243,7 +243,7 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
 
 
 def _describe_delay(observed: Observations, lag_s: float, sigma_s: float) -> dict[str, Any]:
-    """Describe a delay between courses and readings that is applied."""
+    """Describe the applied delay between courses and readings."""
     late, of = ("courses", "readings") if lag_s > 0.0 else ("readings", "courses")
     without, left = observed.misfit_deg
     text = (
@@ -256,7 +256,7 @@ def _describe_delay(observed: Observations, lag_s: float, sigma_s: float) -> dic
 def _without_water(
     principal: Mapping[str, Any], drift: Mapping[str, Any] | None, declination_deg: float
 ) -> dict[str, float] | None:
-    """Take the water out of B, C, D and E, MM (36), (40) to (42), where the swing separates it."""
+    """Correct B, C, D and E for set and drift, MM (36), (40) to (42); None if these cannot be separated."""
     if not drift or not drift["separable"] or None in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
         return None
     water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
@@ -278,7 +278,7 @@ def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
 
 
 def _to_json(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert numbers for JSON, None where there is none."""
+    """Convert numbers for JSON, non-finite ones to None."""
     return {
         key: _to_json(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None)
         for key, x in content.items()
@@ -286,8 +286,8 @@ def _to_json(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def azimuth(latitude: float, longitude: float, time_s: float) -> float:
-    """Compute the sun's azimuth from true north at an instant, UTC seconds since 1970, degrees, by VSOP87 (PyEphem)."""
-    import ephem  # only swings by the sun need it
+    """Compute the sun's true azimuth, degrees, at a time in UTC seconds since 1970, by VSOP87 (PyEphem)."""
+    import ephem  # imported late: only sun sights need it
 
     here = ephem.Observer()
     here.lat, here.lon, here.pressure = str(latitude), str(float(angles.wrap180(longitude))), 0.0
@@ -296,7 +296,7 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
 
 
 def _refusal(swing: Swing) -> str:
-    """Explain why the five-term series cannot be fitted; empty where it can."""
+    """Explain why the five-term series cannot be fitted; empty if it can."""
     observed = swing.observed
     if not len(observed):
         lost = "; ".join(f"{n} {why}" for why, n in observed.left_out.items())
@@ -365,7 +365,7 @@ def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:
     for order, name in ((3, "third"), (4, "fourth")):
         columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
         if order == 4 and observations.distinct_headings(recorded) == 8:
-            columns = columns[:, 1:]  # sin 4 is not seen
+            columns = columns[:, 1:]  # sin 4 of the heading is unobservable
         both = np.column_stack([series_design(recorded), columns])
         taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
         size[name] = angles.rms(taken)
@@ -392,7 +392,7 @@ def _drift_warnings(swing: Swing, series: SwingFit) -> list[str]:
 
 
 def _quadrant_warnings(swing: Swing) -> list[str]:
-    """Warn where the one quadrantal course is not of the mark's quadrant (MM section 7.1, point 4)."""
+    """Warn if the only quadrantal course does not lie in the mark's quadrant (MM section 7.1, point 4)."""
     psi = adjustment.pseudo_deviations(swing.observed.course_deg, swing.observed.recorded_deg)
     steered = [point for point in adjustment.POINTS[1::2] if np.isfinite(psi[point])]
     if len(steered) != 1 or not swing.marks or not swing.observed.over_ground:
@@ -426,7 +426,7 @@ def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
 
 
 def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    """Warn where A is minus the declination, once or twice: magnetic and true north are then probably confused."""
+    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), ALIKE_DEG)
     if min(abs(constant), abs(declination)) <= max(DECLINATION_DEG, near):

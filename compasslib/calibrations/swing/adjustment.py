@@ -1,9 +1,9 @@
 """Coefficients from the eight principal courses: Moncunill Marimon et al. 2023 (MM), J. Navigation.
 
-A pseudo-deviation is the course over ground minus the compass course. A, D and E from it are free of the water's set
-and drift but for second-order terms; B and C hold them in full. A single visual reference, (54) to (60), corrects what
-lies across its heading; along it the drift stays. Two references 60 to 120 degrees apart, or speeds over ground on
-opposite courses, take it out.
+A pseudo-deviation is the course over ground minus the compass course. A, D and E derived from it are free of set and
+drift of the water except for second-order terms; B and C contain these in full. A single visual reference, (54) to
+(60), corrects the component across its heading, while drift remains along it. Two references 60 to 120 degrees apart,
+or speeds over ground on opposite courses, remove the drift.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from compasslib.types import Floats
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 STEP_DEG = 45.0
-SIN_45 = 0.707  # as MM print sin 45, so that their numbers come out to the last digit
-NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # between two headings that tell B and C (MM section 6)
+SIN_45 = 0.707  # as printed by MM, to reproduce their numbers to the last digit
+NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # limits of the angle between two headings for B and C (MM section 6)
 NAN = float("nan")
 LIMIT_DEG, SHORT_M, MIN_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
 TWO_SIGMA = 1.959964
-SPEED_SCATTER = 0.02  # of the speed through the water at one setting of the engine, assumed
-LIE = {"B": "longitudinal", "C": "transversal"}  # of magnets
+SPEED_SCATTER = 0.02  # relative, of the speed through the water at one engine setting, assumed
+LIE = {"B": "longitudinal", "C": "transversal"}  # orientation of the magnets
 NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
 
 
 def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
     """Average values on each of the eight points, NaN where none was steered.
 
-    Each observation belongs to the nearest point, by the courses or by the compass: whichever was steered on points.
+    Observations are assigned to the nearest point by course or by compass, whichever lies closer to the points.
     """
 
     def rms_from_points(heading_deg: Floats) -> float:
@@ -56,8 +56,8 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
 def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, float | dict[str, float]]:
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
-    D is the mean over the quadrants that were steered; over all four it is (47). Where the declination is 0 the
-    pseudo-deviations, degrees by point, are deviations.
+    D is the mean over the steered quadrants, which is (47) for all four. With a declination of 0, the
+    pseudo-deviations (degrees, by point) are treated as deviations.
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
@@ -77,15 +77,15 @@ def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> 
 
 
 def error_bound_deg(ratio: ArrayLike) -> Floats:
-    """Bound the error of D and of E by the ratio of drift to ship's speed, MM (37), (43) and Table 1, degrees."""
+    """Bound the error of D and E for a ratio of drift to ship's speed, MM (37), (43) and Table 1, degrees."""
     return 0.5 / angles.DEGREE * np.asarray(ratio, dtype=float) ** 2
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
-    """Compute the part of set and drift in the deviations' coefficients, MM (22), (37) and (43), degrees.
+    """Compute the corrections of the coefficients for set and drift, MM (22), (37) and (43), degrees.
 
     B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2. The ratio is that of
-    drift to the ship's speed, d/S; the set is magnetic, towards which the water flows.
+    drift to the ship's speed, d/S; the set is the magnetic direction towards which the water flows.
     """
     sine, cosine = angles.sin_cos(set_deg)
     sine2, cosine2 = angles.sin_cos(2.0 * set_deg)
@@ -130,13 +130,13 @@ def residual_by_lushnikov(
 
 
 def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
-    """Describe what an unknown drift leaves in B and C by Lushnikov's method, which MM do not mention, degrees.
+    """Describe the error of Lushnikov's B and C due to an unknown drift, which MM do not mention, degrees.
 
-    Step (60) takes the part along the heading from B bar and C bar, drift included: (B, C) errs by
-    -57.3 (d/S) cos(set - heading) along (cos heading, -sin heading), the deviation most 90 degrees off the heading.
+    Step (60) takes the component along the heading from B bar and C bar, which include the drift: the error of (B, C)
+    is -57.3 (d/S) cos(set - heading) along (cos heading, -sin heading), so the deviation errs most 90 degrees off it.
 
     Args:
-        ratio: largest drift over the ship's speed, d/S; any smaller drift, in any direction, is as likely.
+        ratio: largest drift over the ship's speed, d/S; the drift is uniformly distributed over a disc of this radius.
     """
     sine, cosine = (float(x) for x in angles.sin_cos(heading_deg))
     largest = ratio / angles.DEGREE
@@ -159,8 +159,8 @@ def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
 def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float] | None:
     """Compute x and y of (22) from speeds over ground on the four cardinal courses, degrees; None where one is missing.
 
-    The ship's speed through the water must be the same on opposite courses: where it scatters by a share s, x and y
-    have a standard uncertainty of 57.3 s / sqrt 2.
+    The ship's speed through the water must be the same on opposite courses: with a relative scatter s of the speed,
+    x and y have a standard uncertainty of 57.3 s / sqrt 2.
     """
     n, e, s, w = (speed_kn[point] for point in "NESW")
     if not np.isfinite([n, e, s, w]).all():
@@ -173,7 +173,7 @@ def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float]
 
 
 def directive_force(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
-    """Compute H' cos(deviation) over lambda H by magnetic heading, MM (53): how strongly the needle is directed."""
+    """Compute the relative directive force, H' cos(deviation) over lambda H, by magnetic heading, MM (53)."""
     (sine, cosine), (sine2, cosine2) = angles.sin_cos(heading_deg), angles.sin_cos(2.0 * heading_deg)
     _, b, c, d, e = coefficients * angles.DEGREE
     relative = 1.0 + b * cosine - c * sine + d * cosine2 - e * sine2
@@ -197,8 +197,8 @@ def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -
 def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
     """Describe how to nullify B or C (MM section 7.2, point 7).
 
-    A positive B is a field towards the bow. Above or beside its middle a magnet's field runs against its red end, so
-    red ends forward take it away; for C the same with starboard (Handbook of Magnetic Compass Adjustment).
+    A positive B is a field towards the bow. Above or beside the middle of a magnet, its field opposes the direction
+    of the red end: red ends forward cancel B, to starboard a positive C (Handbook of Magnetic Compass Adjustment).
     """
     b = letter == "B"
     courses = (90.0 - value_deg, 270.0 + value_deg) if b else (-value_deg, 180.0 + value_deg)
@@ -215,7 +215,7 @@ def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
 
 
 def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
-    """Choose magnets for B and C and tabulate what each choice leaves (MM section 7.2, points 8 and 9)."""
+    """Plan magnets for B and C and tabulate the residual deviation of each choice (MM section 7.2, points 8 and 9)."""
     remains, largest = {}, {}
     for choice, letters in NULLIFIED.items():
         remaining = coefficients * [letter not in letters for letter in LETTERS]
@@ -227,7 +227,7 @@ def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
 
 
 def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
-    """Judge whether the deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), with the conditions said."""
+    """Assess whether deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), and list conditions not verified."""
     size = np.abs(table.deviation_deg)
     surely, perhaps = size - TWO_SIGMA * table.sigma_deg > LIMIT_DEG, size + TWO_SIGMA * table.sigma_deg > LIMIT_DEG
     word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
@@ -271,14 +271,14 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
     )
 
 
-# What to turn and how far: magnets by the courses of a swing, and spheres for D and E. The field of a sphere of soft
-# iron of high permeability in a field F is (a/r)^3 (3 (F n) n - F), a its radius, at the distance r along n.
+# Adjustment: magnets by the courses of a swing, and spheres for D and E. The field of a soft-iron sphere of radius a
+# and high permeability in a field F is (a/r)^3 (3 (F n) n - F) at the distance r in the direction n.
 
-# Of each cardinal course the letter that magnets change, its sign in the deviation, and that of E; MM (2) to (5).
+# By cardinal course: the coefficient that magnets change, its sign in the deviation, and that of E; MM (2) to (5).
 CARDINAL = {"N": ("C", 1.0, 1.0), "E": ("B", 1.0, -1.0), "S": ("C", -1.0, 1.0), "W": ("B", -1.0, -1.0)}
 COURSE_DEG = {"N": 0.0, "E": 90.0, "S": 180.0, "W": 270.0}
 OPPOSITE = {"N": "S", "S": "N", "E": "W", "W": "E"}
-MIN_QUADRANTAL_DEG = 0.5  # D and E that spheres are worth placing for
+MIN_QUADRANTAL_DEG = 0.5  # quadrantal deviation below which no spheres are proposed
 SPHERE_MM = 180.0  # diameter of the spheres of an ordinary binnacle
 
 
@@ -287,13 +287,13 @@ def adjust(
 ) -> list[dict[str, Any]]:
     """Simulate the adjustment on four cardinal courses: nullify on the first two, halve on their opposites.
 
-    What is left of B and C is the drift of the water, x and -y: A, D and E do not change.
+    The remaining B and C are x and -y, caused by the drift of the water; A, D and E do not change.
 
     Args:
         water_deg: x and y of MM (22).
 
     Returns:
-        A step each: course, magnets, pseudo-deviation less declination before and after, B and C after, text.
+        One entry per step: course, magnets, pseudo-deviation minus declination before and after, B and C after, text.
     """
     letters = dict(zip(LETTERS, (float(k) for k in coefficients), strict=True))
     drift = {"B": -water_deg[0], "C": water_deg[1]}  # in the pseudo-deviation, MM (23) to (26), first order
@@ -314,15 +314,15 @@ def adjust(
 
 
 def magnet_field(value_deg: float, horizontal_nT: float) -> float:
-    """Compute the field towards the bow that nullifies B, or towards starboard that nullifies C, nT over lambda."""
+    """Compute the field towards the bow that nullifies B, or towards starboard that nullifies C, nT per unit lambda."""
     return -float(angles.sin_cos(value_deg)[0]) * horizontal_nT
 
 
 def spheres(d_deg: float, e_deg: float, diameter_mm: float = SPHERE_MM) -> dict[str, float] | None:
     """Place two spheres of soft iron that nullify D and E; None where both are small.
 
-    3 (a/r)^3 = lambda sqrt(D^2 + E^2), with lambda, 0.8 to 1 aboard, taken as 1: its tenth is 3.5 % of the distance.
-    The line of their centres stands athwartships for positive D, slewed clockwise by half of the angle of (D, E).
+    3 (a/r)^3 = lambda sqrt(D^2 + E^2), with lambda (0.8 to 1 aboard) taken as 1: an error of 0.1 is 3.5 % of the
+    distance. For positive D the centres lie athwartships; the line is slewed clockwise by half the angle of (D, E).
     """
     d, e = (float(sine) for sine in angles.sin_cos([d_deg, e_deg])[0])
     size = float(np.hypot(d, e))
@@ -337,8 +337,8 @@ def plan(coefficients: Floats, largest_deg: float, horizontal_nT: float | None) 
     """Plan the adjustment of a compass: magnets course by course, their fields, spheres.
 
     Args:
-        largest_deg: deviation; up to 4 degrees nothing need be adjusted, and no text advises it.
-        horizontal_nT: the earth's, None where it is unknown.
+        largest_deg: largest deviation; up to 4 degrees no adjustment is needed and none is advised.
+        horizontal_nT: the earth's horizontal field, None if unknown.
     """
     letters, steps = dict(zip(LETTERS, coefficients.tolist(), strict=True)), adjust(coefficients)
     placed = spheres(letters["D"], letters["E"])

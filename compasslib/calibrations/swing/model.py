@@ -1,8 +1,8 @@
-"""What a swing observes, as a function of compass, declination, water and delay.
+"""Observation model of a swing: compass, declination, set and drift of the water, delay of the courses.
 
-The ground's velocity is the water's plus the ship's through it, so the direction of what remains when the drift is
-taken from the velocity over ground is the true heading, whatever the speed. No speed through the water is needed; where
-the ship's log gives one, its length closes the triangle.
+Velocity over ground is the velocity of the water plus that of the ship through the water. After subtraction of the
+drift, its direction is therefore the true heading, whatever the speed. No speed through the water is needed; where the
+ship's log gives one, it constrains the length of the difference too.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from compasslib.statistics.resampling import student_factor
 from compasslib.types import Bools, Floats
 
 ROUNDS, STEPS = 4, 3
-MIN_INFORMATION = 2.0  # the data know a parameter that they tell twice as well as the prior
+MIN_INFORMATION = 2.0  # ratio of prior to data standard deviation above which the data determine a parameter
 SERIES = slice(0, 5)
 DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
 SIZE = 12
 DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
-FIXED_SIGMA = 1e-9  # prior width of a parameter that cannot be determined
-MAX_PRIOR_SHARE = 0.5  # drift is told from B and C where the swing halves its prior
-LOG_SIGMA = 0.1  # of a ship's log's scale
-SPRING_S = 3 * 3600.0  # a tide goes from slack to full in three hours
+FIXED_SIGMA = 1e-9  # prior standard deviation of a parameter that cannot be determined
+MAX_PRIOR_SHARE = 0.5  # drift counts as separated from B and C if the swing halves its prior width
+LOG_SIGMA = 0.1  # prior standard deviation of the scale of a ship's log
+SPRING_S = 3 * 3600.0  # a tidal current rises from slack to full in three hours
 MIN_WATER_KN = 0.5
-SMOOTHED_S = 60.0  # over which speeds are averaged
-HARMONICS = (3, 4)  # which compasses have too
-MIN_LEFT = 1e-6  # of a harmonic of amplitude 1 beside the compass's own terms
-MIN_SPEED_SHARE = 0.3  # of a speed, where the drift is faster than the ship
+SMOOTHED_S = 60.0  # window over which speeds are averaged
+HARMONICS = (3, 4)  # of the heading, which compasses may have beyond the five terms
+MIN_LEFT = 1e-6  # least norm of a harmonic of amplitude 1 after projecting out the compass terms
+MIN_SPEED_SHARE = 0.3  # lower bound, relative to the speed, where the drift is faster than the ship
 COURSE, VISUAL, WATER = "course", "visual", "log"
 
 
@@ -53,16 +53,16 @@ class Block:
 
     name: str
     observe: Callable[[Floats], tuple[Floats, Floats]]  # parameters -> residuals (n,), their derivatives (n, k)
-    speed_kn: Floats | None = None  # where slow ones scatter more
-    blocks: NDArray[np.int_] | None = None  # (n,) number of the block in time; None: their order says nothing
-    sigma: float | None = None  # scatter, where it is known
-    groups: NDArray[np.int_] | None = None  # (n,) which were taken on one heading
-    prior_sigma: float | None = None  # scatter of a reading, where too few degrees of freedom show it
+    speed_kn: Floats | None = None  # (n,) given where slow observations scatter more
+    blocks: NDArray[np.int_] | None = None  # (n,) number of the block in time; None where the order is irrelevant
+    sigma: float | None = None  # standard deviation, where it is known
+    groups: NDArray[np.int_] | None = None  # (n,) number of the heading, common to repeated readings
+    prior_sigma: float | None = None  # standard deviation of a reading, used without degrees of freedom to estimate it
 
 
 @dataclass(frozen=True)
 class SwingFit:
-    """Parameters with covariance, and what the covariance is made of."""
+    """Fitted parameters with their covariance and the contributions to it."""
 
     parameters: Floats  # (k,)
     covariance: Floats  # (k, k)
@@ -75,8 +75,8 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
     """Fit the parameters to all blocks by Gauss-Newton.
 
     Args:
-        blocks: observations; the first sets the least scatter of those with a known one.
-        sigma: (k,) their width, infinite for a parameter without.
+        blocks: observations; the scatter of the first is added in quadrature to the known ``sigma`` of others.
+        mean, sigma: (k,) prior means and standard deviations, the latter infinite for a parameter without a prior.
     """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
     for _ in range(ROUNDS):
@@ -101,13 +101,13 @@ def _noises(
             noises[block.name] = SwingNoise(np.full(residual.shape, scatter), dof=np.inf)
             continue
         size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + MIN_SCATTER_DEG)
-        # What the fit takes up: free parameters, and those that the data know better than the prior.
+        # Degrees of freedom of the fit: free parameters, and those that the data determine better than the prior.
         scaled, known = columns / size[:, None], np.isfinite(sigma)
         free, by_priors = span_basis(scaled[:, np.isinf(sigma)]), scaled[:, known] * sigma[known]
         beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=MIN_INFORMATION)
         basis = span_basis(np.column_stack([free, beyond]) * size[:, None])
         noise = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
-        if block.groups is not None:  # what is common to the readings on one heading does not average out
+        if block.groups is not None:  # errors common to the readings on one heading do not average out
             count, total = np.bincount(block.groups), np.bincount(block.groups, residual)
             occupied = count > 0
             dof = int(occupied.sum()) - basis.shape[1]
@@ -115,11 +115,11 @@ def _noises(
                 between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / max(dof, 1))
                 scatter = np.maximum(noise.sigma, between)
                 noise = SwingNoise(scatter, n_effective=float(occupied.sum()), dof=float(max(dof, 0)))
-        if block.prior_sigma is not None and noise.dof < 1.0:  # no degree of freedom shows the scatter: as stated
+        if block.prior_sigma is not None and noise.dof < 1.0:  # no degrees of freedom: stated scatter
             repeats = 1.0 if block.groups is None else len(block.groups) / len(np.unique(block.groups))
-            stated = block.prior_sigma * np.sqrt(repeats)  # a reading that repeats a heading has its error again
+            stated = block.prior_sigma * np.sqrt(repeats)  # repeated readings on a heading share one error
             noise = replace(noise, sigma=np.maximum(noise.sigma, stated), dof=np.inf)
-        # So few residuals that their scatter may be small by chance must not overrule the priors.
+        # The scatter of few residuals may be small by chance: they must not overrule the priors.
         noises[block.name] = replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
     return noises
 
@@ -152,12 +152,12 @@ def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a compass shows on headings."""
+    """Residuals of a compass at given headings, with their derivatives."""
 
     residual_deg: Floats  # (n,)
-    by_compass: Floats  # (n, 5) its derivatives by the coefficients
-    by_heading: Floats  # (n,) and by the heading
-    facing_deg: Floats  # (n,) magnetic heading by the reading
+    by_compass: Floats  # (n, 5) derivatives of the residuals with respect to the coefficients
+    by_heading: Floats  # (n,) derivative of the residuals with respect to the heading
+    facing_deg: Floats  # (n,) magnetic heading inferred from the reading
 
 
 Curve = Callable[[Floats, Floats, Floats], Prediction]  # coefficients, headings, readings, degrees
@@ -165,40 +165,40 @@ Curve = Callable[[Floats, Floats, Floats], Prediction]  # coefficients, headings
 
 @dataclass(frozen=True)
 class Swing:
-    """Observations with what is needed to explain them."""
+    """Observations of a swing with its options and the known inputs of the model."""
 
     observed: Observations
     options: SwingOptions
     declination_deg: float
     declination_sigma_deg: float
     marks: tuple[tuple[float, float], ...] = ()  # (recorded, true) headings by a visual mark or the sun
-    horizontal_nT: float | None = None  # the earth's field, None where it is unknown
+    horizontal_nT: float | None = None  # the earth's horizontal field, None where unknown
 
     @property
     def has_speed(self) -> bool:
-        """Whether speeds were logged; else the ship's speed is the unit and the drift a share of it."""
+        """Whether speeds were logged; otherwise the drift is in units of the ship's speed."""
         return bool(np.isfinite(self.observed.speed_kn).all())
 
     @property
     def widest_drift(self) -> float:
-        """The largest drift that the prior allows, knots, or over the ship's speed where that is not known."""
+        """Largest drift that the prior allows, knots, or relative to the ship's speed where that is unknown."""
         return self.options.max_drift_kn if self.has_speed else self.options.drift_ratio
 
     @property
     def speed_kn(self) -> Floats:
-        """The speed over ground, 1 where it is not known, (n,)."""
+        """Speed over ground (n,), knots; 1 where it is unknown."""
         return self.observed.speed_kn if self.has_speed else np.ones(len(self.observed))
 
 
 def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> SwingFit:
-    """Fit the water's drift, the course's delay and the compass: exact (dimensionless), or a series (degrees)."""
+    """Fit drift, course delay and the compass, as the exact model (dimensionless) or as the series (degrees)."""
     mean = np.zeros(SIZE)
     mean[LOG] = 1.0
     begin = mean.copy() if start is None else start.copy()
-    if start is None:  # a compass mounted askew is no outlier
+    if start is None:  # start A at the mean offset, lest readings of a misaligned compass be clipped
         off = angles.mean(swing.observed.course_deg - swing.observed.recorded_deg)
         begin[0] = angles.wrap180(off - swing.declination_deg)
-    if exact:  # by courses without water and delay: magnetic headings
+    if exact:  # start from magnetic headings: courses corrected for drift and delay
         ground = swing.observed.over_ground
         through = angles.direction(*_through_water(begin, swing)) if ground else swing.observed.course_deg
         heading_deg = angles.wrap360(through - _offset(begin, swing))
@@ -207,10 +207,9 @@ def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None)
 
 
 def prior_widths(swing: Swing) -> Floats:
-    """Compute the prior width of each parameter, infinite for the compass.
+    """Compute the prior standard deviation of each parameter, infinite for the compass coefficients.
 
-    A drift that may be anything up to a largest one, in any direction, has half of that as its standard deviation
-    along either axis.
+    A drift distributed uniformly over a disc has half of the disc's radius as standard deviation along either axis.
     """
     observed, sigma = swing.observed, np.full(SIZE, FIXED_SIGMA)
     sigma[SERIES] = np.inf
@@ -254,19 +253,19 @@ def _offset(parameters: Floats, swing: Swing) -> Floats:
 def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
     """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
-    Linearised at the fitted B and C, which hold part of the drift, it has what is of second order in the drift in A, D
-    and E too (MM (37), (43)). Only speeds that vary may separate the drift from B and C. At one speed it differs from
-    what a compass can be in higher harmonics of the heading alone, which compasses have too: what is like these is
-    taken out of its derivatives.
+    Linearised at the fitted B and C, which absorb part of the drift, it includes the second-order effect of the drift
+    on A, D and E (MM (37), (43)). Only varying speeds may separate the drift from B and C. At a constant speed, the
+    drift angle differs from a deviation only in higher harmonics of the heading; since compasses may have these too,
+    they are projected out of the derivatives.
     """
     speed = _through_speed(parameters, swing, facing_deg)
     (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
     east, north = speed * sine + east, speed * cosine + north
     square = np.maximum(east**2 + north**2, (MIN_SPEED_SHARE * speed) ** 2)
-    across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift towards east and north
+    across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift's east and north
     higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
     higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
-    # On five headings rounding is all that is left of them.
+    # On five headings only rounding errors remain of the higher harmonics.
     basis, slopes = span_basis(higher, least=MIN_LEFT), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
     slopes[:, CHANGES] = across * observations.since_middle(swing.observed.time_s)[:, None]
@@ -274,10 +273,9 @@ def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compas
 
 
 def _through_speed(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floats:
-    """Compute the speed through the water, (n,), from that over ground, the drift and the ship's heading.
+    """Compute the speed through the water (n,) from the speed over ground, the drift and the ship's heading.
 
-    Noise in the speeds would look like speeds that vary, and noise of the compass too, by the heading: both are
-    smoothed.
+    Noise of the speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
     """
     (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
     along, across, over_ground = (
@@ -292,7 +290,7 @@ def _through_speed(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floa
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
     observed = swing.observed
     in_time = None
-    if observed.timed:  # blocks of 20 s, empty ones not counted
+    if observed.timed:  # blocks of 20 s, numbered without the empty ones
         block = np.floor((observed.time_s - observed.time_s[0]) / observations.BLOCK_S)
         in_time = np.unique(block, return_inverse=True)[1]
     slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
@@ -332,7 +330,7 @@ def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Float
 
 
 def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Compute speed through the water from the triangle minus that of the ship's log times its scale, knots."""
+    """Compute the speed through the water minus the scaled speed of the ship's log, knots, and its derivatives."""
     since, used = observations.since_middle(swing.observed.time_s), _by_log(swing)
     east, north = _through_water(parameters, swing)
     through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.observed.water_speed_kn, 0.0)
@@ -343,7 +341,7 @@ def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
 
 
 def _by_log(swing: Swing) -> Bools:
-    """Flag samples with a speed through the water; none unless half of them have one."""
+    """Flag samples with a logged speed through the water; none unless more than half have one."""
     observed = swing.observed
     logged = np.nan_to_num(observed.water_speed_kn) > MIN_WATER_KN
     return logged & (observed.over_ground and swing.has_speed and len(observed) > 0 and logged.mean() > 0.5)
@@ -358,12 +356,12 @@ def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Predicti
 def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
     residual = angles.difference(compass.recorded_heading(coefficients, angles.wrap360(heading)), recorded)
     root = compass.inverse(coefficients, recorded)[:, 0]
-    fitted = np.where(np.isfinite(root), root, heading)  # a reading that the compass cannot show has no root
+    fitted = np.where(np.isfinite(root), root, heading)  # readings outside the compass's range have no root
     return Prediction(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
 
 
 def set_and_drift(parameters: Floats) -> tuple[float, float]:
-    """Convert the drift to set (degrees, true) and speed."""
+    """Convert the drift components to set (degrees true, towards) and drift speed."""
     return float(angles.direction(*parameters[DRIFT])), float(np.hypot(*parameters[DRIFT]))
 
 
@@ -380,7 +378,7 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
     ahead, side = (float(np.sqrt(max(float(x @ water @ x), 0.0))) for x in (along, across))
     sigma_set = float(angles.direction(side, drift)) if drift else 90.0
     described = f"set {set_deg:.0f} ± {1.96 * sigma_set:.0f}° (true), drift {drift:.2f} ± {1.96 * ahead:.2f} {unit}"
-    index = [1, 2, *DRIFT]  # B, C and the drift: their combination with the widest covariance
+    index = [1, 2, *DRIFT]  # combination of B, C and drift with the largest normalized variance
     scale = sigma[index]
     size, vectors = np.linalg.eigh(covariance[np.ix_(index, index)] / np.outer(scale, scale))
     weakest = dict(zip(("B", "C", "east", "north"), (float(x) for x in vectors[:, -1]), strict=True))

@@ -1,4 +1,4 @@
-"""What a swing observed: recorded headings and courses from a table or an NMEA log, and what was left out of them."""
+"""Observations of a swing: recorded headings and courses from a table or an NMEA log, with counts of excluded ones."""
 
 from __future__ import annotations
 
@@ -19,40 +19,40 @@ from compasslib.readers import delimited, nmea
 from compasslib.types import Bools, Floats
 
 ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
-SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # what stands for a header in an NMEA log
+SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # sentences that replace headers in an NMEA log
 BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
-BLOCK_S = 20.0  # over which residuals are averaged to find how alike they are
-NEIGHBOURS, ALIKE_DEG = 3, 40.0  # readings either side that are compared, and how far a ship may turn meanwhile
-STEADY_S = 60.0  # a helmsman's wandering about the course is over in that time
-APART_S = 30.0  # samples further apart do not hang together
+BLOCK_S = 20.0  # blocks over which residuals are averaged to estimate their autocorrelation
+NEIGHBOURS, ALIKE_DEG = 3, 40.0  # readings compared on either side, and largest change of heading between them
+STEADY_S = 60.0  # longer than a helmsman's wandering about the course
+APART_S = 30.0  # samples further apart belong to different runs
 REFUSED_GAP_DEG = 180.0
-HEADING_GAP_DEG = 2.0  # headings less apart are one heading, repeated
-MIN_LASTED_S = 480.0  # of a log that shows a delay
+HEADING_GAP_DEG = 2.0  # closer headings are repeats of one heading
+MIN_LASTED_S = 480.0  # least duration of a log for estimating a delay
 DELAY_STEP_S = 0.5
-MAX_LEFT = 0.7  # of the mean misfit of a log, by a delay that is applied: half of its square
+MAX_LEFT = 0.7  # largest ratio of the mean misfits with and without an applied delay: half of the square
 
 
 @dataclass(frozen=True)
 class SwingOptions:
-    """The keys of a swing's YAML file that only this kind has."""
+    """Keys of a swing's YAML file that are specific to this kind."""
 
-    min_speed_kn: float = 2.0  # fixes that are not faster are left out: slow courses over ground are noise
-    max_turn_deg_s: float = 1.0  # quicker turns, averaged over 20 s, are left out
-    max_lag_s: float = 10.0  # largest delay of the course behind the compass that is allowed
-    max_drift_kn: float = 1.0  # largest drift of the water that is allowed (MM section 7.3)
-    drift_ratio: float = 1.0 / 7.0  # the same over the ship's speed, for files without a speed
-    declination_sigma_deg: float | None = None  # standard uncertainty; by the field's strength where absent
+    min_speed_kn: float = 2.0  # fixes at or below it are excluded: slow courses over ground are noise
+    max_turn_deg_s: float = 1.0  # faster turns, averaged over 20 s, are excluded
+    max_lag_s: float = 10.0  # largest allowed delay of the course behind the compass
+    max_drift_kn: float = 1.0  # largest allowed drift of the water (MM section 7.3)
+    drift_ratio: float = 1.0 / 7.0  # the same relative to the ship's speed, for files without speeds
+    declination_sigma_deg: float | None = None  # standard uncertainty; None: computed from the field strength
     visual: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, true_deg}: heading for a mark of known true bearing
     sun: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, time_utc}: heading for the sun
     visual_sigma_deg: float = 1.0  # standard uncertainty of such a heading
-    course_sigma_deg: float = 1.0  # the same of a course and the reading on it, where too few headings show it
+    course_sigma_deg: float = 1.0  # standard uncertainty of course and reading, if headings are too few to estimate it
     vessel_length_m: float | None = None
     table_step_deg: float = 10.0  # 10 or 15
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> SwingOptions:
-        """Make options from the settings, defaults where they are silent."""
+        """Make options from the settings, with defaults for absent keys."""
         given = {f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None}
         marks: dict[str, Any] = {name: tuple(given.pop(name)) for name in ("visual", "sun") if name in given}
         return cls(**given, **marks)
@@ -60,22 +60,22 @@ class SwingOptions:
 
 @dataclass(frozen=True)
 class Observations:
-    """Recorded headings, each with the course that the ship made or the heading that it had."""
+    """Recorded headings, each with the course over ground or the true heading of the ship."""
 
     recorded_deg: Floats  # (n,) compass, magnetic
-    course_deg: Floats  # (n,) true north: over ground, or of the bow
-    over_ground: bool  # what course_deg is
+    course_deg: Floats  # (n,) from true north: course over ground, or heading of the bow
+    over_ground: bool  # whether course_deg is over ground
     speed_kn: Floats  # (n,) over ground, NaN where absent
     water_speed_kn: Floats  # (n,) by the ship's log, NaN where absent
     time_s: Floats  # (n,) UTC seconds since 1970, NaN where absent
-    turn_deg_s: Floats  # (n,) over the 20 s before, 0 without times
-    steady_turn_deg_s: Floats  # (n,) over the minute about it, quick turns left out; 0 without times
-    settled_deg: Floats  # (n,) recorded headings, means over 20 s
-    also_course_deg: Floats  # (n,) over ground where course_deg is of the bow, NaN where absent
-    delay_s: float = 0.0  # by which the course is later than the reading that it is paired with
-    misfit_deg: tuple[float, float] = (np.nan, np.nan)  # of a log, mean about a curve, without that delay and with it
-    place: tuple[float, float] | None = None  # latitude, longitude, where the log has them
-    variation_deg: float = float("nan")  # declination that the log states
+    turn_deg_s: Floats  # (n,) rate over the preceding 20 s, 0 without times
+    steady_turn_deg_s: Floats  # (n,) rate over the minute around, separately for fast turns; 0 without times
+    settled_deg: Floats  # (n,) recorded headings averaged over 20 s
+    also_course_deg: Floats  # (n,) course over ground where course_deg is of the bow, NaN where absent
+    delay_s: float = 0.0  # of the course relative to the reading that it is paired with
+    misfit_deg: tuple[float, float] = (np.nan, np.nan)  # mean misfit of a log to a curve, without and with that delay
+    place: tuple[float, float] | None = None  # latitude, longitude, if the log has them
+    variation_deg: float = float("nan")  # declination stated in the log
     left_out: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
@@ -84,18 +84,18 @@ class Observations:
 
     @property
     def timed(self) -> bool:
-        """Whether all observations carry their time."""
+        """Whether all observations have a time."""
         return bool(len(self) and np.isfinite(self.time_s).all())
 
     def keep(self, good: Bools, why: str) -> Observations:
-        """Select the good ones, (n,), and count the others."""
+        """Select observations by a mask, (n,), and count the others by reason."""
         lost = int((~good).sum())
         columns = {f.name: getattr(self, f.name)[good] for f in fields(self) if f.type == "Floats"}
         return replace(self, **columns, left_out={**self.left_out, **({why: lost} if lost else {})})
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
-    """Read a swing, slow fixes and quick turns left out and counted.
+    """Read a swing, excluding and counting slow fixes and fast turns.
 
     Args:
         files: CSV tables or NMEA 0183 logs.
@@ -117,7 +117,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     known = known.keep(~isolated_readings(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
-    # The rate of turn over the seconds before each sample; the earliest known one where there are too few.
+    # Rate of turn over the seconds before each sample, interpolated where these are too few.
     before = np.searchsorted(known.time_s, known.time_s - TURN_WINDOW_S, side="left")
     lasted = known.time_s - known.time_s[before]
     enough, turn = lasted >= TURN_WINDOW_S / 2.0, np.zeros(known.time_s.shape)
@@ -133,7 +133,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
 
 
 def isolated_readings(time_s: Floats, recorded_deg: Floats) -> Bools:
-    """Find readings of a dense log that less than half of the nearest ones agree with, as dropouts written as zero."""
+    """Flag readings of a dense log that agree with less than half of their neighbours, such as dropouts logged as 0."""
     n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
     for k in range(1, min(NEIGHBOURS, n - 1) + 1):
         close = time_s[k:] - time_s[:-k] <= TURN_WINDOW_S / 2.0
@@ -145,14 +145,14 @@ def isolated_readings(time_s: Floats, recorded_deg: Floats) -> Bools:
 
 
 def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) -> Observations:
-    """Pair each course of a log with the reading of some seconds before, where that explains most of the misfit.
+    """Pair each course of a log with a delayed reading, if that reduces the misfit enough (``MAX_LEFT``).
 
-    Turns, in which a delay shows, then need not be left out. The misfit is the mean distance of averages over 20 s from
-    a series in the recorded heading: outliers hardly move it, the series takes up a steady drift to first order, and a
-    filter of the readings, which averages their noise, gains nothing by that.
+    Turns, which reveal a delay, then need not be excluded. The misfit is the mean absolute 20 s average of residuals
+    about a series in the recorded heading: it is robust to outliers, the series absorbs a steady drift to first order,
+    and averaging the noise by filtering the readings brings no advantage.
 
     Args:
-        turned_deg: recorded headings, not wrapped, (n,).
+        turned_deg: unwrapped recorded headings, (n,).
     """
     time_s, most = known.time_s, options.max_lag_s
     if len(known) < 2 or np.ptp(time_s) < MIN_LASTED_S or np.median(np.diff(time_s)) > APART_S:
@@ -161,7 +161,7 @@ def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) 
     turned = np.interp(seconds, time_s, turned_deg)
 
     def paired(delay_s: float, *, filtered: bool) -> tuple[Floats, Floats]:
-        """Delay the readings by a filter of first order, or as they are: for each course the reading and its mean."""
+        """Delay readings by a shift or a first-order filter; give the reading and its 20 s mean for each course."""
         series = FilteredCourse(delay_s).delayed(turned) if filtered else turned
         at = time_s if filtered else time_s - delay_s
         return np.interp(at, seconds, series), np.interp(at, seconds, moving_average(series, seconds, BLOCK_S))
@@ -199,7 +199,7 @@ def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     known, place = np.isfinite(log.latitude + log.longitude), None
     if known.any():
         longitude = log.longitude[known]
-        middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))  # across the date line too
+        middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))  # also across the date line
         place = float(np.median(log.latitude[known])), float(angles.wrap180(middle))
     columns = {"compass_deg": log.heading_deg, "cog_deg": log.course_deg}
     columns |= {"true_deg": log.true_heading_deg} if "true_deg" in named else {}
@@ -210,7 +210,7 @@ def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
 
 
 def _observe(columns: Mapping[str, Floats]) -> Observations:
-    """Make observations of columns by role; rates of turn and settled headings follow when times are known."""
+    """Make observations from columns by role; rates of turn and averaged headings are left to the caller."""
     empty, over_ground = np.full(columns["compass_deg"].shape, np.nan), "true_deg" not in columns
     return Observations(
         recorded_deg=columns["compass_deg"],
@@ -237,7 +237,7 @@ def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations
 
 
 def _read_table(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
-    """Read the columns of one table by role, and notes; what is withheld is not looked at."""
+    """Read the columns of one table by role, and notes; withheld columns are ignored."""
     mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
     layout, headers = delimited.Layout.from_settings(settings), {role: str(mapped.get(role) or role) for role in ROLES}
     names = delimited.read_header(path, [headers["compass_deg"]], layout)
@@ -274,11 +274,11 @@ def _absent_column(path: Path, what: str, names: list[str]) -> InputError:
     )
 
 
-# Where in time and on the circle a swing's observations lie: blocks, means, rates of turn, headings.
+# Observations in time and around the circle: moving averages, rates of turn, distinct headings.
 
 
 def moving_average(values: Floats, time_s: Floats, window_s: float) -> Floats:
-    """Average values over a window about each, (n,), times increasing; as they are where a time is not known."""
+    """Average values over a window centred on each, (n,), for increasing times; unchanged if any time is unknown."""
     if not np.isfinite(time_s).all():
         return values
     first = np.searchsorted(time_s, time_s - window_s / 2.0, side="left")
@@ -288,15 +288,15 @@ def moving_average(values: Floats, time_s: Floats, window_s: float) -> Floats:
 
 
 def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[Floats, Floats]:
-    """Compute the rate of turn, the slope over the minute about each, and headings averaged over 20 s, (n,) each.
+    """Compute the rate of turn, a slope over one minute, and headings averaged over 20 s, (n,) each.
 
-    Where less than 20 s hang together it is the rate over the minute about each sample, and the heading as it was. A
-    difference of readings would not do: a compass's noise stands in it and in the deviation, and looks like a delay.
-    Nor would single readings as the place on the curve: water and compass are alike only on the same headings.
+    In runs shorter than 20 s, the rate is the difference over a minute and the heading is the reading. Differences of
+    readings are not used otherwise: they share the compass noise with the deviation, which would look like a delay.
+    Single readings are not used as abscissa: effects of water and compass coincide only at the same headings.
 
     Args:
-        turned_deg: recorded headings, not wrapped, (n,).
-        slow: which are not in a quick turn, (n,).
+        turned_deg: unwrapped recorded headings, (n,).
+        slow: mask of samples outside fast turns, (n,).
     """
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])
@@ -310,7 +310,7 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[F
 
 
 def _smooth_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
-    """Compute rate of turn and mean heading of one run; near its ends the rate of the nearest whole minute."""
+    """Compute rate of turn and mean heading of one run; near its ends, the rate of the nearest full minute."""
     turned = turned_deg - turned_deg[0]
     products = since_s, turned, since_s**2, since_s * turned
     at, on, square, both = (moving_average(x, since_s, STEADY_S) for x in products)
@@ -322,7 +322,7 @@ def _smooth_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
 
 
 def since_middle(time_s: Floats) -> Floats:
-    """Scale time to -1/2 to 1/2 of the swing, (n,); 0 where a time is not known."""
+    """Scale time to -1/2 to 1/2 over the swing, (n,); 0 if any time is unknown."""
     if not np.isfinite(time_s).all():
         return np.zeros(time_s.shape)
     first, last = time_s.min(), time_s.max()
@@ -330,7 +330,7 @@ def since_middle(time_s: Floats) -> Floats:
 
 
 def group_headings(recorded_deg: Floats) -> NDArray[np.int_]:
-    """Number the heading of each observation, (n,): repeated ones share a number."""
+    """Assign observations to numbered headings, (n,): repeats of a heading share a number."""
     order = np.argsort(recorded_deg, kind="stable")
     first = np.append(0.0, np.diff(recorded_deg[order])) > HEADING_GAP_DEG
     groups = np.empty(len(order), dtype=int)
@@ -341,7 +341,7 @@ def group_headings(recorded_deg: Floats) -> NDArray[np.int_]:
 
 
 def distinct_headings(recorded_deg: Floats) -> int:
-    """Count the headings that were steered, repeated ones once."""
+    """Count distinct headings; for 100 observations or more, occupied sectors of ten degrees."""
     return len(np.unique(group_headings(recorded_deg))) if len(recorded_deg) < 100 else count_sectors(recorded_deg)
 
 

@@ -1,7 +1,7 @@
-"""Two profilers on one rigid frame: the simulation is b's heading from a's, rigidly turned.
+"""Two profilers on one rigid frame: compares b's recorded heading with that simulated from a's by a rigid rotation.
 
-The clocks come first, then the frame (by tilts), then the headings. The difference of two compasses does not show
-which of them is wrong; only the tilts separate its constant from the mounting angle.
+Clocks are aligned first, then the frame is fitted to the tilts, then the headings are compared. The difference of two
+compasses does not show which of them is wrong; only the tilts separate its constant from the mounting angle.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from compasslib.statistics.resampling import blocks_by_count
 from compasslib.types import Floats
 
 KIND = "two_heads"
-MIN_SAMPLES = 100  # samples of both heads at the same time
+MIN_SAMPLES = 100  # simultaneous samples of both heads
 MAX_CLOCK_OFFSET_S = 600.0
-UNRELATED_DEG = 30.0  # rms of the difference beyond which two headings have nothing to do with each other
+UNRELATED_DEG = 30.0  # rms of the difference beyond which two headings are unrelated
 PAIR = 2
 SIGMAS, MIN_CONSTANT_DEG = 2.0, 1.0
 MAX_INTERVAL_S = 600.0
 SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
-CLOCK = {  # of the page, by the fields of a clock difference
+CLOCK = {  # keys in calibration.json -> fields of a clock difference
     **{name: name for name in ("offset_s", "sigma_s", "drift_s_per_day", "drift_sigma_s_per_day", "drift_applied")},
     **{"found": "determined", "from_tilts_s": "from_tilts_s", "from_headings_s": "from_headings_s"},
     **{f"correlation_of_{of}_rates": f"{of}_correlation" for of in ("tilt", "heading")},
@@ -55,10 +55,10 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Args:
         files: PD0 files of head a and of head b.
         settings: keys of the calibration's YAML: start_s, end_s (window by a's clock), orientation,
-            declination_applied, heading_alignment (of a and b), max_clock_seconds, clock_offset_seconds (None: found).
+            declination_applied, heading_alignment (of a and b), max_clock_seconds, clock_offset_seconds (None: fitted).
 
     Raises:
-        InputError: not two files, or one that cannot be read.
+        InputError: there are not two files, or one cannot be read.
     """
     if len(files) != PAIR:
         expected, advice = "two files, of head a and head b", "write file: [a.000, b.000]"
@@ -91,7 +91,7 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     if not frames.covered_sectors(compared.recorded_b).any():
         why = f"no sector of 10° of headings holds {frames.MIN_IN_SECTOR} samples of both heads"
         return _no_calibration(len(compared), why, warnings + clock.warnings)
-    # Fit the turn as the series' constant, iterated because the turn enters the effect of tilt too.
+    # Fit the rotation as the constant of the series, iteratively, because it enters the effect of tilt too.
     frame = frames.fit_frame(compared.time_s, compared.lean_a, compared.lean_b)
     offset = float(angles.mean(angles.difference(compared.recorded_b, compared.recorded_a)))
     sigma = motion.heading_error_deg(clock, compared.rate_deg_s)
@@ -120,24 +120,24 @@ def read_head(path: str | Path, settings: Mapping[str, Any], which: int) -> Reco
 
 
 def setting(settings: Mapping[str, Any], key: str, default: float) -> Any:
-    """Look up a key of the settings, the default where it is absent or null."""
+    """Look up a key of the settings, with a default if it is absent or null."""
     value = settings.get(key)
     return default if value is None else value
 
 
 def overlap_in_time(a: Motion, b: Motion, max_offset_s: float) -> bool:
-    """Return whether two heads measured at the same time, their clocks at most so far apart, seconds."""
+    """Return whether two heads measured at the same time, for a largest clock offset in seconds."""
     return bool(max(a.time_s[0], b.time_s[0] - max_offset_s) < min(a.time_s[-1], b.time_s[-1] + max_offset_s))
 
 
 def known_clock_offset(b: Motion, offset_s: float) -> ClockDifference:
-    """Make the clock difference of a b that is known to be off by so many seconds."""
+    """Make a clock difference from a known offset of b's clock, seconds."""
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     return ClockDifference(offset_s=offset_s, sigma_s=RESOLUTION_S, middle_s=middle)
 
 
 def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
-    """Interpolate a to b's instants by the clocks."""
+    """Interpolate a to the times of b, converted to a's clock."""
     at = clock.by_a(b.time_s)
     heading, lean, rate = a.heading.at(at), a.leaning.at(at), a.heading.at(at, 1)
     known = np.isfinite(heading) & np.isfinite(lean)
@@ -147,18 +147,18 @@ def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
 
 @dataclass(frozen=True)
 class _FittedHeads:
-    """The rigid turn between two heads, and the series through the difference that it leaves."""
+    """Rigid rotation between two heads, and the series fitted to the remaining difference of headings."""
 
     pairs: PairedHeads
     clock: ClockDifference
     frame: Frame
-    offset_deg: float  # of b's forward axis clockwise from a's, by the headings
-    difference_deg: Floats  # (n,) a's heading, turned, minus b's
+    offset_deg: float  # of b's forward axis clockwise from a's, from the headings
+    difference_deg: Floats  # (n,) b's heading simulated from a's, minus the recorded one
     series: HeadingDifference
 
     @property
     def constant_difference_deg(self) -> tuple[float, float]:
-        """The mounting angle by the tilts minus the offset by the headings, and its standard deviation."""
+        """Mounting angle from the tilts minus offset from the headings, and its standard deviation, degrees."""
         sigma = float(np.hypot(self.frame.offset_sigma_deg, np.sqrt(self.series.covariance[0, 0])))
         return float(angles.difference(self.frame.offset_deg, self.offset_deg)), sigma
 
@@ -174,7 +174,7 @@ def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibr
             f"frame, or their clocks are farther apart than max_clock_seconds"
         )
         return replace(_no_calibration(len(pairs), why, warnings + clock.warnings), coverage=coverage, points=points)
-    # NaN where a term was refused; A is 0 by definition.
+    # Refused terms are NaN; A is 0 by definition.
     coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
     coefficients[: series.terms] = series.coefficients
     coefficients[0] = 0.0
@@ -197,7 +197,7 @@ def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibr
 
 
 def simulated_heading(pairs: PairedHeads, offset_deg: float, frame: Frame) -> Floats:
-    """Simulate b's heading from a's, rigidly turned, its forward axis clockwise from a's by an offset, (n,) degrees."""
+    """Simulate b's heading, (n,) degrees, from a's by a rigid rotation with b's forward axis clockwise by an offset."""
     if frame.verdict in ("mirrored", "not rigid"):
         return angles.wrap360(pairs.recorded_a + offset_deg)
     rotation = frames.upright(offset_deg, pairs.lean_a, pairs.lean_b)
@@ -317,7 +317,7 @@ def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
 
 
 def _slip_warnings(time_s: Floats, series: HeadingDifference) -> list[str]:
-    """Warn of a step of the offset far beyond what neighbouring stretches differ by."""
+    """Warn of a step of the offset that far exceeds the differences between neighbouring blocks."""
     stretch = blocks_by_count(time_s, SLIP_STRETCHES)[series.used]
     count = np.bincount(stretch, minlength=SLIP_STRETCHES)
     if count.min() == 0:

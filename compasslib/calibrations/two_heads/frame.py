@@ -1,14 +1,14 @@
-"""The frame of two heads by their tilts alone, and the difference of their headings as a series.
+"""Frame of two heads from their tilts alone, and the difference of their headings as a series.
 
-What points down, seen in b's body, is a constant rotation of what points down in a's: v_b = R v_a. The rotation is
-found by Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with noise in both heads alike. Its turn about the
-vertical is the mounting angle, with no compass in it. Both orientations use the same body axes forward, starboard,
-down (physics page, section 8), so that a head which looks up fits like any other; a mirrored fit betrays a roll that
-was counted the other way. A lean is what points down in a head's body, forward + i starboard (``motion.lean``).
+The downward vectors in the bodies of b and a are related by a constant rotation, v_b = R v_a. The rotation is fitted by
+Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with equal noise in both heads. Its angle about the vertical is
+the mounting angle, determined without compasses. Both orientations use the same body axes forward, starboard, down
+(physics page, section 8), so that upward-looking heads need no special treatment; a mirrored fit reveals a roll with
+reversed sign. A lean is the downward vector in a head's body, forward + i starboard (``motion.lean``).
 
-The difference of the headings is a series in b's recorded heading with as many terms as the headings carry: Smith's
+The difference of the headings is a series in b's recorded heading with as many terms as the headings determine: Smith's
 (von Appen 2015, eq. 1; Moncunill Marimón et al. 2023, eq. 1), constant, semicircular, quadrantal. Its covariance is a
-jackknife over stretches of the record, because the errors of a cast follow each other.
+jackknife over blocks of the record, because the errors of a cast are autocorrelated.
 """
 
 from __future__ import annotations
@@ -27,43 +27,43 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, blocks_by_count
 from compasslib.types import Bools, Complexes, Floats
 
-STRETCHES = 30  # in which the residual is looked at
-RIGID_DEG = 0.5  # rms of the difference of two inclinometers by their makers' word
-MAX_RMS_DEG = 1.5  # no two inclinometers of one frame differ so much
-MIN_VARIATION_DEG = 0.3  # tilts that vary less than this tell nothing of a rotation
-ITERATIONS = 3  # a lean turns the forward axis in the second order, taken back by iteration
+STRETCHES = 30  # blocks in which the residual is tested
+RIGID_DEG = 0.5  # rms difference of two inclinometers according to their makers
+MAX_RMS_DEG = 1.5  # exceeds the rms difference of any two inclinometers on one frame
+MIN_VARIATION_DEG = 0.3  # least variation of tilts that determines a rotation
+ITERATIONS = 3  # remove the second-order rotation of the forward axis by a lean
 MIN_CORRELATION = 0.5  # correlation of the tilts below which b does not follow a
 TERM_NAMES = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
-# A coefficient's variance over what full coverage would give it. With 10, three terms need about 160 degrees and five
-# about 230.
+# Largest variance inflation of a coefficient, which is 1 at full coverage. With 10, three terms need about 160 degrees
+# and five about 230.
 MAX_INFLATION = 10.0
 SECTOR_DEG, SECTORS = 10.0, 36
 MIN_IN_SECTOR = 5
-CLIP_SIGMAS = 5.0  # beyond which a difference is a spike
-# Assumed standard deviations of B, C, D, E where they are refused: what a difference of two compasses without strong
-# iron may hold. A refused term is not zero: it leaks into those that are fitted.
+CLIP_SIGMAS = 5.0  # limit beyond which a difference is a spike
+# Assumed standard deviations of refused B, C, D, E, typical of the difference of two compasses without strong iron. A
+# refused term is not zero: it leaks into those that are fitted.
 ALLOWANCE_DEG = np.array([5.0, 5.0, 2.0, 2.0])
-REACH_DEG = 10.0  # a table of fewer than five terms goes this far beyond the headings that were covered
+REACH_DEG = 10.0  # extrapolation beyond the covered headings in a table of fewer than five terms
 
 
 @dataclass(frozen=True)
 class Frame:
-    """How b is mounted against a."""
+    """Mounting of b relative to a."""
 
     rotation: Floats  # (3, 3) from a's body to b's
-    residual_deg: Floats  # (n,) angle between what points down by b and by a, turned
-    offset_deg: float  # of b's forward axis clockwise from a's, by the tilts
-    offset_sigma_deg: float  # NaN where the tilts do not tell
+    residual_deg: Floats  # (n,) angle between the downward vectors of b and of a after the rotation
+    offset_deg: float  # of b's forward axis clockwise from a's, from the tilts
+    offset_sigma_deg: float  # NaN if the tilts do not determine the offset
     rms_deg: float
     variation_deg: float  # rms of a's tilt about its mean
-    correlation: float  # of the tilts, mirrored or not
+    correlation: float  # of the tilts, the larger of proper and mirrored
     mirrored: bool
     verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
     text: str
 
 
 def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
-    """Fit the constant rotation that best takes a's tilts to b's."""
+    """Fit the constant rotation that best maps a's tilts to b's."""
     rotation = _rotation(down(lean_b).T @ down(lean_a))
     chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
     residual = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)) / angles.DEGREE
@@ -87,12 +87,12 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
 
 
 def twist(rotation: Floats) -> float:
-    """Compute the turn of b's forward axis clockwise of a's on an upright frame, degrees, from the rotation (3, 3)."""
+    """Compute the clockwise angle from a's to b's forward axis, degrees, for a rotation (3, 3) on an upright frame."""
     return float(angles.wrap180(angles.direction(rotation[0, 1], rotation[0, 0])))
 
 
 def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
-    """Build the rotation from a's body to b's with a given turn about the vertical, the least lean added, (3, 3)."""
+    """Build the rotation (3, 3) from a's body to b's with a given angle about the vertical and the least tilt."""
     turn, down_a, down_b = offset_deg, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0)
     for _ in range(ITERATIONS):
         sine, cosine = (float(x) for x in angles.sin_cos(turn))
@@ -109,15 +109,15 @@ def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
 def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -> Floats:
     """Compute b's heading from a's heading and tilts and the rotation between them, (n,) in [0, 360).
 
-    The forward axis of b, seen in a's body, is turned level by a's tilts and north by a's heading. Under tilt this
-    differs from a constant offset in the second order: up to half a degree at ten.
+    The forward axis of b in a's body is levelled by a's tilts and referred to north by a's heading. Under tilt this
+    differs from a constant offset in second order: up to half a degree at ten degrees.
     """
     level = compass.levelling(*tilt_angles(lean_a)) @ rotation[0]
     return angles.wrap360(heading_a_deg + angles.direction(level[:, 1], level[:, 0]))
 
 
 def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation: Floats) -> float:
-    """Estimate the standard deviation of the turn about the vertical by a jackknife over stretches of the record."""
+    """Estimate the standard deviation of the angle about the vertical by a jackknife over blocks of the record."""
     a, b = down(lean_a), down(lean_b)
     back = (b @ rotation)[:, :2] @ np.array([1.0, 1.0j])
     aside = np.imag(np.conj(lean_a - lean_a.mean()) * (back - lean_a))
@@ -136,7 +136,7 @@ def _rotation(moment: Floats) -> Floats:
 
 
 def _correlations(lean_a: Complexes, lean_b: Complexes) -> tuple[float, float, float]:
-    """Correlate b's tilts with a's turned, and with a's mirrored; and compute the variation of a's, degrees rms."""
+    """Correlate b's tilts with a's and with a's mirrored, up to a rotation; also compute a's rms variation, degrees."""
     a, b = lean_a - lean_a.mean(), lean_b - lean_b.mean()
     scale = max(float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))), 1e-300)
     variation = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE
@@ -169,21 +169,21 @@ def _verdict(
 
 @dataclass(frozen=True)
 class HeadingDifference:
-    """A fitted difference: what is to be added to b's recorded heading to get a's, turned."""
+    """Fitted difference, to be added to b's recorded heading to obtain the heading simulated from a's."""
 
     terms: int  # 5, 3 or 1
     coefficients: Floats  # (terms,) degrees
-    covariance: Floats  # (terms, terms), what refused terms may leak included
-    sampling: Floats  # (terms, terms), without that
-    leak: Floats  # (terms, 5 - terms) of each refused term into the fitted ones
+    covariance: Floats  # (terms, terms), including leakage of refused terms
+    sampling: Floats  # (terms, terms), excluding leakage
+    leak: Floats  # (terms, 5 - terms) leakage of each refused term into the fitted ones
     residual_deg: Floats  # (n,) of all differences
-    used: Bools  # (n,) not spikes
-    structure_deg: float  # rms by sector of what the series leaves, beyond noise
+    used: Bools  # (n,) False for spikes
+    structure_deg: float  # rms of the mean residuals by sector, in excess of noise
     n_effective: float
     stretches: int
     covered: Bools  # (36,) sectors of b's recorded heading
-    inflation: dict[int, Floats]  # terms -> variance of each over what the full circle would give
-    refused: str  # which terms were refused and why; empty where none
+    inflation: dict[int, Floats]  # number of terms -> variance inflation of each, 1 at full coverage
+    refused: str  # which terms were refused and why; empty if none
 
 
 def fit_difference(
@@ -192,8 +192,8 @@ def fit_difference(
     """Fit the largest series that the covered headings determine, with its covariance.
 
     Args:
-        difference_deg: a's heading, turned, minus b's, in [-180, 180) about a small mean, (n,).
-        rate_sigma_deg: what one standard deviation of the clocks does to each difference, (n,).
+        difference_deg: b's heading simulated from a's minus the recorded one, in [-180, 180) about a small mean, (n,).
+        rate_sigma_deg: change of each difference by one standard deviation of the clock offset, (n,).
     """
     covered = covered_sectors(recorded_deg)
     inflation = {k: variance_inflation(covered, k) for k in TERM_NAMES}
@@ -208,7 +208,7 @@ def fit_difference(
     solver = np.linalg.pinv(columns[used])
     by_clock, leak = solver @ rate_sigma_deg[used], solver @ others[used]
     sampling = covariance + np.outer(by_clock, by_clock)
-    # Structure: the rms over sectors of the mean residual, less what noise alone would leave.
+    # Structure: rms over sectors of the mean residual, minus the contribution of noise.
     sector, left = (angles.wrap360(recorded_deg[used]) / SECTOR_DEG).astype(int), residual[used]
     in_sector = np.bincount(sector, minlength=SECTORS)
     there = in_sector >= MIN_IN_SECTOR
@@ -232,15 +232,15 @@ def fit_difference(
 
 
 def covered_sectors(recorded_deg: Floats) -> Bools:
-    """Flag the sectors of 10 degrees that hold enough samples, (36,)."""
+    """Flag the sectors of 10 degrees that contain enough samples, (36,)."""
     count = np.bincount((angles.wrap360(recorded_deg) / SECTOR_DEG).astype(int), minlength=SECTORS)[:SECTORS]
     return np.asarray(count >= max(MIN_IN_SECTOR, 0.001 * len(recorded_deg)))
 
 
 def variance_inflation(covered: Bools, terms: int) -> Floats:
-    """Compute the variance of each coefficient over what it would have alone, from the information matrix.
+    """Compute the variance inflation of each coefficient relative to a fit of it alone, from the information matrix.
 
-    Each covered sector counts alike: that a frame lingered at one heading does not help.
+    All covered sectors have equal weight: many samples at one heading do not help.
     """
     if covered.sum() < terms:
         return np.full(terms, np.inf)
@@ -250,20 +250,20 @@ def variance_inflation(covered: Bools, terms: int) -> Floats:
 
 
 def deviation_table(series: HeadingDifference) -> DeviationTable:
-    """Tabulate the deviation every 10 degrees without its constant; NaN far from what a short series covered."""
+    """Tabulate the deviation without constant every 10 degrees; NaN far from covered headings if terms are refused."""
     return difference_curve(series, np.arange(0.0, 360.0, 10.0))
 
 
 def difference_curve(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
     """Evaluate the deviation and its sigma at recorded headings, (m,), as ``deviation_table`` does."""
     columns, others = np.split(series_design(heading_deg), [series.terms], axis=1)
-    # Where headings were covered the fitted terms have taken up the refused ones; beyond, these go their own way.
+    # At covered headings the fitted terms have absorbed the refused ones; elsewhere, these add an error of their own.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
-    # What the series leaves by sectors is the refused terms' own trace: the larger of the two, not both.
+    # Residual structure is caused by the refused terms: take the larger of the two, not their sum.
     left = np.maximum(np.sum(unseen**2, axis=1), series.structure_deg**2)
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + left)
     deviation = columns[:, 1:] @ series.coefficients[1:]
-    known: Bools = np.full(heading_deg.shape, True)  # if it has all terms, else near sectors that were covered
+    known: Bools = np.full(heading_deg.shape, True)  # with all terms; otherwise near covered sectors
     if series.terms != max(TERM_NAMES):
         centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
         away = np.abs(angles.difference(heading_deg[:, None], centres))
@@ -281,7 +281,7 @@ def stretches_deg(covered: Bools) -> str:
 
 
 def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, Bools]:
-    """Fit least squares without spikes; return the coefficients and which are no spikes."""
+    """Fit least squares with iterative rejection of spikes; give the coefficients and the mask of used differences."""
     used = np.ones(len(difference), dtype=bool)
     for _ in range(5):
         coefficients = np.linalg.lstsq(columns[used], difference[used], rcond=None)[0]

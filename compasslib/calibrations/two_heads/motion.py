@@ -1,4 +1,4 @@
-"""How a head moved by its own clock: heading and tilts as smooth functions of time, and their rates."""
+"""Motion of a head by its own clock: heading and tilts as smooth functions of time, their rates, and clock offsets."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from compasslib.records import BAD, Record
 from compasslib.statistics.resampling import blocks_by_count, student_factor
 from compasslib.types import Complexes, Floats
 
-STEEPEST_TILT = 45.0  # degrees: on deck, or fallen
+STEEPEST_TILT = 45.0  # degrees; larger tilts occur on deck or after a fall
 MAX_STRETCHES, MIN_STRETCHES, SAMPLES_IN_STRETCH = 16, 5, 40.0
-GAP_STEPS = 3.0  # sampling intervals without a sample over which nothing is interpolated
+GAP_STEPS = 3.0  # longest gap that is interpolated, in sampling intervals
 
 
 @dataclass(frozen=True)
 class GapSpline:
-    """A smooth curve through samples, silent inside gaps."""
+    """Cubic spline through samples, undefined inside gaps."""
 
     time_s: Floats  # (n,) increasing
     values: NDArray  # (n,) real or complex
@@ -35,7 +35,7 @@ class GapSpline:
         return CubicSpline(self.time_s - self.time_s[0], self.values)
 
     def at(self, time_s: Floats, derivative: int = 0) -> NDArray:
-        """Evaluate the curve, or a derivative by seconds, at instants (k,); NaN in gaps and beyond the ends."""
+        """Evaluate the spline, or a derivative per second, at times (k,); NaN in gaps and beyond the ends."""
         left = np.searchsorted(self.time_s, time_s, side="right") - 1
         inside = (time_s >= self.time_s[0]) & (time_s <= self.time_s[-1])
         left = np.clip(left, 0, len(self.time_s) - 2)
@@ -51,44 +51,44 @@ class Motion:
 
     time_s: Floats  # increasing
     heading_deg: Floats  # recorded, unwrapped along time
-    lean: Complexes  # forward + i starboard of what points down in its body: the sines of the tilts
+    lean: Complexes  # downward vector in the body, forward + i starboard: the sines of the tilts
 
     @property
     def recorded_deg(self) -> Floats:
-        """The recorded heading, [0, 360)."""
+        """Recorded heading, [0, 360)."""
         return angles.wrap360(self.heading_deg)
 
     @cached_property
     def heading(self) -> GapSpline:
-        """The heading as a curve, degrees."""
+        """Spline of the heading, degrees."""
         return GapSpline(self.time_s, self.heading_deg)
 
     @cached_property
     def leaning(self) -> GapSpline:
-        """The tilt as a curve."""
+        """Spline of the lean."""
         return GapSpline(self.time_s, self.lean)
 
     @cached_property
     def turn_rate(self) -> GapSpline:
-        """The rate of turn, degrees a second, between the samples."""
+        """Spline of the rate of turn between samples, degrees per second."""
         return _rate(self.time_s, self.heading_deg)
 
     @cached_property
     def lean_rate(self) -> GapSpline:
-        """The rate of tilt, degrees a second, between the samples."""
+        """Spline of the rate of tilt between samples, degrees per second."""
         return _rate(self.time_s, self.lean / angles.DEGREE)
 
 
 @dataclass(frozen=True)
 class PairedHeads:
-    """Both heads at b's instants, (n,) each."""
+    """Both heads at the sampling times of b, (n,) each."""
 
     time_s: Floats  # by b's clock
     recorded_a: Floats  # degrees, interpolated
     recorded_b: Floats
     lean_a: Complexes
     lean_b: Complexes
-    rate_deg_s: Floats  # how fast a turns
+    rate_deg_s: Floats  # rate of turn of a
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -114,16 +114,16 @@ def extract_motion(record: Record, start_s: float | None = None, end_s: float | 
 
 
 def lean(pitch_deg: Floats, roll_deg: Floats) -> Complexes:
-    """Compute what points down, seen in the body: forward + i starboard, the third row of Ry(pitch) Rx(roll).
+    """Compute the downward vector in the body, forward + i starboard: the third row of Ry(pitch) Rx(roll).
 
-    Pitch counts forward up, roll starboard down.
+    Pitch is positive forward up, roll is positive starboard down.
     """
     (sp, cp), (sr, _) = angles.sin_cos(pitch_deg), angles.sin_cos(roll_deg)
     return -sp + 1j * cp * sr
 
 
 def down(lean: Complexes) -> Floats:
-    """Compute the unit vector that points down in the body's axes forward, starboard, down, (n, 3), from a lean."""
+    """Compute the downward unit vector in the body axes forward, starboard, down, (n, 3), from a lean."""
     return np.stack([lean.real, lean.imag, np.sqrt(np.maximum(1.0 - np.abs(lean) ** 2, 0.0))], axis=-1)
 
 
@@ -135,10 +135,10 @@ def tilt_angles(lean: Complexes) -> tuple[Floats, Floats]:
 
 
 def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
-    """Choose the number of stretches of a record, and the widening of the variance between them.
+    """Choose the number of blocks of a record, and the inflation of the variance between them.
 
-    Neighbouring stretches share what is remembered across their border: a stretch of m independent samples shows
-    1 - 1/(2m) of the variance of long ones (first-order memory). And few stretches make Student's t of a normal.
+    Neighbouring blocks are correlated across their border: blocks of m independent samples show 1 - 1/(2m) of the
+    variance of long ones (first-order autoregression). Few blocks require Student's t instead of a normal distribution.
     """
     count = int(np.clip(effective / SAMPLES_IN_STRETCH, MIN_STRETCHES, MAX_STRETCHES))
     shared = 1.0 - 0.5 / max(effective / count, 1.0)
@@ -151,23 +151,23 @@ def _rate(time_s: Floats, values: NDArray) -> GapSpline:
     return GapSpline(((time_s[1:] + time_s[:-1]) / 2.0)[near], (np.diff(values) / interval)[near])
 
 
-MIN_CORRELATION = 0.3  # of rates that move together; 5 / sqrt(n) for short records
-# Fisher's z by which the tilts must agree better at a lag of their own, in its errors; samples that count once in it;
-# and a correlation above which more says nothing.
+MIN_CORRELATION = 0.3  # of rates by which clocks can be compared; 5 / sqrt(n) for short records
+# Gain in Fisher's z required of the tilts at a lag of their own, in standard errors; samples per independent one; and
+# upper bound of the correlation in z.
 MIN_GAIN_SIGMAS, MEMORY, MAX_CORRELATION = 5.0, 20.0, 0.999
 STRETCHES = 30
-RESOLUTION_S = 0.01 / np.sqrt(12.0)  # a PD0 clock counts hundredths
-FLOOR_S = 1e-4  # no clock is known better, whatever two equal files seem to say
+RESOLUTION_S = 0.01 / np.sqrt(12.0)  # PD0 clocks count hundredths of a second
+FLOOR_S = 1e-4  # least standard deviation of an offset, even for two identical files
 ROUNDS = 20
-DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # from there on tilts and headings tell of different lags
-DRIFT_SIGMAS = 3.0  # a drift less sure is not applied
-MIN_VARIATION = 1e-6  # of a rate: what varies by less is even
+DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # limits beyond which tilts and headings have different lags
+DRIFT_SIGMAS = 3.0  # less significant drifts are not applied
+MIN_VARIATION = 1e-6  # relative variation of a rate below which it is constant
 UNKNOWN = (float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)
 class ClockDifference:
-    """b's clock minus a's, at the middle of the record, and how it grows."""
+    """Clock of b minus clock of a at the middle of the record, and its drift."""
 
     offset_s: float = 0.0
     sigma_s: float = float("nan")
@@ -183,21 +183,21 @@ class ClockDifference:
     warnings: tuple[str, ...] = ()
 
     def by_a(self, time_s: Floats) -> Floats:
-        """Convert instants of b's clock to a's clock, (n,)."""
+        """Convert times of b's clock to a's clock, (n,)."""
         drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
         return time_s - self.offset_s - drift * (time_s - self.middle_s)
 
 
 @dataclass(frozen=True)
 class _Signal:
-    """The same quantity by both heads: b's samples and a's curve."""
+    """A quantity measured by both heads: samples of b and spline of a."""
 
     time_s: Floats  # (n,) by b's clock
     value: Complexes  # (n,) of b
     other: GapSpline  # of a
 
     def turned(self, at_s: Floats) -> Complexes:
-        """Turn b's samples into a's frame, at their times by a's clock, (n,)."""
+        """Rotate b's samples into a's frame, given their times by a's clock, (n,)."""
         here = self.other.at(at_s)
         known = np.isfinite(here)
         along = np.sum(np.conj(self.value[known]) * here[known])
@@ -205,7 +205,7 @@ class _Signal:
 
 
 def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` where nothing moves together."""
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
     min_correlation = max(MIN_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, correlation = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
@@ -243,7 +243,7 @@ def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDif
 
 
 def _offset_and_drift(signals: Sequence[_Signal], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
-    """Estimate offset and drift as fields of a clock; a drift that is not sure is reported and not applied."""
+    """Estimate offset and drift as fields of ``ClockDifference``; insignificant drifts are reported but not applied."""
     value, covariance = _weighted_mean([_solve_lag(s, np.array([lag]), middle_s) for s in signals])
     both, both_covariance = _weighted_mean([_solve_lag(s, np.array([value[0], 0.0]), middle_s) for s in signals])
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
@@ -265,7 +265,7 @@ def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
 def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dict[str, float]]:
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
-    Where the tilts by themselves agree clearly better at another lag, theirs holds: a compass that lags has no say.
+    If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
     """
     lattice = min(step(a.time_s), step(b.time_s))
     begin = min(a.time_s[0], b.time_s[0])
@@ -287,19 +287,19 @@ def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dic
 
 
 def _interpolate_rate(curve: GapSpline, grid: Floats) -> Complexes:
-    """Interpolate a rate to a regular grid, its mean removed, zero where there is none."""
+    """Interpolate a rate to a regular grid, remove its mean, and fill gaps with zero."""
     value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
     after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
     there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
     there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
     apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
-    # A frame that turns evenly, or not at all, has no rate by which clocks could be compared: what is left is rounding.
+    # A frame that turns steadily, or not at all, gives no signal to compare clocks by: only rounding errors remain.
     steady = np.abs(apart).max(initial=0.0) <= MIN_VARIATION * np.abs(value).max(initial=0.0)
     return np.zeros_like(apart) if steady else apart
 
 
 def _correlations(first: Complexes, second: Complexes) -> Floats:
-    """Compute the modulus of the correlation at each circular lag of a doubled grid, its first half only."""
+    """Compute the modulus of the correlation at each lag, in FFT order, on a zero-padded grid."""
     size = len(first)
     product = np.conj(np.fft.fft(first, 2 * size)) * np.fft.fft(second, 2 * size)
     whole = np.fft.ifft(product)
@@ -310,7 +310,7 @@ def _correlations(first: Complexes, second: Complexes) -> Floats:
 
 
 def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
-    """Average independent solutions, weighted by the inverse of their covariances; return mean and covariance."""
+    """Average independent solutions weighted by their inverse covariances; give the mean and its covariance."""
     inverses = [np.linalg.inv(covariance) for _, covariance in solutions]
     whole = np.linalg.inv(np.sum(inverses, axis=0))
     parts = [inverse @ value for inverse, (value, _) in zip(inverses, solutions, strict=True)]
@@ -318,7 +318,7 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
 
 
 def _solve_lag(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
-    """Solve for the offset (and slope, where two parameters begin) at which the correlation's derivative vanishes."""
+    """Solve for the offset (and drift, if ``start`` has two parameters) where the correlation's derivative vanishes."""
     solution = start
     for _ in range(ROUNDS):
         curvature, parts = _gradient_sums(signal, solution, middle_s)
@@ -334,7 +334,7 @@ def _solve_lag(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats,
 
 
 def _gradient_sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
-    """Compute the correlation's curvature and each stretch's part of its gradient."""
+    """Compute the curvature of the correlation and the contribution of each block to its gradient."""
     columns = np.stack([np.ones_like(signal.time_s), signal.time_s - middle_s])[: len(parameters)]
     at = signal.time_s - parameters @ columns
     turned = signal.turned(at)
@@ -348,5 +348,5 @@ def _gradient_sums(signal: _Signal, parameters: Floats, middle_s: float) -> tupl
 
 
 def heading_error_deg(clock: ClockDifference, rate_deg_s: Floats) -> Floats:
-    """Compute the error of each difference of headings by one standard deviation of the clock, (n,) degrees."""
+    """Compute the error of heading differences due to one standard deviation of the clock offset, (n,) degrees."""
     return rate_deg_s * (clock.sigma_s if np.isfinite(clock.sigma_s) else 0.0)

@@ -1,4 +1,4 @@
-"""Recordings that are not moorings, held against their simulations; this table says which kinds there are."""
+"""Diagnose recordings of calibrations against their simulations; ``KINDS`` lists the kinds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from compasslib.statistics import single_threaded
 
-if TYPE_CHECKING:  # the Snakefile needs the table only
+if TYPE_CHECKING:  # the Snakefile needs only the table of kinds
     from compasslib.inference.comparison import Options
     from compasslib.inference.diagnosis import Diagnosis
 
@@ -33,8 +33,8 @@ def diagnose(
 
     Args:
         files: raw files in the order of the YAML file.
-        settings: keys of the YAML file, settled or not.
-        options: what may be chosen; None where it is switched off.
+        settings: settings of the YAML file, resolved or not.
+        options: options of the diagnosis; None if it is switched off.
 
     Raises:
         InputError: a file that cannot be read.
@@ -49,7 +49,7 @@ def diagnose(
 
 
 def chosen(settings: Mapping[str, Any]) -> Options | None:
-    """Read the options of a diagnosis, None where it is switched off."""
+    """Read the options of a diagnosis; None if it is switched off."""
     from compasslib.inference.comparison import Options
 
     if not settings["enabled"]:

@@ -1,8 +1,8 @@
-"""An observatory's declination held against the model of the field plus a constant: what else moved it.
+"""Diagnose an observatory's declination against a model of the earth's field plus a constant.
 
-Trends and jumps are judged by the general search, on hourly means with the daily harmonics as nuisance. Storms and
-daily variation need no catalogue: the recording is the declination itself. What is left of it after its slow level and
-its quiet days is looked at over three hours. Up to a limit the constant is plausible as the field of rocks.
+Trends and jumps are tested by the general search, on hourly means with daily harmonics as nuisance or on daily means.
+Storms and daily variation are detected in the declination itself, storms in three-hour windows of its residual from
+slow level and quiet-day curve. Up to a limit the constant is plausible as the crustal field.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ SEPARATED_BY = {
     "secular_variation": "more years, or a second observatory near by",
 }
 
-MOST_STORMS = 5  # findings; smaller ones are counted in the text of the last
-LEFT_OUT_S = 600.0  # stretches of a storm that are left out in turn
-FEWEST_DAYS = 5  # that a quiet-day curve must come from to be held against days left out
+MOST_STORMS = 5  # most storm findings; their texts give the number of smaller storms
+LEFT_OUT_S = 600.0  # length of the stretches of a storm that are held out alternately
+FEWEST_DAYS = 5  # fewest quiet days for a finding on the quiet-day curve
 
 
 def separating_text(findings: Sequence[Finding]) -> str | None:
-    """List what would separate the alternatives, None where nothing is open."""
+    """List the observations that would separate alternatives; None if there are none."""
     pairs = [(finding.effect, other) for finding in findings for other in finding.alternatives]
     texts = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
     return "; ".join(dict.fromkeys(texts)) or None
@@ -77,7 +77,7 @@ def reason_text(compared: FieldComparison, source: str, findings: Sequence[Findi
 
 
 def storm_text(storm: Storm, compared: FieldComparison, proof: HeldOut, more: int) -> str:
-    """Describe one storm; smaller ones without a finding are counted."""
+    """Describe one storm, with the number of smaller storms that have no finding."""
     quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
     others = f" {more} smaller storms are not listed." if more else ""
     return (
@@ -90,7 +90,7 @@ def storm_text(storm: Storm, compared: FieldComparison, proof: HeldOut, more: in
 
 
 def daily_text(amplitude_deg: float, size_deg: float, days: int) -> str:
-    """Describe a daily variation that matters: amplitude is half of its range."""
+    """Describe a daily variation; its amplitude is half of its range."""
     return (
         f"Every day magnetic north swings by {amplitude_deg:.2f}° to either side, {size_deg:.2f}° rms: "
         f"the daily variation, by the median of {days} quiet days."
@@ -98,7 +98,7 @@ def daily_text(amplitude_deg: float, size_deg: float, days: int) -> str:
 
 
 def constant_text(compared: FieldComparison, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
-    """Describe a constant larger than the crust makes plausible."""
+    """Describe a constant that is too large for the crustal field."""
     model = "IGRF" if source == "IGRF" else "the given declination"
     begin = (
         f"The declination differs from {model} by {compared.constant_deg:+.2f} ± "
@@ -120,7 +120,7 @@ def restless_text(size_deg: float) -> str:
 
 
 def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> SlowFindings:
-    """Find trend and jumps of a series."""
+    """Find the trend and the jumps of a series."""
     if why := why_too_short(compared):
         jump = short_jump(compared, options.min_effect_deg) if compared.storms else None
         missing = [("secular_variation", why)] + ([] if jump else [("heading_slip", why)])
@@ -152,11 +152,11 @@ def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthFi
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None) -> Diagnosis:
-    """Diagnose an observatory's declination against model plus constant.
+    """Diagnose an observatory's declination against a field model plus a constant.
 
     Args:
         files: IAGA-2002 files of one observatory.
-        settings: as for the calibration of this kind.
+        settings: settings of a calibration of this kind.
 
     Raises:
         InputError: a file cannot be read, the place is not known, a date lies outside the model, or the field is not
@@ -174,8 +174,8 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
     """Diagnose a series against a declination along time plus a constant.
 
     Args:
-        series: of an observatory, at least half a day.
-        field: the model's declination along time, or the number in its place.
+        series: series of an observatory, at least half a day.
+        field: declination along time by the model, or a given constant.
     """
     limit = options.min_effect_deg
     first = observatory.compare(series, field, limit_deg=limit)
@@ -210,7 +210,7 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
 
 
 def plausible_deg(series: FieldSeries, field: EarthField) -> float:
-    """Compute the largest plausible constant of the crust at a place, degrees."""
+    """Compute the largest plausible declination by the crustal field at a place, degrees."""
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
     return float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
 
@@ -317,9 +317,9 @@ def _span(compared: FieldComparison) -> tuple[float, float]:
 
 
 def _interpolation_gain(compared: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
-    """Score the storm's own curve on stretches left out of it, interpolated between its neighbours.
+    """Score the storm's own curve on held-out stretches, interpolated between their neighbours.
 
-    It predicts no other day and no other place; it shows that the disturbance is a course in time and not noise.
+    This predicts no other day or place; it shows that the disturbance is continuous in time and not noise.
     """
     inside = (series.time_s >= storm.begin_s) & (series.time_s <= storm.end_s) & np.isfinite(series.declination_deg)
     time_s, observed = series.time_s[inside], series.declination_deg[inside]
@@ -336,7 +336,7 @@ def _interpolation_gain(compared: FieldComparison, series: FieldSeries, storm: S
 
 
 def _fold_gain(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldOut:
-    """Score a constant, or a daily curve, on days that it was not made from."""
+    """Score a constant, or a daily curve, on held-out days, or on held-out hours of a single day."""
     day = np.floor(time_s / observatory.DAY_S).astype(int)
     unit = day if day[-1] > day[0] else np.floor(time_s / observatory.HOUR_S).astype(int)
     left = np.array(off_deg)

@@ -1,7 +1,7 @@
-"""What is slow in an observatory's series: a trend beyond the model, and jumps of its baseline.
+"""Find slow changes in an observatory's series: a trend beyond the field model, and jumps of its baseline.
 
-Records of some weeks go through the general search with the two terms that apply. Shorter ones hold no trend; a jump in
-them is a change from one level to another that leaves nothing that a storm is made of.
+Records of at least some weeks are analysed by the general search with the two applicable terms. Shorter ones show no
+trend; a jump in them is a change of level whose residual contains no storm.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.resampling import blocks_by_span
 from compasslib.types import Floats
 
-Jumps = tuple[tuple[float, float], ...]  # (date, degrees that the series rises by)
+Jumps = tuple[tuple[float, float], ...]  # (date, rise of the series in degrees)
 
-HOURS_OF_YEARS = 3.0  # a longer record is searched by days
+HOURS_OF_YEARS = 3.0  # years above which daily instead of hourly means are searched
 DAILY_HARMONICS = range(1, 5)  # of the quiet day
-PRECISION_DEG = 0.01  # least width of what is left: of a published declination
-NEAR_S = 3 * observatory.DAY_S  # reach of the finer search of a jump's date
-LEAST_SIDE_S = 3 * observatory.HOUR_S  # of either level of a jump in a short record
-LEAST_AFTER_S = observatory.DAY_S  # of a level that no storm keeps
-MODEL_TREND_SHARE = 0.25  # share by which a trend may miss the model's own and still be it
-FEWEST_PIECES = 6  # of 27 days
-LEAST_COVERED = 0.5  # share of the days below which the general search does not know the noise of what is slow
-LEVELS = 5  # days on either side that show a large jump
-LARGE_JUMP_RATIO = 8.0  # times its usual size that a change of the levels must have
+PRECISION_DEG = 0.01  # least width of the residual: resolution of a published declination
+NEAR_S = 3 * observatory.DAY_S  # reach of the finer search for a jump's date
+LEAST_SIDE_S = 3 * observatory.HOUR_S  # least duration of either level of a jump in a short record
+LEAST_AFTER_S = observatory.DAY_S  # duration of a level beyond which it is no storm
+MODEL_TREND_SHARE = 0.25  # relative difference up to which a trend is that of the model
+FEWEST_PIECES = 6  # of 27 days, for a trend
+LEAST_COVERED = 0.5  # share of days with data, below which the general search cannot estimate slow noise
+LEVELS = 5  # days on either side whose median shows a large jump
+LARGE_JUMP_RATIO = 8.0  # least change of the level at a large jump, in robust widths
 DRIFTS = "the declination drifts beyond the simulation, and so its constant depends on the date"
-TREND_SIGMAS = 5.0  # standard errors of a trend through pieces
-LEAST_STEADY = 0.5  # of the limit: what a jump may leave
+TREND_SIGMAS = 5.0  # least trend through pieces, in standard errors
+LEAST_STEADY = 0.5  # largest three-hour residual after a jump, relative to the limit
 
 
 def jump_text(jump: tuple[float, float], sigma_deg: float, proof: HeldOut, alternatives: Sequence[str]) -> str:
     """Describe a jump of the baseline.
 
     Args:
-        jump: date, and degrees that the declination rises by.
-        proof: on days left out.
+        jump: date, and rise of the declination in degrees.
+        proof: score on held-out days.
     """
     others = f" This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else ""
     return (
@@ -65,8 +65,8 @@ def trend_text(slope: Parameter, finding: Finding, model_slope: float | None, al
     """Describe a trend.
 
     Args:
-        slope: degrees a year.
-        model_slope: IGRF's own where the trend is that, degrees a year.
+        slope: degrees per year.
+        model_slope: trend of IGRF if it explains the slope, degrees per year.
     """
     as_model = "" if model_slope is None else f" IGRF has {model_slope:+.3f} there: the given declination is constant."
     others = f" This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else ""
@@ -80,7 +80,7 @@ def trend_text(slope: Parameter, finding: Finding, model_slope: float | None, al
 
 @dataclass(frozen=True)
 class SlowFindings:
-    """What was found, and what could not be looked for."""
+    """Slow changes found in a series, and effects that could not be tested."""
 
     findings: tuple[Finding, ...] = ()
     jumps: Jumps = ()
@@ -98,13 +98,13 @@ def remove_jumps(series: FieldSeries, jumps: Jumps) -> FieldSeries:
 
 
 def compare_series(compared: FieldComparison, model: EarthField) -> LongComparison:
-    """Build the comparison of the general search: a compass that stays where it is while north moves."""
+    """Build the comparison for the general search: a compass at rest while magnetic north moves."""
     years = float(np.ptp(compared.time_s)) / YEAR_S
     step = observatory.HOUR_S if years < HOURS_OF_YEARS else observatory.DAY_S
     time_s, off = _averaged(compared.time_s, compared.residual_deg - compared.constant_deg - compared.quiet_deg, step)
     n = len(time_s)
     still = np.zeros(n)
-    # The same field at all times: C is scaled by 1/H, and a column that drifts with H would take the trend.
+    # A constant field: C is scaled by 1/H, and a column that drifts with H would absorb the trend.
     h, z = (np.full(n, np.mean(x)) for x in (model.horizontal_nT, model.vertical_nT))
     hour = 15.0 * (time_s / observatory.HOUR_S % 24.0)
     waves = [x for k in DAILY_HARMONICS for x in angles.sin_cos(k * hour)] if step < observatory.DAY_S else []
@@ -125,7 +125,7 @@ def compare_series(compared: FieldComparison, model: EarthField) -> LongComparis
 
 
 def why_too_short(compared: FieldComparison) -> str:
-    """Explain why a series is too short for slow changes; empty where it is not."""
+    """Explain why a series is too short for slow changes; empty if it is not."""
     days = float(np.ptp(compared.time_s)) / observatory.DAY_S
     hours = len(np.unique(np.floor(compared.time_s / observatory.HOUR_S)))
     if days >= comparison.SHORTEST_DAYS and hours >= comparison.FEWEST_PAIRS:
@@ -144,7 +144,7 @@ def covered_share(compared: FieldComparison) -> float:
 def trend_of_pieces(
     compared: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float
 ) -> SlowFindings:
-    """Fit the trend through the medians of 27 days of a record that is mostly gaps; a jump may hide in a gap."""
+    """Fit a trend to 27-day medians of a record that is mostly gaps, where jumps are not testable."""
     missing = (("heading_slip", "most of the record is gaps: a jump in one looks like a trend or like nothing"),)
     number = np.unique(np.floor(compared.time_s / observatory.DAY_S / observatory.BLOCK_DAYS), return_inverse=True)[1]
     years = (compared.time_s - compared.time_s[0]) / YEAR_S
@@ -183,7 +183,7 @@ def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Float
 def reword_finding(
     finding: Finding, series: FieldSeries, model: EarthField, jump: tuple[float, float] | None
 ) -> Finding:
-    """Reword a finding of the search for an observatory, with what it could also be."""
+    """Reword a finding of the general search for an observatory, with its alternatives."""
     assert finding.when_s is not None  # an observatory has a clock
     if jump is not None:
         sigma = next(iter(finding.parameters.values())).sigma
@@ -208,7 +208,7 @@ def reword_finding(
 
 
 def date_jump(compared: FieldComparison, finding: Finding) -> tuple[float, float]:
-    """Date a jump among the means around the date of the search, and measure by how much the series rises."""
+    """Refine the date of a jump found by the search; the rise of the series is that of the finding."""
     assert finding.when_s is not None  # an observatory has a clock
     near = np.abs(compared.time_s - finding.when_s[0]) <= NEAR_S
     time_s, off = compared.time_s[near], (compared.residual_deg - compared.quiet_deg)[near]
@@ -220,7 +220,7 @@ def date_jump(compared: FieldComparison, finding: Finding) -> tuple[float, float
 
 
 def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
-    """Find the best change of level of a series: where, by how much, and the residual of the two levels."""
+    """Find the best change of level of a series: its index, its size, and the residual from the two levels."""
     splits = range(least, len(off) - least + 1, max(1, len(off) // 600))
     spread = [np.sum(np.abs(part - np.median(part))) for k in splits for part in (off[:k], off[k:])]
     at = splits[int(np.argmin(np.add(spread[::2], spread[1::2])))]
@@ -229,15 +229,14 @@ def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
 
 
 def short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tuple[float, float]] | None:
-    """Find the jump of a short record, if two levels leave nothing of what else would be a storm."""
+    """Find the jump of a short record, if the residual from two levels contains no storm."""
     off = compared.residual_deg - compared.quiet_deg
     least = int(LEAST_SIDE_S / compared.step_s)
     if len(off) < 2 * least + 2:
         return None
     at, size, left = _best_split(off, least)
-    remainder = float(
-        observatory.three_hour_rms(compared.time_s, left)[1].max()
-    )  # without the mean that the jump itself falls into
+    # The rms without the largest value, since the jump may fall into one mean.
+    remainder = float(observatory.three_hour_rms(compared.time_s, left)[1].max())
     if abs(size) < limit_deg or remainder >= LEAST_STEADY * limit_deg:
         return None
     date, last = float(compared.time_s[at]) - compared.step_s / 2.0, float(compared.time_s[-1])
@@ -247,9 +246,9 @@ def short_jump(compared: FieldComparison, limit_deg: float) -> tuple[Finding, tu
 
 
 def large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Finding, tuple[float, float]]]:
-    """Find jumps far beyond the other changes of daily levels, which the search would clip as outliers.
+    """Find jumps much larger than other changes of the daily levels, which the search would clip as outliers.
 
-    The change from five days to the next five is held against its own median, so that a trend makes no jump.
+    The median change from five days to the next five is subtracted first: a trend is no jump.
     """
     begins = np.unique(np.floor(compared.time_s / observatory.DAY_S), return_index=True)[1]
     off = compared.residual_deg - compared.quiet_deg
@@ -273,7 +272,7 @@ def large_jumps(compared: FieldComparison, limit_deg: float) -> list[tuple[Findi
 
 
 def _jump(compared: FieldComparison, jump: tuple[float, float], sigma_deg: float, others: tuple[str, ...]) -> Finding:
-    """Build the finding of one jump: two levels against one, on stretches that were not fitted."""
+    """Build the finding of one jump, scored by two levels against one on held-out stretches."""
     date, last, after = jump[0], float(compared.time_s[-1]), compared.time_s >= jump[0]
     off = compared.residual_deg - compared.quiet_deg
     unit = observatory.DAY_S if np.ptp(compared.time_s) > 10 * observatory.DAY_S else observatory.HOUR_S

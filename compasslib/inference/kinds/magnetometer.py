@@ -1,8 +1,8 @@
-"""A magnetometer's log against an iron-free, level compass.
+"""Diagnose a magnetometer's log against an iron-free, level compass.
 
-Two comparisons. The logged heading against that of the axes as they stand shows what lies between them: levelling, iron
-taken off, a lag, a turned mount. The modulus of the axes against a constant shows iron, whatever heading was logged;
-its relative change times a radian is what iron does to a heading.
+Two comparisons are made. The logged heading against that of the raw axes shows the processing in between: levelling,
+iron correction, a lag, a turned mount. The modulus of the axes against a constant shows iron, whatever heading was
+logged; its relative change, taken as radians, is the size of the heading error by iron.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.types import Floats
 
-LEVEL_TILT_DEG = 15.0  # of a log without tilts that still counts as level
-DELAYED_BY = (7, 3)  # readings and order of the polynomial through which a delay is looked up
-FEWEST_TURN_DEG = 5.0  # headings that vary less hold nothing against anything
-# How a logger levels and rounds is known to this: a 3D-ACM by its cosine rule, a Signature500 by the full rotation.
+LEVEL_TILT_DEG = 15.0  # largest plausible mean tilt of a log without tilts
+DELAYED_BY = (7, 3)  # window (readings) and polynomial order of the filter for interpolating delayed headings
+FEWEST_TURN_DEG = 5.0  # least rms variation of the headings for a comparison
+# Accuracy of the simulated levelling and rounding: of a 3D-ACM by its cosine rule, a Signature500 by full rotation.
 RULE_DEG = 0.03
 NO_HEADING = "no heading was logged to hold that of the axes against"
 
@@ -62,7 +62,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 
     Args:
         files: CSV files, or A files of a 3D-ACM.
-        settings: settled keys of the calibration's file.
+        settings: resolved settings of the calibration file.
     """
     log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
     return diagnose_log(log, field=settings.get("field"), options=options)
@@ -72,7 +72,7 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     """Diagnose a log."""
     if len(log.raw) < magnetometer_log.MIN_READINGS:
         return diagnosis.insufficient(magnetometer_log.unusable_reason(log))
-    choice, why_not = ModelChoice(), ""  # the ellipsoid that the readings carry, or why they say nothing of iron
+    choice, why_not = ModelChoice(), ""  # the fitted ellipsoid, or why the readings do not show iron
     if magnetometer_log.are_direction_cosines(log):
         why_not = magnetometer_log.COSINES
     elif not (why_not := magnetometer_log.unusable_reason(log)):
@@ -102,7 +102,7 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
 def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
     """Orient the axes by the logged heading, or explain why it does not follow them.
 
-    A heading may have been freed of strong iron: the axes without it are tried too.
+    Since the logged heading may be corrected for strong iron, axes with the iron removed are tried as well.
     """
     if log.heading_deg is None:
         return np.eye(3), NO_HEADING
@@ -134,7 +134,7 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
     )
     if log.tilted:
         terms = (ReadingLevelled, HardIron, *(term for term in terms if term is not LevelHardIron))
-    else:  # a tilt that was not logged takes any form along the heading
+    else:  # an unlogged tilt may have any form along the heading
         terms = (MountingOffset, LevelHardIron, HeadingSlip)
     terms += (CompassDelay,) if clocked else ()
     terms += (TemperatureOfReading,) if warmed(log) else ()
@@ -194,7 +194,7 @@ def _of_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping[str,
 def _tilted_instead(log: Log, choice: ModelChoice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
     """Offer a mean tilt in the vertical field as an alternative to iron where no tilt was logged.
 
-    A vertical field that is not known may be of any strength.
+    An unknown vertical field may have any strength.
     """
     assert choice.fitted is not None
     if not choice.level or log.tilted:
@@ -216,7 +216,7 @@ def _strength(field: Mapping[str, float] | None, level: bool) -> float:
 def _working(
     body: Floats, scale: float, log: Log, field: Mapping[str, float] | None, *, level: bool = True
 ) -> tuple[Floats, tuple[float, str]]:
-    """Scale the readings to nT, or near it where the earth's field is unknown, and give the unit of iron."""
+    """Scale the readings to nT, nominally where the earth's field is unknown, and get factor and unit of iron."""
     strength = _strength(field, level)
     if field is not None and not magnetometer_log.are_direction_cosines(log):
         return body * (strength / scale), (1.0, "nT")
@@ -224,22 +224,22 @@ def _working(
     return body * (strength / scale), (scale / strength, unit)
 
 
-# Forward models of a magnetometer's log: the heading of its axes and their modulus, with terms of physics between.
+# Forward models of a magnetometer's log: the heading of its axes, and their modulus.
 
-MOST_SAMPLES = 2500  # seconds a search takes
-WOBBLE_SAMPLES = 31  # tilts faster than this are mostly accelerations
+MOST_SAMPLES = 2500  # limits the run time of a search
+WOBBLE_SAMPLES = 31  # window of the running mean of tilts; faster changes are mostly accelerations
 
 
 @dataclass(frozen=True)
 class OfHeading:
-    """Logged heading minus that of the axes as they stand, taken through the terms."""
+    """Logged heading minus the heading of the raw axes with the terms applied."""
 
-    field_nT: Floats  # (n, 3) forward, starboard, down, scaled
+    field_nT: Floats  # (n, 3) forward, starboard, down; scaled readings
     logged_deg: Floats  # (n,)
     scene: Scene
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Return observed minus simulated heading, (n,) degrees; iron is what the logged heading was freed of."""
+        """Return observed minus simulated heading, (n,) degrees; iron terms are what the logger corrected for."""
         field = self.field_nT
         iron = [term for term in terms if term.acts_on == "field" and term.stage == "surroundings"]
         field = freed(field, iron, self.scene)
@@ -253,23 +253,23 @@ class OfHeading:
 
 @dataclass(frozen=True)
 class OfModulus:
-    """The relative modulus of the axes, freed of iron, minus a constant, in degrees of what it does to a heading."""
+    """Relative modulus of the axes, corrected for iron, minus 1, in degrees of the corresponding heading error."""
 
     field_nT: Floats  # (n, 3)
-    down: Floats  # (n, 3) zero in space
+    down: Floats  # (n, 3) unit vector; zero for the modulus of all three axes
     strength_nT: float
     scene: Scene
-    wobble: Floats  # (n, k) what the noise of the tilt sensor makes of the modulus, a share of it
+    wobble: Floats  # (n, k) change of the modulus by the fast part of each tilt, degrees
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Return observed minus simulated modulus, (n,) degrees; base begins with what the axes' scale is too large."""
-        scaled = self.field_nT * (1.0 - base[0] * angles.DEGREE)  # with it the iron is in the unit of the field
+        """Return observed minus simulated modulus, (n,) degrees; base[0] is the scale error of the axes, degrees."""
+        scaled = self.field_nT * (1.0 - base[0] * angles.DEGREE)  # iron is in units of the scaled field
         modulus = ellipsoid.modulus(freed(scaled, terms, self.scene), self.down)
         return (modulus / self.strength_nT - 1.0) / angles.DEGREE - self.wobble @ base[1:]
 
 
 def freed(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
-    """Remove the iron that terms add from the field: the inverse of their sum of a matrix and a vector."""
+    """Remove the iron of terms from the field by inverting the sum of their matrices and vectors."""
     soft, zero = np.eye(3), np.zeros((len(field_nT), 3))
     hard: Floats = np.zeros((len(field_nT), 3))
     for term in terms:
@@ -286,9 +286,9 @@ def warmed(log: Log) -> bool:
 
 
 def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) -> Floats:
-    """Differentiate the modulus by the fast part of each tilt, (n, 2) degrees.
+    """Compute the change of the modulus by the fast part of each tilt, (n, 2) degrees.
 
-    Waves and handling accelerate the tilt sensor: what it then adds to the tilt stands in the modulus too.
+    Waves and handling accelerate the tilt sensor, and its spurious tilt also enters the modulus.
     """
     modulus, pairs = ellipsoid.modulus(field_nT, down), ((1.0, 0.0), (0.0, 1.0))
     assert log.pitch_deg is not None and log.roll_deg is not None
@@ -308,7 +308,7 @@ def _fast(x: Floats) -> Floats:
 
 
 def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
-    """Build the scene of the log and its covariates, thinned, with the samples kept and whether it has a clock."""
+    """Build scene and covariates of the log, thinned, with the indices of its samples and whether it has a clock."""
     n = len(log.raw)
     samples = thin_indices(n, MOST_SAMPLES)
     clocked = log.time_s is not None and bool(np.isfinite(log.time_s).all() and np.all(np.diff(log.time_s) > 0.0))
@@ -327,8 +327,8 @@ def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict
     departures = {name: column - column.mean() for name, column in columns.items() if name == "temperature"}
     departures["turn_rate"] = rate[samples]
     unit_field, at = np.ones(len(samples)), time_s[samples]
-    # A projection on cubics: whatever the delay, the difference of two of its values keeps the noise of the axes as it
-    # is. Between single readings it falls at half a step, and delays are drawn there.
+    # A projection on cubics: the noise of the difference of two values does not depend on the delay. With linear
+    # interpolation it is smallest at half a step, which would bias the estimated delay.
     smooth = savgol_filter(turned, *DELAYED_BY)
 
     def ahead(seconds: float) -> Floats:
@@ -337,5 +337,5 @@ def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict
     scene = turning_scene(
         Scene(at, unit_field, unit_field, pitch[samples], roll[samples], float(time_s[0]), departures), ahead
     )
-    scene.__dict__["levelling"] = log.levelling()[samples]  # by the log's own rule, where the cached property keeps it
+    scene.__dict__["levelling"] = log.levelling()[samples]  # the log's own rule, in place of the cached property
     return scene, columns, samples, clocked

@@ -1,8 +1,8 @@
-"""Diagnose a mooring's overlap: clocks are compared and repaired first, then the search runs.
+"""Diagnose a mooring's overlap: compare and correct the clocks, then search for unmodelled effects.
 
-The clocks are compared by the speeds that both instruments measured, which have no compass in them, in some sixteen
-windows, so that the record itself shows the uncertainty. Water that arrives at one depth later looks the same, by 0.2 h
-where no clock was wrong. Where the small-angle series was asked for, the exact compass is compared with it.
+The clocks are compared by the current speeds of both instruments, which are independent of the compass, in about
+sixteen windows, whose scatter shows the uncertainty. Water that arrives later at one depth has the same signature, of
+0.2 h where no clock was wrong. If the small-angle series is configured, the exact compass is compared with it.
 """
 
 from __future__ import annotations
@@ -39,27 +39,26 @@ from compasslib.statistics.resampling import blocks_by_span
 from compasslib.statistics.whitening import grid_positions, robust_widths
 from compasslib.types import Floats
 
-LEAST_CLOCK_H = 0.3  # real water delays by less
-WINDOWS, FEWEST_IN_WINDOW = 16, 100  # in which the clocks are compared
-LONGEST_HOURS = 12.0  # time zones; beyond, tides repeat
-SLOW_HOURS = 12.0  # half of the running mean that is taken off
-CLOCK_SIGMAS = 4.0  # normal score of what is named
+LEAST_CLOCK_H = 0.3  # least clock error that is named; delays by real water are smaller
+WINDOWS, FEWEST_IN_WINDOW = 16, 100  # windows for comparing the clocks, and fewest samples in one
+LONGEST_HOURS = 12.0  # largest clock error searched: time zones; at longer lags tides repeat
+SLOW_HOURS = 12.0  # half width of the running mean that is subtracted
+CLOCK_SIGMAS = 4.0  # normal score from which a clock error is named
 NEARLY_AS_GOOD = 10.0  # difference of chi squared below which an offset and a drift are not distinguished
-# Delay between the instruments that is no clock: water that arrives at one depth later, stamps at the begin, middle or
-# end of an average. Between depths of one real record (eh2) it is 0.2 h, in years simulated
-# from that record 0.3 h.
-DELAY_SIGMA_H = 0.15  # of a whole record
-CLEAREST = 0.2  # correlation of the speeds below which a window says nothing
+# Delays that are not clock errors: water arriving later at one depth, time stamps at the start, middle or end of an
+# average. They are 0.2 h between depths of one real record (eh2), 0.3 h in years simulated from that record.
+DELAY_SIGMA_H = 0.15  # standard deviation for a whole record
+CLEAREST = 0.2  # correlation of the speeds below which a window is ignored
 
-MOST_PAIRS = 20_000  # hourly pairs of two years; of more, every second, third, ... is searched, to hold memory
-COMPARED_PAIRS = 1000  # of the exact compass against the series: as many, evenly taken, tell the curves apart
-LARGE_DEVIATION_P = 0.01  # p-value
-MOST_ROOTLESS = 0.02  # share of headings that the series may leave without a root and still be large enough a model
+MOST_PAIRS = 20_000  # two years of hourly pairs; longer records are subsampled to limit memory
+COMPARED_PAIRS = 1000  # pairs, evenly spaced, for comparing the exact compass with the series
+LARGE_DEVIATION_P = 0.01  # p-value up to which the exact compass is preferred to the series
+MOST_ROOTLESS = 0.02  # share of headings without a root above which the series is tested
 
 
 @dataclass(frozen=True)
 class ClockError:
-    """By how much the affected clock is ahead of the reference, hours: offset at the beginning, and drift."""
+    """Error of the affected clock against the reference, positive if ahead: offset at the start, and drift."""
 
     offset_h: float = 0.0
     drift_h_year: float = 0.0
@@ -71,7 +70,7 @@ class ClockError:
 
     @property
     def named(self) -> bool:
-        """Whether a clock error is proven and larger than water can feign."""
+        """Whether a clock error is significant and larger than delays by the water."""
         return self.offset_named or self.drift_named
 
     def ahead_s(self, time_s: Floats) -> Floats:
@@ -86,13 +85,13 @@ class ClockError:
 
 
 def estimate_clock_error(pairs: Pairs) -> ClockError:
-    """Estimate the clock error from the speeds; nothing is named where they cannot tell."""
+    """Estimate the clock error from the current speeds; none is named if they do not determine it."""
     step = float(np.median(np.diff(pairs.time_s)))
     if step > 2.0 * HOUR_S:
         return ClockError()
     slot = grid_positions(pairs.time_s)
     parts = []
-    for speed in pair_speeds(pairs):  # on an even grid without slow changes, 0 where missing
+    for speed in pair_speeds(pairs):  # on a regular grid, high-pass filtered, 0 where missing
         grid, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
         grid[slot], present[slot] = np.where(np.isfinite(speed), speed, 0.0), np.isfinite(speed)
         window = np.ones(2 * max(int(SLOW_HOURS * HOUR_S / step), 1) + 1)
@@ -114,7 +113,7 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
 
 
 def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockError:
-    """Select the simplest clock that fits the windows beside a delay of the water: an offset, a drift, or both."""
+    """Select the simplest clock error that fits the windows, given a delay by the water: offset, drift, or both."""
     ones = np.ones(len(years))
     scatter = float(np.std(ahead_h - np.polynomial.Polynomial.fit(years, ahead_h, 1)(years), ddof=2))
     (offset, slope), least = _fit(np.column_stack([ones, years]), ahead_h, scatter)
@@ -141,7 +140,7 @@ class _Estimate:
 
     @property
     def is_significant(self) -> bool:
-        """Whether it is proven: few windows give Student's law (its normal score by Wallace 1959)."""
+        """Whether it is significant by Student's t distribution, as a normal score (Wallace 1959)."""
         t, n = self.value / max(self.sigma, 1e-6), self.freedom
         return bool((8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t**2 / n)) > CLOCK_SIGMAS)
 
@@ -152,7 +151,7 @@ def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estim
     The variance of the delay is given and that of the windows estimated: degrees of freedom by Welch and Satterthwaite.
 
     Args:
-        scatter_h: of a window; all share the delay of the water.
+        scatter_h: standard deviation of one window; the delay by the water is common to all.
     """
     variance = max(scatter_h, 0.01) ** 2
     whitener = np.linalg.inv(np.linalg.cholesky(np.eye(len(ahead_h)) * variance + DELAY_SIGMA_H**2))
@@ -166,9 +165,9 @@ def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estim
 
 
 def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
-    """Read the reference at the affected instrument's true times.
+    """Interpolate the reference to the true times of the affected instrument.
 
-    A affected clock that is ahead stamps too late: its sample belongs to an earlier one of the reference.
+    Time stamps of a clock that is ahead are too late: its samples correspond to earlier ones of the reference.
     """
     wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
     stamped, first_index = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
@@ -184,12 +183,12 @@ def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
 
 
 def pairs_remaining(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:
-    """Mark the pairs that a repair keeps, (n,)."""
+    """Build a mask that is true for pairs that remain after a clock correction, (n,)."""
     return np.isin(pairs.time_s, again.time_s)
 
 
 def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:
-    """Estimate by how many hours the upper clock is ahead, where the correlation of the speeds is highest."""
+    """Estimate by how many hours the upper clock is ahead from the peak of the speeds' cross-correlation, or NaN."""
     reach = int(LONGEST_HOURS * HOUR_S / step_s)
     size = 1 << (2 * len(upper)).bit_length()
     product = np.fft.irfft(np.conj(np.fft.rfft(upper, size)) * np.fft.rfft(lower, size), size)
@@ -205,7 +204,7 @@ def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:
 
 @dataclass(frozen=True)
 class Repair:
-    """Pairs freed of a clock error, the compass fitted to them, and what was found."""
+    """Pairs corrected for a clock error, the compass fitted to them, and the clock findings."""
 
     pairs: Pairs
     fit: DeviationFit
@@ -227,11 +226,11 @@ def diagnose(
     """Diagnose a mooring's overlap against its fitted compass.
 
     Args:
-        logged: other series at their times, ``temperature`` and ``supply_voltage`` where there are, (n,) each.
-        fit: the configured fit, which is the simulation that is diagnosed.
-        wide: pairs that may stand further apart, by which the clocks are compared; the pairs where absent.
-        units: of logged series that have no name of their own here.
-        shared: what other records of the same compass tell of its effects; of its coefficients the fit holds it.
+        logged: other series at the times of the pairs, such as ``temperature`` and ``supply_voltage``, (n,) each.
+        fit: the configured fit, whose simulation is diagnosed.
+        wide: pairs with a wider depth limit, for comparing the clocks; default ``pairs``.
+        units: units of logged series that this package does not define.
+        shared: information of other records of the same compass on its effects; ``fit`` contains that on coefficients.
     """
     options = options or Options()
     wide = pairs if wide is None else wide
@@ -258,11 +257,11 @@ def diagnose(
     case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
     case = replace(case, shared=shared or {})
     if repair is not None:
-        # The veer by direction has no noise of the flow that was interpolated.
+        # Interpolated directions share their noise with the flow direction, on which this term depends.
         why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
         terms = tuple(kind for kind in case.terms if kind is not VeerWithDirection)
         case = replace(case, terms=terms, not_testable=(*case.not_testable, (VeerWithDirection.name, why)))
-    if is_series:  # it was looked for already
+    if is_series:  # it was tested above
         case = replace(case, not_testable=tuple(item for item in case.not_testable if item[0] != "large_deviation"))
     diagnosed = replace(diagnosis.prepend_findings(first, long_record.diagnose(case, options, exact)), warnings=doubted)
     if not options.apply:
@@ -271,7 +270,7 @@ def diagnose(
         )
     if is_series and not any(item.applied for item in diagnosed.findings):
         return replace(diagnosed, applied=())
-    if diagnosed.covariance is not None and not exact.known_beforehand:  # what slow water may do to the constants
+    if diagnosed.covariance is not None and not exact.known_beforehand:  # uncertainty of the coefficients by slow water
         exact = products.inflate_covariance(exact, diagnosed.covariance)
     return replace(
         diagnosed, fit=exact, applied=tuple(products.limit_precision(item, exact) for item in diagnosed.applied)
@@ -279,12 +278,12 @@ def diagnose(
 
 
 def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
-    """Repair the pairs of a clock error, or explain why held-out directions deny it."""
+    """Correct the pairs for a clock error, or warn why the correction is rejected."""
     if not clock.named:
         return None, ()
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
-        start = fit if fit.known_beforehand or fit.prior is not None else None  # else without the clock's error
+        start = fit if fit.known_beforehand or fit.prior is not None else None  # else the fit contains the clock error
         freed = fit_deviation(fit.method, again, start, dip_ratio=fit.dip_ratio)
         clock_result = clock_findings(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(finding.held_out.refuted for finding in clock_result):
@@ -301,10 +300,10 @@ def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[R
 def clock_findings(
     before: Pairs, after: Pairs, fits: tuple[DeviationFit, DeviationFit], clock: ClockError
 ) -> list[Finding]:
-    """Build the findings on the clocks, scored by the residual of fits that have not seen the clocks.
+    """Build the clock findings, scored by the held-out residuals of the fits before and after the correction.
 
     Args:
-        after: pairs with the reference read at the true times.
+        after: pairs with the reference interpolated to the true times.
     """
     same = pairs_remaining(before, after)
     moved = angles.difference(observed_heading(after), observed_heading(before)[same])
@@ -312,7 +311,7 @@ def clock_findings(
     left[0] = left[0][same]
     width = robust_widths(left[1], np.zeros(len(after)))
     proof = finding.compare_residuals(left[0], left[1], width, blocks_by_span(after.time_s, finding.HELD_OUT_BLOCK_S))
-    size = robust_width(moved)  # robust: slow water may point anywhere
+    size = robust_width(moved)  # robust: directions of slow water are arbitrary
     numbers = {
         "clock_offset": (clock.offset_named, "hours", clock.offset_h, clock.offset_sigma_h, "h"),
         "clock_drift": (clock.drift_named, "hours_year", clock.drift_h_year, clock.drift_sigma_h_year, "h/year"),
@@ -340,9 +339,9 @@ def clock_findings(
 def exact_compass_findings(
     pairs: Pairs, fit: DeviationFit, series: DeviationFit, min_effect_deg: float
 ) -> list[Finding]:
-    """Find that the exact compass fits where the small-angle series does not.
+    """Test whether the exact compass fits where the small-angle series does not.
 
-    Both have five parameters, so the comparison on held-out days needs no charge for complexity.
+    Both have five parameters, so the comparison on held-out days needs no penalty for complexity.
     """
     observed = observed_heading(pairs)
     by_exact = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
@@ -350,7 +349,7 @@ def exact_compass_findings(
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
     if not (size >= min_effect_deg or lost > MOST_ROOTLESS):
         return []
-    # Score the exact compass over the best series on blocks that neither was fitted to.
+    # Score the exact compass against the best series on held-out blocks.
     compared = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
     block = blocks_by_span(compared.time_s, finding.HELD_OUT_BLOCK_S)
     scores = [
@@ -367,7 +366,7 @@ def exact_compass_findings(
 def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
     """Compute the observed heading minus that of a fit to the other half of the blocks, (n,) degrees.
 
-    What no heading explains is as far off as chance takes it.
+    Samples without a root get ``finding.NO_ROOT_DEG``, the mean deviation of a random direction.
     """
     block = blocks_by_span(pairs.time_s, finding.HELD_OUT_BLOCK_S)
     observed, left = observed_heading(pairs), np.full(len(pairs), finding.NO_ROOT_DEG)

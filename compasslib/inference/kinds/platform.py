@@ -1,7 +1,7 @@
-"""A bench against the five-term series: whether the exact compass, or a harmonic, or a change half way, is missing.
+"""Diagnose a bench against the five-term series: large deviation, higher harmonics, changes during the readings.
 
-With fewer readings than a dozen headings the third and fourth harmonics cannot be proven: five coefficients and four
-more are nine, and noise needs some of its own. Then what is left is reported, and which headings to swing.
+At fewer than twelve headings the third and fourth harmonics cannot be tested: with them nine coefficients are fitted,
+and the noise needs degrees of freedom as well. The residual and the headings to swing are then reported.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from compasslib.inference.short_fit import ShortComparison
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
-FEWEST_OF_LOG = 120  # readings; a table written by hand has fewer, and independent ones
+FEWEST_OF_LOG = 120  # readings; a table written by hand has fewer, which are independent
 FEWEST_HEADINGS = 12  # nine coefficients up to the fourth harmonic, and three degrees of freedom
 READOUT: tuple[type[Effect], ...] = (Sextantal, Octantal, HeadingSlip, CompassTrend)
 TERMS: tuple[type[Effect], ...] = (*READOUT, HardIronStep, HardIronTrend)
@@ -51,11 +51,11 @@ def diagnose_readings(
 ) -> Diagnosis:
     """Diagnose readings in the order in which they were taken.
 
-    A log whose neighbouring readings share their errors is refused: a change with time cannot be told from them.
+    A log with correlated errors of neighbouring readings is refused: they look like changes with time.
 
     Args:
         correct_deg: directions of the bench, magnetic, (n,).
-        recorded_deg: what the compass showed, (n,).
+        recorded_deg: recorded headings, (n,).
         field: the earth's field there, None where the place is unknown.
         why: why no curve could be fitted, empty where one could.
     """
@@ -82,9 +82,9 @@ def diagnose_readings(
 
 
 def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
-    """Compute over how many readings of a log their errors are shared, 1 where they are independent.
+    """Compute the decorrelation length of the errors of a log, in readings; 1 if they are independent.
 
-    What six harmonics of the heading describe, or what changes between tenths of the log, is no error of readings.
+    Six harmonics of the heading, and the mean of each tenth of the log, are removed first.
     """
     n = len(recorded_deg)
     if n < FEWEST_OF_LOG:
@@ -129,7 +129,7 @@ def _channel(
 
 
 def too_few(headings: int, points: Points, why: str = "") -> str:
-    """Explain why readings at few headings prove nothing, and what to swing."""
+    """Explain why readings at few headings are insufficient, and which headings to swing."""
     if headings <= 5 or why:
         return f"{why or f'{headings} headings determine no curve with anything to spare'}; {SWING}".replace(
             f"{SWING}; {SWING}", SWING
@@ -138,7 +138,7 @@ def too_few(headings: int, points: Points, why: str = "") -> str:
     series = design @ np.linalg.lstsq(design, points.deviation_deg, rcond=None)[0]
     left = angles.wrap180(points.deviation_deg - series)
     sizes = {}
-    for k in (3, 4):  # the rms that one harmonic takes off, the five terms refitted jointly with it
+    for k in (3, 4):  # rms removed by one harmonic, fitted jointly with the five terms
         columns = np.column_stack([design, *angles.sin_cos(k * points.recorded_deg)])
         after = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-6)[0]
         sizes[k] = float(np.sqrt(max(angles.rms(left) ** 2 - angles.rms(after) ** 2, 0.0)))
@@ -153,20 +153,20 @@ def _untested() -> tuple[tuple[str, str], ...]:
     return tuple((effect, NO_CLOCK) for effect in ("temperature", "supply_voltage", "heeling"))
 
 
-# Whether a bench's deviation is too large for the five-term series: against the exact compass, which has five too.
+# Test of whether a deviation is too large for the five-term series, against the exact compass (five as well).
 
-LEAST_SQUARES = 1e-12  # squared degrees: readings that a curve holds to the last digit prefer none
-CLEARLY = 6.0  # twice the log likelihood by which the series must be better to stand for the compass
+LEAST_SQUARES = 1e-12  # lower bound of a sum of squares, squared degrees: of two perfect fits neither is preferred
+CLEARLY = 6.0  # twice the log-likelihood difference from which the series is preferred to the exact compass
 
 
 def too_large(points: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
-    """Find that the exact compass fits where the series does not.
+    """Test whether the exact compass fits where the series does not.
 
-    The likelihood ratio is held against benches drawn from the series itself.
+    The likelihood ratio is compared with those of benches simulated from the series.
 
     Args:
-        min_effect_deg: size below which the difference does not matter, rms.
-        alarm: probability of a name where the series holds.
+        min_effect_deg: size below which the difference is negligible, rms.
+        alarm: probability of a false finding if the series is correct.
     """
     left = _residuals(points)
     if left is None:
@@ -179,7 +179,7 @@ def too_large(points: Points, min_effect_deg: float, alarm: float) -> list[Findi
 
 
 def _held_out(points: Points, scale_deg: float) -> HeldOut:
-    """Score the exact compass over the series on readings that neither was fitted to."""
+    """Score the exact compass against the series on held-out readings."""
     fold, left = np.arange(len(points)) % finding.FOLDS, np.full((2, len(points)), np.nan)
     for k in range(finding.FOLDS):
         both = _residuals(points, fold != k)
@@ -193,13 +193,13 @@ def _held_out(points: Points, scale_deg: float) -> HeldOut:
 
 
 def series_fits_better(points: Points) -> bool:
-    """Return whether the series stands for the compass better than the exact one does."""
+    """Return whether the series fits clearly better than the exact compass."""
     left = _residuals(points)
     return left is None or _ratio(points, left) < -CLEARLY
 
 
 def _residuals(points: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats] | None:
-    """Compute the residuals of the best series and the best exact compass (of some readings), (n,) each."""
+    """Compute the residuals of the best series and the best exact compass, fitted to some readings, (n,) each."""
     fitted_points = (
         points
         if fitted is None
@@ -224,7 +224,7 @@ def _ratio(points: Points, left: tuple[Floats, Floats]) -> float:
 
 
 def _probability(points: Points, ratio: float) -> float:
-    """Estimate how often a bench that the series holds gives as large a ratio."""
+    """Estimate the probability of as large a ratio for a bench that follows the series."""
     solution, rng = SMITH.solve(points), np.random.default_rng(7)
     if solution is None:
         return 1.0

@@ -1,8 +1,8 @@
-"""A swing against the fitted curve: readings at headings like a bench's, a log along time by its own search.
+"""Diagnose a swing against its fitted curve: readings at headings as on a bench, or a log as a time series.
 
-The heading by course over ground is compared with that by the compass, in means over 20 s: neighbouring samples are
-alike, and what is alike for longer is the law of the noise that the thresholds are drawn from. Where the ship logs
-her speed through the water that is a second comparison: it shows set and drift, and has no compass in it.
+The heading from the course over ground is compared with the compass in averages over 20 s, since neighbouring samples
+are correlated; longer correlation is modelled as ARMA noise, from which the thresholds are drawn. Speeds through the
+water, where logged, are a second comparison, which shows set and drift and is independent of the compass.
 """
 
 from __future__ import annotations
@@ -39,25 +39,25 @@ from compasslib.types import Floats
 
 Filter = Callable[[Floats], Floats]
 
-STRETCH_S, MOST_STRETCHES = 20.0, 150  # a helmsman's swing about the course is over in that time
-FULL = 0.25  # of the usual number of samples that a stretch needs
-WIDE = 4.0  # robust widths from its stretch's median beyond which a sample is an outlier
+STRETCH_S, MOST_STRETCHES = 20.0, 150  # averaging time, longer than a helmsman's yaw; most intervals
+FULL = 0.25  # least number of samples in a stretch, relative to the median
+WIDE = 4.0  # robust widths from the median of its stretch beyond which a sample is an outlier
 
 CONFOUNDED = "set and drift of the water cannot be separated from B and C where speeds do not vary"
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Samples gathered in stretches of time, k of them, those without a stretch left out."""
+    """Assignment of n samples to k stretches of time."""
 
-    number: NDArray[np.intp]  # (n,) of each sample's stretch, -1 for none
-    count: NDArray[np.intp]  # (k,) samples
+    number: NDArray[np.intp]  # (n,) index of each sample's stretch, -1 for none
+    count: NDArray[np.intp]  # (k,) number of samples
 
     def __len__(self) -> int:
         return len(self.count)
 
     def without(self, lost: NDArray[np.bool_]) -> Stretches:
-        """Remove samples, and the stretches that keep none."""
+        """Remove the samples ``lost``, (n,), and stretches left without any."""
         number = np.where(lost, -1, self.number)
         count = np.bincount(number[number >= 0], minlength=len(self))
         new = np.where(count > 0, np.cumsum(count > 0) - 1, -1)
@@ -75,7 +75,7 @@ class Stretches:
 
 
 def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
-    """Divide a log into stretches of 20 s, longer ones where it lasts hours; thin ones are left out."""
+    """Divide a log into stretches of 20 s, longer for logs over 50 minutes; stretches with few samples are dropped."""
     count = len(np.unique(np.floor((time_s - time_s[0]) / STRETCH_S)))
     length = STRETCH_S * max(1.0, count / MOST_STRETCHES)
     number = np.floor((time_s - time_s[0]) / length).astype(np.intp)
@@ -87,7 +87,7 @@ def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
 
 
 def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
-    """Divide a log into stretches without the samples whose course minus reading is far from its neighbours'."""
+    """Divide a log into stretches, excluding outliers of course minus reading (``off_deg``, (n,) degrees)."""
     first = stretches(time_s, np.ones(len(time_s), dtype=bool))
     inside = first.number >= 0
     middle = np.full(len(first), np.nan)
@@ -100,14 +100,14 @@ def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
 
 @dataclass(frozen=True)
 class ByCourse:
-    """Heading by the courses, freed of the water, minus that by the compass: means over stretches."""
+    """Heading from the courses, corrected for the current, minus compass heading, averaged over stretches."""
 
     ground_m_s: Floats | None  # (n, 2) velocity over ground, true east and north; None without speeds
-    course_deg: Floats  # (n,) true north
+    course_deg: Floats  # (n,) relative to true north
     declination_deg: float
-    reading: Callable[[Floats, Sequence[Filter]], Floats]  # seconds later, (n,), filters of the series -> (n,) degrees
+    reading: Callable[[Floats, Sequence[Filter]], Floats]  # delays (n,) s, filters -> (n,) degrees
     scene: Scene
-    exact: bool  # the exact compass instead of the series in the recorded heading
+    exact: bool  # whether the exact compass is used instead of the series
     over: Stretches
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
@@ -127,7 +127,7 @@ class ByCourse:
         return self.over.mean(angles.difference(correct, undone + series_design(undone) @ base))
 
     def by_course(self, terms: tuple[Effect, ...]) -> Floats:
-        """Compute magnetic headings, (n,) degrees, from the courses, the velocity of the water taken off."""
+        """Compute magnetic headings, (n,) degrees, from the courses with the velocity of the water subtracted."""
         if self.ground_m_s is None:
             return self.course_deg - self.declination_deg
         through = self.ground_m_s - water(terms, self.scene)
@@ -136,7 +136,7 @@ class ByCourse:
 
 @dataclass(frozen=True)
 class BySpeed:
-    """Speed through the water by the velocity over ground minus that of the ship's log, as degrees of the speed."""
+    """Speed from the velocity over ground minus that of the ship's log, relative to the mean speed, in degrees."""
 
     ground_m_s: Floats  # (n, 2) true east and north
     logged_m_s: Floats  # (n,)
@@ -144,19 +144,19 @@ class BySpeed:
     over: Stretches
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Return observed minus simulated speed over the mean speed, (k,) degrees; base is the log's scale and zero."""
+        """Return observed minus simulated over mean speed, (k,) degrees; base is the log's scale and zero (m/s)."""
         through = self.ground_m_s - water(terms, self.scene)
         off = np.hypot(through[:, 0], through[:, 1]) - base[0] * self.logged_m_s - base[1]
         return self.over.mean(off / angles.DEGREE / float(np.mean(np.hypot(*self.ground_m_s.T))))
 
 
 def _of_course(term: Effect) -> bool:
-    """Return whether a term acts on the heading that the course follows."""
+    """Return whether a term filters the heading that the course over ground follows."""
     return term.acts_on == "reading" and term.side == "reference"
 
 
 def water(terms: tuple[Effect, ...], scene: Scene) -> Floats:
-    """Sum the velocity of the water, (n, 2) m/s true east and north."""
+    """Sum the velocities of the water in terms, (n, 2) m/s, true east and north."""
     moving: Floats = np.zeros((len(scene), 2))
     for term in (term for term in terms if term.acts_on == "velocity"):
         moving = term.apply(moving, scene)
@@ -164,27 +164,27 @@ def water(terms: tuple[Effect, ...], scene: Scene) -> Floats:
 
 
 KNOT_M_S = 1852.0 / 3600.0
-LEAST_WATER_KN = 0.5  # of a ship's log that turns
-SECOND = 1.0  # s: spacing of the grid on which courses are filtered
-SMOOTHED_S = 30.0  # of a ship's log, whose ticks are coarse: longer than a swell, shorter than a turn
-MOSTLY = 0.5  # share of the samples that a ship's log must have
+LEAST_WATER_KN = 0.5  # least speed at which the impeller of a ship's log turns
+SECOND = 1.0  # s, spacing of the grid on which readings are filtered
+SMOOTHED_S = 30.0  # averaging time of the speed over ground: longer than a swell, shorter than a turn
+MOSTLY = 0.5  # least share of samples with a speed by the ship's log
 
 
 @dataclass(frozen=True)
 class Track:
-    """Courses with the readings about them."""
+    """Courses with the compass readings around them."""
 
     observations: Observations  # (n,)
     declination_deg: float
-    time_s: Floats  # (m,) every second of the log
-    turned_deg: Floats  # (m,) readings, not wrapped
+    time_s: Floats  # (m,) 1 s grid over the log
+    turned_deg: Floats  # (m,) unwrapped readings
 
     def reading(self, later_s: Floats | float = 0.0, filters: Sequence[Filter] = ()) -> Floats:
-        """Interpolate the reading some time after each course, (n,) degrees.
+        """Interpolate the reading at a delay after each course, (n,) degrees.
 
         Args:
-            later_s: (n,).
-            filters: of the series of readings, a sample a second.
+            later_s: delay of each reading, (n,) s.
+            filters: applied in turn to the readings on the 1 s grid.
         """
         series = self.turned_deg
         for filtered in filters:
@@ -198,7 +198,7 @@ class Track:
 
     @property
     def ground_m_s(self) -> Floats | None:
-        """The velocity over ground, speeds smoothed, (n, 2) true east and north; None without speeds."""
+        """Velocity over ground with smoothed speeds, (n, 2), true east and north; None without speeds."""
         if not self.has_speed:
             return None
         speed = KNOT_M_S * observations.moving_average(self.observations.speed_kn, self.observations.time_s, SMOOTHED_S)
@@ -206,13 +206,13 @@ class Track:
 
     @property
     def logged_m_s(self) -> Floats | None:
-        """The speed through the water, (n,), NaN where there is none; None where that is mostly so."""
+        """Speed through the water, (n,), NaN where missing; None if mostly missing."""
         turns = np.nan_to_num(self.observations.water_speed_kn) > LEAST_WATER_KN
         return np.where(turns, KNOT_M_S * self.observations.water_speed_kn, np.nan) if turns.mean() > MOSTLY else None
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_deg: float) -> Track:
-    """Read the track of a log: slow fixes are left out, turns are not, which show delays; readings are kept throughout.
+    """Read the track of a log, without slow fixes but with turns, which show delays, and with all readings.
 
     Args:
         files: tables or NMEA 0183 logs.
@@ -228,7 +228,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Diagnose a swing: a table of readings, or logs, with the settled keys of the calibration's file."""
+    """Diagnose a swing from a table of readings or from logs, with the resolved settings of its calibration file."""
     made = swing.calibrate(files, settings)
     if made.why or not len(made.points.get("recorded_deg", ())):
         return diagnosis.insufficient(made.why or "no reading is left")
@@ -243,24 +243,24 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 FIELD: tuple[type[Effect], ...] = (HardIronStep, HardIronTrend)
 WATER: tuple[type[Effect], ...] = (SetAndDrift, TidalSetAndDrift)
 DELAYS: tuple[type[Effect], ...] = (FilteredCourse, LateCourse, LateReading)
-BEGIN_S = 5.0  # where the fit of a delay begins, beside none
-OFTEN_S = 10.0  # a log has a sample more often than that
-FEWEST_STRETCHES = 24  # of 20 s: eight minutes
-VARIED = 0.1  # share of the mean speed by which speeds must vary to show the zero of a ship's log beside its scale
-LOG_STEP = 0.02  # of a log's scale, and of its zero in m/s
+BEGIN_S = 5.0  # starting value of a delay, in addition to zero
+OFTEN_S = 10.0  # longest median sampling interval of a log
+FEWEST_STRETCHES = 24  # of 20 s, i.e. eight minutes
+VARIED = 0.1  # standard deviation over mean speed from which a ship's log's zero is fitted as well as its scale
+LOG_STEP = 0.02  # fit step of a ship's log's scale, and of its zero in m/s
 COURSE, TRUE = "courses over ground", "true headings"
 SPEED = "the speed over ground against that through the water"
 
 
 def along_time(time_s: Floats) -> bool:
-    """Return whether observations are a log, not readings at headings; times are NaN without a clock."""
+    """Return whether observations form a time series, not readings at headings; times are NaN without a clock."""
     return bool(len(time_s) > 1 and np.isfinite(time_s).all() and np.median(np.diff(time_s)) <= OFTEN_S)
 
 
 def diagnose_log(
     files: Sequence[str | Path], settings: Mapping[str, Any], options: Options, made: Calibration
 ) -> Diagnosis:
-    """Diagnose a log along time against the deviation curve: five terms, no water, no delay."""
+    """Diagnose a time series against the deviation curve: five coefficients, no current, no delay."""
     track = read(files, settings, float(made.details["declination_deg"]))
     over = without_outliers(
         track.observations.time_s, angles.difference(track.observations.course_deg, track.reading())
@@ -293,7 +293,7 @@ def diagnose_log(
 
 
 def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> SearchResult | None:
-    """Search the two speeds for the water, None without a log of the speed through it."""
+    """Search speeds over ground and through the water for a current; None without enough speeds through the water."""
     ground, logged = track.ground_m_s, track.logged_m_s
     if ground is None or logged is None:
         return None
@@ -348,13 +348,13 @@ def _channel(
 
 
 def _chosen(series: FittedHypothesis, exact: FittedHypothesis) -> FittedHypothesis:
-    """Choose the exact compass, and the series where that is clearly nearer."""
+    """Choose the exact compass, unless the series fits clearly better."""
     gained = short_fit.effective_samples(series) * np.log(exact.square / series.square)
     return series if gained > platform.CLEARLY else exact
 
 
 WATER_DRIFT = "water_drift"
-LEAST_SEPARABLE = 0.3  # share of a delay's column that the curve must leave, or it is listed as what cannot be tested
+LEAST_SEPARABLE = 0.3  # least share of a delay's column outside the span of the fit, below which it is not testable
 NO_SPEED = "no speeds over ground were logged: what a drift does to the course is not known"
 SAME_CLOCK = "courses and headings are in one log, by one clock"
 SAME_TURN = "the ship turned one way only, so that a delay is a constant like A; swing to both sides"
@@ -371,7 +371,7 @@ def too_short(count: int, fewest: int) -> str:
 
 
 def untested(made: Calibration, fitted: FittedHypothesis, *, same_clock: bool) -> tuple[tuple[str, str], ...]:
-    """List the effects that a log cannot show, with the reasons; same_clock: for headings and courses."""
+    """List the effects that a log cannot show, with reasons; ``same_clock``: headings and courses have one clock."""
     absent = [("declination_error", CONSTANT)]
     absent += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
     absent += [("clock_offset", SAME_CLOCK)] if same_clock else []
@@ -385,7 +385,7 @@ def untested(made: Calibration, fitted: FittedHypothesis, *, same_clock: bool) -
 
 
 def _water_unseparated(made: Calibration) -> str:
-    """Explain why set and drift cannot be separated from B and C, empty where they can or where there is no water."""
+    """Explain why set and drift cannot be separated from B and C; empty if they can, or without courses over ground."""
     drift = made.details["drift"]
     if drift is None or drift["separable"]:
         return ""
@@ -393,7 +393,7 @@ def _water_unseparated(made: Calibration) -> str:
 
 
 def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
-    """Find that the exact compass fits where the series with the same terms does not."""
+    """Test whether the exact compass fits where the series with the same terms does not."""
     needs_it = any(term.acts_on == "field" for term in exact.terms)
     correct = np.arange(0.0, 360.0, 5.0)
     recorded = compass.recorded_heading(exact.base, correct)
@@ -420,7 +420,7 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
 
 
 def add_water_statement(diagnosed: Diagnosis, made: Calibration) -> Diagnosis:
-    """Add what is known of the water: a bound, or why set and drift cannot be separated."""
+    """Add a bound on the current, or the reason why set and drift cannot be separated from B and C."""
     drift = made.details["drift"]
     if drift is None or any(WATER_DRIFT in (item.effect, *item.alternatives) for item in diagnosed.findings):
         return diagnosed
@@ -443,7 +443,7 @@ SEPARATED = (
 
 
 def _with_water(item: Finding, outcome: Outcome, made: Calibration) -> Finding:
-    """State set and drift in a finding of the water as the curve's fit has them: a page states one current."""
+    """Replace set and drift of a finding by those of the curve's fit: the report must state only one current."""
     drift = made.details["drift"]
     if item.effect != WATER_DRIFT or drift["drift_kn"] is None:
         return item

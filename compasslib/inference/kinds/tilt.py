@@ -1,4 +1,4 @@
-"""A tilt sensor's calibration: the catalogue's effects act on headings, and none of them is compared with it."""
+"""Decline to diagnose a tilt sensor's calibration: it has no headings, on which the catalogue's effects act."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ WHY = "a tilt sensor's calibration has no headings, on which the effects of the 
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Describe why a tilt sensor's calibration is not diagnosed."""
+    """Explain why a tilt sensor's calibration is not diagnosed."""
     return diagnosis.insufficient(WHY)

@@ -1,7 +1,7 @@
-"""Two heads on one frame: b's heading against a's, rigidly turned.
+"""Diagnose two heads on one frame: the heading of b against that of a, rigidly rotated.
 
-The clocks come first, and from the tilts, which have no compass in them. Then iron that only one of the heads feels
-(one and two cycles of the heading), and then the terms. Which head is wrong the difference cannot tell.
+The clocks are aligned first, by rates of tilts and headings, or by tilts alone if these disagree. Iron that affects
+one head only (one and two cycles of the heading) and the terms are fitted next. Which head is wrong remains unknown.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from compasslib.types import Floats
 TERMS: tuple[type[Effect], ...] = (
     Sextantal, Octantal, HeadingSlip, CompassTrend, CompassDelay, HardIronStep, HardIronTrend, Heeling,
 )  # fmt: skip
-LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # where the fit of a lag begins: a swing has several minima
-MOST_SAMPLES = 2000  # seconds a search takes
-SURE_SIGMAS = 4.0  # named where noise alone does it 1 time in 16,000
-FARTHER_S = 86400.0  # clocks are looked for so far apart where the headings have nothing to do with each other
+LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # starting values of a lag, since the misfit has several minima
+MOST_SAMPLES = 2000  # limits the run time of a search
+SURE_SIGMAS = 4.0  # for a finding; noise alone exceeds it 1 time in 16,000
+FARTHER_S = 86400.0  # largest clock difference searched if the headings are unrelated
 IRON = {"hard_iron": (slice(1, 3), "BC"), "soft_iron": (slice(3, 5), "DE")}
 WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"
 UNTESTED = (
@@ -54,19 +54,19 @@ UNTESTED = (
 
 @dataclass(frozen=True)
 class AlignedHeads:
-    """Both heads, read at the same instants by the clocks as given, and as found."""
+    """Both heads paired in time, by the clocks as given and as estimated."""
 
     given: PairedHeads
     corrected: PairedHeads
-    clock: ClockDifference  # beside what was given
+    clock: ClockDifference  # relative to the clocks as given
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Diagnose the difference of two heads against a rigid turn.
+    """Diagnose the heading difference of two heads against a rigid rotation.
 
     Args:
         files: PD0 files of head a and of head b.
-        settings: settled keys of the calibration's file.
+        settings: resolved settings of the calibration file.
 
     Raises:
         InputError: not two files, or one that cannot be read.
@@ -93,12 +93,12 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_motion(
     a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Diagnose two heads by their motions.
+    """Diagnose two heads from their motions.
 
     Args:
-        a: motion of one head by its own clock.
-        b: motion of the other, by its own clock freed of what is known of it.
-        farthest_s: greatest difference of the clocks that is looked for first.
+        a: motion of one head, by its own clock.
+        b: motion of the other head, by its own clock corrected for its known offset.
+        farthest_s: largest clock difference searched first, s.
         field: the earth's field there, None where the place is unknown.
     """
     aligned = _align(a, b, farthest_s)
@@ -128,7 +128,7 @@ def diagnose_motion(
 
 
 def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
-    """Align both heads by their clocks, searching farther where the nearest agreement is none."""
+    """Align both heads by their clocks, extending the search if the headings remain unrelated."""
     given = two_heads.pair_samples(a, b, two_heads.known_clock_offset(b, 0.0))
     clock = (
         motion.estimate_clock_offset(a, b, farthest_s)
@@ -151,7 +151,7 @@ def _scatter(pairs: PairedHeads) -> float:
 
 
 def _turned(pairs: PairedHeads) -> tuple[Floats, Frame]:
-    """Turn the heading of a into that of b by the mean difference."""
+    """Simulate the heading of b from that of a and the mean difference; return also the frame."""
     frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
     return two_heads.simulated_heading(pairs, offset, frame), frame
@@ -185,7 +185,7 @@ def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
 
 
 def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Finding]:
-    """Build the findings on the clocks that are sure and turn the simulated heading by enough to matter."""
+    """Build the clock findings that are significant and change the simulated heading by the minimum size or more."""
     clock, pairs = aligned.clock, aligned.corrected
     if not clock.determined:
         return []
@@ -198,7 +198,7 @@ def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Findin
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
     findings = []
     for effect, (name, value, sigma, unit, error_s) in numbers.items():
-        # A long way by the rate of turn is no longer one: no more than the whole change of the simulation.
+        # Rate of turn times a large error overestimates the turn: limit it by the rms before the correction.
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
         if abs(value) <= SURE_SIGMAS * sigma or size < min_effect_deg:
             continue
@@ -216,10 +216,10 @@ def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Findin
 
 
 def _clock_gain(aligned: AlignedHeads) -> HeldOut:
-    """Score the estimated clock by the difference of the headings; the clock comes from rates, not from it."""
+    """Score the estimated clock by the heading difference, which does not itself enter the estimate."""
     left, rms_deg = {}, {}
     for name, pairs in (("before", aligned.given), ("after", aligned.corrected)):
-        # Differences less the mean of the other half of the stretches, degrees.
+        # Differences minus the mean of the other half of the blocks, degrees.
         difference = angles.difference(pairs.recorded_b, pairs.recorded_a)
         off = np.array(difference)
         odd = blocks_by_count(pairs.time_s, short_fit.MOST_BLOCKS) % 2 == 1 if len(off) else None
@@ -238,7 +238,7 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
 
 
 def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
-    """Build findings of iron that only one head feels: one and two cycles of the heading."""
+    """Build the findings of iron that affects one head only: one and two cycles of the heading."""
     covariance, fitted, findings = short_fit.parameter_covariance(named.fitted), named.fitted, []
     for effect, (part, letters) in IRON.items():
         values, part_covariance = fitted.base[part], covariance[part, part]

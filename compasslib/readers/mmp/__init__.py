@@ -1,13 +1,13 @@
-"""A Falmouth 3D-ACM on a McLane moored profiler: one sample a scan, its depth by the profiler's own pressure.
+"""Read a Falmouth 3D-ACM on a McLane moored profiler: one sample per scan, at the depth of the profiler's pressure.
 
-Heading, tilts and acoustic paths come from its A files, unpacked or binary; pressure, and for scans of early
-instruments the time, from companion files. The first scan of every profile is aliased and dropped. The swing of the
-meter about the wire is taken out of the velocities; profile-mean tilts are small and not allowed for, as the makers do.
-Logged headings are checked against those of the meter's own magnetometer and tilts.
+Heading, tilts and acoustic paths come from its A files, unpacked or binary; pressure, and the time for scans of early
+instruments, from companion files. The first scan of every profile is aliased and dropped. Velocities are corrected for
+the swing of the meter about the wire; like the manufacturer's processing, they are not corrected for the small mean
+tilts. Logged headings are checked against those computed from the meter's magnetometer and tilts.
 
 Paths VPAB, VPCD, VPEF, VPGH lie along +X, +Y, -X, -Y of the sting: two level, two inclined. x points along the
-heading, y to port, z up. Sources: McLane, MMP User Manual, appendix G; Toole et al. 1999; signs checked against known
-answers.
+heading, y to port, z up. Sources: McLane, MMP User Manual, appendix G; Toole et al. 1999; signs are tested against
+known solutions.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ from compasslib.readers.mmp.scans import Scans, follows_previous, interpolate_cl
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 from compasslib.types import Bools, Floats
 
-USUAL_HZ = 2.0  # where neither file nor switching times tell the sample rate
-PARKED_S = 180.0  # a profiler rests at the end of its way before and after its engineering file's first and last row
-SLOWEST_HZ, FASTEST_HZ = 0.01, 20.0  # what may be a sample rate
-TREND_DBAR = 2.0  # a profile that goes less far has no direction of its own
-OFF_DEG = 2.0  # the logger's rule gives its heading to 0.14 degrees in a genuine record of 17,917 scans
-MOST_OFF = 0.5  # of the headings: with more it is the magnetometer that may be wrong
-LEVER_M = 0.43  # from the wire, about which the profiler swings, to the paths
-SWING_S = 2.0  # before and after, over which the swing's rate is taken; a swing lasts ten seconds and more
-SLOWEST_SWING_HZ = 0.5  # below, a swing is over between two scans
+USUAL_HZ = 2.0  # sample rate if neither the file nor the switching times determine it
+PARKED_S = 180.0  # a profiler rests at either end of a profile before and after the rows of its engineering file
+SLOWEST_HZ, FASTEST_HZ = 0.01, 20.0  # range of plausible sample rates
+TREND_DBAR = 2.0  # least pressure change that determines the direction of a profile
+OFF_DEG = 2.0  # the logger's algorithm reproduces its heading to 0.14 degrees in a genuine record of 17,917 scans
+MOST_OFF = 0.5  # share of differing headings above which the magnetometer may be the one in error
+LEVER_M = 0.43  # distance from the wire, about which the profiler swings, to the paths
+SWING_S = 2.0  # half-width of the window for the swing rate; a swing lasts ten seconds or more
+SLOWEST_SWING_HZ = 0.5  # at lower sample rates swings are not resolved
 _ROOT2 = math.sqrt(2.0)
 
 
 @dataclass(frozen=True, eq=False)
 class TimedScans:
-    """The scans on their time axis, the aliased ones still among them."""
+    """Scans on their time axis, including the aliased ones."""
 
     scans: Scans
-    time_s: Floats  # (r,) NaN where nothing tells it
-    heading_deg: Floats  # (r,) magnetic, NaN where it cannot be known
-    pressure_dbar: Floats  # (r,) NaN where none covers
+    time_s: Floats  # (r,) UTC seconds since 1970, NaN where undetermined
+    heading_deg: Floats  # (r,) magnetic, NaN where undetermined
+    pressure_dbar: Floats  # (r,) NaN where no pressure is available
     rate_hz: Floats  # (p,) sample rate
     ascending: Floats  # (p,) 1 up, 0 down, NaN unknown
     warnings: tuple[str, ...] = ()
@@ -57,19 +57,19 @@ class TimedScans:
 
 @dataclass(frozen=True, eq=False)
 class HeadingComparison:
-    """Logged headings against those of the magnetometer."""
+    """Comparison of logged headings with those computed from the magnetometer."""
 
-    off: Bools  # (n,) further apart than tilts explain, beyond the constant
-    known: int  # headings that have a magnetometer's too
-    constant_deg: float  # logged minus computed, in the middle; 0 where they do not follow each other
+    off: Bools  # (n,) whether they differ by more than tilts explain, after subtraction of the constant
+    known: int  # number of logged headings with a computed one
+    constant_deg: float  # median of logged minus computed heading; 0 if most headings are off
 
     @property
     def agrees(self) -> bool:
-        """Return whether most headings are the magnetometer's."""
+        """Whether most logged headings agree with the magnetometer."""
         return int(self.off.sum()) <= MOST_OFF * self.known
 
     def warnings(self) -> list[str]:
-        """Word the report of logged headings that are not the magnetometer's."""
+        """Compose the warnings about logged headings that differ from the magnetometer's."""
         number = int(self.off.sum())
         off = "off those of HX HY HZ TX TY"
         apart = f"{number} of {self.known} logged headings stand more than {OFF_DEG:g} degrees {off}"
@@ -85,19 +85,19 @@ class HeadingComparison:
 def read(
     paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_offset_seconds: float | None, **layout: Any
 ) -> Record:
-    """Read one record from files in the order given, currents turned by the recorded magnetic heading.
+    """Read one record from files in the order given, with currents rotated by the recorded magnetic heading.
 
-    Pitch is TX (forward up) and roll is TY (port up), as the logger's own rule for the heading takes them.
+    Pitch is TX (forward up) and roll is TY (port up), as in the logger's own computation of the heading.
 
     Args:
         paths: A files of one instrument, unpacked ASCII or binary.
-        pressure_files: companion E or C files or tables; may be empty, then the depth is unknown.
-        start_offset_seconds: first scan minus profile start, for scans without a clock. A profile starts when its A
-            or E file says that the sensors were turned on, else with the first row of its E file or table.
-        **layout: how tables of pressure are written, keys of ``delimited.Layout``.
+        pressure_files: companion E or C files or tables; if empty, the depth is unknown.
+        start_offset_seconds: time of the first scan minus profile start, for scans without a clock. A profile starts
+            at the switch-on time stated in its A or E file, or else with the first row of its E file or table.
+        **layout: format of pressure tables, by the fields of ``delimited.Layout``.
 
     Raises:
-        InputError: a file that cannot be read or is none of these, or scans whose time nothing tells.
+        InputError: a file is unreadable or of another kind, or none of the scans without a clock can be dated.
     """
     scans = read_scans(paths)
     companion = read_companions([Path(file) for file in pressure_files or ()], Layout.from_settings(layout))
@@ -107,9 +107,9 @@ def read(
 
 
 def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) -> Floats:
-    """Compute the magnetic heading by the logger's own rule, degrees in [0, 360); NaN where there is no level field.
+    """Compute the magnetic heading by the logger's algorithm, degrees in [0, 360); NaN without a horizontal field.
 
-    x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = arg(x + iy): TX lifts the x axis (forward), TY the
+    x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = arg(x + iy): TX raises the x axis (forward), TY the
     y axis (port), z is upward.
     """
     (sin_x, cos_x), (sin_y, cos_y) = angles.sin_cos(tilt_x_deg), angles.sin_cos(tilt_y_deg)
@@ -118,20 +118,20 @@ def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) 
 
 
 def instrument_axes(paths: Floats) -> tuple[Floats, Floats]:
-    """Turn the paths VPAB, VPCD, VPEF, VPGH, (n, 4), into (x, y) of the flow in the meter's axes, in their unit."""
+    """Convert velocities along the paths VPAB, VPCD, VPEF, VPGH, (n, 4), to (x, y) in instrument axes, same unit."""
     ab, ef = paths[..., 0], paths[..., 2]
     return -(ab + ef) / _ROOT2, (ab - ef) / _ROOT2
 
 
 def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools) -> Floats:
-    """Estimate the meter's turning, (n,) degrees a second clockwise, by the headings two seconds before and after.
+    """Estimate the meter's rotation rate, (n,) degrees/s clockwise, from the headings two seconds before and after.
 
-    Less at the end of a stretch of joined scans; zero where no neighbour joins and where scans are too far apart to
-    follow a swing. Over neighbouring scans alone the noise of the heading outweighs the swing: in a genuine profile at
-    2 Hz that raised the scatter of y from 2.1 to 2.7 cm/s, where this lowers it to 1.9 cm/s.
+    The window is truncated at the ends of gapless segments; the rate is zero for isolated scans and for sample rates
+    too low to resolve a swing. Between adjacent scans the noise of the heading would exceed the swing: in a genuine
+    profile at 2 Hz that raised the scatter of y from 2.1 to 2.7 cm/s, while this window lowers it to 1.9 cm/s.
 
     Args:
-        joined: (n - 1,) whether each scan follows the one before without a gap.
+        joined: (n - 1,) whether each scan follows the previous one without a gap.
     """
     turned = angles.difference(heading_deg[1:], heading_deg[:-1])
     usable = joined & np.isfinite(turned) & (rate_hz[1:] >= SLOWEST_SWING_HZ)
@@ -147,12 +147,12 @@ def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools) -> Floats:
 
 
 def remove_swing(y: Floats, turning_deg_s: Floats) -> Floats:
-    """Subtract the meter's swing about the wire from the flow to port, m/s: 0.43 m times its clockwise rate."""
+    """Remove the swing about the wire from the velocity to port, m/s: subtract 0.43 m times the clockwise rate."""
     return y - LEVER_M * math.pi / 180.0 * turning_deg_s
 
 
 def to_earth(x: Floats, y: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
-    """Turn (x forward, y to port) by the heading: east + i north = (x + iy) e^{i(90 - heading)}."""
+    """Rotate (x forward, y to port) to (east, north): east + i north = (x + iy) e^{i(90 - heading)}."""
     level = (x + 1j * y) * angles.phasor(90.0 - heading_deg)
     return level.real, level.imag
 
@@ -163,7 +163,7 @@ def is_aliased(scans: Scans) -> Bools:
 
 
 def compare_headings(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> HeadingComparison:
-    """Compare logged headings with those of the magnetometer (HX, HY, HZ) by the tilts (TX, TY), levelled or not."""
+    """Compare logged headings with those of the magnetometer (HX, HY, HZ), with or without correction by (TX, TY)."""
     rules = [logged_heading(field, *(share * tilts_deg.T)) for share in (1.0, 0.0)]
     apart = np.array([angles.difference(heading_deg, rule) for rule in rules])
     known = np.isfinite(apart).all(axis=0)
@@ -197,7 +197,7 @@ def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) 
     by_rule = logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
     heading = np.where(np.isnan(recorded), by_rule, angles.wrap360(recorded))
     dbar = companion.at(time_s)
-    # Up and down by the pressure, else by the number: odd profiles climb, number 0 is the set-up dive.
+    # Direction from the pressure, or else from the number: odd profiles ascend, number 0 is the initial descent.
     numbers = np.array([block.number for block in scans.blocks])
     ascending = np.where(numbers == UNKNOWN, np.nan, numbers % 2)
     for profile, (begin, end) in enumerate(_limits(scans)):
@@ -208,9 +208,9 @@ def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) 
 
 
 def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
-    """Find time of the first scan and sample rate of the profiles whose scans carry no clock."""
+    """Determine the time of the first scan and the sample rate, (p,) each, of profiles whose scans carry no clock."""
     stated = [Start(block.number, block.on_s, block.off_s) for block in scans.blocks]
-    # By number, in order where numbers tell nothing.
+    # Match by number, or by order if no numbers match.
     by_number = {start.number: start for start in companion.starts if start.number != UNKNOWN}
     matched = [by_number.get(each.number, Start(UNKNOWN, np.nan, np.nan)) for each in stated]
     if len(companion.starts) == len(stated) and not any(np.isfinite(each.on_s) for each in matched):
@@ -247,7 +247,7 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
     scans = series.scans
     rate = series.rate_hz[scans.profile]
     x, y = instrument_axes(scans.values[:, 6:] / 100.0)
-    # A turn away from an aliased heading is none.
+    # The heading of an aliased scan is invalid, and so is the rotation from it to the next scan.
     joined = follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~is_aliased(scans)[:-1]
     y = remove_swing(y, swing_rate(series.heading_deg, rate, joined))
     keep = np.isfinite(series.time_s) & ~is_aliased(scans)
@@ -257,7 +257,7 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
     compared = compare_headings(scans.values[keep, 0], scans.values[keep, 3:6], scans.values[keep, 1:3])
     counts = _counts(series, companion, keep) | {"heading_off_magnetometer": int(compared.off.sum())}
     doubtful = compared.off & compared.agrees
-    # Velocities of unknown depth, or turned by a doubtful heading, are not to be used.
+    # Velocities of unknown depth, or rotated by a doubtful heading, must not be used.
     flags = np.where(np.isfinite(east + north), np.where(remote | doubtful, PROBABLY_BAD, GOOD), MISSING)
     empty = np.full(len(heading), np.nan)
     return Record(
@@ -281,7 +281,7 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
 
 
 def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, int]:
-    """Count what was read and left out: scans, aliased, damaged and untimed ones are all that the files hold."""
+    """Count what was read and dropped; scans, aliased, damaged and untimed ones add up to the files' content."""
     scans, timed = series.scans, np.isfinite(series.time_s)
     counted = {
         "scans": keep.sum(),

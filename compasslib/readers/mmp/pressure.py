@@ -1,8 +1,8 @@
-"""The pressure that goes with a profiler's current meter: from its engineering (E) or CTD (C) files, or from a table.
+"""Read the pressure of a moored profiler from its engineering (E) or CTD (C) files, or from a table.
 
-E rows are a stamp, milliamperes, volts, decibars and more; the oldest unpackers write the stamp as six numbers. C rows
-carry no clock: conductivity, temperature, decibars; they are laid evenly between the times of switching on and off,
-and used only where no clocked sample is near. A table is CSV with a header line.
+E rows hold a time stamp, milliamperes, volts, decibars and more; the oldest unpackers write the stamp as six numbers.
+C rows hold conductivity, temperature and decibars without a clock; they are spread evenly between switch-on and
+switch-off times, and used only far from samples with a clock. A table is CSV with a header line.
 """
 
 from __future__ import annotations
@@ -29,35 +29,35 @@ EXPECTED = (
     "an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header line and the columns"
     " time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar)"
 )
-BRIDGED_S = 60.0  # pressure is interpolated between samples no further apart, or no further than
-BRIDGED_STEPS = 5.0  # so many steps of the series,
-BRIDGED_AT_MOST_S = 600.0  # and this much anyway
-OLD_STAMP = 6  # numbers of a stamp written as month day year hour minute second
-DBAR_OF_E, DBAR_OF_C = 2, 2  # column behind the stamp
+BRIDGED_S = 60.0  # pressure is interpolated across gaps up to this long,
+BRIDGED_STEPS = 5.0  # or up to this many median steps,
+BRIDGED_AT_MOST_S = 600.0  # but never across longer gaps than this
+OLD_STAMP = 6  # numbers of a time stamp written as month day year hour minute second
+DBAR_OF_E, DBAR_OF_C = 2, 2  # index of the pressure column after the time stamp
 
 
 @dataclass(frozen=True)
 class Start:
-    """When the sensors of one profile were switched on and off, NaN where nothing says so."""
+    """Switch-on and switch-off times of the sensors for one profile, NaN where unknown."""
 
-    number: int
-    on_s: float
-    off_s: float
+    number: int  # profile number, UNKNOWN if not stated
+    on_s: float  # UTC seconds since 1970
+    off_s: float  # UTC seconds since 1970
 
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """Pressure along time, of one file or of all together, and when profiles started."""
+    """Time series of pressure and start times of profiles, of one file or of all files together."""
 
-    time_s: Floats  # (c,) of all files increasing
+    time_s: Floats  # (c,) UTC seconds since 1970, increasing if merged from all files
     pressure_dbar: Floats  # (c,)
-    starts: tuple[Start, ...]  # of all files in order of time
-    damaged: int = 0  # rows left out
-    notes: tuple[str, ...] = ()  # how tables were read
-    clocked: bool = True  # whether the samples of a file carry their time
+    starts: tuple[Start, ...]  # sorted by time if merged from all files
+    damaged: int = 0  # number of rows dropped
+    notes: tuple[str, ...] = ()  # notes on the format of tables
+    clocked: bool = True  # whether the samples of a file carry a clock
 
     def at(self, time_s: Floats) -> Floats:
-        """Interpolate the pressure to other times, (r,); NaN where no two near samples enclose one."""
+        """Interpolate the pressure to other times, (r,) dbar; NaN outside the series and in long gaps."""
         if len(self.time_s) < 2:
             return np.full(len(time_s), np.nan)
         step = np.diff(self.time_s)
@@ -69,7 +69,7 @@ class Companion:
         return np.where(inside, np.interp(time_s, self.time_s, self.pressure_dbar), np.nan)
 
     def distance_s(self, time_s: Floats) -> Floats:
-        """Compute the distance of the nearest sample of pressure from times, (r,) seconds; infinite without any."""
+        """Compute the time from each of the given times to the nearest sample, (r,) seconds; infinite without any."""
         if not len(self.time_s):
             return np.full(len(time_s), np.inf)
         after = np.searchsorted(self.time_s, time_s).clip(0, len(self.time_s) - 1)
@@ -81,13 +81,13 @@ def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> C
     """Read the pressure of all files together.
 
     Raises:
-        InputError: a file that cannot be read or is none of these.
+        InputError: a file cannot be read or is of another kind.
     """
     series = [_read_file(path, layout) for path in paths]
     clocked = _merge([each for each in series if each.clocked])
     known = {start.number for start in clocked.starts} - {UNKNOWN}
     for k, each in enumerate(series):
-        if not each.clocked:  # samples without a clock of their own are used where those with one leave a gap
+        if not each.clocked:  # samples without a clock only fill gaps between those with one
             alone = clocked.distance_s(each.time_s) > BRIDGED_S
             starts = () if not alone.all() else tuple(start for start in each.starts if start.number not in known)
             series[k] = replace(each, time_s=each.time_s[alone], pressure_dbar=each.pressure_dbar[alone], starts=starts)
@@ -116,7 +116,7 @@ def _read_file(path: Path, layout: Layout) -> Companion:
         time_s, pressure = table.columns["time"], table.columns["pressure"]
         number = np.full(table.rows, float(UNKNOWN))
         step = np.diff(time_s)
-        new = np.append(True, step > _bridge(step))[: len(time_s)]  # after a pause
+        new = np.append(True, step > _bridge(step))[: len(time_s)]  # start after a gap
         if "profile" in table.columns:
             number = table.columns["profile"]
             new = np.append(True, np.diff(number) != 0)[: len(number)]
@@ -135,7 +135,7 @@ def _read_file(path: Path, layout: Layout) -> Companion:
 
 
 def _parse_old_stamp(text: Text) -> Text:
-    """Read six leading numbers as month, day, year, hour, minute, second where they are a date in every row."""
+    """Convert six leading numbers (month, day, year, hour, minute, second) to a time stamp if valid in every row."""
     if text.form is None or text.form[0] or text.form[1] < OLD_STAMP + DBAR_OF_E + 1:
         return text
     month, day, year, *clock = text.values[:, :OLD_STAMP].astype(np.int64).T
@@ -162,12 +162,12 @@ def _parse_rows(path: Path, text: Text) -> Companion:
     dbar = text.values[:, DBAR_OF_E if stamped else DBAR_OF_C]
     begins = [b.on_s if np.isfinite(b.on_s) else float(time_s[b.begin]) for b in profiles]
     starts = tuple(Start(b.number, on_s, b.off_s) for b, on_s in zip(profiles, begins, strict=True))
-    # Before its first reading the profiler writes zeros.
+    # The profiler writes zeros before its first reading.
     return Companion(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
 
 
 def _columns(names: Sequence[str]) -> dict[str, str]:
-    """Match the headers of a table to roles, none where time or pressure is not among them."""
+    """Match the headers of a table to roles; empty if time or pressure is missing."""
     header = {name.lower(): name for name in names}
     wanted = {"time": TIMES, "pressure": PRESSURES, "profile": PROFILES}
     columns = {role: header[name] for role, given in wanted.items() for name in reversed(given) if name in header}

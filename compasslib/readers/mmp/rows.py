@@ -1,12 +1,12 @@
-"""Rows and profiles in the text files of a profiler's unpacker, each row checked character by character.
+"""Parse rows and profiles in the text files of a profiler's unpacker, checking each row character by character.
 
-A row is a stamp (MM-DD-YYYY HH:MM:SS, or with slashes) and numbers, or numbers alone, between spaces or commas. All
-rows of a file have one form: the same count of numbers and, column by column, the same decimals. Whatever differs is
-damaged and left out: a flipped or lost character nearly always shows in one of the two.
+A row is a time stamp (MM-DD-YYYY HH:MM:SS, or with slashes) and numbers, or numbers only, separated by spaces or
+commas. All rows of a file have the same number of columns and, in each column, the same number of decimals. Others are
+dropped as damaged: a flipped or lost character nearly always changes one of the two.
 
 A, C and E files (current meter, CTD, engineering) frame the rows of a profile alike: ``Profile N`` before and after,
-the times of switching on and off before or after, names of the columns, in A files the sample rate before and the
-instrument's header behind. An exception replaces the tail; without header lines nothing but rows may be left.
+the switch-on and switch-off times before or after, the column names, and in A files the sample rate before and the
+instrument's header after. An exception replaces the tail; files may also lack all header lines.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from compasslib.types import Bools, Floats
 
 Ints = NDArray[np.int64]
 Octets = NDArray[np.uint8]
-Form = tuple[bool, int]  # with a stamp; how many numbers
-CHUNK_BYTES = 1 << 21  # larger ones leave the cache and are slower
-# Share of the rows, of a few all but one, that agree on a column's decimals before the others count as damaged.
+Form = tuple[bool, int]  # whether rows have a time stamp; number of other columns
+CHUNK_BYTES = 1 << 21  # larger chunks exceed the processor's cache and are slower
+# Least share of rows that agree on a column's decimals (in short files all but one) for others to count as damaged.
 UNIFORM = 0.95
 _SPACE, _DIGIT, _DOT, _SIGN, _COLON, _SLASH, _COMMA, _OTHER = (1 << bit for bit in range(8))
 _KIND = np.full(256, _OTHER, dtype=np.uint8)
@@ -39,9 +39,9 @@ for _characters, _kind in (
 ):  # fmt: skip
     _KIND[list(_characters)] = _kind
 _DATE, _TIME = (np.array(digits) for digits in ((0, 1, 3, 4, 6, 7, 8, 9), (0, 1, 3, 4, 6, 7)))
-NEAR_WORDS = 1  # that a row has more or less where a character is lost or added
-PAUSE_S = 60.0  # rows without header lines further apart, or going back as much, belong to different profiles
-UNKNOWN = -1  # number of a profile that nothing names
+NEAR_WORDS = 1  # largest change in the number of columns by one lost or added character
+PAUSE_S = 60.0  # rows without header lines further apart in time, in either direction, belong to different profiles
+UNKNOWN = -1  # profile number if it is not stated
 _WORDS = re.compile(
     rb"""[ \t,]*(?:(?P<rate>sample\ rate:\s*(?P<hertz>[\d.]+))
     | (?P<profile>profile\s+(?P<number>\d+)\s*$)
@@ -57,15 +57,15 @@ _NUMBER_IN_NAME = re.compile(r"(\d{3,7})(?:\.dec)?(?:\.\w+)?$", re.IGNORECASE)
 
 @dataclass(frozen=True, eq=False)
 class Text:
-    """The lines of a text file, by where they begin in the file."""
+    """Parsed lines of a text file, with their byte offsets in the file."""
 
     form: Form | None  # of the rows; None without any
-    offset: Ints  # (r,) of each row
-    time_s: Floats  # (r,) of its stamp, NaN without
+    offset: Ints  # (r,) byte offset of each row
+    time_s: Floats  # (r,) time stamp, UTC seconds since 1970, NaN without one
     values: Floats  # (r, k)
-    damaged: Ints  # offsets of lines of numbers that are no rows
-    lines: tuple[tuple[int, bytes], ...]  # offset and words of the lines that are no numbers
-    foreign: int = 0  # damaged lines whose numbers are too many or too few for a row with a character lost or added
+    damaged: Ints  # offsets of numeric lines that are not valid rows
+    lines: tuple[tuple[int, bytes], ...]  # offset and content of lines that are not numeric
+    foreign: int = 0  # damaged lines whose number of columns one lost or added character does not explain
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +73,11 @@ class _RowChunk:
     offset: Ints
     time_s: Floats
     values: Floats
-    texture: Ints  # (r, k + 1) decimals of every number, count of commas
+    texture: Ints  # (r, k + 1) number of decimals in each column, number of commas
 
 
 class _Rows:
-    """Lines of the same count of words, taken apart: where each word begins and ends, what stands in it."""
+    """Lines with the same number of words, tokenized into the begin, end and characters of each word."""
 
     def __init__(self, octets: Octets, lines: Ints, form: Form):
         self.octets, self.lines, self.form = octets, lines, form
@@ -91,7 +91,7 @@ class _Rows:
         self.numbers = np.s_[:, 2 * form[0] :]
 
     def number_good(self) -> Bools:
-        """Flag lines of nothing but numbers: a sign in front, one point at most, a digit at least."""
+        """Flag lines of valid numbers: an optional leading sign, at most one decimal point, at least one digit."""
         signed = (self.kind[self.begin] & _SIGN) != 0
         points = self._count(_DOT)
         strange = self._count(_COLON | _SLASH | _SIGN) - signed
@@ -99,7 +99,7 @@ class _Rows:
         return ((points <= 1) & (strange == 0) & (digits > 0))[self.numbers].all(axis=1)
 
     def texture(self) -> Ints:
-        """Count the decimals of every number and the commas, line by line."""
+        """Count the decimals of each number and the commas in each line, (r, k + 1); -1 without a decimal point."""
         at = np.flatnonzero(self.kind & _DOT)
         decimals = np.full(self.begin.size, -1, dtype=np.int64)
         decimals[self.word[at]] = self.end.ravel()[self.word[at]] - 1 - at
@@ -107,7 +107,7 @@ class _Rows:
         return np.column_stack([decimals.reshape(self.begin.shape)[self.numbers], np.diff(commas)])
 
     def stamps(self) -> tuple[Floats, Bools]:
-        """Parse stamps to UTC seconds since 1970, NaN without one, and flag lines that are right in this respect."""
+        """Parse time stamps to UTC seconds since 1970, NaN without one, and flag lines with a valid stamp or none."""
         if not self.form[0]:
             return np.full(len(self.begin), np.nan), np.ones(len(self.begin), dtype=bool)
         date, clock = self._characters(0, 10), self._characters(1, 8)
@@ -131,10 +131,10 @@ class _Rows:
 
 @dataclass(frozen=True)
 class ProfileBlock:
-    """The rows of one profile."""
+    """Range of rows, sample rate and switching times of one profile."""
 
-    begin: int  # among the file's rows
-    end: int
+    begin: int  # index of the first row in the file
+    end: int  # index after the last row
     number: int = UNKNOWN
     rate_hz: float = np.nan
     on_s: float = np.nan  # UTC seconds since 1970
@@ -143,7 +143,7 @@ class ProfileBlock:
 
 @dataclass(frozen=True)
 class _Statement:
-    """A line of words that means something."""
+    """A recognized header line, its value and its byte offset in the file."""
 
     kind: str
     value: float = np.nan
@@ -151,7 +151,7 @@ class _Statement:
 
 
 def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
-    """Parse rows of the most frequent form among those wanted, damaged lines and lines of words of a text file."""
+    """Parse the rows of the most frequent accepted form, damaged lines, and non-numeric lines of a text file."""
     form: Form | None = None
     pieces: list[_RowChunk] = []
     damaged: list[Ints] = []
@@ -182,7 +182,7 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
 
 
 def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
-    """Divide rows into profiles; give each row's place in its profile, damaged ones counted, and count the damaged."""
+    """Divide rows into profiles, index each row in its profile (damaged rows included), and count the damaged rows."""
     statements, garbled = _statements(text)
     damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
     ends = [statement for statement in statements if statement.kind != "other"]
@@ -207,7 +207,7 @@ def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, in
     if len(profiles) == 1 and profiles[0].number == UNKNOWN:
         profiles = [replace(profiles[0], number=number_in_name(path))]
     rate = np.nan
-    for k, profile in enumerate(profiles):  # a rate holds until another is stated
+    for k, profile in enumerate(profiles):  # a rate applies until another is stated
         rate = profile.rate_hz if np.isfinite(profile.rate_hz) else rate
         profiles[k] = replace(profile, rate_hz=rate)
     return profiles, place, len(damaged)
@@ -220,12 +220,12 @@ def number_in_name(path: Path) -> int:
 
 
 def has_statements(text: Text) -> bool:
-    """Return whether any line is one that an unpacker writes."""
+    """Return whether any line is a header line of the unpacker."""
     return bool(_statements(text)[0])
 
 
 def _chunks(data: bytes) -> Iterator[tuple[int, Octets]]:
-    """Cut behind line ends; the last line gets an end where it has none."""
+    """Iterate over (offset, chunk) cut at line ends; an unterminated last line is terminated."""
     begin = 0
     while begin < len(data):
         end = data.find(b"\n", begin + CHUNK_BYTES) + 1 or len(data)
@@ -242,7 +242,7 @@ def _form(stamped: Bools, tokens: Ints, wanted: Callable[[Form], bool]) -> Form 
 
 
 def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_RowChunk, Ints]:
-    """Parse the rows among lines of the right count of words; give where the others begin."""
+    """Parse the valid rows among lines with the right number of words; also give the offsets of the others."""
     inside = np.zeros(len(octets) + 1, dtype=np.int8)  # the rows do not overlap
     inside[begins] += 1
     inside[ends] -= 1
@@ -253,14 +253,14 @@ def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_R
     good = rows.number_good() & stamp_good
     begin, end = (places[good][rows.numbers].ravel() for places in (rows.begin, rows.end))
     numbers, plain = parse_figures(octets, begin, end)
-    for k in np.flatnonzero(~plain):  # more figures than are exact at once
+    for k in np.flatnonzero(~plain):  # more digits than the fast parser converts exactly
         numbers[k] = float(octets[begin[k] : end[k]].tobytes())
     piece = _RowChunk(begins[good], time_s[good], numbers.reshape(-1, form[1]), rows.texture()[good])
     return piece, begins[~good]
 
 
 def _regular(form: Form | None, pieces: list[_RowChunk], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:
-    """Put the pieces together and leave out rows that differ from the others in their texture."""
+    """Concatenate the pieces and drop rows whose decimals or commas differ from those of the others."""
     lost = np.concatenate([np.zeros(0, dtype=np.int64), *damaged])
     if form is None or not any(len(piece.offset) for piece in pieces):
         nothing = np.zeros(0)
@@ -281,7 +281,7 @@ def _most_frequent(values: Ints) -> int:
 
 
 def _statements(text: Text) -> tuple[list[_Statement], list[int]]:
-    """Parse the lines that mean something, and find damaged rows among the others."""
+    """Parse the header lines, and find damaged rows (many digits) among the other non-numeric lines."""
     statements: list[_Statement] = []
     garbled: list[int] = []
     inside = False
@@ -295,7 +295,7 @@ def _statements(text: Text) -> tuple[list[_Statement], list[int]]:
     return statements, garbled
 
 
-@lru_cache(maxsize=1024)  # the instrument's header stands behind every profile, line for line the same
+@lru_cache(maxsize=1024)  # the same instrument header follows every profile
 def _statement(line: bytes) -> _Statement | None:
     match = _WORDS.match(line)
     if not match:
@@ -320,7 +320,7 @@ def _stamp(words: bytes) -> float:
 
 
 def _pieces(block: ProfileBlock, time_s: Floats) -> list[ProfileBlock]:
-    """Cut a profile that nothing names where its clock pauses: header lines were left out, or lost."""
+    """Split a profile without a number at gaps of its clock, as its header lines may be missing."""
     if block.number != UNKNOWN:
         return [block]
     with np.errstate(invalid="ignore"):
@@ -331,7 +331,7 @@ def _pieces(block: ProfileBlock, time_s: Floats) -> list[ProfileBlock]:
 
 
 def _around(between: Sequence[list[_Statement]], k: int) -> tuple[list[_Statement], list[_Statement]]:
-    """Select the lines in front of and behind the k-th group that speak of it."""
+    """Select the header lines before and after the k-th group of rows that belong to it."""
     times_first = any(statement.kind == "off" for statement in between[0])
     head = between[k][0 if k == 0 else _cut(between[k], times_first) :]
     tail = between[k + 1][: None if k + 2 == len(between) else _cut(between[k + 1], times_first)]
@@ -339,7 +339,7 @@ def _around(between: Sequence[list[_Statement]], k: int) -> tuple[list[_Statemen
 
 
 def _cut(statements: Sequence[_Statement], times_first: bool) -> int:
-    """Find where the tail of a profile ends and the head of the next begins; the times may lead the head."""
+    """Find the index at which the tail of a profile ends and the head of the next, perhaps with its times, begins."""
     kinds = [statement.kind for statement in statements]
     for first in ("rate", *(["on"] if times_first else [])):
         if first in kinds:

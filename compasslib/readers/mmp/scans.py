@@ -1,11 +1,11 @@
-"""The files of a Falmouth 3D-ACM on a McLane profiler: unpacked ASCII or binary, distinguished by their content.
+"""Read the files of a Falmouth 3D-ACM on a McLane profiler: unpacked ASCII or binary, distinguished by their content.
 
-ASCII rows are a stamp, HDNG TX TY HX HY HZ VPAB VPCD VPEF VPGH, between spaces or commas, with or without header lines;
-scans of early instruments carry no clock and no heading: nine numbers from TX on. Binary records hold the same ten.
+An ASCII row is a time stamp and HDNG TX TY HX HY HZ VPAB VPCD VPEF VPGH, separated by spaces or commas; rows of early
+instruments have neither clock nor heading, but nine numbers from TX on. Binary records hold a clock and the same ten.
 
 A binary file (A*.DAT) holds one or several profiles: four bytes of length (big-endian), a header of 279 bytes that ends
-in DATA, records of 47 bytes, and the times of switching on and off. Lengths lead from profile to profile; where one is
-damaged the next header is sought.
+in DATA, records of 47 bytes, and the switch-on and switch-off times. Lengths lead to the next profile; if damaged, the
+next header is searched for.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ from compasslib.types import DAY_S, Bools, Floats
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
 STAMPED, UNSTAMPED = (True, 10), (False, 9)
-STEEPEST_DEG, FASTEST_CM_S = 180.0, 2000.0  # beyond these a number is no reading but a damaged one
+STEEPEST_DEG, FASTEST_CM_S = 180.0, 2000.0  # limits of tilt and path velocity; larger values are damaged
 EXPECTED = "unpacked ASCII or binary scans of a Falmouth 3D-ACM"
-TEXT_SHARE = 0.95  # of the characters of a text are printable
+TEXT_SHARE = 0.95  # least share of printable characters in a text
 HEADER_BYTES = 279
 MARK = b"DATA"  # the end of the header
-RATE_AT = 63  # of the sample rate in the header, a float
+RATE_AT = 63  # byte offset of the sample rate in the header, a float
 RECORD = np.dtype([("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))])
 LENGTH_BYTES, TAIL_BYTES = 4, 8
 FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
-LONGEST_S = 30 * DAY_S  # a profiler turns its meter on before a profile, which lasts hours
-NO_SPEED = 1e-30  # cm/s: a float of which zeros took all but its first bytes
-LIKENESS = 0.8  # share of the bytes that a header has in common with the file's first; the settings do not change
-MISPLACED_S = 2.0  # a clock that leaves its neighbours by more and comes back is a damaged one
-TRUSTED_RATE = 0.2  # a nominal rate is accepted where the clock shows it to within this share
-FEW = 10  # scans below which a clock of whole seconds shows no rate
+LONGEST_S = 30 * DAY_S  # longest plausible time between switching the meter on and off; a profile lasts hours
+NO_SPEED = 1e-30  # cm/s: smaller is a float of which only the first bytes were written, the rest zeros
+LIKENESS = 0.8  # least share of bytes equal to the first header of the file; the settings do not change
+MISPLACED_S = 2.0  # a single time that jumps by more from both neighbours is damaged
+TRUSTED_RATE = 0.2  # largest relative difference of the nominal rate from that of the clock
+FEW = 10  # scans, up to which a clock of whole seconds does not determine the rate
 
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """The scans that the meter logged: r of them in p profiles."""
+    """Scans logged by the meter: r scans in p profiles."""
 
     clock_s: Floats  # (r,) whole UTC seconds since 1970, NaN where scans carry no clock
-    values: Floats  # (r, 10) in the order of COLUMNS, degrees and cm/s; HDNG is NaN where it is not recorded
-    place: Ints  # (r,) in its profile, damaged scans counted
-    profile: Ints  # (r,) index of its profile
+    values: Floats  # (r, 10) in the order of COLUMNS, degrees and cm/s; HDNG is NaN where not recorded
+    place: Ints  # (r,) index of the scan in its profile, including damaged scans
+    profile: Ints  # (r,) index of the profile of each scan
     blocks: tuple[ProfileBlock, ...]  # (p,) number, rate and times of each profile
-    damaged: int  # rows or records left out
+    damaged: int  # number of rows or records dropped
     damaged_files: tuple[str, ...]
     empty_files: tuple[str, ...]
-    strange: int = 0  # bytes of text files that are no text, and were passed over
+    strange: int = 0  # number of unprintable bytes in text files, ignored
     notes: tuple[str, ...] = ()  # sentences on how files were read
 
 
@@ -65,29 +65,29 @@ class BinaryScans:
     """The scans of a binary file."""
 
     blocks: list[ProfileBlock]
-    place: Ints  # (r,) of each scan in its profile, damaged ones counted
-    time_s: Floats  # (r,) whole seconds
-    values: Floats  # (r, 10)
-    damaged: int  # records that are no scans
-    failed: int  # of these, those of profiles that are recognised, neither filled up nor moved by lost bytes
+    place: Ints  # (r,) index of each scan in its profile, including damaged scans
+    time_s: Floats  # (r,) whole UTC seconds since 1970
+    values: Floats  # (r, 10) in the order of COLUMNS
+    damaged: int  # number of invalid records
+    failed: int  # number of these within recognized profiles that are neither padding nor shifted by lost bytes
 
 
 @dataclass(frozen=True)
 class _Span:
-    """Place of the records of one profile, or of what lies before, between and behind profiles."""
+    """Byte range of the records of one profile, or of unrecognized bytes outside profiles."""
 
     begin: int
-    end: int  # behind the records and the times of switching on and off
+    end: int  # after the records and the switch-on and switch-off times
     records: int
-    tail: int = -1  # where those times stand; -1 where they are lost
-    torn: int = 0  # records in what cannot be separated
+    tail: int = -1  # offset of those times, -1 if they are lost
+    torn: int = 0  # estimated number of records in bytes that cannot be divided into records
 
 
 def read_scans(paths: Sequence[Path]) -> Scans:
     """Read the scans of several files, unpacked ASCII or binary, in the order given.
 
     Raises:
-        InputError: a file that cannot be read or is neither, or no scan in any of them.
+        InputError: a file is unreadable or of neither kind, or no file holds a scan.
     """
     if not paths:
         raise InputError("files", expected=EXPECTED, found="no file", advice="name the instrument's files")
@@ -100,13 +100,13 @@ def read_scans(paths: Sequence[Path]) -> Scans:
 
 
 def is_text(data: bytes) -> bool:
-    """Return whether a file is mostly made of printable characters, the filling of an erased store at its end apart."""
+    """Return whether a file consists mostly of printable characters, ignoring the fill of erased memory at its end."""
     sample = data[:65536].rstrip(b"\x00\xff")
     return not data or files.count_unprintable(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
 
 def _parse_binary(data: bytes) -> BinaryScans:
-    """Parse the scans of a binary file, damaged records left out."""
+    """Parse the scans of a binary file, dropping damaged records."""
     blocks: list[ProfileBlock] = []
     places: list[Ints] = [np.zeros(0, dtype=np.int64)]
     times: list[Floats] = [np.zeros(0)]
@@ -138,7 +138,7 @@ def _parse_binary(data: bytes) -> BinaryScans:
 
 
 def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> int:
-    """Count the records of a profile that fail, without fillings of one byte and what is whole but moved."""
+    """Count the invalid records of a profile, except padding with one byte and intact records at a shifted position."""
     octets = records[~good].view(np.uint8).reshape(-1, RECORD.itemsize)
     failed = int((octets != octets[:, :1]).any(axis=1).sum())
     if failed <= good.sum():
@@ -175,18 +175,18 @@ def _is_binary(data: bytes) -> bool:
 
 
 def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Restore the profiles of a file that came through a modem as the meter wrote them, and describe what was undone.
+    """Remove the framing and escapes of a modem from the profiles of a file, and describe the changes.
 
-    Other instruments' frames are left out, and so is a profile that was sent once more. What holds no more scans
-    without frames and escapes than with them stays as it is.
+    Frames of other instruments and repeated profiles are dropped. Data that hold no more scans without framing and
+    escapes than with them are returned unchanged.
     """
     profiles: list[list[bytes]] = []
-    last: dict[str, list[bytes]] = {}  # of each instrument
+    last: dict[str, list[bytes]] = {}  # last profile of each instrument
     for payload in files.payloads(data):
         if _is_binary(payload.data):
             profiles.append(last.setdefault(payload.instrument, []))
             last[payload.instrument] = profiles[-1] = [payload.data]
-        elif payload.instrument in last:  # the rest of its last profile
+        elif payload.instrument in last:  # continues the last profile of the instrument
             last[payload.instrument].append(payload.data)
     undone = files.looks_escaped(data)
     sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
@@ -208,11 +208,11 @@ def _count_scans(data: bytes) -> int:
 def _select_possible(
     path: Path, blocks: Sequence[ProfileBlock], place: Ints, clock_s: Floats, values: Floats, damaged: int, failed: int
 ) -> Scans:
-    """Drop what no meter can log; refuse a file of which more fails than is whole.
+    """Drop scans with impossible values; raise an error if more scans are damaged than intact.
 
     Args:
-        damaged: rows or records that are no scans.
-        failed: of these, those that are recognised as such.
+        damaged: number of rows or records that are not valid scans.
+        failed: number of these that are recognizable as damaged scans.
     """
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
     heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
@@ -235,7 +235,7 @@ def _select_possible(
 
 
 def _concatenate(parts: Sequence[Scans]) -> Scans:
-    """Concatenate the scans of files; profiles without a scan are dropped from the list of profiles."""
+    """Concatenate the scans of several files, dropping profiles without scans."""
     sizes = [len(part.blocks) for part in parts]
     shift = np.cumsum([0, *sizes])
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
@@ -256,7 +256,7 @@ def _concatenate(parts: Sequence[Scans]) -> Scans:
 
 
 def _precedes_record(data: bytes, end: int) -> bool:
-    """Return whether in front of this place stands the length of a profile and behind it a record."""
+    """Return whether a header ends here: a valid record follows, and a valid profile length or DATA precedes."""
     length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
     first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
     good = bool(_record_times(first)[1][0])
@@ -274,7 +274,7 @@ def _is_profile_length(length: int) -> bool:
 
 
 def _find_marks(data: bytes) -> list[int]:
-    """Find where headers end: behind DATA, what is before like the first header or with a profile behind it."""
+    """Find the ends of headers: positions after DATA that precede a record, or whose header resembles the first."""
     ends: list[int] = []
     at = data.find(MARK)
     while at >= 0:
@@ -291,7 +291,7 @@ def _like_header(data: bytes, first: int, other: int) -> bool:
 
 
 def _spans(data: bytes) -> Iterator[_Span]:
-    """Go from profile to profile; where a length leads to no header go on to the next one that is recognised."""
+    """Iterate over profiles; where a length does not lead to a header, continue at the next recognized one."""
     marks = _find_marks(data) or [FRONT_BYTES]
     at = 0
     while at < len(data):
@@ -302,16 +302,16 @@ def _spans(data: bytes) -> Iterator[_Span]:
         else:
             following = marks[bisect_right(marks, mark) :]
             limit = following[0] - FRONT_BYTES if following else len(data)
-            # As many records as one profile of this size would hold.
+            # Estimate the lost records by the size, as of a single profile.
             span = _Span(at, limit, 0, torn=max(1, (limit - mark - TAIL_BYTES) // RECORD.itemsize))
         yield span
         at = span.end
 
 
 def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
-    """Locate the records behind a header: as many as its length says, unless what follows says otherwise.
+    """Locate the records after a header: as many as its length states, unless the following bytes contradict it.
 
-    A profiler that sends every so many scans of a profile leaves the length of the whole in front of them.
+    A profiler that transmits a subset of the scans of a profile leaves the original length in front of them.
     """
     length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
     stated = (length - HEADER_BYTES) // RECORD.itemsize if _is_profile_length(length) else -1
@@ -328,14 +328,14 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
 
 
 def _ends_in_switch_times(data: bytes, begin: int, tail: int) -> bool:
-    """Return whether times of switching on and off stand there, near the record that stands first."""
+    """Return whether ``tail`` holds plausible switch-on and switch-off times, near the time of the first record."""
     first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
     on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)
     return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + LONGEST_S
 
 
 def is_misplaced(clock_s: Floats, profile: Ints) -> Bools:
-    """Flag a single clock that stands apart from both of its neighbours in the same profile, (r,); NaN never does."""
+    """Flag single times that jump away from both neighbours in the same profile, (r,); NaN is never flagged."""
     apart = np.zeros(len(clock_s), dtype=bool)
     if len(clock_s) > 2:
         step = np.where(np.diff(profile) == 0, np.diff(clock_s), 0.0)
@@ -346,11 +346,11 @@ def is_misplaced(clock_s: Floats, profile: Ints) -> Bools:
 
 
 def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats) -> Floats:
-    """Choose each profile's sample rate: the nominal one, unless the clock shows another.
+    """Choose the sample rate of each profile, (p,) Hz: the nominal one, unless the clock contradicts it.
 
     Args:
-        place: (r,) in the profile, damaged scans counted.
-        nominal_hz: (p,) NaN where the file names none.
+        place: (r,) index of each scan in its profile, including damaged scans.
+        nominal_hz: (p,) NaN where the file states none.
     """
     count = len(nominal_hz)
     first, last = (np.searchsorted(profile, np.arange(count), side=side) for side in ("left", "right"))
@@ -364,9 +364,9 @@ def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats
 
 
 def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats:
-    """Add sub-seconds to the clock of whole seconds: scans that share one are spread over it, in their order.
+    """Interpolate the clock of whole seconds: scans within the same second are spread evenly over it.
 
-    The rate is that which the file names, (r,), NaN where it does not.
+    ``rate_hz`` is the rate stated in the file, (r,), NaN where there is none.
     """
     if not len(clock_s):
         return clock_s
@@ -378,9 +378,9 @@ def interpolate_clock(clock_s: Floats, profile: Ints, rate_hz: Floats) -> Floats
 
 
 def follows_previous(clock_s: Floats, profile: Ints, place: Ints, rate_hz: Floats) -> Bools:
-    """Return whether each scan follows the one before without a gap, (r - 1,); arguments as for ``sample_rates``."""
+    """Return whether each scan follows the previous one without a gap, (r - 1,); ``rate_hz`` is per scan, (r,)."""
     step = np.diff(clock_s)
     with np.errstate(invalid="ignore", divide="ignore"):
-        # Whole seconds hide up to one of them.
+        # Whole seconds may conceal a difference of up to one second.
         waited = (step < 0) | (step > 1.0 + 1.0 / rate_hz[1:])
     return (np.diff(profile) == 0) & (np.diff(place) == 1) & ~waited

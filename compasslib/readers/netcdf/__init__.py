@@ -1,6 +1,6 @@
-"""A netCDF file to a record: variables by role, bins by their ranges or depths, north by the file's and our words.
+"""Convert a netCDF file to a record: identify variables, locate bins and resolve the reference north.
 
-An HDF5 file without checksums of its own, which is the rule, does not tell a flipped byte among its values.
+Corrupted values go unnoticed in an HDF5 file without checksums, which is the usual case.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from compasslib.readers.pd0.currents import true_pitch
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
 from compasslib.types import Floats
 
-ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute
-DEEPEST_DBAR = 12000.0  # MHKiT writes a pressure below that of air as 2^32
-SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # positive up
+ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute pressure
+DEEPEST_DBAR = 12000.0  # MHKiT writes a pressure below the atmosphere's as 2^32
+SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # ranges that are positive upward
 NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sensor_depth")
-COMPONENTS = "dir"  # dolfyn's dimension of one variable that holds all components
-ROWS = 0.1  # share of times that repeat at another depth, from which on rows are those of several cells
+COMPONENTS = "dir"  # dolfyn's dimension of velocity components
+ROWS = 0.1  # share of times repeated at another depth above which rows are taken for bins
 SERIAL_NUMBERS = ("serial_number", "serialnum", "instrument_serial_number")
 MANUFACTURERS = ("manufacturer", "instrument_manufacturer", "instrument_make", "inst_make", "sensor_manufacturer")
 MODELS = ("model", "instrument_model", "inst_model", "sensor_model")
@@ -37,13 +37,13 @@ SPLIT_ADVICE = (
     "write the rows of one instrument as a table with time and depth (format: table): rows of one time are its bins"
 )
 ADVICE = "check that format: netcdf and the file belong together"
-# What the library answers damage with; UnicodeDecodeError is a ValueError.
+# Exceptions that netCDF4 raises on damaged files; UnicodeDecodeError is a ValueError.
 DAMAGE_ERRORS = (OSError, RuntimeError, IndexError, KeyError, ValueError, AttributeError, TypeError)
 VELOCITIES: Mapping[str, tuple[str, ...]] = {
     "up": ("WCUR", "w_1204", "vel_up", "up", "w"),
     "error_velocity": ("ERROR_VELOCITY", "ECUR", "Werr_1201", "Werr"),
 }
-AMONG = {"up": ("U", "U1"), "error_velocity": ("err",)}  # of dolfyn's one variable of all components
+AMONG = {"up": ("U", "U1"), "error_velocity": ("err",)}  # labels along dolfyn's dimension of components
 COUNTS: Mapping[str, tuple[str, ...]] = {
     "echo": ("ECHO_INTENSITY", "ABSIC{}", "amp"),
     "correlation": ("CORRELATION", "CMAG{}", "corr"),
@@ -55,10 +55,10 @@ LARGEST = 255
 
 @dataclass(frozen=True)
 class _Settings:
-    """Settings of one instrument by the mooring file; None leaves it to the file."""
+    """Settings of one instrument in the mooring file; None defers to the netCDF file."""
 
     columns: Mapping[str, Any]
-    meanings: Mapping[str, int]  # of flags
+    meanings: Mapping[str, int]  # flag value or meaning -> OceanSITES flag
     orientation: str | None
     reference: str
     declination: AppliedDeclination | None
@@ -67,19 +67,19 @@ class _Settings:
 
 @dataclass(frozen=True)
 class _Currents:
-    """The velocities of a file as they stand there."""
+    """Velocities of a file before any rotation."""
 
     east: Floats  # (n, m) m/s
-    north: Floats
+    north: Floats  # (n, m) m/s
     quality: Flags
     variable: netCDF4.Variable  # of the east component
 
 
 @dataclass(frozen=True)
 class _Bins:
-    range_m: Floats  # (n, m) or (1, m)
+    range_m: Floats  # (n, m) or (1, m) vertical distance from the transducer
     looks_up: bool
-    depth_m: Floats  # (n,) of the instrument, or of its first bin where ranges begin there
+    depth_m: Floats  # (n,) of the instrument, or of its nearest bin if ranges are counted from there
 
 
 def read(
@@ -92,17 +92,17 @@ def read(
     heading_alignment: float | None = None,
     flags: Mapping[str, Sequence[object]] | None = None,
 ) -> Record:
-    """Read one instrument's files, in order of time, currents from the north of ``direction_reference``.
+    """Read the files of one instrument in order of time, with currents relative to ``direction_reference``.
 
     Args:
-        columns: role -> name of a variable, where names and standard names do not tell.
-        orientation: up or down; the file's own word where None.
-        declination_applied: degrees inside headings and velocities, instead of what the file says.
-        heading_alignment: degrees added to headings; needed where the file tells a heading alignment EA that is not 0.
-        flags: good, bad and unchecked -> meanings or values of flags that stand in no known vocabulary.
+        columns: role -> variable name, where names and standard names do not identify the variable.
+        orientation: up or down; None uses that stated in the file.
+        declination_applied: declination contained in headings and velocities, degrees; overrides the file's.
+        heading_alignment: degrees to add to headings; required if the file states a nonzero heading alignment EA.
+        flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
 
     Raises:
-        InputError: a file that cannot be read, or does not tell what is where, in which unit or from which north.
+        InputError: a file is unreadable, or its variables, units, bins or reference north are undetermined.
     """
     named = {role: name for role, name in (columns or {}).items() if name is not None}
     declination, meanings = parse_applied_declination(declination_applied), vocabularies.parse_flag_settings(flags)
@@ -145,7 +145,7 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     order = slice(None, None, -1) if backwards else slice(None)
     attributes.note_unlinked(file)
     pitch = _measured(file, "tilt_x", n)
-    if file.text("inst_make") == "TRDI":  # what dolfyn keeps is the sensor's, which hangs inside the roll
+    if file.text("inst_make") == "TRDI":  # dolfyn stores the tilt sensor's pitch, measured inside the roll
         pitch = true_pitch(pitch, _series(file, "tilt_y", n))
     return Record(
         time_s=time_s,
@@ -182,7 +182,7 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
 
 
 def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, Floats, Flags]:
-    """Open the file with its dimension of time; read the times, and the flags of those that are bad."""
+    """Open the file along its time dimension; read times, and flags that are GOOD unless the time is doubtful."""
     columns = settings.columns
     if nc.groups and not nc.variables:
         advice = "write the group with the velocities as a file of its own"
@@ -210,7 +210,7 @@ def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, F
 
 
 def _refuse_ragged(file: File) -> None:
-    """Refuse the series of several instruments or cells one after the other: CF's ragged arrays (9.3.3 and 9.3.4)."""
+    """Reject the concatenated series of several instruments or bins: CF's ragged arrays (9.3.3 and 9.3.4)."""
     for variable in file.nc.variables.values():
         instances = file.text("instance_dimension", variable) if variable.dimensions == (file.time,) else ""
         if not instances and variable.ndim and file.text("sample_dimension", variable) == file.time:
@@ -222,7 +222,7 @@ def _refuse_ragged(file: File) -> None:
 
 
 def _refuse_rows(file: File, time_s: Floats, bins: _Bins) -> None:
-    """Refuse cells that stand as rows of one series, each with its own depth at a time that repeats."""
+    """Reject bins that are listed as rows of one series, with a different depth at each repeated time."""
     if file.bins is not None or bins.depth_m.size < 2:
         return
     order = np.lexsort((bins.depth_m, time_s))
@@ -233,7 +233,7 @@ def _refuse_rows(file: File, time_s: Floats, bins: _Bins) -> None:
 
 
 def _with_bins(file: File, variable: netCDF4.Variable) -> File:
-    """Add the dimension of bins to the file, and a depth of the column map that is that of cells as such."""
+    """Add the bin dimension to the file, and treat ``depth`` of the column map as bin depths if it varies by bin."""
     components = {"dir", "beam", "earth", "inst"}
     other = [name for name in variable.dimensions if name in spans(variable) - {file.time} - components]
     if len(other) > 1:
@@ -261,7 +261,7 @@ def _velocities(file: File) -> _Currents:
 
 
 def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int] | None]:
-    """Find the variable of a component, and where it stands in dolfyn's one variable of all three."""
+    """Find the variable of a component, and its (dimension, index) in dolfyn's variable of all components."""
     if (velocity := _all_components(file, role)) is not None:
         labels = file.labels(COMPONENTS)
         if role[0].upper() in labels:
@@ -279,7 +279,7 @@ def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int]
 
 
 def _all_components(file: File, role: str) -> netCDF4.Variable | None:
-    """Find dolfyn's variable of all components: the one that the column map names, else the first along time."""
+    """Find dolfyn's variable of all components: that named in the column map, else the first along time."""
     named = [name for name in (file.columns.get(role), file.columns.get("east"), file.columns.get("north")) if name]
     there = [file.nc.variables[name] for name in (*named[:1], *variables.DOLFYN) if name in file.nc.variables]
     fitting = [variable for variable in there if {COMPONENTS, file.time} <= {*variable.dimensions}]
@@ -301,7 +301,7 @@ def _series(file: File, role: str, n: int, variable: netCDF4.Variable | None = N
 
 
 def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None = None) -> Floats:
-    """Read a series without the values that its flags call bad, which is noted."""
+    """Read a series with flagged bad values set to NaN, and note their number."""
     variable = find(file, role, (file.time,)) if variable is None else variable
     series = _series(file, role, n, variable)
     known = None if variable is None else attributes.read_flags(file, variable)
@@ -324,7 +324,7 @@ def _pressure(file: File, n: int) -> Floats:
 
 
 def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
-    """Locate the bins by their distance from the transducer, else by their depths."""
+    """Locate the bins from their distances to the transducer, or else from their depths."""
     depth = _measured(file, "depth", n)
     if m == 1 or file.bins is None:
         cell = find(file, "cell_depth", ())
@@ -383,13 +383,13 @@ def _beam_angle(file: File, bins: int) -> float:
 def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDArray[Any]]:
     """Read the profiles of a record: upward and error velocity, echo, correlation and percent good.
 
-    No heading depends on them, so that what is not clear is left out, and never refused.
+    As no heading depends on them, ambiguous variables are dropped without an error.
     """
     flows = {key: _velocity(file, key) for key in VELOCITIES}
     profiles: dict[str, Any] = {key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None}
     for key, names in COUNTS.items():
         counts = _beam_counts(file, names)
-        if counts is not None:  # the bytes that they were; -1 where missing
+        if counts is not None:  # back to the recorded bytes, -1 where missing
             missing = ~((counts >= 0) & (counts <= LARGEST))
             whole = np.where(missing, -1, np.rint(counts)).astype(np.int16)
             profiles[key] = whole if missing.any() else whole.astype(np.uint8)
@@ -411,7 +411,7 @@ def _velocity(file: File, key: str) -> Floats | None:
 
 
 def _beam_counts(file: File, names: tuple[str, ...]) -> Floats | None:
-    """Read counts, (n, m, beams) or (n, m), NaN where missing."""
+    """Read counts of beams by the first available name, (n, m, beams) or (n, m), NaN where missing."""
     for name in (*(f"{name}{file.suffix}" for name in names if file.suffix), *names):
         several = [name.format(beam) for beam in range(1, 5)] if "{}" in name else [name]
         there = [file.nc.variables[beam] for beam in several if beam in file.nc.variables]
@@ -422,7 +422,7 @@ def _beam_counts(file: File, names: tuple[str, ...]) -> Floats | None:
 
 
 def _arranged(file: File, variable: netCDF4.Variable, *last: str) -> Floats | None:
-    """Read values by time, bin and a last dimension, those of one value gone; None where there are others."""
+    """Read values along time, bin and a last dimension, others squeezed; None if another is longer than 1."""
     wanted = (file.time, file.bins, *last)
     long = [name for name, size in zip(variable.dimensions, variable.shape, strict=True) if size > 1]
     if not np.issubdtype(variable.dtype, np.number) or {*long} - {*wanted} or file.time not in variable.dimensions:

@@ -1,8 +1,8 @@
-"""What a netCDF file says of its values: their quality flags, and the north that directions count from.
+"""Interpret the metadata of a netCDF file: quality flags, and the reference north of directions.
 
-Flags: which variables hold them, CF's three forms, and their dimensions. CF 3.5: ``flag_values`` lists states that
-exclude each other, ``flag_masks`` conditions of which several may hold, both together fields of bits with states each.
-Of several conditions, flag variables or components the worst counts.
+Flags are read in CF's three forms (CF 3.5): ``flag_values`` lists mutually exclusive states, ``flag_masks`` independent
+conditions, and both together bit fields with several states each. Among several conditions, flag variables or
+components the worst flag applies.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from compasslib.types import Floats
 
 SUFFIXES = ("_SEADATANET_QC", "_quality_control", "_quality_flag", "_QC", "_flag", "_qc_agg", "_qartod_results")
 STATED = ("flag_values", "flag_masks", "flag_meanings")
-ROLLUP = "aggregate_quality_flag"  # CF's name of the one that sums up the others
-TESTS = "_TESTS"  # of this program's own product: which tests failed, beside the flag that counts
-_Meaning = tuple[int, tuple[str, ...]]  # of a value: its flag, and the words in it that nobody knows
+ROLLUP = "aggregate_quality_flag"  # CF standard name of the flag that summarizes all others
+TESTS = "_TESTS"  # suffix in this program's own product: failed tests, listed in addition to the quality flag
+_Meaning = tuple[int, tuple[str, ...]]  # OceanSITES flag of a value, and its meanings that are unknown
 NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "references", "long_name", "comment")
 
 
 def read_flags(file: File, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Flags | None:
-    """Read the OceanSITES flags of a variable, along time and bins as far as it spans them; None without any.
+    """Read the OceanSITES flags of a variable along its dimensions of time and bins; None if it has none.
 
     Args:
-        part: a dimension of components and the place along it.
+        part: a dimension of components and the index along it.
 
     Raises:
-        InputError: flags along dimensions that the variable does not have.
+        InputError: the flags have dimensions that the variable does not have.
     """
     each = [_arrange(file, variable, flag, part) for flag in _flag_variables(file, variable)]
     return vocabularies.worst_flag(each) if each else None
 
 
 def note_unlinked(file: File) -> None:
-    """Note flag variables along time that belong to no variable of the file."""
+    """Note flag variables along time that are not linked to any variable of the file."""
     variables = file.nc.variables
     named = {name for variable in variables.values() for name in _ancillary(file, variable)}
     along = [name for name, v in variables.items() if file.time in spans(v) and _states_flags(file, v)]
@@ -59,7 +59,7 @@ def note_unlinked(file: File) -> None:
 
 
 def _flag_variables(file: File, variable: netCDF4.Variable) -> list[netCDF4.Variable]:
-    """Find the flag variables of a variable: those that it lists, and those that are named after it."""
+    """Find the flag variables of a variable: those listed as ancillary, and those named after it with a suffix."""
     variables = file.nc.variables
     listed = [
         name
@@ -84,21 +84,21 @@ def _states_flags(file: File, variable: netCDF4.Variable) -> bool:
 
 
 def _stem(name: str, among: Any) -> str:
-    """Find the variable that a flag variable is named after, empty where it is none of some names."""
+    """Strip the suffix of a flag variable's name; empty unless the stem is among the given names."""
     lower = name.lower()
     stems = (name[: -len(suffix)] for suffix in SUFFIXES if lower.endswith(suffix.lower()))
     return next((stem for stem in stems if stem in among), "")
 
 
 def _arrange(file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, part: tuple[str, int] | None) -> Flags:
-    """Arrange the flags of one flag variable along the dimensions of the variable that they are about."""
+    """Reduce the flags of one flag variable to the time and bin dimensions of the variable they refer to."""
     codes, names = _decode(file, quality), list(quality.dimensions)
     if part and part[0] in names:
         codes = np.take(codes, part[1], axis=names.index(part[0]))
         names.remove(part[0])
     wanted = [name for name in (file.time, file.bins) if name in variable.dimensions]
     other = [k for k, name in enumerate(names) if name not in wanted]
-    if any(codes.shape[k] > 1 for k in other):  # beside time the worst of beams counts
+    if any(codes.shape[k] > 1 for k in other):  # the worst flag of beams or tests applies
         apart = [name for name in spans(quality) - {*wanted} if not re.search("beam|test|dir", name, re.IGNORECASE)]
         if apart or file.time not in quality.dimensions:
             shown = f"dimensions ({', '.join(quality.dimensions)})"
@@ -111,7 +111,7 @@ def _arrange(file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, 
 
 
 def _decode(file: File, quality: netCDF4.Variable) -> Flags:
-    """Decode the values of a flag variable to OceanSITES flags, in its shape; note what is unknown."""
+    """Decode the values of a flag variable to OceanSITES flags of the same shape; note unknown and unset flags."""
     values = raw(file, quality)
     if values.dtype.kind in "SUO":
         values = np.char.strip(np.array(np.ma.filled(values, ""), dtype=bytes if values.dtype.kind == "S" else str))
@@ -133,10 +133,10 @@ def _decode(file: File, quality: netCDF4.Variable) -> Flags:
 
 
 def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
-    """Return whether a value was never written: a blank, NaN, or a fill value to which no meaning is given."""
+    """Return whether a value was never written: a blank, NaN, or a fill value without a stated meaning."""
     if value == "" or value != value:
         return True
-    # Of a byte every value may be meant.
+    # The default fill value of a byte may be a regular value.
     is_byte = not isinstance(quality.dtype, np.dtype) or quality.dtype.itemsize == 1
     default = None if is_byte else netCDF4.default_fillvals.get(quality.dtype.str[1:])
     fills = [getattr(quality, "_FillValue", default), getattr(quality, "missing_value", None)]
@@ -145,17 +145,17 @@ def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
 
 
 def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Meaning]:
-    """Choose the function that interprets a value, by the form in which the variable states it."""
+    """Choose the function that interprets a flag value, by the form in which the variable states meanings."""
     words = [word for word in re.split(r"[\s,;]+", file.text("flag_meanings", quality).strip()) if word]
     values, masks = (_listed(file.attribute(name, variable=quality)) for name in ("flag_values", "flag_masks"))
     is_number = isinstance(quality.dtype, np.dtype) and quality.dtype.kind in "iu"
     if len(values) == 1 < len(words) == len(values[0]):
-        values = list(values[0])  # characters in one text
+        values = list(values[0])  # characters joined in one string
     if words and is_number and len(masks) == len(words) and len(values) in (0, len(words)):
         return partial(_by_masks, file, 8 * quality.dtype.itemsize, words, masks, values)
     if words and len(values) == len(words):
         table = dict(zip(values, words, strict=True))
-        if not is_number and all(map(str.isdigit, values)):  # characters by their codes
+        if not is_number and all(map(str.isdigit, values)):  # characters stated by their codes
             table = {chr(int(value)): word for value, word in table.items()} | table
         return partial(_by_values, file, table)
     texts = [file.text(name, quality) for name in NAMING]
@@ -167,7 +167,7 @@ def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Mean
 
 
 def _listed(stated: Any) -> list[str]:
-    """Split flag values or masks into texts, from an array, or from numbers or characters in one text."""
+    """Split flag values or masks into strings, from an array or from a single string."""
     if stated is None:
         return []
     if isinstance(stated, str):
@@ -190,7 +190,7 @@ def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Meaning:
 def _by_masks(
     file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], value: Any
 ) -> _Meaning:
-    """Interpret a field of bits: of the conditions that hold, the worst counts."""
+    """Interpret a bit field: the worst flag among the conditions that hold."""
     if (whole := file.meanings.get(_label(value))) is not None:
         return whole, ()
     number, *fields = (int(text) % 2**bits for text in (_label(value), *masks))
@@ -202,25 +202,25 @@ def _by_masks(
     explained = reduce(or_, (mask for mask, is_so in zip(fields, holds, strict=True) if is_so), 0)
     unknown = [word for word in holding if flag_of[word] is None]
     if number & ~explained:
-        unknown.append(_label(value))  # bits without a meaning
+        unknown.append(_label(value))  # bits without a stated meaning
     if not holding and not unknown and {GOOD, PROBABLY_GOOD} & {*flag_of.values()}:
-        unknown.append(_label(value))  # one condition is that a value is good, and it does not hold
+        unknown.append(_label(value))  # a condition that means "good" exists but does not hold
     known = [flag for word in holding if (flag := flag_of[word]) is not None] or [NOT_CHECKED]
     return int(vocabularies.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown)
 
 
-# Which north the directions of a file count from, and how many degrees of declination they hold.
+# Reference north of a file's directions, and the declination contained in them.
 #
-# What the file says comes first; where it says true north and the mooring file does not, or the other way round, it is
-# refused: a wrong north turns every current. The words of the file are those of CF (eastward is true), of IMOS
-# (``UCUR_MAG``, ``compass_correction_applied``), dolfyn (``declination``), ADCPy (``magnetic_variation_applied``),
-# stglib (a sentence of its history) and of this program's own product (``reference``, ``DECLINATION``).
+# For magnetic north a stated declination is removed, or ``declination_applied`` instead; other contradictions to the
+# mooring file raise an error, as a wrong north rotates every current. Recognized are statements of CF (eastward is
+# true), IMOS (``UCUR_MAG``, ``compass_correction_applied``), dolfyn (``declination``), ADCPy
+# (``magnetic_variation_applied``), stglib (in its history) and this program's product (``reference``, ``DECLINATION``).
 
 MAGNETIC, TRUE = "magnetic", "true"
 STGLIB = re.compile(r"[Rr]otating heading and horizontal velocities by ([-+]?[\d.]+) degrees")
-# Such as IMOS' compass_correction_applied, EPIC's magnetic_variation_applied, WHOI's magnetic_correction_applied.
+# For example IMOS' compass_correction_applied, EPIC's magnetic_variation_applied, WHOI's magnetic_correction_applied.
 APPLIED = re.compile(r"(?=.*(?:compass|magnetic|magvar|declination)).*_applied")
-ALIGNMENTS = {"heading_misalign_deg": 1.0, "heading_alignment": 0.01}  # of dolfyn; of ADCPy and stglib, degrees of one
+ALIGNMENTS = {"heading_misalign_deg": 1.0, "heading_alignment": 0.01}  # unit, degrees: of dolfyn; of ADCPy and stglib
 ALIGNMENTS |= {"TRDI_Heading_Alignment_Hundredths_of_Deg": 0.01, "TRDI_Heading_Alignment_Hundredths_of_Deg.": 0.01}
 SAME_DEG = 0.01
 WHICH = "write direction_reference: true, or declination_applied: DEGREES where the declination is to be taken out"
@@ -228,24 +228,24 @@ WHICH = "write direction_reference: true, or declination_applied: DEGREES where 
 
 @dataclass(frozen=True)
 class North:
-    """The north that a file states; its declination None where it does not tell how many degrees."""
+    """Reference north stated by a file; a declination is None where its value is not stated."""
 
-    word: str  # magnetic, true or nothing
-    degrees: Floats | None  # inside the velocities
-    heading_degrees: Floats | None
-    why: str  # what says so
+    word: str  # magnetic, true or empty
+    degrees: Floats | None  # declination contained in the velocities
+    heading_degrees: Floats | None  # declination contained in the headings
+    why: str  # attribute or variable that states it
 
 
 @dataclass(frozen=True)
 class Turn:
-    """The degrees to take out of velocities and headings; None where headings cannot be used."""
+    """Declination to remove from velocities and headings, degrees; None where headings cannot be used."""
 
     velocity: Floats
     heading: Floats | None
 
 
 def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
-    """Find the north that the file states for its velocities and headings."""
+    """Find the reference north that the file states for its velocities and headings."""
     word, degrees, why = _velocity_north(file, east)
     in_heading = np.zeros(()) if heading is None else degrees
     if heading is not None:
@@ -257,10 +257,10 @@ def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable |
 
 
 def resolve_north(file: File, north: North, reference: str, applied: AppliedDeclination | None) -> Turn:
-    """Decide what is to be taken out, by the file's words and the mooring file's; note the decision.
+    """Determine the declination to remove from the file's metadata and the mooring file; note the decision.
 
     Raises:
-        InputError: the two contradict each other, or neither tells.
+        InputError: the two contradict each other, or leave the declination undetermined.
     """
     if applied is not None:
         if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
@@ -294,10 +294,10 @@ def resolve_north(file: File, north: North, reference: str, applied: AppliedDecl
 
 
 def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
-    """Find the degrees to add to headings for the instrument's heading alignment EA.
+    """Determine the degrees to add to headings for the instrument's heading alignment EA.
 
     Raises:
-        InputError: the file tells an EA and the mooring file does not say how to take it, or the other way round.
+        InputError: a nonzero EA without ``heading_alignment`` in the mooring file, or the reverse.
     """
     if heading is None:
         return 0.0
@@ -339,7 +339,7 @@ def _velocity_north(file: File, east: netCDF4.Variable) -> tuple[str, Floats | N
                 return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"{name} {applied_deg:g}"
     if rotated := STGLIB.findall(file.text("history")):
         return TRUE, np.asarray(float(rotated[-1])), "stglib's history"
-    if file.attribute("coord_sys") is not None:  # dolfyn turns by declination alone, and says so
+    if file.attribute("coord_sys") is not None:  # dolfyn rotates by the declination only, and records it
         applied_deg = _number(file.attribute("declination")) or 0.0
         return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"dolfyn's declination {applied_deg:g}"
     words = _words(file, east)

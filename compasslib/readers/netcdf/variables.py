@@ -1,7 +1,7 @@
-"""Which variable of a netCDF file is what, and its values in our units: by the column map, by name, by standard name.
+"""Identify netCDF variables by column map, name or standard name, and read their values in the units of records.
 
 Names are those of OceanSITES, IMOS (imos-toolbox), EPIC (stglib, ADCPy), dolfyn and MHKiT, and of this program's own
-product; standard names are CF's. Dimensions are told by their names, never by their order.
+product; standard names are CF's. Dimensions are identified by name, never by order.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from compasslib.errors import InputError
 from compasslib.readers.times import Unreadable, parse_origin
 from compasslib.types import DAY_S, HOUR_S, Floats
 
-LARGEST = 1e30  # EPIC fills with 1e35
+LARGEST = 1e30  # EPIC's fill value is 1e35
 SPEED = {"m s-1": 1.0, "m/s": 1.0, "m.s-1": 1.0, "meter second-1": 1.0, "meters per second": 1.0, "meters/second": 1.0}
 SPEED |= {unit.replace("m", "cm", 1): 0.01 for unit in ("m s-1", "m/s", "m.s-1")} | {"cm/sec": 0.01, "m/sec": 1.0}
 SPEED |= {unit.replace("m", "mm", 1): 0.001 for unit in ("m s-1", "m/s", "m.s-1")}
@@ -34,9 +34,9 @@ CELSIUS = ("c", "degc", "deg_c", "degree_c", "degrees_c", "celsius", "degree_cel
 TEMPERATURE = dict.fromkeys((*CELSIUS, "k", "kelvin", "degrees c", "degree c"), 1.0)
 KELVIN = ("k", "kelvin")
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
-DOLFYN = ("vel", "vel_avg")  # all components in one variable; of a series of single pings, and of its means
-EPIC_1970 = 2440588.0  # EPIC counts 2440000 = 0 h on 23 May 1968
-UNIT_WORDS = {  # seconds of a unit, and the words for it: UDUNITS', and their plurals
+DOLFYN = ("vel", "vel_avg")  # all components in one variable: of single pings, and of averages
+EPIC_1970 = 2440588.0  # EPIC's day number of 1970-01-01; 2440000 begins at 0 h on 23 May 1968
+UNIT_WORDS = {  # duration of a unit in seconds -> its UDUNITS names, without plurals
     604800.0: ("week",),
     DAY_S: ("day", "d"),
     HOUR_S: ("hour", "hr", "h"),
@@ -58,7 +58,7 @@ PLACE_NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos
 
 @dataclass(frozen=True)
 class Role:
-    """What a variable may be: names in order of preference, standard names (minus: of the opposite sign), units."""
+    """Names of a variable by preference, its standard names (minus: opposite sign), and unit conversion factors."""
 
     names: tuple[str, ...]
     standard: tuple[str, ...]
@@ -102,57 +102,57 @@ ROLES = {
     ),
     "cell_depth": Role(("DEPTH", "bin_depth", "depth", "DEPTHS", "DEPH"), ("depth",), LENGTH),
 }
-SPARE_BYTES = 32 * 2**20  # that a variable may take in memory, however small the file
-GROWTH = 200  # bytes in memory for each of the file; currents are compressed to a tenth, flags beside them further
-MOST_BYTES = 4 * 2**30  # of a variable
+SPARE_BYTES = 32 * 2**20  # memory that a variable may take in any file, however small
+GROWTH = 200  # bytes in memory per byte of the file; currents compress to a tenth, their flags further
+MOST_BYTES = 4 * 2**30  # memory that a variable may take at most
 NUMBER_BYTES = 8
 UNITS = ("B", "KiB", "MiB", "GiB", "TiB", "PiB")
 
 
 @dataclass(frozen=True)
 class File:
-    """An open file, its dimensions of time and bins, and what its reader notes on the way."""
+    """An open file with its time and bin dimensions, and the notes of its reader."""
 
     path: Path
     nc: netCDF4.Dataset
-    columns: Mapping[str, Any]  # role -> name, of the mooring file
-    meanings: Mapping[str, int] = field(default_factory=dict)  # of flags, by the mooring file
-    suffix: str = ""  # that dolfyn adds to the names of an averaged series, with its underscore
-    time: str = ""  # name of the dimension
-    bins: str | None = None
+    columns: Mapping[str, Any]  # role -> variable name, as set in the mooring file
+    meanings: Mapping[str, int] = field(default_factory=dict)  # flag value or meaning -> OceanSITES flag
+    suffix: str = ""  # that dolfyn appends to the names of an averaged series, including the underscore
+    time: str = ""  # name of the time dimension
+    bins: str | None = None  # name of the bin dimension
     notes: list[str] = field(default_factory=list)
 
     def note(self, sentence: str) -> None:
-        """Note a sentence once."""
+        """Add a sentence to the notes, unless it is there already."""
         if sentence not in self.notes:
             self.notes.append(sentence)
 
     def attribute(self, *names: str, variable: Any = None) -> Any:
-        """Read the first of these attributes that is there, of the file or of a variable; None without one."""
+        """Read the first existing of several attributes, of the file or of a variable; None without any."""
         holder = self.nc if variable is None else variable
         lower = {name.lower(): name for name in holder.ncattrs()}
         return next((holder.getncattr(lower[n.lower()]) for n in names if n.lower() in lower), None)
 
     def text(self, name: str, variable: Any = None) -> str:
-        """Read an attribute as text, empty where there is none."""
+        """Read an attribute as text; empty if it does not exist."""
         value = self.attribute(name, variable=variable)
         return "" if value is None else str(value)
 
     def labels(self, dimension: str) -> list[str]:
-        """Read the names of the places along a dimension."""
+        """Read the coordinate labels along a dimension."""
         refuse_size(self.path, self.nc.variables[dimension])
         return [str(label) for label in self.nc.variables[dimension][:]]
 
     def refuse(self, variable: str, expected: str, shown: object, advice: str) -> InputError:
-        """Word the error of a variable."""
+        """Create the error for a variable of this file."""
         return InputError(f"{self.path}: {variable}", expected=expected, found=shown, advice=advice)
 
 
 def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.Variable | None:
-    """Find the variable of a role that spans one of these sets of dimensions, None without one.
+    """Find the variable of a role that spans one of several sets of dimensions; None without any.
 
     Raises:
-        InputError: the column map names one that is not there, or several are equally likely.
+        InputError: the column map names a variable that does not exist, or several are equally likely.
     """
     if name := file.columns.get(role):
         if name not in file.nc.variables:
@@ -162,7 +162,7 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
         return file.nc.variables[name]
     long = [{name for name in names if name and file.nc.dimensions[name].size > 1} for names in dimensions]
     fitting = {n: v for n, v in file.nc.variables.items() if spans(v) in long and np.issubdtype(v.dtype, np.number)}
-    if "HEADING_CORRECTED" in file.nc.variables:  # our own product: what its compass recorded is asked for
+    if "HEADING_CORRECTED" in file.nc.variables:  # own product: only the recorded values are used
         fitting = {name: v for name, v in fitting.items() if name not in ("HEADING_TRUE", "UCUR", "VCUR")}
     spec = ROLES[role]
     wanted = {name.lstrip("-") for name in spec.standard}
@@ -173,7 +173,7 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
     if len(named) > 1 and likely is named:
         advice = f"name one of them in the mooring file: columns: {{{role}: {named[0]}}}"
         raise file.refuse(role, "one variable by its standard name", ", ".join(named), advice)
-    if not likely:  # a standard name of another meaning rules a name out
+    if not likely:  # a different standard name excludes a variable of a matching name
         stated = {name: file.text("standard_name", fitting[name]) for name in known}
         likely = [name for name in known if not (stated[name] and wanted and stated[name] not in wanted)]
     return fitting[likely[0]] if likely else None
@@ -185,10 +185,10 @@ def spans(variable: netCDF4.Variable) -> set[str]:
 
 
 def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Floats:
-    """Read a variable in our units and sign, (n,) or (n, m) by names of dimensions, missing as NaN.
+    """Read a variable in the units and sign of records, (n,) or (n, m), NaN where missing.
 
     Raises:
-        InputError: units that are not known.
+        InputError: unknown units.
     """
     data = arranged(file, variable, numbers(file, variable), part)
     spec, unit = ROLES[role], file.text("units", variable).strip()
@@ -210,7 +210,7 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
 
 
 def numbers(file: File, variable: netCDF4.Variable) -> Floats:
-    """Read unpacked values, NaN where they are fill values or outside the valid range.
+    """Read unpacked values, with NaN for fill values and values outside the valid range.
 
     Raises:
         InputError: see ``refuse_size``.
@@ -222,7 +222,7 @@ def numbers(file: File, variable: netCDF4.Variable) -> Floats:
 
 
 def raw(file: File, variable: netCDF4.Variable) -> NDArray[Any]:
-    """Read values as they stand in the file, fill values too; errors as for ``numbers``."""
+    """Read values as stored, including fill values; errors as for ``numbers``."""
     refuse_size(file.path, variable)
     variable.set_auto_maskandscale(False)
     variable.set_auto_chartostring(False)
@@ -230,15 +230,15 @@ def raw(file: File, variable: netCDF4.Variable) -> NDArray[Any]:
 
 
 def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
-    """Refuse to read a variable that declares far more values than its file can have been given.
+    """Reject a variable that declares far more values than its file can contain.
 
-    A file declares any number of values in a few bytes: what was never written is not stored, and reads as fill values.
+    A few bytes can declare any number of values: those never written are not stored, and read as fill values.
 
     Raises:
-        InputError: it would take more memory than ``MOST_BYTES``, or than a file of this size accounts for.
+        InputError: it would take more memory than ``MOST_BYTES``, or than the size of the file accounts for.
     """
     size = path.stat().st_size
-    stored = variable.chunking()  # a chunk is unpacked whole
+    stored = variable.chunking()  # chunks are decompressed as a whole
     chunk = [int(size) for size in stored] if isinstance(stored, list) else []
     width = variable.dtype.itemsize if isinstance(variable.dtype, np.dtype) else NUMBER_BYTES
     declared = max(NUMBER_BYTES * math.prod(variable.shape), width * math.prod(chunk) if chunk else 0)
@@ -261,10 +261,10 @@ def _shown(size: float) -> str:
 
 
 def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str, int] | None = None) -> Any:
-    """Transpose an array to time first, bins second, single dimensions gone.
+    """Transpose an array to (time, bin), with dimensions of length 1 squeezed.
 
     Raises:
-        InputError: it has other dimensions.
+        InputError: it has other dimensions longer than 1.
     """
     names = list(variable.dimensions)
     if part:
@@ -280,16 +280,16 @@ def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str,
 
 
 def transposed(data: Any, names: Sequence[str], wanted: Sequence[str]) -> Any:
-    """Transpose an array with named dimensions to some of them; the others are of one value and go."""
+    """Transpose an array to the wanted of its named dimensions; the others must have length 1 and are squeezed."""
     others = [k for k, name in enumerate(names) if name not in wanted]
     ordered = data.transpose([*(names.index(name) for name in wanted), *others])
     return ordered.reshape([data.shape[names.index(name)] for name in wanted])
 
 
 def time_variable(file_columns: str | None, nc: netCDF4.Dataset) -> netCDF4.Variable | None:
-    """Find the variable of time: by the column map, EPIC's, or the one with a unit "since"; None without one.
+    """Find the time variable: that of the column map, EPIC's, or one with a unit "since"; None without any.
 
-    Where a file has several, that of its velocities comes first.
+    Among several, the one along the velocities takes precedence.
     """
     if file_columns:
         return nc.variables.get(file_columns)
@@ -308,7 +308,7 @@ def read_times(file: File, variable: netCDF4.Variable) -> Floats:
     """Read times as UTC seconds since 1970.
 
     Raises:
-        InputError: a unit or calendar that is no time of the real world.
+        InputError: the unit or calendar is not one of real-world times.
     """
     unit, calendar = _unit(variable), str(getattr(variable, "calendar", "")).lower()
     value = arranged(file, variable, numbers(file, variable)).ravel()
@@ -336,7 +336,7 @@ def _unit(variable: netCDF4.Variable) -> str:
 
 
 def read_position(path: Path) -> dict[str, float]:
-    """Read latitude, longitude and water depth (m), those that the file tells as one finite number."""
+    """Read latitude, longitude and water depth (m), as far as the file states each as one finite number."""
     with netCDF4.Dataset(path) as nc:
         each = {key: [_number(path, nc, name) for name in names] for key, names in PLACE_NAMES.items()}
     values = {key: next(filter(np.isfinite, numbers), np.nan) for key, numbers in each.items()}
@@ -344,7 +344,7 @@ def read_position(path: Path) -> dict[str, float]:
 
 
 def _number(path: Path, nc: netCDF4.Dataset, name: str) -> float:
-    """Read a variable's or an attribute's one number, NaN without one."""
+    """Read the only distinct number in a variable or attribute; NaN if it has none or several."""
     if name in nc.variables:
         refuse_size(path, nc.variables[name])
     value = nc.variables[name][...] if name in nc.variables else getattr(nc, name, np.nan)

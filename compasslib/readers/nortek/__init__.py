@@ -1,8 +1,8 @@
-"""Nortek's current meters and profilers: Aquadopp, Aquadopp profiler, AWAC (aqd, prf, wpr) and Signature (ad2cp).
+"""Read Nortek current meters and profilers: Aquadopp, Aquadopp profiler, AWAC (aqd, prf, wpr) and Signature (ad2cp).
 
-Damage is left out and counted, never guessed: a flipped byte costs one sample. Velocities along beams or axes are
-turned to the earth by the recorded heading, pitch and roll: x is where the heading points, y is port and z up on an
-up-looker; y and z point the other way on a down-looker. Source: Nortek, transformation of coordinates (Xform.m).
+Damaged records are dropped and counted, never repaired: a flipped byte costs one sample. Velocities in beam or head
+coordinates are rotated to the earth's by recorded heading, pitch and roll: x points along the heading, y to port and z
+up on an up-looker, y and z the opposite way on a down-looker. Source: Nortek, transformation of coordinates (Xform.m).
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
 
 USER, HEAD, HARDWARE = 0x00, 0x04, 0x05
-VELOCITY = {0x01: 30, 0x81: 40, 0x21: 30, 0x20: 118, 0x24: 118}  # identifier: byte at which the velocities begin
+VELOCITY = {0x01: 30, 0x81: 40, 0x21: 30, 0x20: 118, 0x24: 118}  # identifier: byte offset of the velocities
 POINT = (0x01, 0x81)
 AQUADOPP_MAGNETOMETER = {0x81: 34}
 DIAGNOSTIC = 0x80
 OTHERS = {0x11: "a Vector", 0x12: "a Vector", 0x2A: "an Aquadopp in its high-resolution mode"}
 BEAMS, SLANT_DEG = 3, 25.0
-CELL_M = {2000: 0.0239, 1000: 0.0478, 600: 0.0797, 400: 0.1195}  # along a beam, by kHz, of 256 counts
-BLANKING_M = {2000: 0.02228, 1000: 0.02266, 600: 0.02281, 400: 0.02289}  # of a count
+CELL_M = {2000: 0.0239, 1000: 0.0478, 600: 0.0797, 400: 0.1195}  # kHz: bin size of 256 counts, along a beam
+BLANKING_M = {2000: 0.02228, 1000: 0.02266, 600: 0.02281, 400: 0.02289}  # kHz: blanking of one count, along a beam
 COMPASS_FAILED, SAMPLE_FAILED = 0x01, 0x06  # bits of the error code
 DOWN, FINE_SCALE, TILTED_BEYOND = 0x01, 0x02, 0x0C  # bits of the status
-_BCD = np.array([10 * (k >> 4) + (k & 15) if max(k >> 4, k & 15) < 10 else -1 for k in range(256)])  # -1: no digits
+_BCD = np.array([10 * (k >> 4) + (k & 15) if max(k >> 4, k & 15) < 10 else -1 for k in range(256)])  # -1: not BCD
 _SENSORS = np.dtype(
     {
         "names": [
@@ -55,12 +55,12 @@ def decode(packets: Packets) -> Samples:
     """Decode the samples of a file of the older format.
 
     Raises:
-        InputError: no configuration or no velocities in it, two configurations, or a meter of another kind.
+        InputError: the file lacks a configuration or velocities, has two configurations, or is of another instrument.
     """
     user, head = (_configuration(packets, kind) for kind in (USER, HEAD))
     kind = _kind(packets)
     of_kind = packets.kind == kind
-    # A record of another length is of another configuration, or a chance sum.
+    # A record of another length belongs to another configuration, or has a valid checksum by chance.
     length = packets.end - packets.start
     usual = int(np.bincount(length[of_kind]).argmax())
     mine = of_kind & (length == usual)
@@ -100,7 +100,7 @@ def decode(packets: Packets) -> Samples:
 
 
 def _configuration(packets: Packets, kind: int) -> Bytes:
-    """Find the one configuration of a kind; the same may stand there again where a recording was joined."""
+    """Get the only configuration of a kind; identical copies are accepted, as in concatenated recordings."""
     mine = packets.kind == kind
     part = "user's" if kind == USER else "head's"
     expected = f"the {part} configuration (A5 {kind:02X}), which tells what the velocities are"
@@ -127,7 +127,7 @@ def _kind(packets: Packets) -> int:
 
 
 def _contradicts_configuration(packets: Packets, size: int, first: int, cells: int, beams: int) -> InputError:
-    """Word why records of some bytes, velocities from ``first`` on, do not hold the cells of three beams."""
+    """Create the error for records of ``size`` bytes that cannot hold the bins of three beams from ``first`` on."""
     if beams != BEAMS and size in (whole := first + beams * cells * 3 + 2, whole + whole % 2):
         level = ", which are level, as of an AWAC that looks sideways" if beams == 2 else ""
         shown, expected = f"{beams} beam{'s' * (beams > 1)}{level}", f"{BEAMS} slanted beams"
@@ -144,7 +144,7 @@ def _number(block: Bytes, at: int) -> np.uint16:
 
 def _velocity(rows: Bytes, status: Bytes) -> Floats:
     counts = np.ascontiguousarray(rows).view("<i2").reshape(len(rows), BEAMS, -1)
-    # Divided, so that 123 mm/s is the number nearest to 0.123.
+    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
     velocity = counts / np.where(status & FINE_SCALE, 10000.0, 1000.0)[:, None, None]
     velocity[counts == MISSING_COUNT] = np.nan
     return np.moveaxis(velocity, 1, 2)
@@ -153,7 +153,7 @@ def _velocity(rows: Bytes, status: Bytes) -> Floats:
 def _decode_sensors(sensors: Any, velocity: Floats, *, has_pressure: bool) -> dict[str, Any]:
     minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
     century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
-    # The instrument itself calls wrong: failed measurements and compasses, tilts beyond their sensor.
+    # Errors reported by the instrument: failed measurement or compass, tilt beyond the range of the sensor.
     error, beyond = sensors["error"], (sensors["status"] & TILTED_BEYOND) > 0
     failed, no_compass = ((error & bits) > 0 for bits in (SAMPLE_FAILED, COMPASS_FAILED))
     flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
@@ -192,16 +192,16 @@ def read(
     declination_applied: float | Mapping[str, float] | None = None,
     serial_number: str | None = None,
 ) -> Record:
-    """Read one record from files in order of their first times, currents turned by the recorded magnetic heading.
+    """Read one record from files sorted by their first times, with currents rotated by the recorded magnetic heading.
 
     Args:
-        orientation: up or down; counts where samples disagree. Each sample's own word where None.
-        declination_applied: degrees inside the recorded headings and earth velocities, instead of what the file tells.
-        serial_number: the instrument's by the metadata, perhaps with letters around its digits.
+        orientation: up or down, overrides that of the samples; None uses the recorded orientation of each sample.
+        declination_applied: declination contained in headings and earth velocities, degrees; overrides the file's.
+        serial_number: expected serial number, possibly with letters around its digits.
 
     Raises:
-        InputError: a file that cannot be read or holds no velocities, files that do not belong together, an instrument
-            that lay on its side, or a serial number of another.
+        InputError: a file is unreadable or holds no velocities, files do not belong together, the instrument lay on
+            its side, or the serial number differs.
     """
     if not paths:
         expected, advice = "at least one Nortek file", "name the instrument's files"
@@ -272,7 +272,7 @@ def _read_file(path: Path) -> tuple[Packets, Samples]:
         shown = f"{len(dated)} with impossible dates"
         raise InputError(str(path), expected="samples with velocities", found=shown, advice=advice)
     good = samples if dated.all() else take(samples, dated)
-    # Samples that are missing where bytes were skipped, by the steps of time across.
+    # Count the samples lost where bytes were skipped, from the time steps across the gaps.
     steps = np.diff(good.time_s)
     after = np.searchsorted(good.offset, [first for first, _ in packets.skipped])
     across = steps[np.unique(after[(after > 0) & (after < len(good.offset))]) - 1]
@@ -300,23 +300,23 @@ def _concatenate(where: str, parts: Sequence[Samples]) -> Samples:
 def _turn_to_earth(
     whole: Samples, heading_deg: Floats, looks_up: Bools, applied_deg: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Turn velocities to (east, north, up), (n, m) m/s to magnetic north; those of the earth by the applied degrees."""
+    """Rotate velocities to magnetic (east, north, up), (n, m) m/s; earth velocities by the applied declination only."""
     if whole.up is not None:
         east, north = whole.velocity[..., 0], whole.velocity[..., 1]
         return *(angles.turn(east, north, -applied_deg) if applied_deg else (east, north)), whole.up
     side = np.where(looks_up, -1.0, 1.0)[:, None]
-    level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # of forward, starboard and down
+    level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # in axes forward, starboard, down
     x, y, z = np.moveaxis(_map_beams(whole, level, side) if whole.beams_to_axes else whole.velocity, -1, 0)
     forward, starboard, down = np.moveaxis(level @ np.stack([x, side * y, side * z], axis=1), 1, 0)
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
 
 
 def _map_beams(whole: Samples, level: Floats, side: Floats) -> Floats:
-    """Combine beams at the depths that cells have where the instrument is level to x, y and z, (n, m, 3) m/s."""
+    """Map beam velocities to the bin depths of a level instrument and convert them to x, y and z, (n, m, 3) m/s."""
     matrix, ranges = np.array(whole.beams_to_axes), np.array(whole.bin_range_m)
     beams = whole.velocity
     if len(ranges) > 1:
-        directions = np.linalg.pinv(matrix)  # (k, 3) of the beams, in x, y and z
+        directions = np.linalg.pinv(matrix)  # (k, 3) of the beams in x, y, z
         turned = directions[:, None] * np.concatenate([np.ones_like(side), side, side], axis=1)
         down = np.einsum("ni,kni->nk", level[:, 2], turned)
         n = len(beams)

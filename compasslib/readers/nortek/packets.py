@@ -1,9 +1,9 @@
-"""Finding the records of a Nortek file, whatever stands between them.
+"""Find the records of a Nortek file among arbitrary other bytes.
 
-Both formats begin a record with A5 and an identifier, and sum up 16-bit words on top of B58C. The older one has the
-size in words behind the identifier and one sum at its end; the Signature's has a header of 10 or 12 bytes with a sum of
-its own and one of the data. One running sum of the file gives every place its checksum at once, so that hostile input
-costs no more than its length. Sources: Nortek, System Integrator Manual (2010), and Integrators Guide AD2CP (2017).
+In both formats a record begins with A5, and its checksum is B58C plus the sum of its 16-bit words. An older record
+holds its identifier, its size in words, and a checksum at its end; a Signature record has a header of 10 or 12 bytes
+with checksums of header and data. A cumulative sum of the file yields all checksums at once, so the cost is linear in
+the length even of malicious input. Sources: Nortek, System Integrator Manual (2010); Integrators Guide AD2CP (2017).
 """
 
 from __future__ import annotations
@@ -24,55 +24,55 @@ from compasslib.types import Bools, Floats
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
-_Columns = tuple[Places, Places, Places, Places]  # of records: kind, start, begin of the contents, end
+_Columns = tuple[Places, Places, Places, Places]  # kind, start, begin of the contents, and end of records
 
 SYNC, START = 0xA5, 0xB58C
-SHORTEST = 8  # bytes of an older record: its head, one word and the sum
-HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's: how it writes the size of the data
+SHORTEST = 8  # bytes of an older record: header, one word and checksum
+HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's header -> data type of the data size
 EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
 MISSING_COUNT = -32768
 
 
 @dataclass(frozen=True, eq=False)
 class Packets:
-    """The records of a file whose checksums hold; what lies between them belongs to none."""
+    """Records of a file with valid checksums; bytes between them are skipped."""
 
     path: Path
-    data: Bytes  # the whole file
-    signature: bool  # whether they are the Signature's
+    data: Bytes  # all bytes of the file
+    signature: bool  # whether the records are a Signature's
     kind: Places  # (k,) identifier
-    begin: Places  # (k,) of the record's contents: after the Signature's header; of the older ones with their head
-    end: Places  # (k,) of the record
-    start: Places  # (k,) of the record
-    damaged: int  # places that begin like one of these records and whose checksum fails
-    escaped: bool = False  # the data came with a modem's escapes, which were undone
+    begin: Places  # (k,) begin of the contents: after a Signature's header; equal to start for older records
+    end: Places  # (k,) end of the record
+    start: Places  # (k,) start of the record
+    damaged: int  # number of places that begin like one of these records but fail its checksum
+    escaped: bool = False  # whether a modem's escapes were removed from the data
 
     @cached_property
     def skipped(self) -> list[tuple[int, int]]:
-        """First and last byte of each range that belongs to no record."""
+        """Offsets of the first and last byte of each range that belongs to no record."""
         first, last = np.append(0, self.end), np.append(self.start, self.data.size) - 1
         return [(int(first[k]), int(last[k])) for k in np.flatnonzero(last >= first)]
 
     @property
     def bytes_skipped(self) -> int:
-        """Bytes that belong to no record."""
+        """Number of bytes that belong to no record."""
         return sum(last - first + 1 for first, last in self.skipped)
 
     def rows(self, which: Bools | Places) -> Bytes:
-        """Take the contents of some records, which have one length, (k, length) bytes."""
+        """Get the contents of selected records, which must have equal lengths, (k, length) bytes."""
         begin, end = self.begin[which], self.end[which]
         length = int(end[0] - begin[0])
         steps = np.diff(begin)
-        if len(steps) and (steps == steps[0]).all() and steps[0] >= length:  # evenly laid: nothing is copied
+        if len(steps) and (steps == steps[0]).all() and steps[0] >= length:  # equally spaced: no copy
             return np.lib.stride_tricks.as_strided(self.data[begin[0] :], (len(begin), length), (int(steps[0]), 1))
         return np.lib.stride_tricks.sliding_window_view(self.data, length)[begin]
 
 
 def find_packets(path: str | Path) -> Packets:
-    """Find the records of a file, of the Signature's format where it holds one of them.
+    """Find the records of a file, in the Signature's format if it contains any such record.
 
     Raises:
-        InputError: the file cannot be read, holds no record of either format, or more damaged ones than whole ones.
+        InputError: the file cannot be read, holds no record of either format, or more damaged than intact records.
     """
     data = np.frombuffer(files.read_bytes(path), dtype=np.uint8)
     marks, records, signature = _find_records(data)
@@ -87,7 +87,7 @@ def find_packets(path: str | Path) -> Packets:
         shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
         advice = "check that format: nortek and the file belong together"
         raise InputError(str(path), expected="records of a Nortek file (A5)", found=shown, advice=advice)
-    # Select records that begin where none before has not ended: a chance sum inside another is no record.
+    # Drop records that begin before the previous one ends: their checksum is valid by chance.
     apart = np.ones(len(records[1]), dtype=bool)
     after = 0
     for first in np.flatnonzero(records[1][1:] < records[3][:-1]).tolist():
@@ -98,13 +98,13 @@ def find_packets(path: str | Path) -> Packets:
     inside = np.searchsorted(start, marks, "right") - 1
     between = marks[(inside < 0) | (marks >= end[inside])]
     heads = [data[at[at + 4 <= data.size][:, None] + np.arange(4)].copy().view("<u4")[:, 0] for at in (between, start)]
-    damaged = int(np.isin(heads[0], heads[1]).sum())  # whose first four bytes are those of a record of the file
+    damaged = int(np.isin(heads[0], heads[1]).sum())  # same first four bytes as a record of the file
     refuse_mostly_damaged(path, "Nortek records", damaged=damaged, whole=len(kind))
     return Packets(Path(path), data, signature, kind, begin, end, start, damaged, escaped)
 
 
 def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
-    """Find where A5 stands, records that may overlap, and whether they are the Signature's."""
+    """Find the positions of A5, records that may overlap, and whether they are a Signature's."""
     marks = np.flatnonzero(data == SYNC)
     sums = np.zeros(data.size + 1, dtype=np.uint16)
     for parity in (0, 1):
@@ -123,7 +123,7 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
 
 
 def word(data: Bytes, at: Places) -> NDArray[np.uint16]:
-    """Read the 16-bit words at some places."""
+    """Read the little-endian 16-bit words at byte offsets."""
     return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
 
 
@@ -148,41 +148,41 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Samples in the order of the file; n of them, m cells."""
+    """Samples in file order; n is their number, m the number of bins."""
 
-    offset: Places  # (n,) in the file, bytes
-    time_s: Floats  # (n,) since 1970-01-01 by the instrument's clock; NaN where impossible
+    offset: Places  # (n,) byte offset in the file
+    time_s: Floats  # (n,) seconds since 1970-01-01 by the instrument's clock; NaN where invalid
     heading_deg: Floats  # (n,) of the x axis
-    pitch_deg: Floats  # (n,) x axis up
-    roll_deg: Floats  # (n,) y axis, which is port on an up-looker, up
+    pitch_deg: Floats  # (n,) positive with the x axis up
+    roll_deg: Floats  # (n,) positive with the y axis, which points to port on an up-looker, up
     pressure_dbar: Floats  # (n,) NaN without a sensor
-    temperature_c: Floats  # (n,)
+    temperature_c: Floats  # (n,) degrees Celsius
     supply_voltage: Floats  # (n,) volts
-    velocity: Floats  # (n, m, k) m/s: east and north (earth); x, y, z of the head; or along its beams
-    quality: Flags  # (n, m)
-    heading_quality: Flags  # (n,)
+    velocity: Floats  # (n, m, k) m/s: east and north (earth), x, y and z (instrument), or along beams
+    quality: Flags  # (n, m) OceanSITES flags of velocities
+    heading_quality: Flags  # (n,) OceanSITES flags of headings
     looks_up: Bools  # (n,) as the instrument states
-    sideways: Bools  # (n,) it lay on its side, as it states
+    sideways: Bools  # (n,) whether the instrument lay on its side, as it states
     bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
     recorded: int  # EARTH, INSTRUMENT or BEAM
     beam_angle_deg: float  # from the vertical; 0 for a point meter
     serial: str
-    model: str = ""  # where the file names it
-    declination_deg: float = 0.0  # that the instrument added to its headings
-    beams_to_axes: tuple[tuple[float, ...], ...] = ()  # matrix from beams to x, y, z, where velocities are of beams
-    average_s: float = 0.0  # over which a sample is a mean; its time is the beginning
+    model: str = ""  # empty if the file does not state it
+    declination_deg: float = 0.0  # declination that the instrument added to its headings
+    beams_to_axes: tuple[tuple[float, ...], ...] = ()  # matrix from beams to x, y, z; empty unless in beam coordinates
+    average_s: float = 0.0  # averaging time of a sample, which begins at ``time_s``
     magnetometer: Floats | None = None  # (n, 3) counts along x, y, z
-    up: Floats | None = None  # (n, m) m/s, where velocities were recorded as the earth's
-    profiles: Mapping[str, Bytes] = field(default_factory=dict)  # (n, m, beams) or (n, m), as the record's
+    up: Floats | None = None  # (n, m) m/s, only for velocities in earth coordinates
+    profiles: Mapping[str, Bytes] = field(default_factory=dict)  # (n, m, beams) or (n, m), see ``Record.profiles``
     counts: dict[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()  # sentences for the report
+    notes: tuple[str, ...] = ()  # warnings for the report
 
 
 def by_beam(rows: Bytes, at: int, beams: int, cells: int) -> Bytes:
-    """Reorder bytes that records hold beam after beam, from ``at`` on, to (n, cells, beams)."""
+    """Reorder bytes stored beam by beam from offset ``at`` on to (n, cells, beams)."""
     return np.moveaxis(rows[:, at : at + beams * cells].reshape(len(rows), beams, cells), 1, 2).copy()
 
 
 def axes_of(matrix: Floats) -> Floats:
-    """Select the rows of x, y and z, (3, k), of a matrix from beams to axes; of two estimates of z their mean."""
+    """Reduce a matrix from beams to axes to the rows x, y and z, (3, k), averaging two estimates of z."""
     return matrix if len(matrix) == 3 else np.vstack([matrix[:2], matrix[2:].mean(axis=0)])

@@ -1,8 +1,8 @@
-"""The Signature's velocity records (ad2cp): averages, or bursts where it made no averages.
+"""Decode the velocity records of a Signature (ad2cp): averages, or bursts if there are no averages.
 
-Read are records of data format 3. Bottom track, a fifth beam, altimeter and echo sounder are passed over and counted.
-Byte numbers count from the record's contents. The text records of the file give the heads' matrices and the declination
-that was set. Source: Nortek, Integrators Guide AD2CP (2017), 6.1 and 6.6.
+Only data format 3 is supported. Bottom track, fifth beam, altimeter and echo sounder are ignored and counted. Byte
+offsets are relative to the contents of a record. The text records of the file hold the transformation matrices and the
+configured declination. Source: Nortek, Integrators Guide AD2CP (2017), 6.1 and 6.6.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from compasslib.types import Floats
 
 BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0
 NAMES = {BURST: "bursts", AVERAGE: "averages"}
-SECTIONS = {BURST: "BURST", AVERAGE: "AVG"}  # how the text calls them
+SECTIONS = {BURST: "BURST", AVERAGE: "AVG"}  # names in the text records
 FORMAT = 3
-# Bits of the configuration: which sensors were valid, and which blocks follow the head.
+# Bits of the configuration: valid sensors, and blocks that follow the head.
 PRESSURE, TEMPERATURE, COMPASS, TILT, VELOCITY, AMPLITUDE, CORRELATION = 1, 2, 4, 8, 32, 64, 128
-# Blocks before percent good, and their bytes.
+# Optional blocks before percent good: bit and size in bytes (None: variable).
 BLOCKS = ((0x0100, 8), (0x0400, 20), (0x0200, None), (0x0800, None), (0x1000, 64))
 PERCENT_GOOD = 0x2000
-CENTIMETRES = 0x02  # bit of the status: the blanking's unit
+CENTIMETRES = 0x02  # bit of the status: blanking is in centimetres, else in millimetres
 SIDEWAYS, DOWN = (0, 1, 2, 3), 5  # codes of the orientation: X up, X down, Y up, Y down; Z down
-LEAST_CORRELATION, LEAST_PERCENT_GOOD = 50, 25  # percent; Nortek advises the first, the second is that of PD0 here
+LEAST_CORRELATION, LEAST_PERCENT_GOOD = 50, 25  # percent; recommended by Nortek, and as for PD0, respectively
 USUAL_SLANT_DEG = 25.0
 _HEAD = np.dtype(
     {
@@ -48,12 +48,12 @@ _HEAD = np.dtype(
         "itemsize": 76,
     }
 )
-_SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # bytes that are equal in records of one configuration
+_SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # offsets of bytes that are equal within one configuration
 
 
 @dataclass(frozen=True)
 class _Layout:
-    offset: int  # of the velocities
+    offset: int  # byte offset of the velocities
     cells: int
     beams: int
     coordinates: int
@@ -64,7 +64,7 @@ def decode(packets: Packets) -> Samples:
     """Decode the samples of a Signature.
 
     Raises:
-        InputError: no velocities of data format 3, beams without their matrix, or other than three or four beams.
+        InputError: no velocities of data format 3, beam velocities without a matrix, or other than 3 or 4 beams.
     """
     at = np.flatnonzero(packets.kind == TEXT)
     texts = (packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes().decode("latin-1") for k in at)
@@ -124,7 +124,7 @@ def _setting(text: str, section: str, name: str, usual: float) -> float:
 
 
 def _matrix(text: str, section: str) -> Floats | None:
-    """Parse the matrix from beams to axes that the text gives for averages or bursts, (k, k)."""
+    """Parse the transformation matrix from beams to axes for averages or bursts, (k, k); None if it is not given."""
     line = re.search(rf"^GETXF{section},ROWS=(\d),COLS=(\d),(.*)$", text, re.MULTILINE)
     if line is None:
         return None
@@ -193,13 +193,13 @@ def _sensors(head: Any) -> dict[str, Any]:
 
 
 def _ranges(head: Any, cells: int) -> tuple[float, ...]:
-    """Compute the middles of the cells: the blanking and as many cells as their number."""
+    """Compute the distances of bin centres, metres: blanking plus bin size times the bin number from 1."""
     blanking = float(head["blanking"]) / (100.0 if head["status"] & CENTIMETRES else 1000.0)
     return tuple((blanking + float(head["cell"]) / 1000.0 * (1.0 + np.arange(cells))).tolist())
 
 
 def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
-    """Select amplitudes, correlations and percent good, those that the records hold."""
+    """Extract amplitude, correlation and percent good, as far as the records hold them."""
     correlation, percent = _places(layout)
     amplitude = layout.offset + 2 * layout.beams * layout.cells if layout.configuration & AMPLITUDE else None
     blocks = {"echo": amplitude, "correlation": correlation}
@@ -211,14 +211,14 @@ def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
 
 
 def _places(layout: _Layout) -> tuple[int | None, int | None]:
-    """Locate the correlations and the percent good, None where they are absent."""
+    """Locate correlation and percent good as byte offsets, None where absent."""
     each = layout.beams * layout.cells
     at = layout.offset + 2 * each + (each if layout.configuration & AMPLITUDE else 0)
     correlation = at if layout.configuration & CORRELATION else None
     at += each if layout.configuration & CORRELATION else 0
     for bit, size in BLOCKS:
         if layout.configuration & bit:
-            if size is None:  # of raw echoes: as long as its own head says, and not found in averages
+            if size is None:  # raw echoes: size stated in the block, does not occur in averages
                 return correlation, None
             at += size
     return correlation, at if layout.configuration & PERCENT_GOOD else None

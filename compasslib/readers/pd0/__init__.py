@@ -1,11 +1,11 @@
-"""RDI PD0: the raw files of WorkHorse, Ocean Surveyor, Sentinel V and their relatives.
+"""Read RDI PD0, the raw files of WorkHorse, Ocean Surveyor, Sentinel V and related ADCPs.
 
-Damage is left out and counted, never guessed: a flipped byte costs one ensemble. Bottom track, navigation and a
-fifth beam in blocks of its own are passed over; other columns than four are refused. Beams are combined bin by bin;
-under tilt their bins lie at slightly different depths, which is not mapped.
+Damaged ensembles are dropped and counted, never repaired: a flipped byte costs one ensemble. Bottom track, navigation
+and the separate blocks of a fifth beam are ignored; other than four columns raise an error. Beam velocities are mapped
+to the bin depths of a level instrument before they are combined.
 
-A boundary shows in the echo: from one bin to the next the echo of water falls, and surface and bottom stand far above
-it (in two genuine moored records by 80 to 160 counts). A layer of animals rises by 10 to 20 dB at most.
+Boundaries are detected in the echo, which decreases with range in water: surface and bottom exceed it by far (by 80 to
+160 counts in two genuine moored records), a layer of animals by 10 to 20 dB at most.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter
 from compasslib.records import BAD, GOOD, MISSING, Record
 from compasslib.types import Floats
 
-BOUNDARY_COUNTS = 50  # above the least echo before it; 0.45 dB a count
-HEARD_COUNTS = 15  # above the least echo of the ensemble, which is the noise of the receiver or more
+BOUNDARY_COUNTS = 50  # echo of a boundary above the minimum at shorter range; 0.45 dB per count
+HEARD_COUNTS = 15  # echo of water above the minimum of the ensemble, which is at least the receiver noise
 BEAMS = 4
 NEAR_CELLS = 2
 
@@ -39,24 +39,24 @@ NEAR_CELLS = 2
 class _DecodedChunk:
     ensembles: Ensembles
     dropped: DroppedCounts
-    size: int  # bytes in ensembles, good ones
+    size: int  # bytes in intact ensembles
     skipped: tuple[Skipped, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class _ChunkCurrents:
-    """What the record keeps of a chunk, but for its currents and profiles."""
+    """Results of a chunk that are needed for the record, apart from its currents and profiles."""
 
-    leaders: Ensembles  # without their profiles
-    echo_range_m: Floats
-    echo_near: Floats  # (n,) mean of the nearest cells, counts: where it is low, few scatterers are heard
-    three_beam: int
+    leaders: Ensembles  # without profiles
+    echo_range_m: Floats  # (n, 2) see ``echo_ranges``
+    echo_near: Floats  # (n,) mean echo of the nearest bins, counts; low where scatterers are few
+    three_beam: int  # number of currents solved from three beams
     has_percent_good: bool
-    contradictions: tuple[int, int]  # cells that contradict EX, and those that could
+    contradictions: tuple[int, int]  # number of bins that contradict EX, and of decisive bins
 
 
 def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
-    """Decode all good ensembles of a file as the instrument recorded them.
+    """Decode all intact ensembles of a file as recorded, without any rotation.
 
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
@@ -74,24 +74,24 @@ def read(
     heading_alignment: float | None,
     serial_number: str | None = None,
 ) -> Record:
-    """Read one record from files in order of their first times, currents turned by the recorded magnetic heading.
+    """Read one record from files sorted by their first times, with currents rotated by the recorded magnetic heading.
 
     Args:
-        orientation: up or down; counts where ensembles disagree. Each ensemble's own bit where None.
-        declination_applied: degrees inside the recorded headings (and earth velocities), instead of the file's EB.
-        heading_alignment: degrees added to the recorded heading to get that of beam 3; needed where EA is not 0.
-        serial_number: the instrument's by the metadata, perhaps with letters around its digits.
+        orientation: up or down, overrides that of the ensembles; None uses the recorded orientation of each ensemble.
+        declination_applied: declination contained in headings (and earth velocities), degrees; overrides EB.
+        heading_alignment: degrees to add to the recorded heading to get that of beam 3; required if EA is not 0.
+        serial_number: expected serial number, possibly with letters around its digits.
 
     Raises:
-        InputError: a file that cannot be read, holds no ensemble or other than four beams, a serial number of another
-            instrument, or EA and ``heading_alignment`` that do not go together.
+        InputError: a file is unreadable, holds no ensemble or other than four beams, the serial number differs, or EA
+            and ``heading_alignment`` contradict each other.
     """
     settings = Settings(orientation, parse_applied_declination(declination_applied), heading_alignment, serial_number)
     return read_with_reports(paths, settings)[0]
 
 
 def read_with_reports(paths: Sequence[Path], settings: Settings) -> tuple[Record, tuple[FileReport, ...]]:
-    """Read the record as ``read`` does, and report of every file the skipped ranges; errors as for ``read``."""
+    """Read the record like ``read``, and report the content and skipped ranges of each file; errors as for ``read``."""
     if not paths:
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
     if settings.orientation not in (None, "up", "down"):
@@ -102,7 +102,7 @@ def read_with_reports(paths: Sequence[Path], settings: Settings) -> tuple[Record
         chunks = (chunk.ensembles for chunk in _decode_chunks(path))
         return next((float(ensembles.time_s[0]) for ensembles in chunks if len(ensembles)), np.inf)
 
-    # Downloads may be listed in any order.
+    # The files may be listed in any order.
     ordered = sorted(paths, key=first_time) if len(paths) > 1 else paths
     where = ", ".join(map(str, paths))
     arrays = GrowableArrays(where, sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
@@ -112,7 +112,7 @@ def read_with_reports(paths: Sequence[Path], settings: Settings) -> tuple[Record
 
 
 def echo_ranges(ensembles: Ensembles) -> Floats:
-    """Locate vertical ranges, (n, 2) metres, NaN where there is none: of a boundary, and of the last bin heard."""
+    """Determine vertical ranges, (n, 2) metres, of a boundary and of the last bin above noise; NaN without one."""
     if not ensembles.echo.any():
         return np.full((len(ensembles), 2), np.nan)
     b1, b2, b3, b4 = np.moveaxis(ensembles.echo, 2, 0)
@@ -142,7 +142,7 @@ def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
     dropped = sum((chunk.dropped for chunk in chunks), DroppedCounts())
     count = sum(len(chunk.ensembles) for chunk in chunks)
     misfits = dropped.not_of_four_beams
-    if misfits > checks.STRAY * (misfits + count):  # more than by damage
+    if misfits > checks.STRAY * (misfits + count):  # more than damage explains
         expected = "blocks of four columns, as many rows as the leader tells cells"
         shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
         raise InputError(str(path), expected=expected, found=shown, advice=checks.FOUR)
@@ -158,8 +158,8 @@ def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
 
 
 def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> tuple[list[_ChunkCurrents], FileReport]:
-    """Read one file chunk by chunk, so that the ensembles of a chunk are gone before the next is there."""
-    chunks: list[_DecodedChunk] = []  # without their profiles
+    """Read one file chunk by chunk, freeing the profiles of each chunk before the next one is read."""
+    chunks: list[_DecodedChunk] = []  # without profiles
     parts: list[_ChunkCurrents] = []
     begin = len(arrays)
     for chunk in _decode_chunks(path):
@@ -176,7 +176,7 @@ def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> 
     cells = np.sum([part.contradictions for part in parts], axis=0)
     checks.refuse_coordinates(str(path), fields.concatenate([part.leaders for part in parts]), *cells.tolist())
     if not any(part.has_percent_good for part in parts):
-        # Nobody has filled the block: it says nothing about the velocities.
+        # An all-zero percent-good block was never filled, and says nothing about the velocities.
         flags = arrays["quality"][begin:]
         flags[flags == BAD] = GOOD
     offset = np.concatenate([chunk.ensembles.offset for chunk in chunks])
@@ -227,9 +227,9 @@ def _record(
     known = {"velocities": int(np.isfinite(arrays["east"]).sum())}
     counts = checks.summarize_counts(reports, leaders, heading, settings) | strays | known
     codes = np.unique(leaders.coordinates)
-    # Compute the distances of the bins, (n, m) metres, NaN beyond an ensemble's last.
+    # Distances of the bins, (n, m) metres, NaN beyond the last bin of an ensemble.
     cells = int(leaders.cells.max())
-    # One setting throughout: one row that all ensembles share.
+    # With a single configuration all ensembles share one row.
     same = all(np.ptp(column) == 0.0 for column in (leaders.bin1_m, leaders.cell_m, leaders.cells))
     rows = slice(1) if same else slice(None)
     ranges = leaders.bin1_m[rows, None] + leaders.cell_m[rows, None] * np.arange(cells)
@@ -270,12 +270,12 @@ def _record(
 
 
 def _profiles(arrays: GrowableArrays, leaders: Ensembles) -> dict[str, NDArray[Any]]:
-    """Select what the velocities came with where there is any of it; counts that some ensembles lack become -1."""
+    """Collect the profiles recorded with the velocities, without all-zero ones; -1 where an ensemble lacks counts."""
     profiles = {name: arrays[name] for name in ("up", "error_velocity")}
     beyond = np.arange(arrays["east"].shape[1]) >= leaders.cells[:, None]
     for name, (_, bit) in COUNTS.items():
         counts, absent = arrays[name], (leaders.blocks & bit) == 0
-        if not counts.any():  # nobody has filled the block
+        if not counts.any():  # the block was never filled
             continue
         lacking = beyond | absent[:, None]
         profiles[name] = np.where(lacking[..., None], np.int16(-1), counts) if lacking.any() else counts

@@ -1,7 +1,7 @@
-"""Checks of the ensembles of a PD0 recording, which were whole one by one, and the account of what was left out.
+"""Check the consistency of the intact ensembles of a PD0 recording, and report what was dropped.
 
-Ensembles make one recording where they are of one instrument, one run of numbers and one clock. A setting of the
-metadata that contradicts them is refused, never guessed.
+The ensembles of a recording share one instrument, one sequence of numbers and one clock. Settings in the metadata that
+contradict them raise an error.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
 from compasslib.types import DAY_S, Bools, Floats
 
-STRAY = 0.01  # share of another instrument's ensembles that may be damage that met its checksum
-FEWEST_BACK = 10  # numbers may fall back where a recording begins anew
-JUMP_S, JUMP_STEPS, MOST_JUMPS = DAY_S, 20.0, 3  # longer, and rarer, than the pauses between bursts
+STRAY = 0.01  # largest share of foreign ensembles explained by damage with a valid checksum
+FEWEST_BACK = 10  # accepted number of decreases, as ensemble numbers restart with a new recording
+JUMP_S, JUMP_STEPS, MOST_JUMPS = DAY_S, 20.0, 3  # clock jumps are longer and rarer than pauses between bursts
 ADVICE = "give each recording as a file of its own"
 BEAMS = 4
 FEWEST_CELLS, MOST = 100, 0.5
 COORDINATES = {BEAM: "beam", INSTRUMENT: "instrument", SHIP: "ship", EARTH: "earth"}
 FOUR = "export its four slanted beams, or give the velocities as a table"
 RANGES_SHOWN = 20
-FEW_DISAGREE = 0.01  # of the ensembles: on deck and in the hand an instrument looks any way; they are counted only
-MOST_OF_THREE = 0.5  # of the currents; more than that solved from three beams is a beam that fails
+FEW_DISAGREE = 0.01  # share of ensembles with another orientation that is not reported, as on deck
+MOST_OF_THREE = 0.5  # share of three-beam solutions above which a beam is reported as failing
 _BIAS_TOLERANCE_DEG = 0.01
 
 
 def refuse_mixed(where: str, leaders: Ensembles) -> None:
-    """Refuse ensembles of two recordings, which would be shuffled into one, and headings that are no degrees.
+    """Reject ensembles of two interleaved recordings, and headings that are not in degrees.
 
     Raises:
-        InputError: two instruments, or one that looks up and one that looks down, or numbers of two recordings, or
-            other than four beams, or more than STRAY of the headings beyond the circle.
+        InputError: two instruments, an up-looking and a down-looking one, ensemble numbers of two recordings, other
+            than four beams, or more than a share STRAY of the headings at 360 degrees and above.
     """
     for name, numbers in (("serial number", leaders.serial), ("processor board", leaders.board)):
         several = _frequent_numbers(numbers)
@@ -78,7 +78,7 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
 
 
 def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int) -> None:
-    """Refuse a file of whose decisive cells most (``other``) contradict EX by percent good and velocities."""
+    """Reject a file if most decisive bins (``other``) contradict coordinates EX by percent good and velocities."""
     if decisive < FEWEST_CELLS or other <= MOST * decisive:
         return
     code = Counter(leaders.coordinates.tolist()).most_common(1)[0][0]
@@ -92,7 +92,7 @@ def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int
 
 
 def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> None:
-    """Refuse a heading alignment EA without ``heading_alignment``, the other way round, and one that changes."""
+    """Reject an EA without ``heading_alignment``, and a nonzero ``heading_alignment`` with a zero or changing EA."""
     aligned = leaders.heading_alignment_deg
     if stated is None and aligned.any():
         raise InputError(
@@ -112,22 +112,22 @@ def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> No
 
 
 def refuse_rotation(where: str, stated: AppliedDeclination | None, *, is_earth: bool) -> None:
-    """Refuse degrees inside velocities that hold no north: only earth coordinates were rotated apart from headings."""
+    """Reject a declination of velocities that differs from that of headings unless they are in earth coordinates."""
     if stated is not None and stated.velocity and stated.differs and not is_earth:
         expected = "velocity: 0, as velocities are not in earth coordinates and are turned by the headings"
         raise InputError(f"{where}: declination_applied", expected=expected, found=stated, advice="correct it")
 
 
 def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
-    """Find the instrument's serial number, empty where the file tells none; see ``match_serial_number``."""
+    """Determine the instrument's serial number, empty if the file states none; see ``match_serial_number``."""
     return match_serial_number(where, str(next(iter(_frequent_numbers(leaders.serial)), "")), stated)
 
 
 def match_serial_number(where: str, recorded: str, stated: str | None) -> str:
-    """Match the serial number of a file, empty where it tells none, with that stated; both may have letters around it.
+    """Compare a file's serial number, possibly empty, with that of the metadata, ignoring letters around the digits.
 
     Raises:
-        InputError: the metadata tell another.
+        InputError: the two differ.
     """
     number, numbers = ([int(digits) for digits in re.findall(r"\d+", text or "")] for text in (recorded, stated))
     if number and numbers and not {*number} & {*numbers}:
@@ -137,22 +137,22 @@ def match_serial_number(where: str, recorded: str, stated: str | None) -> str:
 
 
 def _frequent_numbers(numbers: NDArray[np.int64]) -> dict[int, int]:
-    """Count the numbers that are stated and no accident, the most frequent first.
+    """Count the nonzero numbers that occur too often to be damage, in descending order of frequency.
 
-    What differs from ensemble to ensemble is no number of an instrument.
+    Values that differ from ensemble to ensemble are not numbers of an instrument.
     """
     most = Counter(numbers[numbers != 0].tolist()).most_common()
     return {number: count for number, count in most if count > max(1.0, STRAY * len(numbers))}
 
 
 def _has_other_number(numbers: NDArray[np.int64]) -> Bools:
-    """Flag ensembles that carry another number than the recording's, (n,)."""
+    """Flag ensembles with a serial or board number other than the usual one of the recording, (n,)."""
     usual = next(iter(_frequent_numbers(numbers)), 0)
     return (numbers != 0) & (numbers != usual) & (usual != 0)
 
 
 def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
-    """Flag ensembles that hardly belong to the others, (n,); count them and word sentences on them."""
+    """Flag ensembles of another instrument or after a clock jump, (n,); also give their counts and warnings."""
     kinds = _number_kinds(leaders)
     other = kinds != np.bincount(kinds).argmax()
     steps = np.diff(leaders.time_s)
@@ -172,7 +172,7 @@ def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
 
 
 def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
-    """Number the instruments, (n,): by number, frequency and beams, and by orientation where it goes with the cells."""
+    """Label ensembles by instrument, (n,): number, frequency, beams, and the usual orientation of each bin layout."""
     angle = np.nan_to_num(leaders.beam_angle_deg)
     other = _has_other_number(leaders.serial) | _has_other_number(leaders.board)
     heads = np.column_stack([np.nan_to_num(leaders.frequency_khz), angle, leaders.convex, leaders.beams, other])
@@ -184,7 +184,7 @@ def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
 
 
 def _number_rows(rows: Floats) -> NDArray[np.int64]:
-    """Number each row among the distinct ones, (n,); only rows unlike the one before are sorted."""
+    """Label each row by its index among the distinct rows, (n,); only rows unlike the previous one are sorted."""
     new = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
     _, number = np.unique(rows[new], axis=0, return_inverse=True)
     return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
@@ -192,41 +192,41 @@ def _number_rows(rows: Floats) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class FileReport:
-    """Content of one file; ``skipped`` and the ensembles are all of its bytes."""
+    """Content of one file; ``skipped`` and the intact ensembles account for all of its bytes."""
 
     path: str
     bytes_total: int
-    ensembles: int  # good, dated and with velocities of four beams
+    ensembles: int  # number of intact, dated ensembles with velocities of four beams
     dropped: DroppedCounts
-    three_beam: int  # currents solved from three beams, by this reader or by the instrument
-    lost: int  # ensembles missing by their numbers where bytes were skipped
+    three_beam: int  # number of currents solved from three beams, by this reader or by the instrument
+    lost: int  # number of ensembles missing where bytes were skipped, by their numbers
     skipped: tuple[Skipped, ...]
-    escaped: bool = False  # the bytes came with a modem's escapes, which were undone
+    escaped: bool = False  # whether a modem's escapes were removed from the bytes
 
     @property
     def bytes_skipped(self) -> int:
-        """Bytes that belong to no good ensemble."""
+        """Number of bytes that belong to no intact ensemble."""
         return sum(each.length for each in self.skipped)
 
     @property
     def damaged(self) -> int:
-        """Places that begin like an ensemble and whose checksum fails; chance pairs of 7F are among them."""
+        """Number of places that begin like an ensemble but fail its checksum, including chance pairs of 7F."""
         return sum(each.damaged for each in self.skipped)
 
 
 def count_lost_ensembles(offset: Places, number: Places, skipped: Sequence[Skipped]) -> int:
-    """Count the ensembles that are missing by number where bytes were skipped between two good ones."""
+    """Count the ensembles lost where bytes were skipped, from the numbers of the intact ensembles around them."""
     after = np.searchsorted(offset, [each.offset for each in skipped])
     inside = after[(after > 0) & (after < len(offset))]
     gaps = number[inside] - number[inside - 1] - 1
-    # Numbers fall back where a recording begins anew: then nothing is known.
+    # Decreasing numbers mark the start of a new recording, where the loss is unknown.
     return int(gaps[gaps > 0].sum())
 
 
 def summarize_counts(
     reports: Sequence[FileReport], leaders: Ensembles, heading_deg: Floats, settings: Settings
 ) -> dict[str, int]:
-    """Sum up the counts of the record."""
+    """Summarize the counts of all files for the record."""
     names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
     summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
     summed |= asdict(sum((report.dropped for report in reports), DroppedCounts()))
@@ -238,14 +238,14 @@ def summarize_counts(
 
 
 def mostly_looks_up(leaders: Ensembles, settings: Settings) -> bool:
-    """Return whether the instrument looks up: by the metadata, else by most of its ensembles."""
+    """Return whether the instrument looks up, by the metadata or else by the majority of ensembles."""
     return bool(np.mean(looks_up(leaders, settings)) > 0.5)
 
 
 def describe_reading(
     reports: Sequence[FileReport], leaders: Ensembles, counts: dict[str, int], settings: Settings
 ) -> tuple[str, ...]:
-    """Word the warnings of the record; ``counts`` are those of ``summarize_counts``, and ``velocities``."""
+    """Compose the warnings of the record; ``counts`` are those of ``summarize_counts`` and ``velocities``."""
     files = [line for report in reports for line in _describe_file(report)]
     headings = _describe_headings(leaders, counts, settings)
     return (*files, *headings, *_describe_configuration(leaders, counts, settings))
@@ -321,12 +321,12 @@ def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings
 
 
 def _count_configurations(leaders: Ensembles) -> int:
-    """Count them; the distance of bin 1 follows the speed of sound by a centimetre and makes none."""
+    """Count the configurations, ignoring the distance of bin 1, which varies by centimetres with the speed of sound."""
     columns = [leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates]
     columns += [leaders.beam_angle_deg, leaders.frequency_khz]
     table: Floats = np.stack([np.asarray(column, dtype=float) for column in columns], axis=1)
     table = np.where(np.isnan(table), -1.0, table)
-    # Most ensembles equal the one before; only the others are worth sorting.
+    # Most ensembles equal the previous one; sorting only the others is faster.
     changes = np.any(table[1:] != table[:-1], axis=1)
     return len(np.unique(table[np.r_[True, changes]], axis=0))
 

@@ -1,9 +1,9 @@
-"""From recorded PD0 ensembles to currents east and north of magnetic north, and how good each of them is.
+"""Compute currents relative to magnetic north, and their quality flags, from recorded PD0 ensembles.
 
 The geometry is that of four slanted beams. Y points along beam 3, which is forward. X is starboard and Z up on a
 down-looker; X is port and Z down on an up-looker. Recorded tilts: tilt 1 positive with beam 3 up, tilt 2 positive
-starboard down, in both orientations. Source: RDI, ADCP Coordinate Transformation; design of signs checked against
-known answers.
+with starboard down, in both orientations. Source: RDI, ADCP Coordinate Transformation; the signs are tested against
+known solutions.
 """
 
 from __future__ import annotations
@@ -22,60 +22,60 @@ from compasslib.types import Bools, Floats
 
 LEAST_PERCENT_GOOD = 25
 ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
-MOST_TURNED = 0.4  # change of a beam's reach in depth, of its own, up to which bins are mapped: some 30 degrees of tilt
-SAMPLED = 200  # ensembles of a piece tell which columns percent good has
+MOST_TURNED = 0.4  # relative change of a beam's vertical reach below which bins are mapped: some 30 degrees of tilt
+SAMPLED = 200  # approximate number of ensembles per chunk in which coordinates are checked by percent good
 # Error velocity is a multiple of b1 + b2 - b3 - b4.
 _ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a recording by the metadata; None leaves it to the file."""
+    """Settings of a recording from the metadata; None defers to the file."""
 
     orientation: str | None = None  # up | down
-    # Degrees inside recorded headings and earth velocities, instead of EB.
+    # Declination contained in recorded headings and earth velocities, degrees, instead of EB.
     declination_applied: AppliedDeclination | None = None
     heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
     serial_number: str | None = None
 
 
 def heading_bias(ensembles: Ensembles, settings: Settings) -> Floats:
-    """Choose the degrees inside the recorded headings, (n,): EB, unless the metadata know better."""
+    """Get the bias contained in the recorded headings, (n,) degrees: EB, unless the metadata override it."""
     applied = settings.declination_applied
     return ensembles.heading_bias_deg if applied is None else np.full(len(ensembles), applied.heading)
 
 
 def velocity_bias(ensembles: Ensembles, settings: Settings) -> Floats:
-    """Choose the degrees taken out of velocities, (n,): those of the headings, but for earth coordinates."""
+    """Get the bias to remove from velocities, (n,) degrees: that of headings unless earth velocities have their own."""
     bias, applied = heading_bias(ensembles, settings), settings.declination_applied
     return bias if applied is None else np.where(ensembles.coordinates == EARTH, applied.velocity, bias)
 
 
 def magnetic_heading(ensembles: Ensembles, settings: Settings) -> Floats:
-    """Compute the heading of beam 3 as the compass recorded it, without heading bias, (n,) degrees."""
+    """Compute the magnetic heading of beam 3 from the recorded one: bias removed, alignment added; (n,) degrees."""
     alignment = settings.heading_alignment or 0.0
     return angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings) + alignment)
 
 
 def looks_up(ensembles: Ensembles, settings: Settings) -> Bools:
-    """Choose the orientation of each ensemble, (n,): the metadata's, or where they are silent its own."""
+    """Get the orientation of each ensemble, (n,): that of the metadata, or else the recorded one."""
     word = settings.orientation
     return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
 
 
 @dataclass(frozen=True, eq=False)
 class Currents:
-    """Velocities from magnetic north, NaN where missing; n ensembles of m cells."""
+    """Velocities relative to magnetic north, NaN where missing, of n ensembles with m bins."""
 
     east: Floats  # (n, m) m/s
-    north: Floats
-    up: Floats
-    error: Floats  # (n, m) m/s; three beams have none
-    three_beam: int  # how many come from three beams
+    north: Floats  # (n, m) m/s
+    up: Floats  # (n, m) m/s
+    error: Floats  # (n, m) m/s, NaN for three-beam solutions
+    three_beam: int  # number of three-beam solutions
 
 
 def compute_currents(ensembles: Ensembles, settings: Settings) -> Currents:
-    """Compute the currents of ensembles in any mixture of coordinates."""
+    """Compute the currents of ensembles, whose coordinate systems may be mixed."""
     codes = np.unique(ensembles.coordinates)
     if len(codes) == 1:
         return _turn(ensembles, settings, int(codes[0]))
@@ -89,10 +89,10 @@ def compute_currents(ensembles: Ensembles, settings: Settings) -> Currents:
 
 
 def flag_currents(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
-    """Flag each current by OceanSITES, (n, m): missing, bad where too few pings were good, or good.
+    """Assign OceanSITES flags to currents, (n, m): missing, bad where too few pings were good, or good.
 
-    In earth, ship and instrument coordinates columns 1 and 4 of the percent-good block are the solutions of three and
-    of four beams; in beam coordinates each column is a beam, and those that are missing do not count.
+    In earth, ship and instrument coordinates, columns 1 and 4 of the percent-good block are three-beam and four-beam
+    solutions; in beam coordinates each column is a beam, and missing beams are ignored.
     """
     percent, by_beam = ensembles.percent_good, ensembles.coordinates == BEAM
     share = percent[..., 0].astype(np.int16) + percent[..., 3]
@@ -103,12 +103,12 @@ def flag_currents(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
 
 
 def count_contradictions(ensembles: Ensembles) -> tuple[int, int]:
-    """Count the cells that contradict the coordinates of EX, and the cells that could, in some of the ensembles.
+    """Count the bins that contradict coordinates EX, and all decisive bins, in a subsample of the ensembles.
 
-    Percent good has a column a beam in beam coordinates; in others its columns part all pings, and add up to 100.
-    Converters also fill it (all 100, or 100 in one column), so that the velocities decide with it. Beams measure the
-    same vertical flow in both pairs, and a horizontal flow in each: b1 + b2 - b3 - b4 is small beside b1 - b2 and
-    beside b3 - b4. East and north of a flow to NW or SE look like one such pair, never like both.
+    In beam coordinates percent good has one column per beam; in others its columns divide all pings and add up to 100.
+    As converters also fill it (all 100, or 100 in one column), the velocities are used too. Both pairs of beams measure
+    the same vertical flow, and each a horizontal one: b1 + b2 - b3 - b4 is small compared with b1 - b2 and b3 - b4.
+    East and north components of a flow to NW or SE resemble one such pair, never both.
     """
     sampled = slice(None, None, 1 + len(ensembles) // SAMPLED)
     percent, velocity = ensembles.percent_good[sampled], ensembles.velocity[sampled]
@@ -124,9 +124,9 @@ def count_contradictions(ensembles: Ensembles) -> tuple[int, int]:
 
 
 def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
-    """Fill a single missing beam of four so that the error velocity is zero; tell where that was done.
+    """Fill a single missing beam of four for zero error velocity, and flag where this was done.
 
-    Two or more missing ones stay missing, NaN.
+    Two or more missing beams remain NaN.
     """
     missing = np.isnan(beams)
     alone = missing.sum(axis=-1) == 1
@@ -137,29 +137,29 @@ def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
 
 
 def _map_bins(ensembles: Ensembles, up: Bools) -> Floats:
-    """Map the cells of four beams to the depths that they have where the instrument is level, (n, m, 4)."""
+    """Map the velocities of four beams to the bin depths of a level instrument, (n, m, 4) m/s."""
     sine, cosine = angles.sin_cos(ensembles.beam_angle_deg)
     across = np.where(ensembles.convex, sine, -sine)
     pitch, roll = true_pitch(ensembles.tilt1_deg, ensembles.tilt2_deg), ensembles.tilt2_deg + np.where(up, 180.0, 0.0)
     (sp, cp), (sr, cr) = angles.sin_cos(pitch), angles.sin_cos(roll)
-    # Of the way along each beam, over the cosine of its angle: how far it goes up or down.
+    # Vertical reach of each beam relative to that of a level instrument.
     along, x, y = cosine * cp * cr, across * cp * sr, across * sp
     reach = np.abs(np.stack([along - x, along + x, along - y, along + y], axis=-1) / cosine[:, None])
     return map_cells(ensembles.velocity, reach, ensembles.bin1_m, ensembles.cell_m, ensembles.cells)
 
 
 def map_cells(beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cells: NDArray[np.int_]) -> Floats:
-    """Interpolate each beam's velocities to the depths that its cells have where the instrument is level.
+    """Interpolate the velocities of each beam to the bin depths of a level instrument, (n, m, k).
 
-    A tilt brings the cells of one beam nearer in depth and moves those of the opposite one away, so that the same cell
-    of several beams stands for different water. Cells beyond the first and the last are missing. An instrument that
-    lies on its side, as on deck, has no depths: its cells stay.
+    A tilt reduces the vertical distance of the bins of one beam and increases that of the opposite one, so the same bin
+    of several beams samples different depths. Depths outside the measured range become NaN. Samples with large tilts,
+    as of an instrument lying on deck, are not mapped.
 
     Args:
         beams: (n, m, k) m/s.
-        reach: (n, k) vertical distance along a beam over that of a level instrument.
-        bin1_m: (n,) vertical distance of the first cell, level; ``cell_m`` of one to the next.
-        cells: (n,) how many there are.
+        reach: (n, k) vertical distance along a beam relative to that of a level instrument.
+        bin1_m: (n,) vertical distance of the first bin of a level instrument; ``cell_m`` is the bin size, (n,).
+        cells: (n,) number of bins.
     """
     index = np.arange(beams.shape[1])
     reach = np.where((np.abs(reach - 1.0) < MOST_TURNED).all(axis=-1, keepdims=True), reach, 1.0)
@@ -180,23 +180,23 @@ def map_cells(beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cell
 def beams_to_instrument(
     beams: Floats, beam_angle_deg: ArrayLike, convex: ArrayLike = True
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Combine beams to (x, y, z, error) in the instrument's axes.
+    """Convert beam velocities, (..., 4), to (x, y, z, error) in instrument axes, (...) each.
 
     Args:
-        beam_angle_deg: from the vertical; broadcasts with (...), as ``convex``.
+        beam_angle_deg: angle from the vertical; it and ``convex`` broadcast with (...).
     """
     b1, b2, b3, b4 = (beams[..., i] for i in range(4))
     sine, cosine = angles.sin_cos(beam_angle_deg)
-    # The beams of a concave head cross, so that each looks to the other side.
+    # The beams of a concave head cross, so each points to the opposite side.
     across = np.where(convex, 1.0, -1.0) / (2.0 * sine)
     x, y = across * (b1 - b2), across * (b4 - b3)
     return x, y, (b1 + b2 + b3 + b4) / (4.0 * cosine), (b1 + b2 - b3 - b4) / (2.0 * np.sqrt(2.0) * sine)
 
 
 def true_pitch(tilt1_deg: ArrayLike, tilt2_deg: ArrayLike) -> Floats:
-    """Compute the pitch proper, atan(tan tilt1 cos tilt2), degrees, from recorded pitch and roll.
+    """Compute the true pitch, atan(tan tilt1 cos tilt2), degrees, from recorded pitch and roll.
 
-    The pitch sensor hangs inside the roll.
+    The tilt sensor measures pitch in the rolled frame of the instrument.
     """
     (sine, cosine), (_, across) = angles.sin_cos(tilt1_deg), angles.sin_cos(tilt2_deg)
     return angles.wrap180(angles.direction(sine * across, cosine))
@@ -205,11 +205,11 @@ def true_pitch(tilt1_deg: ArrayLike, tilt2_deg: ArrayLike) -> Floats:
 def instrument_to_earth(
     xyz: Sequence[Floats], heading_deg: Floats, tilt1_deg: Floats, tilt2_deg: Floats, looks_up: ArrayLike
 ) -> tuple[Floats, Floats, Floats]:
-    """Turn by heading and tilts to (east, north, up), to the north that the heading refers to.
+    """Rotate velocities by heading and tilts to (east, north, up), relative to the reference north of the heading.
 
     Args:
-        xyz: velocities in the instrument's axes, (n, m) or (n,), m/s.
-        looks_up: (n,) or one; the maker turns an up-looker by 180 degrees about its roll axis.
+        xyz: velocities in instrument axes, (n, m) or (n,), m/s.
+        looks_up: (n,) or scalar; RDI defines an up-looker as rotated by 180 degrees about its roll axis.
     """
     x, y, z = xyz
     roll = np.asarray(tilt2_deg) + np.where(looks_up, 180.0, 0.0)
@@ -223,7 +223,7 @@ def instrument_to_earth(
 
 
 def ship_to_earth(starboard: Floats, forward: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
-    """Turn velocities in level axes, (n, m) or (n,), to (east, north) by the heading of the forward axis, (n,)."""
+    """Rotate velocities in level axes, (n, m) or (n,), to (east, north) by the heading of the forward axis, (n,)."""
     return angles.turn(starboard, forward, _column(heading_deg, starboard))
 
 
@@ -233,7 +233,7 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
 
 
 def _turn(ensembles: Ensembles, settings: Settings, code: int) -> Currents:
-    """Turn ensembles of one kind of coordinates."""
+    """Compute the currents of ensembles in a single coordinate system ``code``."""
     heading = magnetic_heading(ensembles, settings)
     if code == BEAM:
         beams, solved = fill_missing_beam(_map_bins(ensembles, looks_up(ensembles, settings)))
@@ -243,14 +243,14 @@ def _turn(ensembles: Ensembles, settings: Settings, code: int) -> Currents:
     x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
     if code == INSTRUMENT:
         turned = _turn_with_tilts(ensembles, settings, (x, y, z), heading)
-    elif code == SHIP:  # by the recorded heading only, as EA has turned these axes to where the heading points
+    elif code == SHIP:  # without heading_alignment, as the instrument already rotated these axes by EA
         heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings))
         turned = *ship_to_earth(x, y, heading), z
         if not ensembles.tilts_used.all():
             tilted, level = _turn_with_tilts(ensembles, settings, (x, y, z), heading), ensembles.tilts_used[:, None]
             east, north, up = (np.where(level, a, b) for a, b in zip(turned, tilted, strict=True))
             turned = east, north, up
-    else:  # back by the heading bias, which the instrument turned its velocities by as well
+    else:  # remove the heading bias, by which the instrument rotated its velocities as well
         bias = velocity_bias(ensembles, settings)
         turned = *(angles.turn(x, y, -bias[:, None]) if bias.any() else (x.copy(), y.copy())), z
     # The instrument's own solutions from three beams have no error velocity.

@@ -1,8 +1,8 @@
-"""The fields of PD0 ensembles, decoded for all ensembles of one layout at a time.
+"""Decode the fields of PD0 ensembles, vectorized over all ensembles of one layout.
 
-Leaders are copied into zeros of the full length before they are read, so that a field which an old firmware does not
-write reads zero; where zero would be mistaken for a value the length of the block is asked. Byte numbers count from
-zero at the identifier of the block. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
+Leaders are zero-padded to their full length before decoding, so a field that an old firmware does not write reads as
+zero; where zero would be a valid value, the length of the block is checked instead. Byte offsets count from zero at
+the identifier of the block. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ T = TypeVar("T", bound=np.generic)
 
 BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
 VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
-COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # block, bit
-LAST_YEAR = 2079  # from FIRST_YEAR to here two digits of the year are unique; anything else is a damaged clock
+COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # identifier, bit
+LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
 
 MISSING_COUNT = -32768
 _FIXED = np.dtype(
@@ -66,8 +66,8 @@ _VARIABLE = np.dtype(
 )
 _PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
 _ALL_ONES = 2**32 - 1
-NO_HEADING = 65535  # hundredths of a degree
-_PER_CELL = {VELOCITY: 8, CORRELATION: 4, ECHO: 4, PERCENT_GOOD: 4}  # bytes: four beams or components
+NO_HEADING = 65535  # hundredths of a degree; marks a missing heading
+_PER_CELL = {VELOCITY: 8, CORRELATION: 4, ECHO: 4, PERCENT_GOOD: 4}  # bytes per bin of four beams or components
 _RESERVED = 2  # bytes between the last block and the checksum
 _FREQUENCIES_KHZ = np.array([75.0, 150.0, 300.0, 600.0, 1200.0, 2400.0, 38.0, np.nan])
 _BEAM_ANGLES_DEG = np.array([15.0, 20.0, 30.0, np.nan])  # the fourth is "other"
@@ -75,43 +75,43 @@ _BEAM_ANGLES_DEG = np.array([15.0, 20.0, 30.0, np.nan])  # the fourth is "other"
 
 @dataclass(frozen=True, eq=False)
 class Ensembles:
-    """Ensembles as the instrument recorded them, nothing turned; n of them, m cells in the longest."""
+    """Ensembles as recorded, without any rotation; n is their number, m the largest number of bins."""
 
-    offset: Places  # (n,) in the file, bytes
-    number: Places  # (n,)
-    time_s: Floats  # (n,) since 1970-01-01 by the instrument's clock
-    heading_deg: Floats  # (n,) heading bias EB included; NaN outside [0, 360)
-    beyond_circle: Bools  # (n,) whether a heading is recorded that is 360 degrees or more
-    tilt1_deg: Floats  # (n,) beam 3 up
-    tilt2_deg: Floats  # (n,) starboard down
-    velocity: Floats  # (n, m, 4) m/s
+    offset: Places  # (n,) byte offset in the file
+    number: Places  # (n,) ensemble number
+    time_s: Floats  # (n,) seconds since 1970-01-01 by the instrument's clock
+    heading_deg: Floats  # (n,) including the heading bias EB; NaN outside [0, 360)
+    beyond_circle: Bools  # (n,) whether the recorded heading is 360 degrees or more, the missing value excluded
+    tilt1_deg: Floats  # (n,) recorded pitch, positive with beam 3 up
+    tilt2_deg: Floats  # (n,) recorded roll, positive with starboard down
+    velocity: Floats  # (n, m, 4) m/s, NaN where missing
     correlation: Bytes  # (n, m, 4) counts, 0 where the block is absent
     echo: Bytes  # (n, m, 4) intensity, counts, 0 where the block is absent
     percent_good: Bytes  # (n, m, 4), 0 where the block is absent
-    blocks: Bytes  # (n,) which of the last three are there, by the bits of ``COUNTS``
+    blocks: Bytes  # (n,) which of the last three are present, by the bits of ``COUNTS``
     pressure_dbar: Floats  # (n,) NaN without a sensor
     depth_m: Floats  # (n,) of the transducer
-    temperature_c: Floats  # (n,)
+    temperature_c: Floats  # (n,) degrees Celsius
     supply_voltage: Floats  # (n,) counts of the transmit voltage
     transmit_current: Floats  # (n,) counts
     heading_spread_deg: Floats  # (n,) standard deviation of the pings' headings
-    serial: Places  # (n,) of the instrument, 0 where unknown
-    board: Places  # (n,) of its processor's board, 0 where unknown
-    beams: Bytes  # (n,)
-    cells: Places  # (n,)
-    cell_m: Floats  # (n,)
-    bin1_m: Floats  # (n,)
-    blank_m: Floats  # (n,)
+    serial: Places  # (n,) serial number of the instrument, 0 where unknown
+    board: Places  # (n,) serial number of the CPU board, 0 where unknown
+    beams: Bytes  # (n,) number of beams
+    cells: Places  # (n,) number of bins
+    cell_m: Floats  # (n,) size of a bin
+    bin1_m: Floats  # (n,) vertical distance to the middle of the first bin
+    blank_m: Floats  # (n,) blanking distance
     coordinates: Bytes  # (n,) BEAM, INSTRUMENT, SHIP or EARTH
-    tilts_used: Bools  # (n,) in the instrument's own turning
-    bins_mapped: Bools  # (n,) whether it combined beams at one depth, by its tilts
+    tilts_used: Bools  # (n,) whether the instrument applied its tilts in its coordinate transformation
+    bins_mapped: Bools  # (n,) whether the instrument mapped bins to equal depths by its tilts
     looks_up: Bools  # (n,) as the instrument states
-    convex: Bools  # (n,)
-    beam_angle_deg: Floats  # (n,) from the vertical; NaN where the file does not say
-    frequency_khz: Floats  # (n,)
+    convex: Bools  # (n,) whether the transducer head is convex
+    beam_angle_deg: Floats  # (n,) from the vertical; NaN where the file does not state it
+    frequency_khz: Floats  # (n,) NaN where unknown
     heading_alignment_deg: Floats  # (n,) EA
     heading_bias_deg: Floats  # (n,) EB
-    average_s: Floats  # (n,) that the pings of an ensemble take, by their number and the time between them
+    average_s: Floats  # (n,) averaging time of an ensemble: number of pings times the time between them
 
     def __len__(self) -> int:
         return len(self.number)
@@ -119,7 +119,7 @@ class Ensembles:
 
 @dataclass(frozen=True)
 class DroppedCounts:
-    """Counts of good ensembles that were left out, by reason."""
+    """Counts of intact ensembles that were dropped, by reason."""
 
     without_velocity: int = 0
     bad_dates: int = 0
@@ -134,29 +134,29 @@ class DroppedCounts:
 
 @dataclass(frozen=True, eq=False)
 class Leaders:
-    """Fields of the leaders that concern headings, (n,) each."""
+    """Leader fields that concern headings, (n,) each."""
 
-    time_s: Floats  # since 1970-01-01 by the instrument's clock, NaN where impossible
-    heading_deg: Floats  # heading bias EB included; NaN outside [0, 360)
+    time_s: Floats  # seconds since 1970-01-01 by the instrument's clock, NaN where invalid
+    heading_deg: Floats  # including the heading bias EB; NaN outside [0, 360)
     heading_bias_deg: Floats  # EB
     coordinates: Bytes  # BEAM, INSTRUMENT, SHIP or EARTH
 
 
 def decode_leaders(run: EnsembleRun) -> Leaders:
-    """Decode the leaders of a run, also where ``decode_runs`` leaves it out."""
+    """Decode the leaders of a run, including runs that ``decode_runs`` drops."""
     columns = _decode_fixed(run.rows, run.layout) | _decode_variable(run.rows, run.layout)
     return Leaders(**{field.name: columns[field.name] for field in fields(Leaders)})
 
 
 def has_velocities(layout: Layout) -> bool:
-    """Return whether its ensembles hold velocities of four beams or components, and nothing else where these stand."""
+    """Return whether ensembles of a layout hold velocities of exactly four beams or components."""
     return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
 
 
 def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, DroppedCounts]:
-    """Decode the ensembles of some runs in their order.
+    """Decode the ensembles of several runs in file order.
 
-    Those without velocities, of other columns than four or with an impossible date are left out and counted.
+    Ensembles without velocities, with other than four columns or with an invalid date are dropped and counted.
     """
     groups: dict[bytes, list[EnsembleRun]] = {}
     without_velocity = not_of_four = 0
@@ -177,7 +177,7 @@ def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, DroppedCounts]:
 
 
 def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
-    """Concatenate ensembles, perhaps of different numbers of cells, missing cells NaN (velocity) or 0."""
+    """Concatenate ensembles, with missing bins padded by NaN (velocity) or 0."""
     parts = parts or [_decode(_NOTHING, [])]
     if len(parts) == 1:
         return parts[0]
@@ -187,10 +187,10 @@ def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
 
 
 class GrowableArrays:
-    """Arrays by name that grow along their ensembles: many pieces would leave holes in memory as they are joined."""
+    """Named arrays that grow along the ensemble axis, as joining many pieces would fragment the memory."""
 
     def __init__(self, where: str, size: int) -> None:
-        """Begin without any, with names and bytes of all files."""
+        """Start empty; ``where`` names the files in error messages, ``size`` is their total size in bytes."""
         self._where = where
         self._size, self._used, self._whole = size, 0, dict[str, NDArray[Any]]()
 
@@ -201,14 +201,14 @@ class GrowableArrays:
         return self._whole[name][: self._used]
 
     def add(self, columns: Mapping[str, NDArray[Any]], fill: Mapping[str, int], size: int) -> None:
-        """Add a piece, (k, m, ...) each; fewer or more bins than before are padded.
+        """Append a piece of k ensembles, (k, m, ...) each; differing numbers of bins are padded.
 
         Args:
-            fill: what stands in the padding; NaN, or 0 for integers, where absent.
-            size: bytes of the piece: they tell how many ensembles the files hold. Room that is not filled costs none.
+            fill: padding value by name; by default NaN, or 0 for integers.
+            size: bytes of the piece, to extrapolate the number of ensembles in all files; unused room takes no memory.
 
         Raises:
-            TooLarge: the padded bins would take far more memory than the files hold.
+            TooLarge: the padded arrays would take far more memory than the size of the files.
         """
         more = len(next(iter(columns.values())))
         end = self._used + more
@@ -267,7 +267,7 @@ def _decode(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
 
 
 def _spare(layout: Layout, identifier: int) -> int:
-    """Count the bytes that a block has beyond four columns of the leader's cells, negative where they do not fit."""
+    """Count the bytes of a block beyond four columns of the leader's number of bins; negative if they do not fit."""
     start, stop = layout.blocks.get(identifier, (0, 0))
     return stop - start - 2 - _PER_CELL[identifier] * layout.cells
 
@@ -277,7 +277,7 @@ def _has_profile(layout: Layout, identifier: int) -> bool:
 
 
 def _of_four_beams(layout: Layout) -> bool:
-    """Return whether no block has room for a fifth column or a further cell, which nothing here understands."""
+    """Return whether no block has room for a fifth column or a surplus bin, which are not supported."""
     for identifier in layout.blocks.keys() & _PER_CELL.keys():
         spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
         last = layout.blocks[identifier][1] == layout.length
@@ -293,7 +293,7 @@ def _profile(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
 
 def _velocity(rows: Bytes, layout: Layout) -> Floats:
     counts = _profile(rows, layout, VELOCITY).view("<i2")
-    # Divided, not multiplied by 0.001, so that 123 mm/s is the number nearest to 0.123.
+    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
     velocity = counts / 1000.0
     np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
     return velocity.reshape(len(rows), layout.cells, 4)
@@ -319,7 +319,7 @@ def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
     by_bits = _BEAM_ANGLES_DEG[(system >> 8) & 3]
     serial, board = leader["serial"].astype(np.int64), leader["board"]
     return {
-        # Bytes 54 to 57 of a shorter leader are the next block's, and change with every ensemble.
+        # A leader that ends before byte 58 does not hold the complete serial number.
         "serial": np.where((length >= _SERIAL_STOP) & (serial != _ALL_ONES), serial, 0),
         "board": np.where((length >= _BOARD_STOP) & (board != -1), board, 0),
         "beams": leader["beams"].copy(),
@@ -344,7 +344,7 @@ def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
     leader, length = _leader(rows, layout, VARIABLE_LEADERS, _VARIABLE)
     fixed, _ = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     heading = leader["heading"] / 100.0
-    newer = leader["century"] > 0  # the clock that knows its century, else that of two digits
+    newer = leader["century"] > 0  # use the clock with a century if it is set, else the one with a two-digit year
     clock = np.where(newer[:, None], leader["clock_2000"], leader["clock"]).astype(np.int64)
     two_digits = clock[:, 0] + np.where(clock[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
     year = np.where(newer, 100 * leader["century"].astype(np.int64) + clock[:, 0], two_digits)
@@ -361,45 +361,45 @@ def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "supply_voltage": np.where(length >= _VOLTAGE_STOP, leader["voltage"], np.nan),
         "transmit_current": np.where(length >= _VOLTAGE_STOP, leader["current"], np.nan),
         "heading_spread_deg": np.where(length >= _VOLTAGE_STOP, leader["heading_spread"], np.nan),
-        # Decapascals; 1000 of them are a decibar.
+        # Recorded in decapascals: 1000 daPa are 1 dbar.
         "pressure_dbar": np.where(has_pressure, leader["pressure"] / 1000.0, np.nan),
     }
 
 
 def from_hundredths(counts: NDArray[np.int16]) -> Floats:
-    """Convert counts of hundredths, NaN where nothing was measured."""
+    """Convert counts of hundredths to whole units, with NaN for missing values."""
     return np.where(counts == MISSING_COUNT, np.nan, counts / 100.0)
 
 
 _NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), VELOCITY: (124, 124)})
 
 
-# A file once more with other headings: the good ensembles, their checksums made anew, every other byte as it was.
+# Copy a file with corrected headings: intact ensembles with new checksums, all their other bytes unchanged.
 #
-# Velocities in earth coordinates turn with the heading, those of the bottom track too; along beams, in the instrument's
-# axes and in the ship's they do not depend on it. An ensemble without a heading to give gets what PD0 has for a bad
-# one: -32768 in every velocity, and 655.35 degrees, which no compass shows.
+# Velocities in earth coordinates, including those of the bottom track, rotate with the heading; those in beam,
+# instrument or ship coordinates do not depend on it. An ensemble without a corrected heading gets PD0's missing
+# values: -32768 in every velocity, and a heading of 655.35 degrees, which no compass reports.
 
 FULL_CIRCLE = 36000  # hundredths of a degree
 HEADING_AT = 18  # byte of the variable leader
-BOTTOM_TRACK, TRACKED = 0x0600, (24, 50)  # bytes at which its velocities stand, and those of the water's layer
-LARGEST = 32767  # mm/s that the format can hold
+BOTTOM_TRACK, TRACKED = 0x0600, (24, 50)  # byte offsets of its velocities, and of those of the water layer
+LARGEST = 32767  # mm/s, largest velocity of the format
 Turn = Callable[[Leaders], Floats]
 
 
 @dataclass(frozen=True)
 class Rewritten:
-    """Counts of the ensembles of one file that was rewritten."""
+    """Numbers of corrected and flagged ensembles of a rewritten file, and the byte ranges dropped."""
 
     corrected: int
-    flagged: int  # without a heading to give
-    skipped: tuple[Skipped, ...]  # ranges of the original that belong to no good ensemble, and were left out
+    flagged: int  # ensembles without a corrected heading, set to missing
+    skipped: tuple[Skipped, ...]  # byte ranges of the original that belong to no intact ensemble, dropped
 
 
 def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
-    """Write a file with every heading turned clockwise by the degrees that a function gives, NaN where there are none.
+    """Write a copy of a file with each heading rotated clockwise by ``turn``, degrees; where NaN, it becomes missing.
 
-    What is in the target is lost.
+    An existing target is overwritten.
 
     Raises:
         InputError: the source cannot be read.
@@ -438,7 +438,7 @@ def _bytes(numbers: NDArray[np.integer]) -> Bytes:
 
 
 def _velocities(layout: Layout) -> Iterator[tuple[int, int]]:
-    """Locate velocities, in bytes of the ensemble."""
+    """Locate the velocities as (begin, end) byte ranges of the ensemble."""
     begin, stop = layout.blocks.get(VELOCITY, (0, 0))
     room = 8 * layout.cells if has_velocities(layout) else (stop - begin - 2) // 2 * 2
     if room > 0:
@@ -448,7 +448,7 @@ def _velocities(layout: Layout) -> Iterator[tuple[int, int]]:
 
 
 def _turn(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
-    """Turn velocities, (k, m, 4) mm/s, of some ensembles in place; bad where the format cannot hold the result."""
+    """Rotate velocities of selected ensembles in place, (k, m, 4) mm/s; missing where the format cannot hold them."""
     known = (counts[..., :2] != MISSING_COUNT).all(axis=-1) & which[:, None]
     turned = np.rint(np.stack(angles.turn(counts[..., 0], counts[..., 1], np.nan_to_num(by)[:, None]), axis=-1))
     fits = known & (np.abs(turned) <= LARGEST).all(axis=-1)

@@ -1,9 +1,9 @@
-"""Finding the ensembles of a PD0 file, whatever stands between them.
+"""Find the ensembles of a PD0 file among arbitrary other bytes.
 
 An ensemble is 7F 7F, its length L without the checksum, a table of offsets, its blocks, and at L the sum of all bytes
-before it modulo 65,536. Runs of ensembles of one layout are checked as one matrix; only where that fails does a search
-over all 7F 7F of the chunk begin, in which a cumulative sum gives every candidate its checksum at once, so that
-hostile input costs no more than its length. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
+before it modulo 65,536. Runs of ensembles with the same layout are checked as one matrix. Only if that fails are all
+7F 7F of the chunk searched, where a cumulative sum yields the checksums of all candidates at once, so that the cost is
+linear in the length even of malicious input. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
 """
 
 from __future__ import annotations
@@ -26,50 +26,50 @@ Places: TypeAlias = NDArray[np.int64]
 
 CHUNK_BYTES = 2 << 20
 FIXED_LEADERS, VARIABLE_LEADERS = (0x0000, 0x0001), (0x0080, 0x0081)
-SHORTEST_FIXED, SHORTEST_VARIABLE = 34, 28  # up to the distance of bin 1; up to the temperature
+SHORTEST_FIXED, SHORTEST_VARIABLE = 34, 28  # bytes including the distance of bin 1; including the temperature
 CHECKSUM, PAST_THE_END, NO_ENSEMBLE = "checksum", "length runs past the end of the file", "not an ensemble"
 BEFORE_THE_FIRST = "junk before the first ensemble"
 
 _MARK = 0x7F
-_HEADER = 8  # bytes up to and with the first offset: without them a candidate cannot be judged
+_HEADER = 8  # bytes up to and including the first offset, needed to check a candidate
 _SHORTEST = _HEADER + SHORTEST_FIXED + SHORTEST_VARIABLE
 _WINDOW = 1 << 19  # rows are checked in pieces that stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the blocks of an ensemble lie; ensembles of equal signature have equal layouts."""
+    """Positions of the blocks in an ensemble; ensembles with equal signatures have equal layouts."""
 
-    signature: bytes  # header, identifiers of the blocks, number of cells
-    columns: Places  # where those bytes stand in the ensemble
+    signature: bytes  # header, identifiers of the blocks, number of bins
+    columns: Places  # byte offsets of the signature in the ensemble
     length: int  # bytes before the checksum
-    cells: int
-    blocks: dict[int, tuple[int, int]]  # identifier: where it starts, where the next begins
+    cells: int  # number of bins
+    blocks: dict[int, tuple[int, int]]  # identifier -> offsets of its begin and of the next block
 
 
 @dataclass(frozen=True, eq=False)
 class EnsembleRun:
-    """Ensembles of one layout that lie back to back."""
+    """Consecutive ensembles of one layout without gaps."""
 
-    offset: int  # of the first, in the file
+    offset: int  # byte offset of the first ensemble in the file
     rows: Bytes  # (k, length + 2), a view into the chunk
     layout: Layout
 
 
 @dataclass(frozen=True)
 class Skipped:
-    """Bytes that belong to no good ensemble."""
+    """Range of bytes that belong to no intact ensemble."""
 
     offset: int
     length: int
     reason: str
-    damaged: int  # places among them that begin like a whole ensemble and whose checksum fails
-    failed: int = 0  # of these, those with the table of an ensemble and its fixed leader: no chance pairs of 7F
+    damaged: int  # number of places that begin like a complete ensemble but fail its checksum
+    failed: int = 0  # number of these with a valid offset of a fixed leader, i.e. not a chance 7F 7F
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """What one piece of the file holds, in the order of the file."""
+    """Content of one chunk of the file, in file order."""
 
     runs: tuple[EnsembleRun, ...]
     skipped: tuple[Skipped, ...]
@@ -77,18 +77,18 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """Places of a chunk where an ensemble may start, each list sorted."""
+    """Sorted byte offsets in a chunk at which an ensemble may start."""
 
-    good: Places  # the checksum holds
-    failed: Places  # it does not
-    cut: Places  # the chunk ends before the ensemble does
+    good: Places  # with a valid checksum
+    failed: Places  # with an invalid checksum
+    cut: Places  # truncated by the end of the chunk
 
 
 def iter_chunks(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> Iterator[Chunk]:
-    """Iterate over the ensembles of a file and the bytes that belong to none; together they are the whole file.
+    """Iterate over the ensembles of a file and the bytes between them; together they cover the whole file.
 
     Args:
-        chunk_bytes: bytes read at a time; the ensembles and ranges found do not depend on it.
+        chunk_bytes: bytes read at a time; the ensembles and byte ranges found do not depend on it.
 
     Raises:
         InputError: the file cannot be opened or read.
@@ -105,7 +105,7 @@ def iter_chunks(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> It
                 pending = replace(pending, reason=BEFORE_THE_FIRST)
             skipped += [pending] if pending else []
             pending, begun = None, True
-        # A range may go on in the next piece, so it is given only when an ensemble or the end of the file follows.
+        # A range may continue in the next chunk: yield it only when an ensemble or the end of the file follows.
         skipped += [pending] if last and pending else []
         yield Chunk(tuple(item for item in items if isinstance(item, EnsembleRun)), tuple(skipped))
 
@@ -134,7 +134,7 @@ def _scan_file(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[li
 
 
 def is_escaped(path: str | PathLike[str]) -> bool:
-    """Return whether the file came with a modem's escapes: without them more of its first ensembles are whole."""
+    """Return whether the file contains a modem's escapes, whose removal yields more intact ensembles at its start."""
     with _opened(path) as file:
         sample = _read(file, path, files.ESCAPE_SAMPLE)
     return files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
@@ -186,7 +186,7 @@ def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[EnsembleRun | Skip
 
 
 def layout_at(data: Bytes, start: int) -> Layout | None:
-    """Parse the layout of the ensemble at a place, None where the bytes are not a whole ensemble's."""
+    """Parse the layout of the ensemble at an offset; None if the bytes are not a complete ensemble."""
     if data.size - start < _HEADER or data[start] != _MARK or data[start + 1] != _MARK:
         return None
     length, types = int(data[start + 2]) + 256 * int(data[start + 3]), int(data[start + 5])
@@ -197,7 +197,7 @@ def layout_at(data: Bytes, start: int) -> Layout | None:
 
 
 def _offsets(header: bytes) -> list[int]:
-    """Parse the offsets that lie inside the ensemble; empty where the first, that of the fixed leader, does not."""
+    """Parse the block offsets inside the ensemble; empty if the first, that of the fixed leader, lies outside."""
     length = int.from_bytes(header[2:4], "little")
     table = [int.from_bytes(header[i : i + 2], "little") for i in range(6, len(header), 2)]
     if not table or not len(header) <= table[0] <= length - SHORTEST_FIXED:
@@ -236,7 +236,7 @@ def _layout(signature: bytes) -> Layout | None:
 
 
 def _count_run(data: Bytes, start: int, layout: Layout) -> int:
-    """Count the good ensembles of one layout from here on, looked at in windows that grow while all is well."""
+    """Count the consecutive intact ensembles of one layout from ``start`` on, checked in windows of growing size."""
     stride = layout.length + 2
     most = (data.size - start) // stride
     done, step = 0, 1
@@ -265,7 +265,7 @@ def _find_candidates(whole_data: Bytes, begin: int, last: bool) -> _Candidates:
     whole = marks + length + 2 <= data.size
     cut.append(marks[likely & ~whole])
     if not last:
-        # A mark may straddle the end of the chunk.
+        # An ensemble may begin in the last bytes of the chunk.
         cut.append(np.array([max(0, data.size - _HEADER + 1)]))
     marks, length = marks[likely & whole], length[likely & whole]
     sums = np.concatenate([np.zeros(1, np.uint16), np.cumsum(data, dtype=np.uint16)])
@@ -278,7 +278,7 @@ def _pair(data: Bytes, at: Places) -> Places:
 
 
 def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) -> int:
-    """Find where the next ensemble begins, or may begin once more of the file is read."""
+    """Find the offset at which the next ensemble begins, or may begin once more of the file is read."""
     cut = candidates.cut[np.searchsorted(candidates.cut, start) :]
     undecided = data.size if last else int(cut[0]) if cut.size else start
     for place in candidates.good[np.searchsorted(candidates.good, start) :]:
@@ -291,7 +291,7 @@ def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) ->
 
 def _describe_skipped(data: Bytes, candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
     first, end = np.searchsorted(candidates.failed, [start, stop])
-    # Of the failed those count whose table of offsets leads to a fixed leader right behind it.
+    # Count failed candidates whose first offset points to a fixed leader directly after the table of offsets.
     at = candidates.failed[first:end]
     leader = 6 + 2 * data[at + 5].astype(np.int64)
     fits = (_pair(data, at + 6) == leader) & (leader + 2 <= _pair(data, at + 2))
