@@ -75,6 +75,6 @@ lock:  ## newest versions into requirements/, with hashes; needs pip-tools
 	    --no-emit-index-url --no-emit-trusted-host --no-emit-find-links -o requirements/$$kind.txt pyproject.toml; \
 	done
 
-clean:  ## what make run and make test have made, the environment included
+clean:  ## results, caches and the environment; simulated raw files stay
 	rm -rf .venv .snakemake results build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -exec rm -rf {} +

@@ -1,4 +1,4 @@
-"""From raw exports to a corrected archive; the workflow itself stands in workflow/."""
+"""From raw exports to a corrected archive; the rules are in workflow/."""
 
 
 include: "workflow/Snakefile"

@@ -41,10 +41,11 @@ def run(source: Path, folder: Path, method: str) -> None:
     """Run a copy of the cruise by one method; raw files are linked and not modified."""
     shutil.copytree(source / "config", folder / "config", copy_function=shutil.copyfile)
     (folder / "raw").symlink_to((source / "raw").resolve())
-    for path in [folder / "config/config.yaml", *(folder / "config/moorings").glob("*.yaml")]:
-        text = re.sub(r"fit:\s*\{?\s*method: [^}\n]+\}?", f"fit: {{method: {method}}}", path.read_text())
-        path.write_text(text.replace("demonstration: true", "demonstration: false"))
-    settings = yaml.safe_load((folder / "config/config.yaml").read_text()) | {"diagnose": {"enabled": False}}
+    for path in (folder / "config/moorings").glob("*.yaml"):
+        others = re.sub(r"^fit:.*\n", "", path.read_text(), flags=re.MULTILINE)
+        path.write_text(f"{others}fit: {{method: {method}}}\n")
+    settings = yaml.safe_load((folder / "config/config.yaml").read_text())
+    settings |= {"diagnose": {"enabled": False}, "demonstration": False}
     (folder / "config/config.yaml").write_text(yaml.safe_dump(settings))  # the methods without the diagnosis
     cost(snakemake(folder, "--quiet", "all", "--until", "correct"))
 

@@ -16,12 +16,12 @@ BREST = {"latitude": 48.4, "longitude": -4.5, "date": "2022-09-29"}
 
 
 def ring(n: int = 36) -> np.ndarray:
-    """Return n settings all round."""
+    """Get n settings evenly spaced over the circle, degrees."""
     return 360.0 / n * np.arange(n)
 
 
 def readings(settings_deg=None, coefficients=MILD, *, noise_deg: float = 0.3, seed: int = 1) -> BenchReadings:
-    """Return what an exact compass records on a bench."""
+    """Simulate the noisy readings of an exact compass on a bench."""
     settings = ring() if settings_deg is None else np.asarray(settings_deg, dtype=float)
     noise = np.random.default_rng(seed).normal(0.0, noise_deg, len(settings))
     return BenchReadings(settings, angles.wrap360(compass.recorded_heading(coefficients, settings) + noise))

@@ -1,4 +1,4 @@
-"""A real browser for tests: headless Chromium, driven through its debugging pipe by the standard library alone."""
+"""Drive headless Chromium for tests through its debugging pipe, with the standard library only."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ KEYS = {"Tab": 9, "Enter": 13, "Space": 32}
 
 
 def program() -> str | None:
-    """Return the browser's path, None where there is none."""
+    """Find the path of the browser; None if it is not installed."""
     return next((found for name in PROGRAMS if (found := shutil.which(name))), None)
 
 
 class Page:
-    """One open page: what it did, and what a reader can do to it."""
+    """One open page: its events, and the actions of a reader."""
 
     def __init__(self, to_browser: int, from_browser: int):
         self._to, self._from = os.fdopen(to_browser, "wb", buffering=0), os.fdopen(from_browser, "rb")
@@ -31,7 +31,7 @@ class Page:
         self.events: list[dict[str, Any]] = []
 
     def send(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Return the browser's answer to one command of the DevTools protocol; events meanwhile are kept."""
+        """Send a DevTools command and get its result; events received meanwhile are stored."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         session = {"sessionId": self._session} if self._session else {}
@@ -51,14 +51,14 @@ class Page:
         return json.loads(held)
 
     def attach(self) -> None:
-        """Take the browser's first tab and listen to its network, its errors and its console."""
+        """Open a tab and subscribe to its network, error and console events."""
         target = self.send("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Network", "Runtime", "Log"):
             self.send(f"{domain}.enable")
 
     def open(self, path: Path, width: int = 1400, height: int = 900, *, scheme: str = "light") -> None:
-        """Open a file in a window of a width, in light or dark, and wait until it is loaded."""
+        """Open a file in a window of the given size and colour scheme, and wait until it is loaded."""
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         self.events.clear()
@@ -67,11 +67,11 @@ class Page:
             self.events.append(self._next())
 
     def happened(self, method: str) -> list[dict[str, Any]]:
-        """Return the parameters of all events of one kind since the page was opened."""
+        """Get the parameters of all events of one kind since the page was opened."""
         return [event["params"] for event in self.events if event.get("method") == method]
 
     def ask(self, expression: str) -> Any:
-        """Return the value of a JavaScript expression."""
+        """Evaluate a JavaScript expression."""
         answer = self.send("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
@@ -91,13 +91,13 @@ class Page:
         path.write_bytes(base64.b64decode(answer["data"]))
 
     def paper(self) -> bytes:
-        """Return the page as a PDF."""
+        """Print the page to PDF."""
         return base64.b64decode(self.send("Page.printToPDF", preferCSSPageSize=True)["data"])
 
 
 @contextmanager
 def chromium(profile: Path) -> Iterator[Page]:
-    """Give a page of a fresh browser, which ends with the block."""
+    """Start a browser with an empty profile, yield its page, and terminate it at the end of the block."""
     command_in, command_out = os.pipe()
     answer_in, answer_out = os.pipe()
 

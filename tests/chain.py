@@ -1,4 +1,4 @@
-"""The chain of a cruise without Snakemake: the library's own stages in this process, into the workflow's folder."""
+"""Run the stages of a cruise without Snakemake, in this process, into the workflow's results folder."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from compasslib.pipeline.process import run_stages
 
 
 def run(folder: Path, name: str = "M1") -> dict[str, Any]:
-    """Return what the chain says of a mooring: its row of the summary, its files, or ``error``, the one line.
+    """Run a mooring's stages and return its summary row and results, or ``error`` with the one-line message.
 
-    Unlike ``process_mooring`` it writes where the workflow does, over what stands there, and leaves what it wrote.
+    Unlike ``process_mooring``, it writes into the workflow's folder, replaces files and keeps incomplete results.
 
     Args:
-        folder: the cruise.
-        name: the mooring.
+        folder: cruise folder.
+        name: name of the mooring.
     """
     results = folder.absolute() / "results" / name
     results.mkdir(parents=True, exist_ok=True)
@@ -33,9 +33,9 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
 
 
 def make(folder: Path, name: str, into: Path, *files: str) -> Path:
-    """Make files of a mooring's results, corrected.nc if none is named, with what they need, and return their folder.
+    """Run the stages needed for some results of a mooring, by default corrected.nc, and return their folder.
 
-    Neither the forms of the curve are compared nor velocities gridded, which ``process_mooring`` does besides.
+    Unlike ``process_mooring``, it compares no forms of the deviation curve and grids no velocities unless required.
     """
     into.mkdir(parents=True, exist_ok=True)
     with chdir(folder):

@@ -1,4 +1,4 @@
-"""Files as people have them, drawn by seed or genuine, and what ``compass init`` makes of each."""
+"""Files as users have them, drawn by seed or genuine, and the draft that ``compass init`` makes of each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from compasslib.cli import main
 from compasslib.config.cruise import decided, undecided
 from compasslib.errors import InputError
 
-# Headers of exports: of time, or of date and clock, of east, north and depth; and their factor to m/s, if they tell it.
+# Headers of exported tables: time (or date and clock), east, north, depth; factor to m/s, None if not stated.
 HEADERS: tuple[tuple[tuple[str, ...], float | None], ...] = (
     (("Record Time", "East[cm/s]", "North[cm/s]", "Depth[m]"), 0.01),
     (("Date Time", "Velocity East (m/s)", "Velocity North (m/s)", "Depth (m)"), 1.0),
@@ -40,7 +40,7 @@ HEADERS: tuple[tuple[tuple[str, ...], float | None], ...] = (
     (("Timestamp", "VE", "VN", "Dep"), None),
     (("Sample Time", "East Vel (cm/s)", "North Vel (cm/s)", "Instrument Depth (m)"), 0.01),
     (("Date/Time", "Current East cm/s", "Current North cm/s", "depth"), 0.01),
-    (("Zeitpunkt", "Komponente A", "Komponente B", "Tiefe"), None),  # nobody can know
+    (("Zeitpunkt", "Komponente A", "Komponente B", "Tiefe"), None),  # their roles cannot be inferred
 )
 HEADERS_APART = (
     (("Date", "Time", "East [cm/s]", "North [cm/s]", "Depth [m]"), 0.01),
@@ -51,13 +51,13 @@ JUNK = (b"", b"\0\0\xb5\0\0\xa6", b"[BREAK Wakeup A]\r\nWorkHorse\r\n>CS\r\n", b
 
 @dataclass(frozen=True)
 class Case:
-    """A file, and what its draft must say: of an instrument, of a calibration, of a series, or that it is left out."""
+    """A file and its expected draft: an instrument, a calibration, or the reason why it is left out."""
 
     name: str
-    write: Callable[[Path], Any]  # of a table its truth
+    write: Callable[[Path], Any]  # returns the true values of a table
     format: str = ""
     calibration: str = ""
-    left: str = ""  # a word of the line that says why
+    left: str = ""  # text of the message that gives the reason
     columns: Mapping[str, str] | None = None
     scale: float | None = None
 
@@ -71,7 +71,7 @@ def drawn(seed: int, n: int) -> list[Case]:
 
 
 def genuine() -> list[Case]:
-    """List the genuine and wild files that are there."""
+    """List the genuine and wild files that are available."""
     known = (
         ("wild/pd0_junk_before.000", {"format": "pd0"}),
         (
@@ -102,7 +102,7 @@ def genuine() -> list[Case]:
 
 
 def outcome(case: Case) -> tuple[str, str]:
-    """Draft one file alone; return right, asked or wrong, and what was said or drafted."""
+    """Draft one file alone; return ``right``, ``asked`` or ``wrong``, and the message or draft."""
     with tempfile.TemporaryDirectory() as folder:
         path, new = Path(folder, "M", Path(case.name).name), Path(folder, "new")
         path.parent.mkdir()
@@ -202,12 +202,12 @@ def _pd12() -> bytes:
 
 
 def sentences(*bodies: str) -> str:
-    """Write NMEA 0183 sentences with their checksums."""
+    """Compose NMEA 0183 sentences with their checksums."""
     return "".join(f"${body}*{functools.reduce(operator.xor, body.encode()):02X}\r\n" for body in bodies)
 
 
 def log(heading: str | None, course: str = "RMC", n: int = 72) -> str:
-    """Write an NMEA log of a turn of n times 5 degrees."""
+    """Compose an NMEA log of a turn in n steps of 5 degrees."""
     bodies = []
     for k in range(n):
         bodies += [heading.format(5 * k)] if heading else []

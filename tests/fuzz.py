@@ -1,8 +1,8 @@
-"""Files of every format and YAML, damaged at random by a seed: no crash, no hang, nothing accepted that was not there.
+"""Damage files of every format and YAML at random, by a seed; no crash, hang or false data may result.
 
     python tests/fuzz.py [SECONDS] [SEED]
 
-runs at will and prints how many files of each kind were damaged, read and refused. ``test_fuzz.py`` runs it briefly.
+prints how many files of each kind were read and refused. ``test_fuzz.py`` runs it briefly.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from compasslib.readers import iaga2002, mmp, netcdf, nmea, nortek, pd0, pd12, r
 from compasslib.records import PROBABLY_GOOD, EarthField, Record
 
 METER = profiler.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
-SLOWEST_S = 5.0  # CPU of one damaged file; a whole one takes 10 ms
+SLOWEST_S = 5.0  # CPU time limit for one damaged file; an intact one takes 10 ms
 COLUMNS = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
 BODY = {"time": "t", "x": "x", "y": "y", "heading": "h", "scale": 0.01}
 FIELD = EarthField(np.array([0.0, 4e9]), *np.full((4, 2), 100.0))
@@ -58,20 +58,20 @@ NASTY = (
 
 
 class Wrong(AssertionError):
-    """What must never happen to a damaged file."""
+    """Outcome that must never occur for a damaged file."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of file: a whole one, how it is read, and what may come out of it."""
+    """One kind of file: an intact example, its reader, and the rows that it may give."""
 
     whole: bytes
     read: Callable[[Path], Any]
-    rows: Callable[[Any], set[tuple[float, ...]]] | None = None  # what counts as good, where the format has checksums
+    rows: Callable[[Any], set[tuple[float, ...]]] | None = None  # good rows, for formats with checksums
 
 
 def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
-    """Return a file with one to five damages: flips, cuts, missing pieces, pieces twice or swapped, junk."""
+    """Apply one to five faults: bytes changed, inserted or overwritten, pieces cut, lost, repeated or reversed."""
     data = whole
     for _ in range(rng.integers(1, 6)):
         data = _DAMAGES[rng.integers(len(_DAMAGES))](data, rng) or b""
@@ -174,7 +174,7 @@ def _pd12(path: Path) -> Record:
 
 
 def _through(record: Record) -> Record:
-    """Take a record on to the pairs: what parses must not stop the later stages."""
+    """Run the later stages up to the pairs: whatever parses must not stop them."""
     for values in (record.east, record.north, record.heading_deg, record.time_s):
         if np.isinf(values).any():
             raise Wrong("an infinite value")
@@ -192,10 +192,10 @@ def _good(record: Record) -> set[tuple[float, ...]]:
 
 
 def kinds(folder: Path) -> dict[str, Kind]:
-    """Return a whole file of each kind.
+    """Make an intact file of each kind.
 
     Args:
-        folder: where files may be written.
+        folder: directory for temporary files.
     """
     rng = np.random.default_rng(0)
     write_observatory(folder / "obs.min", series(4))
@@ -303,14 +303,14 @@ def _renamed(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
 
 
 def run(seconds: float, seed: int) -> Counter[str]:
-    """Return how many files of each kind were read and refused; each kind in turn until the time is over.
+    """Damage and read each kind of file in turn until the time is up; count the files read and refused.
 
     Args:
-        seconds: of CPU.
-        seed: of the damages.
+        seconds: CPU time.
+        seed: seed of the random faults.
 
     Raises:
-        Wrong: a crash, a hang or a false ensemble, with the kind, seed and number that repeat it.
+        Wrong: a crash, a hang or a false ensemble; the message gives kind, seed and number to reproduce it.
     """
     counts: Counter[str] = Counter()
     end = time.process_time() + seconds

@@ -1,4 +1,4 @@
-"""IAGA-2002 files and quiet series for tests: a station with rocks, a daily variation and a little noise."""
+"""IAGA-2002 files and quiet series for tests, with a crustal offset, a daily variation and noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROCKS_DEG = 0.2
 
 
 def series(days: int, *, step_s: float = HOUR_S, seed: int = 0, swing_deg: float = 0.07) -> FieldSeries:
-    """Return a quiet series: IGRF, rocks, a daily variation, noise with a memory of two hours."""
+    """Simulate a quiet series: IGRF, crustal offset, daily variation, and noise with a memory of two hours."""
     rng = np.random.default_rng(seed)
     time_s = START_S + step_s * (np.arange(int(days * DAY_S / step_s)) + 0.5)
     keep = np.exp(-step_s / (2 * HOUR_S))
@@ -31,7 +31,7 @@ def series(days: int, *, step_s: float = HOUR_S, seed: int = 0, swing_deg: float
 
 
 def header(letters: str, *, code: str = "MDE", place: bool = True, kind: str = "Variation") -> list[str]:
-    """Return the lines of a header, padded as the format has them."""
+    """Compose the header lines, padded as in the format."""
     words = {
         "Format": "IAGA-2002", "Source of Data": "made", "Station Name": "Made", "IAGA CODE": code,
         "Geodetic Latitude": f"{LATITUDE:.3f}" if place else "", "Geodetic Longitude": "356.800" if place else "",
@@ -44,7 +44,7 @@ def header(letters: str, *, code: str = "MDE", place: bool = True, kind: str = "
 
 
 def rows(made: FieldSeries, letters: str) -> list[str]:
-    """Return one row an instant; what the series does not hold is 99999."""
+    """Format one row per time; values and elements missing from the series are 99999."""
     turn = np.deg2rad(made.declination_deg)
     h = made.horizontal_nT
     known = {
@@ -62,6 +62,6 @@ def rows(made: FieldSeries, letters: str) -> list[str]:
 
 
 def write(path: Path, made: FieldSeries, letters: str = "XYZF", **words) -> Path:
-    """Write a series as a file."""
+    """Write a series as an IAGA-2002 file."""
     path.write_text("\n".join([*header(letters, **words), *rows(made, letters)]) + "\n")
     return path

@@ -1,4 +1,4 @@
-"""Cruises run through Snakemake as a user runs them, and what a run leaves."""
+"""Run cruises through Snakemake as users do, and inspect the results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CONTRACT = SHARED.parent / "tools/check_contract.py"
 
 
 def command(folder: Path, project: Path = PROJECT) -> list[str]:
-    """Return Snakemake's command; -P: as ``snakemake`` itself, which looks for no modules where it is started."""
+    """Compose Snakemake's command; -P: like ``snakemake`` itself, import no modules from the working directory."""
     return [
         sys.executable,
         *("-P", "-m", "snakemake", "--snakefile"),
@@ -34,21 +34,21 @@ def command(folder: Path, project: Path = PROJECT) -> list[str]:
 
 
 def environment(*beside: Path) -> dict[str, str]:
-    """Return the environment in which jobs import the library of the first folder, and what else is given."""
+    """Copy the environment with PYTHONPATH set to the given folders, by default the project."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, beside or (PROJECT,)))}
 
 
 def snakemake(
     folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = (), anew: bool = False
 ) -> subprocess.CompletedProcess:
-    """Run ``compass run`` with options of Snakemake, which are files of results too; each stage is a job.
+    """Run ``compass run`` with options of Snakemake, including target files; each stage is a job.
 
     Args:
-        folder: the cruise.
-        options: of Snakemake.
-        project: another copy of it.
-        beside: packages that jobs find beside the project.
-        anew: start Python for the command and each job, as another project does, with a hash seed of its own.
+        folder: cruise folder.
+        options: options and targets of Snakemake.
+        project: root of the project, possibly a copy.
+        beside: further folders from which jobs import packages.
+        anew: start new Python processes, with their own hash seeds, for the command and its jobs, as for a copy.
     """
     if "--config" not in options:
         options = ("--config", "mooring_cores=0", *(["--"] if options and options[0][:1] != "-" else []), *options)
@@ -76,7 +76,7 @@ def _server() -> subprocess.Popen:
 
 
 def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
-    """Return (rule, mooring or calibration) of the jobs that would run now."""
+    """List (rule, mooring or calibration) of the jobs that would run now."""
     return jobs_in(snakemake(folder, "--dry-run", "--quiet", "progress", project=project).stdout)
 
 
@@ -87,7 +87,7 @@ def jobs_in(said: str) -> set[tuple[str, str]]:
 
 
 def keeps_contract(folder: Path, *options: str) -> None:
-    """Hold the results of a cruise against the contract's own checker, where it is there."""
+    """Check the results of a cruise with the contract's own checker; skip the test if it is absent."""
     if not CONTRACT.exists():
         pytest.skip("no ../shared/tools")
     checked = subprocess.run([sys.executable, CONTRACT, folder, *options], capture_output=True, text=True, check=False)
@@ -95,7 +95,7 @@ def keeps_contract(folder: Path, *options: str) -> None:
 
 
 def change(path: Path, **keys: object) -> None:
-    """Set keys of a YAML file; None takes a key out."""
+    """Set keys of a YAML file; None deletes a key."""
     content = yaml.safe_load(path.read_text()) | keys
     path.write_text(
         yaml.safe_dump({key: value for key, value in content.items() if value is not None}, sort_keys=False)
@@ -103,7 +103,7 @@ def change(path: Path, **keys: object) -> None:
 
 
 def copied_project(into: Path, *parts: str) -> Path:
-    """Return a copy of parts of the project, to be edited while other tests use the project itself."""
+    """Copy parts of the project, to be edited while other tests use the project itself."""
     for part in parts:
         if (PROJECT / part).is_dir():
             shutil.copytree(PROJECT / part, into / part, ignore=shutil.ignore_patterns("__pycache__"))
@@ -114,6 +114,6 @@ def copied_project(into: Path, *parts: str) -> Path:
 
 
 def hashes(folder: Path, *left_out: str) -> dict[str, str]:
-    """Return the SHA-256 of every file, those below a folder of a given name left out."""
+    """Compute the SHA-256 of every file, except those below folders with one of the given names."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not set(path.parts) & set(left_out)]
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}

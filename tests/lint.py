@@ -1,4 +1,4 @@
-"""snakemake --lint on the repository's own Snakefile, seen from a small cruise; exit status 1 where it has a remark."""
+"""Run snakemake --lint on the repository's Snakefile with a minimal cruise; exit status 1 if it has a remark."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parent.parent
 REMARK = "    * "
-PINNED = f"{REMARK}Specify a conda environment"  # all rules share the one that make installs, by hashes
+PINNED = f"{REMARK}Specify a conda environment"  # all rules share the environment that make installs by hashes
 
 with tempfile.TemporaryDirectory() as folder:
     (Path(folder) / "config").mkdir()

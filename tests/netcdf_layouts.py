@@ -1,7 +1,7 @@
-"""One record written in the layouts of others: names, dimensions, units and attributes as their files have them.
+"""Write one record in the netCDF layouts of other software, with their names, dimensions, units and attributes.
 
-OceanSITES by its manual 1.4; IMOS by imos-toolbox' parameters and its magneticDeclinationPP; EPIC by ADCPy, with time
-and time2; stglib by its aqdutils and rdi modules. They are imitations: only dolfyn's files are made by the tool itself.
+OceanSITES follows its manual 1.4; IMOS the parameters of imos-toolbox and its magneticDeclinationPP; EPIC ADCPy, with
+time and time2; stglib its aqdutils and rdi modules. All are imitations; only dolfyn writes its files itself.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Floats = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Truth:
-    """What was measured, magnetic; the last velocity of the first sample is missing, the second heading too."""
+    """Measured values, magnetic; the last bin of the first profile and the second heading are missing."""
 
     time_s: Floats
     range_m: Floats
@@ -46,13 +46,13 @@ class Truth:
     temperature_c: Floats
 
     def true(self) -> tuple[Floats, Floats, Floats]:
-        """Return east, north and heading from true north."""
+        """Compute east, north and heading relative to true north."""
         east, north = angles.turn(self.east, self.north, DECLINATION)
         return east, north, np.where(np.isnan(self.heading_deg), np.nan, angles.wrap360(self.heading_deg + DECLINATION))
 
 
 def truth() -> Truth:
-    """Return a record of every value's own."""
+    """Draw a record in which every value is distinct."""
     rng = np.random.default_rng(11)
     east, north = rng.normal(0.0, 0.2, (2, N, M))
     east[0, -1] = north[0, -1] = np.nan
@@ -76,7 +76,7 @@ def put(
     fill: float | None = None,
     **attributes: Any,
 ) -> None:
-    """Write a variable whose values come as (time, bin); missing ones become the fill value."""
+    """Write a variable from values of shape (time, bin); NaN is replaced by the fill value."""
     values = np.asarray(values)
     variable = nc.createVariable(name, values.dtype, dimensions, fill_value=fill)
     bins = [d for d in dimensions if nc.dimensions[d].size not in (1, N)]
@@ -89,13 +89,13 @@ def put(
 
 
 def dimensions(nc: netCDF4.Dataset, **sizes: int) -> None:
-    """Make the dimensions."""
+    """Create dimensions of the given sizes."""
     for name, size in sizes.items():
         nc.createDimension(name, size)
 
 
 def oceansites(nc: netCDF4.Dataset, t: Truth) -> None:
-    """UCUR and VCUR from true north, depths of the cells, flags with meanings; no heading, as the manual has none."""
+    """Write OceanSITES: velocities from true north, bin depths, flags with meanings; the manual has no heading."""
     east, north, _ = t.true()
     dimensions(nc, TIME=N, DEPTH=M, LATITUDE=1, LONGITUDE=1)
     nc.setncatts({"Conventions": "CF-1.6, OceanSITES-1.4, ACDD-1.2", "orientation": "upward"})
@@ -188,12 +188,12 @@ def _imos(
 
 
 def imos_magnetic(nc: netCDF4.Dataset, t: Truth) -> None:
-    """imos-toolbox before its magneticDeclinationPP."""
+    """Write the layout of imos-toolbox before its magneticDeclinationPP."""
     _imos(nc, t, t.east, t.north, t.heading_deg, "_MAG", {})
 
 
 def imos_true(nc: netCDF4.Dataset, t: Truth) -> None:
-    """imos-toolbox after it: names without _MAG, the degrees in an attribute of each variable."""
+    """Write the layout of imos-toolbox after it: names without _MAG, the declination as attribute of each variable."""
     east, north, heading = t.true()
     _imos(
         nc,
@@ -207,7 +207,7 @@ def imos_true(nc: netCDF4.Dataset, t: Truth) -> None:
 
 
 def epic(nc: netCDF4.Dataset, t: Truth) -> None:
-    """ADCPy's EPIC: two variables of time, four dimensions, cm/s."""
+    """Write the EPIC layout of ADCPy: two time variables, four dimensions, cm/s."""
     east, north, heading = t.true()
     dimensions(nc, time=N, depth=M, lat=1, lon=1)
     nc.setncatts(
@@ -237,7 +237,7 @@ def epic(nc: netCDF4.Dataset, t: Truth) -> None:
 
 
 def stglib(nc: netCDF4.Dataset, t: Truth) -> None:
-    """stglib in CF: bins first, heading and velocities turned as its history says, z and depth beside bindist."""
+    """Write the CF layout of stglib: bins first, rotation stated in the history, z and depth besides bindist."""
     east, north, heading = t.true()
     dimensions(nc, time=N, z=M)
     nc.setncatts({"Conventions": "CF-1.9", "orientation": "UP", "magnetic_variation": DECLINATION, "beam_angle": 25})
@@ -273,7 +273,7 @@ LAYOUTS: dict[str, Callable[[netCDF4.Dataset, Truth], None]] = {
 
 
 def write(path: Path, layout: str) -> Truth:
-    """Write the record in one layout."""
+    """Write the record in one layout and return its true values."""
     made = truth()
     with netCDF4.Dataset(path, "w") as nc:
         LAYOUTS[layout](nc, made)

@@ -1,4 +1,4 @@
-"""Nortek files written from their manuals, with nothing of the readers in it: the older format and the Signature's."""
+"""Encode Nortek files from the manuals, independently of the readers: the older format and the Signature's."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 START = datetime(2016, 3, 4, 5, 6, 7, tzinfo=UTC)
-TRANSFORM = np.array([[2.9, -1.45, -1.45], [0.0, -2.51, 2.51], [0.38, 0.38, 0.38]])  # nearly those of an AWAC
+TRANSFORM = np.array([[2.9, -1.45, -1.45], [0.0, -2.51, 2.51], [0.38, 0.38, 0.38]])  # close to the matrix of an AWAC
 SIGNATURE = np.array([[1.1831, 0, -1.1831, 0], [0, -1.1831, 0, 1.1831], [0.5518, 0, 0.5518, 0], [0, 0.5518, 0, 0.5518]])
 ENU, XYZ, BEAM = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One sample; velocities (beams, cells), m/s."""
+    """One sample; velocities (beams, bins) in m/s."""
 
     k: int
     velocity: np.ndarray
@@ -41,7 +41,7 @@ class Sample:
 def checksum(block: bytes) -> int:
     words = block + b"\0" * (len(block) % 2)
     last = 0
-    if len(block) % 2:  # Nortek's own code takes the odd byte as the high one
+    if len(block) % 2:  # Nortek's code uses an odd last byte as the high byte of a word
         words, last = block[:-1], block[-1] << 8
     return (0xB58C + sum(struct.unpack(f"<{len(words) // 2}H", words)) + last) % 65536
 
@@ -80,7 +80,7 @@ def bcd(number: int) -> int:
 
 
 def older(sample: Sample, kind: int = 0x20) -> bytes:
-    """An older record: 01 a point, 20 an AWAC's profile, 21 an Aquadopp's, 80 a diagnostic sample."""
+    """Encode a record of the older format: 01 point, 20 AWAC profile, 21 Aquadopp profile, 80 diagnostic sample."""
     at = sample.time
     clock = bytes(map(bcd, (at.minute, at.second, at.day, at.hour, at.year - 2000, at.month)))
     tenths = [round(10 * x) for x in (sample.heading, sample.pitch, sample.roll)]
@@ -135,4 +135,4 @@ def signature(sample: Sample, coordinates: int = BEAM, kind: int = 0x16) -> byte
 
 def _status(sample: Sample) -> int:
     orientation = sample.extra.get("orientation", 5 if sample.down else 4)
-    return orientation << 25 | 2  # the blanking in centimetres
+    return orientation << 25 | 2  # bit 1: blanking in centimetres

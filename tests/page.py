@@ -1,4 +1,4 @@
-"""An HTML page read by the standard library: its elements, and whether it is well formed."""
+"""Parse an HTML page with the standard library: its elements, and whether it is well formed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 
-WHOLE = {"html", "body", "main", "section"}  # their text would be the page again
+WHOLE = {"html", "body", "main", "section"}  # their text would be that of the whole page
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 
 
@@ -17,12 +17,12 @@ class Element:
     name: str
     attributes: dict[str, str | None]
     text: str = ""
-    inside: tuple[str, ...] = ()  # names of the elements around it, from the outside
+    inside: tuple[str, ...] = ()  # names of the enclosing elements, outermost first
 
 
 @dataclass
 class Document(HTMLParser):
-    """A parsed page; an element that is not closed, or closed twice, is an error."""
+    """A parsed page; an element that is not closed, or closed twice, raises an AssertionError."""
 
     elements: list[Element] = field(default_factory=list)
 
@@ -52,17 +52,17 @@ class Document(HTMLParser):
         assert not self._open, f"never closed: {[one.name for one in self._open]}"
 
     def all(self, *names: str) -> list[Element]:
-        """Return the elements of these names in the order of the page."""
+        """List the elements of these names in page order."""
         return [one for one in self.elements if one.name in names]
 
 
 def read(path: Path) -> Document:
-    """Return a page."""
+    """Parse a page from a file."""
     return parse(path.read_text(encoding="utf-8"))
 
 
 def parse(text: str) -> Document:
-    """Return a page."""
+    """Parse a page from a string."""
     document = Document()
     document.feed(text)
     document.close()

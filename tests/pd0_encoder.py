@@ -1,4 +1,4 @@
-"""A small PD0 writer for tests, made from the maker's table of bytes and from nothing of the reader."""
+"""Encode small PD0 files for tests, from the manufacturer's byte tables and independently of the reader."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def fixed_leader(
     length: int = 59,
     identifier: int = 0x0000,
 ) -> bytes:
-    """Return a fixed leader; system 300 kHz, 20 degrees; minutes, seconds, hundredths between pings; cut."""
+    """Encode a fixed leader of ``length`` bytes: 300 kHz, beams at 20 degrees; between pings minutes, s and 1/100 s."""
     system = 0x4102 | (0x80 if up else 0) | (0x08 if convex else 0)
     block = bytearray(59)
     struct.pack_into("<HBBH", block, 0, identifier, 50, 36, system)
@@ -60,7 +60,7 @@ def variable_leader(
     length: int = 65,
     identifier: int = 0x0080,
 ) -> bytes:
-    """Return a variable leader; angles and temperature in hundredths, ``when`` perhaps as seven bytes; cut."""
+    """Encode a variable leader of ``length`` bytes; angles and temperature in hundredths, ``when`` or seven bytes."""
     clock = when if not isinstance(when, datetime) else (when.year - 2000, *when.timetuple()[1:6], 0)
     block = bytearray(65)
     struct.pack_into("<HH7BB", block, 0, identifier, number & 0xFFFF, *clock, number >> 16)
@@ -72,7 +72,7 @@ def variable_leader(
 
 
 def assemble(blocks: Sequence[bytes]) -> bytes:
-    """Return an ensemble of blocks, with header and checksum."""
+    """Assemble blocks into an ensemble with header and checksum."""
     start = 6 + 2 * len(blocks)
     offsets = [start + sum(len(block) for block in blocks[:i]) for i in range(len(blocks))]
     body = b"".join(blocks) + b"\0\0"
@@ -88,7 +88,7 @@ def ensemble(
     extra: Sequence[bytes] = (),
     **variable: Any,
 ) -> bytes:
-    """Return an ensemble with velocities (m, 4) in mm/s and, where given, percent good (m, 4)."""
+    """Encode an ensemble with velocities (m, 4) in mm/s and optional percent good (m, 4)."""
     blocks = [
         fixed_leader(cells=len(velocity), **(fixed or {})),
         variable_leader(**variable),

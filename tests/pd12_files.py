@@ -1,4 +1,4 @@
-"""An encoder of PD12 of its own, and the frames that a modem's controller puts around each ensemble."""
+"""Encode PD12 independently of the reader, and the frames that a modem controller adds around ensembles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def ensemble(
     components: int = 0x2F,
     first: int = 1,
 ) -> bytes:
-    """Return one ensemble: bins of (east, north, up, error) in mm/s, checksum included."""
+    """Encode one ensemble from bins of (east, north, up, error) in mm/s, with its checksum."""
     size = 34 + 2 * 4 * len(bins)
     head = struct.pack("<2sHIBBB", b"\x6e\x7f", size, number, 0, 50, 40)
     head += struct.pack("<HBBBBBB", when.year, when.month, when.day, when.hour, when.minute, when.second, 0)
@@ -26,7 +26,7 @@ def ensemble(
 
 
 def framed(ensembles: Sequence[bytes], escape: bool = True) -> bytes:
-    """Return what a controller of inductive modems writes: a log, and a block around each ensemble."""
+    """Frame ensembles as a controller of inductive modems does: a log, and a block around each ensemble."""
     blocks = [b"\nBuffer size: 200000\n2013/07/23 22:29:30> Error opening WFP0_PN\n"]
     for data in ensembles:
         wrapped = b"<Executing/>\r\n<SampleData ID='0x1ba' LEN='%d' CRC='0x0'>%s</SampleData>\r\n" % (len(data), data)

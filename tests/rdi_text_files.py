@@ -1,4 +1,4 @@
-"""WinADCP's text export of series, after exports quoted by their readers."""
+"""WinADCP text exports of series, modelled on exports quoted by other programs that read them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FIRST, SIZE = 39.73, 32.0
 
 
 def export(names: tuple[str, str] = ("Eas", "Nor"), bad: int = -32768, orientation: str | None = "Up") -> str:
-    """Return a file's text; the velocity of the second row's last bin is bad."""
+    """Compose an export; the velocity in the last bin of the second row is bad."""
     head = ["Ens", "YR", "MO", "DA", "HH", "MM", "SS", "HH", "Pit", "Rol", "Hea", "Tem", "Dep"]
     head += ["Ori"] * (orientation is not None) + ["BIT", "Bat"]
     units = ["", "", "", "", "", "", "", "", "deg", "deg", "deg", "degC", "m"] + [""] * (len(head) - 13)

@@ -1,4 +1,4 @@
-"""A small simulated sea for tests: currents seen through a known compass, as pairs or as a cruise folder."""
+"""A small simulated sea for tests: currents rotated by a known compass, as pairs or as a cruise folder."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ FOLDED = (0.0, -1.1, 0.7, 0.02, -0.01)
 
 
 def real(name: str) -> Path:
-    """Return a genuine recording; the test skips where it is absent."""
+    """Get the path of a genuine recording; skip the test if it is absent."""
     if not (SHARED / name).exists():
         pytest.skip(f"{name} is not in ../shared/data")
     return SHARED / name
 
 
 def pairs(coefficients=MILD, **drawn) -> tuple[Pairs, np.ndarray]:
-    """Return hourly pairs, as ``under_a_compass`` draws them, as records of the house, and the correct headings."""
+    """Draw hourly pairs by ``under_a_compass``, as the library's ``Pairs``, and the correct headings."""
     made, heading = world.under_a_compass(coefficients, **drawn)
     return Pairs(**vars(made)), heading
 
 
 def cruise(folder: Path, names=("M1",), *, coefficients=MILD, n: int = 1200, reference: bool = True) -> Path:
-    """Write a cruise folder of hourly moorings: a PD0 top of four bins and a CSV below; magnetic, no declination."""
+    """Write a cruise folder of hourly moorings: PD0 with four bins on top, CSV below; magnetic, no declination."""
     (folder / "config/moorings").mkdir(parents=True)
     (folder / "config/config.yaml").write_text("moorings: config/moorings\n")
     for k, name in enumerate(names):
@@ -48,7 +48,7 @@ def cruise(folder: Path, names=("M1",), *, coefficients=MILD, n: int = 1200, ref
 
 
 def mooring(name: str, n: int, *, reference: bool = True) -> dict:
-    """Return the mooring file of ``cruise``."""
+    """Compose the mooring file of ``cruise``."""
     columns = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
     deep = {"format": "table", "files": f"raw/{name}/deep.csv", "depth": 105, "columns": columns}
     top = {"format": "pd0", "files": f"raw/{name}/top.000", "depth": 100, "orientation": "up"}

@@ -1,4 +1,4 @@
-"""A Slurm of one node on loopback, from Debian's packages, for a test."""
+"""Run a single-node Slurm on loopback, from Debian's packages, for a test."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PROFILE = Path(__file__).resolve().parents[1] / "workflow/profiles/slurm"
-# What a run on the loopback needs beside the profile: it keeps no accounts, so that the queue itself must be asked, and
-# it may be asked often; one core a mooring, so that two cores have two.
+# Options in addition to the profile: without accounting, job status comes from the queue and may be polled often; one
+# core per mooring lets two cores run two moorings.
 OPTIONS = (
     *("--workflow-profile", str(PROFILE)),
     *("--slurm-status-command", "squeue"),
@@ -23,7 +23,7 @@ OPTIONS = (
     *("--config", "mooring_cores=1"),
 )
 DAEMONS = ("munged", "slurmctld", "slurmd")
-# Where every client looks: the plugin takes SLURM_CONF out of its jobs' environment.
+# Default path of every client; the plugin removes SLURM_CONF from the environment of its jobs.
 CONFIGURATION = Path("/etc/slurm/slurm.conf")
 NAME = "ClusterName=loopback"
 SETTINGS = (
@@ -54,7 +54,7 @@ PartitionName=all Nodes=ALL Default=YES State=UP
 
 
 def missing() -> str:
-    """Return why no Slurm can be started here, nothing where it can."""
+    """Explain why no Slurm can be started here; empty if it can."""
     absent = [name for name in (*DAEMONS, "sbatch") if shutil.which(name) is None]
     if absent:
         return f"no {absent[0]}: apt-get install slurm-wlm munge"
@@ -62,17 +62,17 @@ def missing() -> str:
         return "no snakemake-executor-plugin-slurm: make slurm"
     if os.geteuid() != 0:
         return "the daemons are started as root"
-    # One that an interrupted test left is written over.
+    # A configuration left by an interrupted test is overwritten.
     foreign = CONFIGURATION.exists() and NAME not in CONFIGURATION.read_text()
     return f"{CONFIGURATION} exists: this machine has a Slurm of its own" if foreign else ""
 
 
 @contextmanager
 def cluster(folder: Path) -> Iterator[None]:
-    """Run a cluster of this machine alone while the block runs.
+    """Run a single-node cluster on this machine for the duration of the block.
 
     Args:
-        folder: for its state and logs.
+        folder: directory for state and logs.
     """
     (folder / "state").mkdir(parents=True)
     key = folder / "munge.key"
@@ -90,7 +90,7 @@ def cluster(folder: Path) -> Iterator[None]:
         _wait()
         yield
     finally:
-        for daemon in ("slurmctld", "slurmd"):  # asked by scontrol, one may miss it where munged ends first
+        for daemon in ("slurmctld", "slurmd"):  # a scontrol shutdown could be lost if munged ends first
             with suppress(FileNotFoundError, ProcessLookupError):
                 os.kill(int((folder / f"{daemon}.pid").read_text()), signal.SIGTERM)
         subprocess.run(["munged", "--stop", socket_of], check=False, capture_output=True)

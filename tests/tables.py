@@ -1,4 +1,4 @@
-"""Tables as people have them: one truth written in many ways, by name and drawn by seed, and read as each kind."""
+"""Tables as users have them: one data set in many formats, by name or drawn by seed, read as each kind of table."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _year(t: datetime) -> str:
     return f"{t.year + (t - begin) / (end - begin):.9f}"
 
 
-# How a time is written; of those with two cells the parts stand in two columns.
+# Formats of a time; those that give two texts use two columns.
 TIMES: dict[str, Callable[[datetime], str | tuple[str, str]]] = {
     "iso": lambda t: f"{t:%Y-%m-%d %H:%M:%S}",
     "iso_z": lambda t: f"{t:%Y-%m-%dT%H:%M:%SZ}",
@@ -46,12 +46,12 @@ TIMES: dict[str, Callable[[datetime], str | tuple[str, str]]] = {
     "decimal_year": _year,
 }
 DAY_OR_MONTH = ("day_first", "day_first_dots", "month_first", "month_first_pm", "apart_day_first")
-SURE_S = 2.0  # what the coarsest of these forms resolves
+SURE_S = 2.0  # tolerance of the times read; all true times are whole minutes
 
 
 @dataclass(frozen=True)
 class Form:
-    """How a table is written."""
+    """Format of a table."""
 
     time: str = "iso"
     delimiter: str = ","
@@ -64,13 +64,13 @@ class Form:
     packed: bool = False
     ending: str = "\n"
     quoted: bool = False
-    few_days: bool = False  # every day of the month below 13
-    keys: tuple[tuple[str, object], ...] = ()  # of the YAML file
+    few_days: bool = False  # all days of the month are below 13
+    keys: tuple[tuple[str, object], ...] = ()  # reader's settings in the YAML file
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What the table holds."""
+    """True values of a table."""
 
     time_s: np.ndarray
     east: np.ndarray
@@ -109,7 +109,7 @@ VARIANTS: dict[str, Form] = {
 
 
 def drawn(seed: int, n: int) -> dict[str, Form]:
-    """Return n forms by seed."""
+    """Draw n formats by seed."""
     rng = np.random.default_rng(seed)
     return {f"drawn {k}": _drawn(rng) for k in range(n)}
 
@@ -133,7 +133,7 @@ def _drawn(rng: np.random.Generator) -> Form:
 
 
 def settled_by(form: Form) -> str:
-    """Return the key without which nobody can read a table: day or month, days since when, which comma parts cells."""
+    """Name the key without which a table is ambiguous: order of day and month, epoch or delimiter; empty if none."""
     if form.keys:
         return ""
     if form.time == "excel" or (form.few_days and form.time in DAY_OR_MONTH):
@@ -141,7 +141,7 @@ def settled_by(form: Form) -> str:
     return "delimiter: comma and decimal: comma" if form.decimal == form.delimiter else ""
 
 
-# As what a table is read: an instrument's currents, one in its own frame, a series, and a magnetometer's calibration.
+# Kinds of tables: currents, currents in the instrument's frame, a covariate, a log of a magnetometer calibration.
 KINDS: dict[str, dict[str, object]] = {
     "table": {"east": "U", "north": "V", "depth": "Tiefe", "scale": 0.01},
     "acm_table": {"x": "U", "y": "V", "heading": "Tiefe", "scale": 0.01},
@@ -151,7 +151,7 @@ KINDS: dict[str, dict[str, object]] = {
 
 
 def outcome(path: Path, form: Form, kind: str = "table") -> str:
-    """Write a table and read it as one kind: ``right``, ``WRONG``, or ``refused: `` and the reader's line."""
+    """Write a table and read it as one kind; get ``right``, ``WRONG``, or ``refused: `` and the reader's message."""
     truth, settings = write(path, form)
     columns = {**settings["columns"], **KINDS[kind]}  # type: ignore[dict-item]
     try:
@@ -177,7 +177,7 @@ def _read(path: Path, kind: str, settings: dict[str, object]) -> Truth:
 
 
 def _as(kind: str, truth: Truth) -> Truth:
-    """Return what a kind makes of the table: x forward along the heading of 12.5 degrees, y to port."""
+    """Convert true values to those of a kind; x is forward along the heading of 12.5 degrees, y to port."""
     if kind == "table":
         return truth
     if kind == "acm_table":
@@ -190,10 +190,10 @@ def _as(kind: str, truth: Truth) -> Truth:
 
 
 def write(path: Path, form: Form, headers: tuple[str, ...] = ()) -> tuple[Truth, dict[str, object]]:
-    """Write the table; return what it holds, and the settings of its reader, of the columns only the times.
+    """Write the table; get its true values and the reader's settings, with only the time columns.
 
     Args:
-        headers: of time, or of date and clock, of east, north and depth.
+        headers: headers of time (or date and clock), east, north and depth.
     """
     rng = np.random.default_rng(5)
     step = 1800 if form.few_days else STEP_S

@@ -1,4 +1,4 @@
-"""Angles: the laws that every other room relies on."""
+"""Angles: properties on which all other subpackages rely."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_components_and_direction_are_inverse(speed, towards):
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2), st.floats(-720, 720))
-def test_a_turn_keeps_the_length_and_moves_the_direction(east, north, by):
+def test_rotation_preserves_length_and_changes_direction(east, north, by):
     turned = angles.turn(east, north, by)
     assert np.hypot(*turned) == pytest.approx(np.hypot(east, north), abs=1e-12)
     if np.hypot(east, north) > 1e-6:
@@ -45,7 +45,7 @@ def test_zero_vector_has_no_direction():
     assert np.isnan(angles.direction(0.0, 0.0))
 
 
-def test_mean_crosses_north_and_leaves_nan_out():
+def test_circular_statistics_cross_north_and_ignore_nan():
     assert angles.mean([350.0, 10.0, np.nan]) == pytest.approx(0.0, abs=1e-9)
     assert np.isnan(angles.mean([np.nan]))
     assert angles.resultant_length([10.0, 190.0]) == pytest.approx(0.0, abs=1e-12)

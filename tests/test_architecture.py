@@ -1,4 +1,4 @@
-"""The house: imports go down the list of rooms, never in rings; scripts are thin; angles are turned in one place."""
+"""Architecture: permitted imports without cycles, thin scripts, angle arithmetic in its own modules."""
 
 import ast
 import re
@@ -10,10 +10,10 @@ import pytest
 PROJECT = Path(__file__).resolve().parents[1]
 LIBRARY = sorted((PROJECT / "compasslib").rglob("*.py"))
 SCRIPTS = sorted((PROJECT / "workflow/scripts").glob("*.py"))
-# From the ground up: a room imports from rooms before it, and from itself.
+# Subpackages from the lowest up: each may import from itself and from those before it.
 ROOMS = [
     *(
-        "ground",  # the modules at the top
+        "ground",  # modules of the top level
         "statistics",
         "readers",
         "preparation",
@@ -26,7 +26,7 @@ ROOMS = [
     *("config", "archive", "pipeline", "plots", "report", "stages", "cli"),
 ]
 FLOOR = {room: k for k, room in enumerate(ROOMS)}
-APART = "demo"  # the simulated world: nothing of the house is in it, and only the stage that writes it knows it
+APART = "demo"  # the simulated world: imports nothing else of the library, imported only by stages.simulate
 
 
 def name_of(path: Path) -> str:
@@ -42,7 +42,7 @@ def room_of(module: str) -> str:
 
 
 def imports(path: Path) -> Iterator[str]:
-    """Give the modules of the house that a file imports, anywhere in it; type checking apart."""
+    """Yield the modules of the library that a file imports anywhere, except for type checking."""
     tree = ast.parse(path.read_text())
     skipped = {
         id(inner)
@@ -65,7 +65,7 @@ HOUSE = {name: path for name, path in MODULES.items() if room_of(name) not in ("
 
 
 @pytest.mark.parametrize("module", HOUSE)
-def test_imports_go_down(module):
+def test_subpackages_import_only_from_lower_ones(module):
     own = room_of(module)
     assert own in FLOOR, f"{own} has no floor yet: add it to ROOMS"
     upward = {other for other in IMPORTED[module] if room_of(other) and FLOOR.get(room_of(other), 99) > FLOOR[own]}
@@ -73,20 +73,20 @@ def test_imports_go_down(module):
     assert not upward, f"{module} imports {upward} from a floor above"
 
 
-def test_no_ring_of_imports():
+def test_imports_have_no_cycles():
     left = {name: {other for other in others if other in MODULES} for name, others in IMPORTED.items()}
     while free := {name for name, others in left.items() if not others & left.keys()}:
         left = {name: others for name, others in left.items() if name not in free}
     assert not left, f"rings among {sorted(left)}"
 
 
-def test_only_plots_knows_matplotlib():
+def test_only_plots_uses_matplotlib():
     for module, path in MODULES.items():
         if room_of(module) != "plots":
             assert "matplotlib" not in path.read_text(), path
 
 
-def test_the_simulated_world_imports_nothing_of_the_house():
+def test_simulated_world_imports_nothing_else_of_the_library():
     for module, others in IMPORTED.items():
         if room_of(module) == APART:
             assert all(room_of(other) == APART for other in others), module
@@ -96,14 +96,14 @@ def test_the_simulated_world_imports_nothing_of_the_house():
 def test_scripts_are_one_call(path):
     tree, stage = ast.parse(path.read_text()), path.stem
     assert ast.get_docstring(tree) and path.read_text().count("\n") <= 15
-    if stage == "mooring":  # all of them
+    if stage == "mooring":  # runs all stages
         return
     assert [type(node) for node in tree.body[1:-1]] == [ast.ImportFrom, ast.ImportFrom]
     assert tree.body[2].module.startswith("compasslib.stages.") and tree.body[2].names[0].name == stage
     assert ast.unparse(tree.body[-1]) == f"job(snakemake, {stage})"
 
 
-def test_angles_are_turned_in_one_place():
+def test_angle_arithmetic_is_confined_to_its_modules():
     for path in HOUSE.values():
         if path.name not in ("angles.py", "compass.py"):
             assert not re.search(r"%\s*360|\bdeg2rad\(|\bradians\(|np\.mod\(", path.read_text()), path
@@ -116,7 +116,7 @@ def test_no_download_address_and_no_module_too_long():
         assert not re.search(r"https?://|--index|--find-links|@ ", path.read_text()), path
 
 
-def test_what_is_installed_into_one_environment_is_pinned_alike():
+def test_requirement_files_pin_equal_versions():
     pins = [
         dict(re.findall(r"^([\w.-]+)==(\S+)", (PROJECT / f"requirements/{kind}.txt").read_text(), re.MULTILINE))
         for kind in ("run", "test", "docs")

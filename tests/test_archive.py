@@ -1,4 +1,4 @@
-"""The archive: round trips, whole files or none, the same bytes, and the conventions by an independent checker."""
+"""Archive files: round trips, atomic and reproducible writing, attributes, decoding by other libraries."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def make_record(n: int = 200, m: int = 6, **other: object) -> Record:
 
 
 def measured(n: int = 200, m: int = 6) -> dict:
-    """Return what a PD0 file has beside the currents, as parts of a record."""
+    """Return the other variables of a PD0 file, as keyword arguments of a record."""
     rng = np.random.default_rng(3)
     up, error = rng.normal(0, 0.05, (2, n, m)).astype(np.float32)
     error[::5, :1] = np.nan
@@ -193,7 +193,7 @@ def same(one: object, other: object, *, rtol: float = 0.0, atol: float = 0.0) ->
             assert a == b, field.name
             continue
         assert a.dtype == b.dtype and a.shape == b.shape, field.name
-        # Two-dimensional numbers are kept in float32, which holds seven digits.
+        # Two-dimensional variables are stored as float32, with seven digits.
         loose = rtol if a.ndim == 2 and a.dtype.kind == "f" else 0.0
         np.testing.assert_allclose(b, a, rtol=loose, atol=atol if loose else 0.0, equal_nan=True, err_msg=field.name)
 
@@ -209,7 +209,7 @@ def corrected_nc(tmp_path_factory):
 
 
 # ----------------------------------------------------------------------------------------------------------------- JSON
-def test_json_keeps_order_rounds_numbers_and_turns_what_is_not_finite_into_null(tmp_path):
+def test_json_keeps_order_rounds_and_writes_null_for_nonfinite(tmp_path):
     data = {
         "z": np.float64(1 / 3),
         "a": [np.nan, np.inf, -np.inf, 1e-300],
@@ -239,7 +239,7 @@ json_values = st.recursive(
 @settings(derandomize=True, database=None, deadline=None)
 @given(json_values)
 @example(1.7976931348623157e308)
-def test_writing_what_was_read_writes_the_same_json(tmp_path_factory, data):
+def test_json_round_trip_is_idempotent(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "law.json"
     write_json(path, data)
     once = path.read_bytes()
@@ -248,7 +248,7 @@ def test_writing_what_was_read_writes_the_same_json(tmp_path_factory, data):
 
 
 @pytest.mark.parametrize("content", [b'{"a": 1', b"", b"\xff\xfe\x00", None])
-def test_broken_json_is_told_in_one_line(tmp_path, content):
+def test_damaged_json_is_reported_in_one_line(tmp_path, content):
     path = tmp_path / "deviation.json"
     if content is not None:
         path.write_bytes(content)
@@ -259,8 +259,8 @@ def test_broken_json_is_told_in_one_line(tmp_path, content):
         read_json(path)
 
 
-# ------------------------------------------------------------------------------------------------------- whole or not
-def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+# ------------------------------------------------------------------------------------------------------- atomic writing
+def test_failed_write_keeps_the_previous_file(tmp_path):
     write_json(tmp_path / "a.json", {"old": 1})
     with pytest.raises(TypeError):
         write_json(tmp_path / "a.json", {"new": object()})
@@ -286,13 +286,13 @@ def test_the_same_data_give_the_same_bytes(tmp_path):
         return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
 
     first = all_files(tmp_path / "first")
-    time.sleep(1.1)  # HDF5 would keep modification times in whole seconds
+    time.sleep(1.1)  # HDF5 could store modification times, in whole seconds
     assert all_files(tmp_path / "second") == first
 
 
 @pytest.mark.parametrize("read", [netcdf.read_record, netcdf.read_pairs, netcdf.read_corrected])
 @pytest.mark.parametrize("damage", ["absent", "text", "truncated", "another"])
-def test_a_damaged_file_is_told_in_one_line(tmp_path, corrected_nc, read, damage):
+def test_damaged_netcdf_is_reported_in_one_line(tmp_path, corrected_nc, read, damage):
     path = tmp_path / "damaged.nc"
     if damage == "text":
         path.write_text("TIME,HEADING\n")
@@ -306,13 +306,13 @@ def test_a_damaged_file_is_told_in_one_line(tmp_path, corrected_nc, read, damage
 
 
 @pytest.mark.parametrize("error", [ValueError, TypeError, KeyError, IndexError, AttributeError])
-def test_an_error_of_the_code_that_reads_a_file_is_not_called_damage(corrected_nc, error):
+def test_programming_error_is_not_reported_as_damage(corrected_nc, error):
     with pytest.raises(error, match="a mistake"), files.open_netcdf(corrected_nc):
         raise error("a mistake")
 
 
 @pytest.mark.parametrize("read", [lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")])
-def test_a_missing_variable_or_attribute_is_told_in_one_line(corrected_nc, read):
+def test_missing_variable_or_attribute_is_reported_in_one_line(corrected_nc, read):
     with pytest.raises(InputError, match=r"expected a whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
         read(nc)
 
@@ -332,11 +332,11 @@ def is_docstring(node: ast.AST) -> bool:
 
 # -------------------------------------------------------------------------------------------------------- round trips
 @pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6), (0, 0), (5, 0)])
-def test_a_record_comes_back(tmp_path, n, m):
+def test_record_round_trip(tmp_path, n, m):
     record = make_record(n, m, looks_up=np.bool_(False), direction_reference="true")
     netcdf.write_record(tmp_path / "r.nc", record)
     same(record, netcdf.read_record(tmp_path / "r.nc"), rtol=2.0**-24)
-    # What came back once comes back bit by bit ever after.
+    # A second round trip is exact.
     netcdf.write_record(tmp_path / "r2.nc", netcdf.read_record(tmp_path / "r.nc"))
     same(netcdf.read_record(tmp_path / "r.nc"), netcdf.read_record(tmp_path / "r2.nc"))
 
@@ -349,12 +349,12 @@ def test_a_record_comes_back(tmp_path, n, m):
         ({"heading_bias_deg": 3.0, "velocity_bias_deg": 0.0}, {"r (headings)": 3.0, "r (velocities)": 0.0}),
     ],
 )
-def test_what_was_taken_out_of_headings_and_of_velocities_is_kept_apart(tmp_path, biases, expected):
+def test_heading_and_velocity_declinations_are_stored_separately(tmp_path, biases, expected):
     netcdf.write_record(tmp_path / "r.nc", make_record(**biases))
     assert netcdf.read_applied_declinations([tmp_path / "r.nc"]) == expected
 
 
-def test_what_else_was_logged_comes_back(tmp_path):
+def test_extra_channels_round_trip(tmp_path):
     turbidity = np.append(np.arange(199.0), np.nan)
     record = make_record(channels={"turbidity": turbidity}, channel_units={"turbidity": "NTU"})
     netcdf.write_record(tmp_path / "r.nc", record)
@@ -364,13 +364,13 @@ def test_what_else_was_logged_comes_back(tmp_path):
     np.testing.assert_array_equal(take(back, slice(198, None)).channels["turbidity"], [198.0, np.nan])
 
 
-def test_what_the_velocities_came_with_comes_back_row_by_row(tmp_path):
+def test_profile_variables_round_trip_and_can_be_sliced(tmp_path):
     record = make_record(**measured())
     few = record.profiles["echo"].astype(np.int16)
-    few[3] = -1  # as where some ensembles lack the block
+    few[3] = -1  # missing, as where an ensemble lacks the block
     record = dataclasses.replace(record, profiles={**record.profiles, "echo": few})
     netcdf.write_record(tmp_path / "r.nc", record)
-    assert netcdf.read_record(tmp_path / "r.nc").profiles == {}  # few stages need them, and they are many
+    assert netcdf.read_record(tmp_path / "r.nc").profiles == {}  # large, and needed by few stages
     back = dataclasses.replace(record, profiles=netcdf.read_profiles(tmp_path / "r.nc"))
     some = take(back, slice(2, 7))
     assert list(some.profiles) == list(PROFILES)
@@ -379,7 +379,7 @@ def test_what_the_velocities_came_with_comes_back_row_by_row(tmp_path):
         assert some.profiles[name].dtype == values.dtype
 
 
-def test_files_of_one_instrument_keep_what_all_of_them_hold():
+def test_joined_records_keep_only_common_profiles():
     one, other = make_record(5, **measured(5)), make_record(7, **measured(7), time_s=1.2e9 + np.arange(7.0))
     less = {name: values for name, values in other.profiles.items() if name != "echo"}
     both = join_records([dataclasses.replace(other, profiles=less), one])
@@ -387,7 +387,7 @@ def test_files_of_one_instrument_keep_what_all_of_them_hold():
     np.testing.assert_array_equal(both.profiles["up"], np.concatenate([one.profiles["up"], less["up"]]))
 
 
-def test_every_field_of_the_records_has_its_entry_in_the_table():
+def test_every_record_field_has_a_variable_definition():
     record, pairs = make_record(), make_pairs()
     for one, table in ((record, variables.RECORD), (pairs, variables.PAIRS | variables.PAIRS_PERHAPS)):
         arrays = [f.name for f in dataclasses.fields(one) if isinstance(getattr(one, f.name), np.ndarray)]
@@ -396,14 +396,14 @@ def test_every_field_of_the_records_has_its_entry_in_the_table():
             assert len(variable.dimensions) == getattr(one, name).ndim, name
 
 
-def test_many_warnings_come_back(tmp_path):
+def test_many_warnings_round_trip(tmp_path):
     record = make_record(warnings=tuple(f"ensemble {i}: checksum" for i in range(5000)))
     netcdf.write_record(tmp_path / "r.nc", record)
     assert netcdf.read_record(tmp_path / "r.nc").warnings == record.warnings
 
 
 @pytest.mark.parametrize("n", [50, 1, 0])
-def test_pairs_come_back(tmp_path, n):
+def test_pairs_round_trip(tmp_path, n):
     pairs = make_pairs(n)
     netcdf.write_pairs(tmp_path / "overlap.nc", pairs, attributes={"history": "made"})
     same(pairs, netcdf.read_pairs(tmp_path / "overlap.nc"))
@@ -414,7 +414,7 @@ def test_pairs_come_back(tmp_path, n):
 
 @pytest.mark.parametrize("looks_up", [True, False])
 @pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6)])
-def test_the_product_comes_back(tmp_path, n, m, looks_up):
+def test_product_round_trip(tmp_path, n, m, looks_up):
     product = make_product(n, m, looks_up=looks_up)
     back = netcdf.read_corrected(write(tmp_path / "c.nc", product))
     same(dataclasses.replace(product, record=back.record), back, rtol=1e-7)
@@ -431,11 +431,11 @@ def test_the_product_comes_back(tmp_path, n, m, looks_up):
             np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0)[:, None], m, axis=1
         ),
     )
-    # Ranges come back as differences of depths of 150 m in float32.
+    # Ranges are recovered as differences of float32 depths of up to 150 m.
     same(expected, back.record, rtol=1e-7, atol=1e-5)
 
 
-def test_a_product_without_samples_bins_or_corrections_is_written(tmp_path):
+def test_empty_and_uncorrectable_products_are_written(tmp_path):
     back = netcdf.read_corrected(write(tmp_path / "none.nc", make_product(0, 0, uncorrectable=0)))
     assert back.east.shape == (0, 1) and len(back.record.time_s) == 0
     with netCDF4.Dataset(write(tmp_path / "all.nc", make_product(uncorrectable=200))) as nc:
@@ -445,8 +445,8 @@ def test_a_product_without_samples_bins_or_corrections_is_written(tmp_path):
         assert nc.processing_level == "Known bad data has been replaced with null values"
 
 
-# ------------------------------------------------------------------------------------------------------------ contract
-def test_the_names_and_shapes_of_the_contract(corrected_nc):
+# -------------------------------------------------------------------------------------------------------- specification
+def test_product_has_the_specified_names_and_dimensions(corrected_nc):
     with netCDF4.Dataset(corrected_nc) as nc:
         assert set(CONTRACT) <= set(nc.variables)
         assert {f"{name}_QC" for name in CONTRACT if name != "TIME"} <= set(nc.variables)
@@ -457,7 +457,7 @@ def test_the_names_and_shapes_of_the_contract(corrected_nc):
                 assert other in nc.variables, f"{name} names {other}"
 
 
-def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
+def test_product_contains_the_measured_variables_only(tmp_path):
     product = make_product(**measured())
     record, told = product.record, PROCESSING | {"declination_source": "IGRF"}
     netcdf.write_corrected(tmp_path / "c.nc", product, site=SITE, attributes=USUAL, processing=told)
@@ -485,14 +485,14 @@ def test_the_product_holds_what_was_measured_and_nothing_else(tmp_path):
         assert {*variables.OPTIONAL, "BEAM"} & {*nc.variables} == {"TEMP"} and "HEADING_TRUE" in nc.variables
 
 
-def test_the_table_of_the_product_s_page_is_not_stale():
+def test_product_page_lists_the_current_variables():
     page_file = Path(__file__).resolve().parents[1] / "docs/reference/product.md"
     assert variables.format_table() in page_file.read_text(), (
         "replace its table by what python -m compasslib.archive.variables prints"
     )
 
 
-def test_a_decade_in_pieces_is_written_as_in_one(tmp_path):
+def test_product_written_in_parts_equals_one_write(tmp_path):
     product = make_product(**measured())
     parts = [
         dataclasses.replace(take(product, some), record=take(product.record, some))
@@ -512,10 +512,10 @@ def test_headings_stay_below_360_and_differ_by_the_deviation(tmp_path):
         for name in ("HEADING", "HEADING_CORRECTED"):
             assert nc[name][:].min() >= 0.0 and nc[name][:].max() < 360.0
         left = angles.difference(nc["HEADING_CORRECTED"][:] - nc["HEADING"][:], nc["DEVIATION"][:])
-    assert np.abs(left).max() < 0.001  # degrees; of the contract
+    assert np.abs(left).max() < 0.001  # degrees, the specified tolerance
 
 
-def test_flags_tell_what_is_absent_out_of_range_and_not_observed(tmp_path):
+def test_flags_mark_missing_out_of_range_and_nominal_values(tmp_path):
     product = make_product(6, 1, uncorrectable=1, depth_m=np.full(6, 100.0))
     product.record.pitch_deg[1], product.record.roll_deg[2], product.record.heading_deg[3] = np.nan, 400.0, np.nan
     product.heading_corrected_deg[4], product.heading_corrected_quality[4] = np.nan, GOOD
@@ -536,7 +536,7 @@ def test_time_is_precise_to_ten_microseconds(tmp_path):
 
 
 # ---------------------------------------------------------------------------------------------------------- attributes
-# Required by the manual of OceanSITES 1.4 (GDAC), and what must stand there.
+# Attributes required by the OceanSITES 1.4 manual (GDAC), with their expected values.
 OCEANSITES = {
     "site_code": "EG4",
     "platform_code": "EG4",
@@ -561,12 +561,12 @@ OCEANSITES = {
 
 
 @pytest.mark.parametrize("name", OCEANSITES)
-def test_the_attributes_that_oceansites_requires(corrected_nc, name):
+def test_attributes_required_by_oceansites_are_present(corrected_nc, name):
     with netCDF4.Dataset(corrected_nc) as nc:
         assert nc.getncattr(name) == OCEANSITES[name]
 
 
-def test_the_variables_as_oceansites_asks(corrected_nc):
+def test_variables_follow_oceansites(corrected_nc):
     with netCDF4.Dataset(corrected_nc) as nc:
         assert nc["TIME"].units == "days since 1950-01-01T00:00:00Z" and nc["TIME"].dtype == np.float64
         for name, variable in nc.variables.items():
@@ -586,7 +586,7 @@ def test_the_variables_as_oceansites_asks(corrected_nc):
         assert len({v.sdn_parameter_urn for v in (nc["UCUR"], nc["VCUR"], nc["DEPTH"], nc["TIME"])}) == 4
 
 
-def test_the_user_wins_save_what_the_file_itself_decides(tmp_path):
+def test_user_attributes_override_all_but_derived_ones(tmp_path):
     wishes = {
         "title": "Mine",
         "Conventions": "COARDS",
@@ -610,7 +610,7 @@ def test_the_user_wins_save_what_the_file_itself_decides(tmp_path):
         assert nc.source_files == "raw/EG4/top.000, raw/EG4/deep.csv"
 
 
-def test_attributes_of_yaml_become_legal():
+def test_yaml_attributes_become_valid_netcdf_attributes():
     date = datetime.datetime(2007, 9, 4, 2, tzinfo=datetime.timezone(datetime.timedelta(hours=2)))
     given_ = {
         "serial number": 7,
@@ -647,8 +647,8 @@ def test_durations_are_iso_8601(seconds, text):
     assert archive_attributes.iso_duration(seconds) == text
 
 
-# ----------------------------------------------------------------------------------------------------- other readers
-def test_xarray_decodes_it(corrected_nc):
+# ------------------------------------------------------------------------------------------------------ other libraries
+def test_xarray_decodes_the_product(corrected_nc):
     xarray = pytest.importorskip("xarray")
     with xarray.open_dataset(corrected_nc) as data:
         first = np.datetime64("2007-09-05T13:46:40.250")
@@ -669,11 +669,11 @@ def test_xarray_decodes_the_times_of_pairs_and_records(tmp_path):
         assert abs(late) < np.timedelta64(1, "us")  # float64 seconds since 1970 resolve 0.2 microseconds
 
 
-def test_every_unit_is_one_of_udunits(tmp_path, corrected_nc):
+def test_units_are_valid_udunits(tmp_path, corrected_nc):
     units = pytest.importorskip("cf_units")
     netcdf.write_record(tmp_path / "r.nc", make_record())
     netcdf.write_pairs(tmp_path / "p.nc", make_pairs())
     for path in (corrected_nc, tmp_path / "r.nc", tmp_path / "p.nc"):
         with netCDF4.Dataset(path) as nc:
             for variable in nc.variables.values():
-                units.Unit(getattr(variable, "units", "1"))  # raises ValueError for one that is not
+                units.Unit(getattr(variable, "units", "1"))  # raises ValueError for an invalid unit

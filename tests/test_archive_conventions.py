@@ -1,4 +1,4 @@
-"""Conventions: no remark on what the archive writes, and a remark on every rule that a file breaks."""
+"""Conventions: no remarks on files of the archive, and a remark on each violated rule."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from compasslib.archive import conventions, netcdf, variables
 from compasslib.archive import conventions as oceansites
 from compasslib.errors import InputError
 
-# No name of the CF table fits these: its orientation is from north, and it knows no deviation and no declination.
+# CF has no standard names for these: its orientation is relative to north; deviation and declination have none.
 WITHOUT_STANDARD_NAME = {
     "HEADING",
     "HEADING_CORRECTED",
@@ -24,7 +24,7 @@ WITHOUT_STANDARD_NAME = {
     "DEVIATION",
     "BRANCH_PROBABILITY",
     "DECLINATION",
-    *("UCUR_RECORDED", "VCUR_RECORDED"),  # who selects by it gets the corrected current
+    *("UCUR_RECORDED", "VCUR_RECORDED"),  # so that a selection by standard name yields the corrected current
 }
 HISTORY = {"history": PROCESSING["history"]}
 
@@ -48,15 +48,15 @@ def checked(path: Path, checker: str) -> list[str]:
     return conventions.checked(path, checker)
 
 
-# ------------------------------------------------------------------------------------------------- CF, ACDD, by others
-@pytest.mark.filterwarnings("ignore")  # the checker's own
+# ----------------------------------------------------------------------------------------------- CF and ACDD, by others
+@pytest.mark.filterwarnings("ignore")  # warnings of the checker
 @pytest.mark.parametrize("m", [6, 1])
-def test_the_checker_has_no_remark_on_cf(tmp_path, offline, m):
+def test_product_has_no_cf_remarks(tmp_path, offline, m):
     assert checked(write(tmp_path / "c.nc", make_product(200, m, **measured(200, m))), conventions.CF) == []
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_the_checker_has_no_remark_on_pairs_and_records(tmp_path, offline):
+def test_pairs_and_records_have_no_cf_remarks(tmp_path, offline):
     netcdf.write_pairs(tmp_path / "overlap.nc", make_pairs(), attributes=HISTORY)
     netcdf.write_record(tmp_path / "top.nc", make_record(**measured()), attributes=HISTORY)
     for file in ("overlap.nc", "top.nc"):
@@ -64,15 +64,15 @@ def test_the_checker_has_no_remark_on_pairs_and_records(tmp_path, offline):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_acdd_misses_only_standard_names_that_do_not_exist(tmp_path, offline):
+def test_acdd_remarks_are_only_nonexistent_standard_names(tmp_path, offline):
     missing = {f'variable "{name}" missing the following attributes: standard_name' for name in WITHOUT_STANDARD_NAME}
     given = USUAL | dict.fromkeys(archive_attributes.ASKED_FOR, "given")
     assert set(checked(write(tmp_path / "c.nc", attributes=given), conventions.ACDD)) == missing
-    assert missing < conventions.UNAVOIDABLE  # which holds those of gridded.nc too
+    assert missing < conventions.UNAVOIDABLE  # which also contains those of gridded.nc
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_file_that_breaks_each_convention_is_told_by_each(tmp_path, offline, corrected):
+def test_violation_of_each_convention_is_reported(tmp_path, offline, corrected):
     path = Path(shutil.copy(corrected, tmp_path / "corrected.nc"))
     with netCDF4.Dataset(path, "a") as nc:
         nc["UCUR"].units = "furlong per fortnite"
@@ -87,7 +87,7 @@ def test_a_file_that_breaks_each_convention_is_told_by_each(tmp_path, offline, c
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_what_may_still_be_given_is_said_and_is_no_remark(tmp_path, offline):
+def test_missing_optional_attributes_are_listed_without_remark(tmp_path, offline):
     said: list[str] = []
     path = write(tmp_path / "corrected.nc", attributes={"license": "free"})
     held = conventions.report_remarks([str(path)], said.append)
@@ -98,7 +98,7 @@ def test_what_may_still_be_given_is_said_and_is_no_remark(tmp_path, offline):
     assert ("CF" in by) == conventions.installed() and by["OceanSITES"] == "manual 1.4"
 
 
-def test_without_the_checker_it_says_what_was_not_checked(corrected, monkeypatch):
+def test_missing_checker_is_reported(corrected, monkeypatch):
     monkeypatch.setattr(conventions, "CHECKER", "no_such_package")
     said: list[str] = []
     held = conventions.report_remarks([str(corrected)], said.append)
@@ -110,19 +110,19 @@ def test_without_the_checker_it_says_what_was_not_checked(corrected, monkeypatch
 # ------------------------------------------------------------------------------------------ OceanSITES, by its manual
 @pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6)])
 @pytest.mark.parametrize("uncorrectable", [0, 200])
-def test_the_manual_has_no_remark(tmp_path, n, m, uncorrectable):
+def test_product_has_no_oceansites_remarks(tmp_path, n, m, uncorrectable):
     assert (
         oceansites.oceansites_remarks(write(tmp_path / "c.nc", make_product(n, m, uncorrectable=uncorrectable))) == []
     )
 
 
-def test_the_scale_of_flags_is_the_manuals():
+def test_flag_scale_is_that_of_oceansites():
     assert variables.FLAG_VALUES.tolist() == list(oceansites.FLAGS)
     assert variables.FLAG_MEANINGS.split() == list(oceansites.FLAGS.values())
 
 
 def attribute(name: str, value: object, variable: str | None = None):
-    """Return a change of one attribute; None deletes it."""
+    """Return a function that sets an attribute, or deletes it if the value is None."""
 
     def change(nc: netCDF4.Dataset) -> None:
         holder = nc if variable is None else nc[variable]
@@ -193,7 +193,7 @@ BROKEN = [
 
 
 @pytest.mark.parametrize(("change", "remark"), BROKEN, ids=[remark for _, remark in BROKEN])
-def test_each_broken_rule_is_told(tmp_path, corrected, change, remark):
+def test_each_violated_rule_is_reported(tmp_path, corrected, change, remark):
     path = Path(shutil.copy(corrected, tmp_path / "c.nc"))
     with netCDF4.Dataset(path, "a") as nc:
         change(nc)
@@ -202,7 +202,7 @@ def test_each_broken_rule_is_told(tmp_path, corrected, change, remark):
     )
 
 
-def test_shapes_that_the_manual_forbids_are_told(tmp_path):
+def test_invalid_dimensions_and_types_are_reported(tmp_path):
     with netCDF4.Dataset(tmp_path / "c.nc", "w") as nc:
         nc.createDimension("TIME", 3)
         nc.createDimension("DEPTH", 2)

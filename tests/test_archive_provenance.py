@@ -1,4 +1,4 @@
-"""Provenance: what a job leaves, the manifest that comes of it, and the look whether the files are still those."""
+"""Provenance: job records, the manifest composed from them, deposits, and verification of files by their hashes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SAMPLES = 120
 
 @pytest.fixture(scope="module")
 def processed(tmp_path_factory):
-    """A processed cruise of one mooring whose name and attributes need care in an identifier."""
+    """Process a cruise of one mooring with a non-ASCII project name."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=SAMPLES)
     (folder / "config/config.yaml").write_text(
         "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram,"
@@ -73,7 +73,7 @@ def ids(reference: object) -> list[str]:
 # --------------------------------------------------------------------------------------------------------- the deposit
 @pytest.fixture(scope="module")
 def unpacked(processed, tmp_path_factory):
-    """The cruise exported as one ZIP and unpacked elsewhere."""
+    """Deposit the cruise as a ZIP file and unpack it elsewhere."""
     into = tmp_path_factory.mktemp("deposit")
     count = deposit.deposit(config.load_cruise(processed), into / "c.zip")
     with zipfile.ZipFile(into / "c.zip") as packed:
@@ -82,7 +82,7 @@ def unpacked(processed, tmp_path_factory):
     return into / "there"
 
 
-def test_diff_tells_what_changed_since_the_deposit(unpacked, archive, capsys):
+def test_diff_lists_changes_since_the_deposit(unpacked, archive, capsys):
     deposited = str(unpacked.parent / "c.zip")
     assert main(["diff", deposited, str(archive)]) == 0
     assert capsys.readouterr().out.startswith("nothing changed: ")
@@ -100,8 +100,8 @@ def test_diff_tells_what_changed_since_the_deposit(unpacked, archive, capsys):
     assert "cut.zip: expected a whole ZIP file" in capsys.readouterr().err
 
 
-def test_a_product_states_which_keys_and_files_changed_since_the_deposit_that_it_supersedes(unpacked, archive):
-    """In history and product_version, the same each time; what is no deposit is refused before any work."""
+def test_product_states_changes_since_the_superseded_deposit(unpacked, archive):
+    """In history and product_version of each product; a file that is no deposit is refused before processing."""
     shutil.copy(unpacked.parent / "c.zip", archive / "v1.zip")
     change(archive / "config/moorings/M1.yaml", water_depth=890)
     with open(archive / "raw/M1/deep.csv", "a") as stream:
@@ -119,8 +119,8 @@ def test_a_product_states_which_keys_and_files_changed_since_the_deposit_that_it
         plan.plan(config.load_cruise(archive))
 
 
-def test_a_deposit_is_a_workflow_run_crate_that_holds_what_it_lists(unpacked):
-    """Workflow Run Crate 0.5, every MUST and what an owner's keys and this software can give of the SHOULDs."""
+def test_deposit_is_a_complete_workflow_run_crate(unpacked):
+    """Workflow Run Crate 0.5: every MUST, and the SHOULDs that the attributes and this software can provide."""
     page = json.loads((unpacked / "ro-crate-metadata.json").read_text())
     entities = {entity["@id"]: entity for entity in page["@graph"]}
     root, workflow = entities["./"], entities["workflow/Snakefile"]
@@ -146,11 +146,11 @@ def test_a_deposit_is_a_workflow_run_crate_that_holds_what_it_lists(unpacked):
     assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
 
 
-def test_with_the_software_s_address_all_programs_of_a_deposit_have_one(processed):
-    """Process Run Crate 0.5 recommends address and absolute identifier; the workflow is a file, and has its path."""
+def test_software_url_gives_programs_of_a_deposit_an_address(processed):
+    """Process Run Crate 0.5 recommends a URL and an absolute identifier; the workflow is a file with its path."""
     page, options = page_of(processed), config.load_cruise(processed).options.attributes
     program = {"@type": "SoftwareApplication", "name": "tiltmeter", "softwareVersion": "0.1"}
-    page["@graph"].append(program | {"@id": "pkg:generic/tiltmeter@0.1"})  # a plug-in, whose address nobody gave
+    page["@graph"].append(program | {"@id": "pkg:generic/tiltmeter@0.1"})  # a plug-in without a known URL
 
     def programs(attributes: dict) -> list[dict]:
         described = deposit.compose(page, attributes, {deposit.WORKFLOW_FILE: "0", crate.LOCK: "0"}, processed)
@@ -165,7 +165,7 @@ def test_with_the_software_s_address_all_programs_of_a_deposit_have_one(processe
     assert without == {"tiltmeter", workflow, "compasslib"}
 
 
-def test_a_deposit_has_what_datacite_requires_and_nothing_that_nobody_gave(unpacked):
+def test_deposit_has_required_datacite_fields_and_no_invented_ones(unpacked):
     cited = json.loads((unpacked / datacite.FILE).read_text())
     affiliation = {"name": "A. Fram", "nameType": "Personal", "affiliation": [{"name": "Sea"}]}
     assert cited["creators"] == [affiliation] and cited["publisher"] == {"name": "Sea"} and "doi" not in cited
@@ -176,7 +176,7 @@ def test_a_deposit_has_what_datacite_requires_and_nothing_that_nobody_gave(unpac
     assert cited["dates"][0]["dateType"] == "Collected" and cited["dates"][0]["date"].startswith("2007-09-04/2007")
 
 
-def test_an_unpacked_deposit_verifies_and_one_of_changed_results_is_refused(unpacked, archive, tmp_path, capsys):
+def test_deposit_verifies_and_changed_results_are_refused(unpacked, archive, tmp_path, capsys):
     assert verify(unpacked)[0] == 0
     assert main(["export", "--cruise", str(archive), "--to", "rocrate", "--into", str(tmp_path / "by_command")]) == 0
     asked = capsys.readouterr().err.splitlines()
@@ -193,8 +193,8 @@ def test_an_unpacked_deposit_verifies_and_one_of_changed_results_is_refused(unpa
 
 
 # ----------------------------------------------------------------------------------------------------------- the crate
-def test_the_crate_has_what_the_profiles_demand(processed):
-    """RO-Crate 1.1 and Process Run Crate 0.5: every MUST, and that no reference leads nowhere."""
+def test_crate_satisfies_its_profiles(processed):
+    """RO-Crate 1.1 and Process Run Crate 0.5: every MUST, and no dangling references."""
     page = page_of(processed)
     entities = {entity["@id"]: entity for entity in page["@graph"]}
     assert len(entities) == len(page["@graph"]), "two entities of one identifier"
@@ -219,7 +219,7 @@ def _referred(value: object) -> list[str]:
     return [value["@id"]] if isinstance(value, dict) else []
 
 
-def test_every_file_stands_where_its_identifier_says_with_its_hash(processed):
+def test_listed_files_exist_with_their_hashes(processed):
     page = page_of(processed)
     for entity in of_type(page, "File"):
         path = processed / "results" / unquote(entity["@id"])
@@ -236,12 +236,12 @@ def test_every_file_stands_where_its_identifier_says_with_its_hash(processed):
     }
 
 
-def test_no_mooring_may_have_the_name_of_anything_else_in_results(processed):
+def test_other_names_in_results_are_reserved(processed):
     beside = {path.name for path in (processed / "results").iterdir()} - {"M1"}
     assert len(beside) >= 5 and beside <= set(schema.RESERVED)
 
 
-def test_the_product_leads_back_to_raw_files_settings_and_software(processed):
+def test_product_is_traced_to_raw_files_settings_and_software(processed):
     page = page_of(processed)
     made_by = {one: action for action in of_type(page, "CreateAction") for one in ids(action["result"])}
     waiting, reached = ["M1/corrected.nc"], set()
@@ -263,7 +263,7 @@ def test_the_product_leads_back_to_raw_files_settings_and_software(processed):
     assert names["Compass deviations corrected: Größe"]["publisher"] == {"@id": "#institution"}
 
 
-def test_the_history_of_the_product_names_its_raw_files_by_hash_and_the_manifest(processed):
+def test_product_history_names_raw_files_with_hashes(processed):
     folder = processed / "results/M1"
     with netCDF4.Dataset(folder / "corrected.nc") as nc:
         for file in ("raw/M1/top.000", "raw/M1/deep.csv"):
@@ -274,7 +274,7 @@ def test_the_history_of_the_product_names_its_raw_files_by_hash_and_the_manifest
         assert provenance.sha256(folder / "work/top.nc") in nc.history
 
 
-# What a user may put in his own words; where nobody gives it, corrected.nc has its own or leaves it out.
+# Attributes that a user may set; otherwise corrected.nc has a default or omits them.
 OFFERED = {
     "sensor_mount",
     *("title", "summary", "comment", "references", "keywords", "keywords_vocabulary", "source", "platform"),
@@ -284,7 +284,7 @@ OFFERED = {
 }
 
 
-def test_every_attribute_that_the_product_states_itself_is_refused_in_yaml(processed):
+def test_derived_attributes_are_refused_in_yaml(processed):
     with netCDF4.Dataset(processed / "results/M1/corrected.nc") as nc:
         written = {*nc.ncattrs(), *(name for name in nc["HEADING"].ncattrs() if name.startswith("sensor_"))}
     assert {"title", "sensor_mount"} < {name for name in written if not values.stated(name)} < OFFERED
@@ -293,15 +293,15 @@ def test_every_attribute_that_the_product_states_itself_is_refused_in_yaml(proce
 
 
 @pytest.mark.parametrize("path", ["results/M1/a b.nc", "raw/M 1/Größe#2.000", "config/100%.yaml", "results/a/../b"])
-def test_a_path_comes_back_from_its_identifier(path):
+def test_path_is_recovered_from_its_identifier(path):
     identifier = crate._id(path)
     page = {"@graph": [{"@id": "#job", "@type": "CreateAction", "result": {"@id": identifier}}]}
     assert crate.written(page) == {path} and identifier.isascii() and " " not in identifier
 
 
-def test_the_settings_behind_each_job_are_files_that_are_there(tmp_path):
+def test_configuration_files_of_each_job_are_listed(tmp_path):
     folder = cruise(tmp_path, ("M1",), n=10)
-    write_calibration(folder, "M1", readings())  # of the mooring's name, which is allowed
+    write_calibration(folder, "M1", readings())  # may have the name of a mooring
     behind = plan.plan(config.load_cruise(folder), PROJECT / "workflow/scripts").moorings.configuration()
     assert behind == {
         "": ["config/config.yaml"],
@@ -310,7 +310,7 @@ def test_the_settings_behind_each_job_are_files_that_are_there(tmp_path):
     }
 
 
-def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_path, monkeypatch):
+def test_lineage_ignores_replaced_files_and_refuses_changed_ones(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, text in (("raw", "new"), ("middle", "b"), ("end", "c")):
         Path(name).write_text(text)
@@ -331,20 +331,27 @@ def test_what_was_replaced_leads_nowhere_and_a_changed_product_is_refused(tmp_pa
 
 # ------------------------------------------------------------------------------------------------------------- verify
 def verify(folder: Path, *options: str) -> tuple[int, list[str]]:
-    said = TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True)  # as strict as a terminal about names
+    said = TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True)  # fails for surrogates in names
     with redirect_stdout(said), redirect_stderr(said):
         code = main(["verify", str(folder), *options])
     return code, said.buffer.getvalue().decode().splitlines()
 
 
-def test_an_untouched_archive_verifies_and_is_not_written_to(archive):
+def test_logs_of_all_rules_are_known_to_verification():
+    """The log of a job that was killed has no record; it must not count as a new file."""
+    rules = "".join(path.read_text() for path in (PROJECT / "workflow/rules").glob("*.smk"))
+    names = {name.replace("{role}", "top") for name in re.findall(r"logs/([^\"]+)\.log", rules)}
+    assert len(names) > 20 and all(verification.STAGE.fullmatch(name) for name in names)
+
+
+def test_verification_of_an_unchanged_archive_writes_nothing(archive):
     before = {path: path.stat().st_mtime_ns for path in archive.rglob("*")}
     code, said = verify(archive)
     assert code == 0 and said == [f"{crate.FILE}: {len(crate.listed(page_of(archive)))} files as listed"]
     assert {path: path.stat().st_mtime_ns for path in archive.rglob("*")} == before
 
 
-def test_what_changed_is_told_a_line_a_file_and_ends_with_an_error(archive):
+def test_changed_files_are_reported_one_per_line(archive):
     with (archive / "results/M1/corrected.nc").open("r+b") as stream:  # one bit of one byte
         stream.seek(5000)
         byte = stream.read(1)[0]
@@ -353,7 +360,7 @@ def test_what_changed_is_told_a_line_a_file_and_ends_with_an_error(archive):
     (archive / "raw/M1/deep.csv").unlink()
     (archive / "results/M1/notes.txt").write_text("mine")
     code, said = verify(archive)
-    untold = "cannot list results that are no longer configured"  # without all raw files
+    untold = "cannot list results that are no longer configured"  # because a raw file is missing
     assert code == 1 and sorted(line.split(":")[0] for line in said) == [untold, "changed", "error", "missing", "new"]
     assert {"missing: raw/M1/deep.csv", "new: results/M1/notes.txt"} < set(said)
     assert any(line.startswith("changed: results/M1/corrected.nc (sha256 ") for line in said)
@@ -363,7 +370,7 @@ def test_what_changed_is_told_a_line_a_file_and_ends_with_an_error(archive):
 @pytest.mark.parametrize(
     "content", [None, "{}", "[1, 2]", "not JSON", '{"@graph": [{"@type": "File"}]}', '{"@graph": []}']
 )
-def test_without_a_manifest_it_says_so(archive, content):
+def test_missing_or_invalid_manifest_is_reported(archive, content):
     (archive / crate.FILE).unlink()
     if content is not None:
         (archive / crate.FILE).write_text(content)
@@ -371,7 +378,7 @@ def test_without_a_manifest_it_says_so(archive, content):
     assert code == 1 and len(said) == 1 and said[0].startswith("error: ") and "ro-crate-metadata.json" in said[0]
 
 
-def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
+def test_verify_rule_reports_differences_and_remakes_nothing(archive):
     (archive / "results/M1/figures/scatter.png").unlink()
     ran = snakemake(archive, "verify")
     assert ran.returncode != 0 and "missing: results/M1/figures/scatter.png" in ran.stderr
@@ -381,8 +388,8 @@ def test_the_rule_says_the_same_and_makes_nothing_anew(archive):
 
 
 @pytest.mark.skipif(bool(slurm.missing()), reason=slurm.missing() or "Slurm can be started")
-def test_a_cluster_gives_what_this_machine_gives(processed, tmp_path):
-    """Through Slurm by its profile alone; benchmarks/slurm_cruise.py does the same with eight."""
+def test_cluster_run_gives_identical_results(processed, tmp_path):
+    """By Slurm with its profile alone; benchmarks/slurm_cruise.py compares runs of eight moorings."""
     there = tmp_path / "there"
     for part in ("config", "raw"):
         shutil.copytree(processed / part, there / part)
@@ -391,7 +398,7 @@ def test_a_cluster_gives_what_this_machine_gives(processed, tmp_path):
         ran = subprocess.run(queued, capture_output=True, text=True, check=False, env=environment(), cwd=there)
         assert ran.returncode == 0, ran.stderr[-4000:]
         logs = sorted(log.name for log in (there / ".snakemake/slurm_logs").iterdir())
-    assert [name.split("_")[1] for name in logs] == ["mooring"]  # what belongs to the cruise ran here
+    assert [name.split("_")[1] for name in logs] == ["mooring"]  # jobs of the cruise as a whole run locally
     first, second = (hashes(folder / "results", "logs", "benchmarks") for folder in (processed, there))
     assert {"M1/corrected.nc", "report.html", "ro-crate-metadata.json"} < first.keys()
     assert first == second
@@ -411,7 +418,7 @@ PLANTED = {
 
 
 @pytest.mark.parametrize("where", PLANTED)
-def test_a_file_that_no_job_wrote_fails(archive, where):
+def test_file_that_no_job_wrote_is_reported(archive, where):
     path = archive / PLANTED[where]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text('{"planted": true}')
@@ -424,7 +431,7 @@ def test_a_file_that_no_job_wrote_fails(archive, where):
 
 
 @pytest.mark.parametrize("of", ["link to a file", "link to a folder", "folder that is a link"])
-def test_links_among_results_fail_even_where_the_content_is_right(archive, tmp_path, of):
+def test_links_among_results_are_reported_despite_equal_content(archive, tmp_path, of):
     product, outside = archive / "results/M1/corrected.nc", tmp_path / "outside"
     outside.mkdir()
     if of == "link to a file":
@@ -455,8 +462,8 @@ def differing(archive: Path) -> list[str]:
     )
 
 
-def test_an_identifier_that_leads_elsewhere_fails(archive):
-    """In the file's own entity and wherever a job refers to it, its name left as it was or changed with it."""
+def test_identifier_of_no_cruise_file_is_reported(archive):
+    """The identifier is replaced in the file's entity and all references; its name is replaced too, or not."""
     text = (archive / crate.FILE).read_text()
     assert differing(archive) == []
     for identifier in (*ELSEWHERE, "https://example.org/x.nc", "./M1/corrected.nc", "M1/fit.nc"):
@@ -482,15 +489,15 @@ def without(page: dict, *kinds: str, name: str = "") -> dict:
         (("CreateAction",), "", "elsewhere: M1/corrected.nc"),
     ],
 )
-def test_what_is_taken_out_of_the_manifest_is_told(archive, kinds, name, line):
+def test_entries_removed_from_the_manifest_are_reported(archive, kinds, name, line):
     (archive / crate.FILE).write_text(json.dumps(without(page_of(archive), *kinds, name=name)))
     assert any(shown.startswith(line) for shown in differing(archive))
 
 
-# ------------------------------------------------------------------------------ results of what is no longer configured
+# ----------------------------------------------------------------------------------------- results no longer configured
 @pytest.fixture
 def renamed(archive):
-    """A cruise that was run as M1, and whose mooring and instrument were renamed and run again by name only."""
+    """Return a processed cruise that also has results of a mooring and an instrument no longer configured."""
     shutil.copytree(archive / "results/M1", archive / "results/OLD")
     for path in (archive / "results/OLD/logs").glob("*.json"):
         path.write_text(path.read_text().replace("results/M1/", "results/OLD/"))
@@ -506,7 +513,7 @@ def tree(folder: Path, *, files_only: bool = False) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file() or not files_only}
 
 
-def test_results_of_what_is_configured_no_more_are_named_listed_and_removed_when_asked(renamed, processed):
+def test_obsolete_results_are_listed_and_cleared_on_request(renamed, processed):
     code, said = verify(renamed)
     old = sum(path.is_file() for path in (renamed / "results/OLD").rglob("*"))
     lines = ["no longer configured: results/M1, 3 files", f"no longer configured: results/OLD, {old} files"]
@@ -529,7 +536,7 @@ def test_results_of_what_is_configured_no_more_are_named_listed_and_removed_when
     assert verify(renamed)[0] == 0 and verify(renamed, "--clear") == (0, ["0 files of what is no longer configured"])
 
 
-def test_nothing_is_cleared_while_the_configuration_cannot_be_read_or_a_run_is_under_way(renamed):
+def test_nothing_is_cleared_during_a_run_or_without_configuration(renamed):
     before = tree(renamed)
     with (renamed / ".snakemake/compasslib.lock").open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
@@ -547,7 +554,7 @@ def test_nothing_is_cleared_while_the_configuration_cannot_be_read_or_a_run_is_u
 
 
 # ---------------------------------------------------------------------------------------------------------------- jobs
-def test_what_a_file_was_made_from_is_named_from_where_it_stands(tmp_path):
+def test_source_files_are_named_relative_to_the_given_folder(tmp_path):
     file = tmp_path / "results/M1/work/top.nc"
     file.parent.mkdir(parents=True)
     file.touch()
@@ -556,7 +563,7 @@ def test_what_a_file_was_made_from_is_named_from_where_it_stands(tmp_path):
     assert (anywhere["source_files"], within["source_files"]) == (str(file), "work/top.nc")
 
 
-def test_a_job_that_fails_leaves_no_record(tmp_path):
+def test_failed_job_leaves_no_record(tmp_path):
     parts = {part: Namedlist() for part in ("input", "output", "params", "wildcards")}
     here = SimpleNamespace(rule="r", log=[str(tmp_path / "r.log")], **parts)
 
@@ -571,14 +578,14 @@ def test_a_job_that_fails_leaves_no_record(tmp_path):
     assert record["rule"] == "r" and record["software"] == provenance.software()
 
 
-def test_modules_for_the_type_checker_alone_are_no_input():
+def test_modules_imported_for_type_checking_are_no_sources():
     behind = {Path(path).name for path in provenance.sources(PROJECT / "workflow/scripts/verify.py")}
     assert {"verification.py", "crate.py", "provenance.py", "job.py"} <= behind
     assert not behind & {"product.py", "verdict.py"}
 
 
 def imported_by_syntax(path):
-    """Return the modules that a file may import when it runs, by its syntax tree."""
+    """Return the files of compasslib that a file may import at run time, by its syntax tree."""
     waiting, names = [ast.parse(path.read_text())], set()
     while waiting:
         node = waiting.pop()
@@ -591,14 +598,14 @@ def imported_by_syntax(path):
     return {file for name in names if name.startswith("compasslib") for file in provenance._files(name)}
 
 
-def test_imports_are_found_by_lines_as_by_the_syntax_of_every_file():
+def test_imports_found_by_pattern_match_the_syntax_tree():
     for path in [*PROJECT.glob("workflow/scripts/*.py"), *PROJECT.glob("compasslib/**/*.py")]:
         assert provenance._imported(path) == imported_by_syntax(path), path
 
 
 # --------------------------------------------------------------------------------------------------- commits and dates
 def told(project: Path, **environment: str) -> list[str]:
-    """Return software and date as a copy of the project says them, by the clock unless told otherwise."""
+    """Return software and date as stated by a copy of the project, without SOURCE_DATE_EPOCH unless given."""
     asked = "from compasslib.archive.provenance import *; print(software(), date_created(), sep='\\n')"
     given = {key: value for key, value in os.environ.items() if key != "SOURCE_DATE_EPOCH"}
     whole = given | {"PYTHONPATH": str(project), "PYTHONDONTWRITEBYTECODE": "1"} | environment
@@ -609,7 +616,7 @@ def told(project: Path, **environment: str) -> list[str]:
 
 
 def commit(folder: Path) -> str:
-    """Make a repository of a folder and return its first commit."""
+    """Create a Git repository in a folder and return its first commit."""
     who = {f"GIT_{role}_{key}": "a@b" for role in ("AUTHOR", "COMMITTER") for key in ("NAME", "EMAIL")}
     when = {"GIT_AUTHOR_DATE": "2024-02-03T04:05:06Z", "GIT_COMMITTER_DATE": "2024-02-03T04:05:06Z"}
     for arguments in (["init", "--quiet"], ["add", "."], ["commit", "--quiet", "--message", "first"]):
@@ -624,7 +631,7 @@ def copied(tmp_path):
     return copied_project(tmp_path / "held", "compasslib")
 
 
-def test_outside_a_checkout_the_modules_hash_stands_and_the_date_is_the_time_of_processing(copied):
+def test_software_outside_a_checkout_is_identified_by_hash(copied):
     before = datetime.now(UTC).replace(microsecond=0)
     software, date = told(copied)
     assert (
@@ -636,17 +643,17 @@ def test_outside_a_checkout_the_modules_hash_stands_and_the_date_is_the_time_of_
 
 
 def _modules(project: Path) -> str:
-    """Return the hash of hashes, as sha256sum would make it."""
+    """Compute the hash of the modules' hashes with sha256sum."""
     command = "find compasslib -name '*.py' | xargs -d '\\n' sha256sum | LC_ALL=C sort | sha256sum"
     return subprocess.run(command, shell=True, cwd=project, check=True, capture_output=True, text=True).stdout
 
 
-def test_a_repository_that_merely_holds_the_library_is_not_its_own(copied):
+def test_commit_of_an_enclosing_repository_is_ignored(copied):
     commit(copied.parent)
     assert "no checkout" in told(copied)[0]
 
 
-def test_in_a_checkout_the_commit_stands_and_an_edit_is_told(copied):
+def test_checkout_is_identified_by_commit_and_edits(copied):
     made = commit(copied)
     assert told(copied)[0].endswith(f"({made})")
     with (copied / "compasslib/angles.py").open("a") as stream:
@@ -654,13 +661,13 @@ def test_in_a_checkout_the_commit_stands_and_an_edit_is_told(copied):
     assert told(copied)[0].endswith(f"({made}, edited since)")
 
 
-def test_a_checkout_of_another_owner_still_tells_its_commit(copied):
-    """Git refuses it for fear of its settings; whoever runs its Python has trusted it already."""
+def test_checkout_of_another_owner_reports_its_commit(copied):
+    """Git refuses it because its settings could run code; running its Python code implies trust in it."""
     made = commit(copied)
     assert told(copied, GIT_TEST_ASSUME_DIFFERENT_OWNER="1")[0] == told(copied)[0] and made in told(copied)[0]
 
 
-def test_a_worktree_a_shallow_clone_and_a_hook_of_another_repository_tell_the_library_s_own_commit(copied, tmp_path):
+def test_worktree_shallow_clone_and_hook_report_the_own_commit(copied, tmp_path):
     made = commit(copied)
     for arguments in (["worktree", "add", "--quiet"], ["clone", "--quiet", "--depth", "1", f"file://{copied}"]):
         there = tmp_path / arguments[0]
@@ -673,8 +680,8 @@ def test_a_worktree_a_shallow_clone_and_a_hook_of_another_repository_tell_the_li
 
 
 @pytest.mark.parametrize("harm", ["HEAD", "git"])
-def test_where_git_cannot_tell_the_commit_the_modules_hash_stands(copied, harm):
-    commit(copied.parent)  # which is never asked instead
+def test_module_hash_replaces_an_unknown_commit(copied, harm):
+    commit(copied.parent)  # an enclosing repository, which must not be used instead
     commit(copied)
     if harm == "HEAD":
         (copied / ".git/HEAD").unlink()
@@ -682,7 +689,7 @@ def test_where_git_cannot_tell_the_commit_the_modules_hash_stands(copied, harm):
     assert software.startswith(f"compasslib {__version__} ") and "(commit unknown, modules sha256 " in software
 
 
-def test_a_date_that_is_none_is_refused(monkeypatch):
+def test_invalid_source_date_epoch_is_refused(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
     with pytest.raises(InputError, match="SOURCE_DATE_EPOCH: expected whole seconds since 1970, found 'yesterday'"):
         provenance.date_created()

@@ -1,4 +1,4 @@
-"""The campaign of mistakes: what counts as wrong, silent and called good; every attack spoils what it says."""
+"""The campaign of mistakes: definitions of wrong, called good and new warnings; every attack changes a mooring."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import cases  # noqa: E402
 import cruises  # noqa: E402
 import harmless  # noqa: E402
 
-del sys.path[:2]  # others here have some of their names
+del sys.path[:2]  # other modules of the tests have the same names
 
 RIGHT = cruises.Outcome(rms_deg=1.0, covered=0.97, good=0.9, verdict="consistent", warnings=("a scatter of 3 degrees",))
 FAR_OFF = replace(RIGHT, rms_deg=9.0, covered=0.5)
@@ -36,7 +36,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("kind", "attack"), EVERY, ids=[f"{kind}-{attack.__name__}" for kind, attack in EVERY])
-def test_an_attack_spoils_a_mooring(
+def test_attack_changes_the_files_of_a_mooring(
     kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, attack: cruises.Attack
 ) -> None:
     monkeypatch.setattr(bases, "REAL", kept / "none")
@@ -65,7 +65,7 @@ def _folders(cruise: cruises.Cruise) -> tuple[Path, Path]:
         ({"refused": "no"}, False, False),
     ],
 )
-def test_what_counts_as_wrong(changed: dict, wrong: bool, good: bool) -> None:
+def test_outcomes_are_classified_as_wrong_and_called_good(changed: dict, wrong: bool, good: bool) -> None:
     outcome = replace(FAR_OFF, **changed)
     assert cruises.is_wrong(outcome, RIGHT) == wrong
     assert cruises.is_called_good(outcome, RIGHT) == good
@@ -81,11 +81,11 @@ def test_what_counts_as_wrong(changed: dict, wrong: bool, good: bool) -> None:
         ({"verdict": "unexplained"}, ["verdict unexplained"]),
     ],
 )
-def test_what_is_new_of_what_is_said(changed: dict, said: list[str]) -> None:
+def test_new_warnings_exclude_those_of_the_original(changed: dict, said: list[str]) -> None:
     assert cruises.new_warnings(replace(FAR_OFF, **changed), RIGHT) == said
 
 
-def test_a_larger_campaign_holds_the_smaller_one() -> None:
+def test_larger_campaign_contains_the_smaller_one() -> None:
     few, many = ({case.name: case for case in cases.draw(count, count // 2, 5)} for count in (60, 300))
     assert len(many) == 450
     assert all(many[name] == case for name, case in few.items())
@@ -93,7 +93,7 @@ def test_a_larger_campaign_holds_the_smaller_one() -> None:
     assert attacks == {(kind, attack.__name__) for kind, attack in EVERY}
 
 
-def test_the_headings_of_a_spoilt_record_are_held_against_its_own_truth(kept: Path, tmp_path: Path) -> None:
+def test_changed_record_is_compared_with_its_own_truth(kept: Path, tmp_path: Path) -> None:
     cruise = cruises.Cruise.copy(kept, "text", tmp_path / "cruise")
     top, before = cruise.record(), cruise.truth_at(cruise.record().time_s)
     cruise.shift("top", 3600.0)

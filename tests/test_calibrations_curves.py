@@ -1,4 +1,4 @@
-"""Curves through a bench's headings: recovery, published numbers, what too few headings are told."""
+"""Curves through the headings of a bench: recovery, published numbers, too few headings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def calibrated(read: BenchReadings, **keys):
 
 
 @pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL], ids=lambda form: form.name)
-def test_every_form_has_the_derivative_that_it_says(form):
+def test_gradient_of_every_form_matches_finite_differences(form):
     coefficients = np.append([0.02, 0.15, 0.1, 0.03, -0.02, 0.01, 0.02], np.full(6, 0.03))[: len(form.letters)]
     heading, step = np.arange(1.0, 360.0, 13.0), 1e-6
     numeric = np.stack(
@@ -45,7 +45,7 @@ def test_every_form_has_the_derivative_that_it_says(form):
 
 
 @pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL], ids=lambda form: form.name)
-def test_a_left_out_residual_is_that_of_a_fit_without_the_point(form):
+def test_left_out_residual_is_that_of_a_fit_without_the_point(form):
     seen = curves.deviation_points(smith_bench().recorded_deg, smith_bench().reference_deg)
     whole = curves.fit_curve(form, seen)
     k = 7
@@ -59,14 +59,14 @@ def test_a_left_out_residual_is_that_of_a_fit_without_the_point(form):
     assert whole.left_out_deg[k] == pytest.approx(alone, abs=1e-9 if form is not EXACT else 0.05)
 
 
-def test_the_exact_compass_is_found_to_the_last_digit_and_without_noise_leaves_nothing():
+def test_exact_compass_is_recovered_exactly_without_noise():
     for true in (MILD, FOLDED, (0.1, 0.6, -0.2, 0.1, 0.05)):
         made = calibrated(readings(ring(24), true, noise_deg=0.0))
         assert np.allclose(made.exact, true, atol=1e-9) and made.residual_rms_deg < 1e-6
 
 
 def test_le_menn_4_has_a_cosine_in_its_denominator():
-    """Printed is a sine; with it the formula is not the compass of section 3 of the physics page."""
+    """The paper prints a sine, with which the formula is not the compass of section 3 of the physics page."""
     a, b, c, d, e = MILD
     heading = np.arange(0.0, 360.0, 7.0)
     (s, k), (s2, k2) = angles.sin_cos(heading), angles.sin_cos(2.0 * heading)
@@ -97,8 +97,8 @@ def test_the_polynomial_is_that_of_le_menn_7_and_jumps_at_north():
     assert made.model == "polynomial" and any("not periodic: it jumps by -23.8" in text for text in made.warnings)
 
 
-def test_a_wrong_table_in_the_firmware_is_a_curve_of_the_heading_alone_and_a_compass_is_none():
-    """Von Appen 2015, footnote 1. A table with one wrong stretch; of 60 compasses at most three are taken for one."""
+def test_wrong_firmware_table_is_fitted_by_the_empirical_curve():
+    """Von Appen 2015, footnote 1: a table wrong in one section, for which at most 3 of 60 compasses are taken."""
     rng, recorded = np.random.default_rng(5), ring(36) + 4.0
     wrong = 6.0 * np.exp(-0.5 * (angles.difference(recorded, 120.0) / 35.0) ** 2)
     read = BenchReadings(angles.wrap360(recorded + wrong + rng.normal(0.0, 0.3, 36)), recorded)
@@ -110,8 +110,8 @@ def test_a_wrong_table_in_the_firmware_is_a_curve_of_the_heading_alone_and_a_com
     assert sum(calibrated(smith_bench(seed=seed)).model == "empirical" for seed in range(60)) <= 3
 
 
-def test_the_five_term_series_leaves_4_05_degrees_of_the_published_eight_headings():
-    """Physics page, section 7: the structure is of third and fourth harmonics, which eight headings cannot prove."""
+def test_five_terms_leave_4_05_degrees_of_the_published_headings():
+    """Physics page, section 7: the residual has third and fourth harmonics, which eight headings cannot establish."""
     made = calibrated(BenchReadings(ring(8), angles.wrap360(ring(8) - EIGHT)))
     smith = made.details["models"]["smith"]
     assert smith["residual_rms_deg"] == pytest.approx(4.05, abs=0.005) and smith["dof"] == 3
@@ -119,11 +119,11 @@ def test_the_five_term_series_leaves_4_05_degrees_of_the_published_eight_heading
     assert made.sources[-1].standard_deg > 1.5 * 4.0  # Student's t with three degrees of freedom
 
 
-def test_series_against_polynomial_as_on_le_menns_bench():
-    """Section 6: 1.14 degrees expanded by the series, 1.66 by the polynomial; the readings are not printed.
+def test_series_and_polynomial_are_consistent_with_le_menn():
+    """Section 6: 1.14 degrees, expanded, by the series and 1.66 by the polynomial; the readings are not published.
 
-    With the residual that 1.14 implies, 0.35 degrees, and a deviation of 13 degrees, the polynomial comes out near its
-    1.66: consistency, no check.
+    With the residual implied by 1.14, 0.35 degrees, and a deviation of 13 degrees, the polynomial gives about 1.66,
+    which is consistent but no verification.
     """
     rng, rows = np.random.default_rng(2023), budget.sources({}, "le_menn")
     expanded = []
@@ -140,18 +140,18 @@ def test_series_against_polynomial_as_on_le_menns_bench():
     assert polynomial == pytest.approx(1.66, abs=0.15) and polynomial > 1.2 * smith
 
 
-# --- how sure -------------------------------------------------------------------------------------------------------
+# --- uncertainty ----------------------------------------------------------------------------------------------------
 
 
-def test_two_widened_standard_deviations_are_students_interval():
+def test_student_widening_matches_the_gum():
     assert curves.student_widening(3) == pytest.approx(3.307 / 2.0, abs=1e-3)  # GUM, table G.2, p = 95.45 %
     assert curves.student_widening(1) == pytest.approx(13.97 / 2.0, abs=1e-2)
     assert curves.student_widening(10**6) == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("n", [36, 8])
-def test_stated_intervals_hold_the_truth(n):
-    """benchmarks/calibrations.py has more designs and 1000 benches of each."""
+def test_stated_intervals_cover_the_truth(n):
+    """More designs, with 1000 benches of each, are in benchmarks/calibrations.py."""
     inside = []
     for seed in range(120):
         made = calibrated(smith_bench(n, seed=seed))
@@ -159,7 +159,7 @@ def test_stated_intervals_hold_the_truth(n):
     assert 0.92 <= np.mean(inside) <= 0.985  # 600 draws: two standard errors are 1.8 %
 
 
-def test_readings_repeated_at_one_setting_are_not_more_headings():
+def test_repeated_readings_do_not_count_as_more_headings():
     once = readings(ring(12), seed=3)
     often = BenchReadings(np.repeat(once.reference_deg, 50), np.repeat(once.recorded_deg, 50))
     first, second = calibrated(once), calibrated(often)
@@ -167,7 +167,7 @@ def test_readings_repeated_at_one_setting_are_not_more_headings():
     assert any("600 readings at 12 headings" in text for text in second.warnings)
 
 
-def test_the_exact_compass_is_chosen_where_the_iron_is_strong_and_the_series_where_it_is_one():
+def test_form_that_generated_the_data_is_chosen():
     assert calibrated(readings(ring(), (0.0, 0.4, 0.2, 0.05, 0.0))).model == "exact"
     recorded, noise = ring() + 3.0, np.random.default_rng(1).normal(0.0, 0.1, 36)
     correct = angles.wrap360(recorded + series_deviation(4.0 * SERIES, recorded) + noise)
@@ -176,7 +176,7 @@ def test_the_exact_compass_is_chosen_where_the_iron_is_strong_and_the_series_whe
     assert set(made.details["models"]) == {form.name for form in platform.FORMS}
 
 
-def test_a_table_every_ten_or_fifteen_degrees_with_what_all_headings_share():
+def test_table_includes_the_uncertainty_common_to_all_headings():
     made = calibrated(smith_bench(), table_step_deg=15.0)
     assert len(made.table.heading_deg) == 24 and made.table.heading_deg[1] == 15.0
     off = made.table.deviation_deg - series_deviation(SERIES, made.table.heading_deg)
@@ -185,10 +185,10 @@ def test_a_table_every_ten_or_fifteen_degrees_with_what_all_headings_share():
     shared = calibrated(smith_bench(), sources=rows)
     assert np.all(shared.table.sigma_deg > 3.0) and np.all(shared.table.sigma_deg < 3.1)
     maker = calibrated(smith_bench(), sources=budget.sources({"maker_accuracy_deg": 6.0}))
-    assert np.all(maker.table.sigma_deg < 0.3)  # the maker's accuracy is one of a single reading
+    assert np.all(maker.table.sigma_deg < 0.3)  # the maker's accuracy is that of a single reading
 
 
-def test_a_constant_shift_is_said_with_its_uncertainty():
+def test_constant_shift_is_reported_with_its_uncertainty():
     shift = calibrated(smith_bench()).details["constant_shift"]
     assert shift["differs_from_none"] and abs(shift["value_deg"] - SERIES[0]) < 3.0 * shift["sigma_deg"]
     unsure = calibrated(smith_bench(), sources=budget.sources({"graduation_deg": 2.0})).details["constant_shift"]
@@ -219,7 +219,7 @@ def test_too_few_headings_are_refused_with_the_reason(settings, why):
     assert set(made.points) == {"reference_deg", "recorded_deg", "deviation_deg"}
 
 
-def test_four_headings_carry_one_cycle_and_say_what_stays_unknown():
+def test_four_headings_determine_only_one_cycle():
     made = calibrated(readings(ring(4)))
     assert made.model == "one_cycle" and np.isfinite(made.coefficients[:3]).all()
     assert np.isnan(made.coefficients[3:]).all() and np.isnan(made.covariance[3:]).all() and not made.exact.size
@@ -227,26 +227,26 @@ def test_four_headings_carry_one_cycle_and_say_what_stays_unknown():
     assert made.sources[-1].how.startswith("scatter about the curve, 1 degrees of freedom")
 
 
-def test_half_a_circle_is_refused_because_one_cycle_would_hide_a_quadrantal_deviation():
-    """A one-cycle fit there puts B at 11.3 ± 0.6 degrees where it is 8.6."""
+def test_half_a_circle_of_headings_is_refused():
+    """A one-cycle fit would absorb the quadrantal deviation: B = 11.3 ± 0.6 degrees instead of 8.6."""
     made = calibrated(readings(np.arange(0.0, 180.0, 10.0)))
     assert made.model == "none" and "would look like one cycle" in made.why
 
 
-def test_two_thirds_of_a_circle_carry_five_terms_and_the_gap_is_said():
+def test_two_thirds_of_a_circle_determine_five_terms():
     made = calibrated(readings(np.arange(0.0, 240.0, 10.0)))
     assert made.coefficients.size == 5 and any("no reading between recorded" in text for text in made.warnings)
     gap, middle = made.table.sigma_deg[[30, 12]]
     assert gap > 2.0 * middle
 
 
-def test_eight_headings_widen_and_sixteen_do_not_warn():
+def test_eight_headings_give_a_warning_and_sixteen_do_not():
     eight, sixteen = calibrated(readings(ring(8))), calibrated(readings(ring(16)))
     assert any("8 headings leave 3 degrees of freedom" in text for text in eight.warnings)
     assert sixteen.warnings == ()
 
 
-def test_a_compass_that_cannot_turn_full_circle_has_exact_coefficients_and_no_table():
+def test_folded_compass_has_exact_coefficients_and_no_table():
     made = calibrated(readings(ring(24), FOLDED))
     assert made.model == "exact" and np.allclose(made.exact, FOLDED, atol=0.02)
     assert not made.coefficients.size and np.isnan(made.table.deviation_deg).all()
@@ -254,14 +254,14 @@ def test_a_compass_that_cannot_turn_full_circle_has_exact_coefficients_and_no_ta
     assert made.details["models"]["one_cycle"]["why"].startswith("it misses the readings by 3")
 
 
-def test_a_blunder_is_pointed_at():
+def test_gross_error_is_reported():
     read = readings(ring(24), seed=2)
     read.recorded_deg[5] += 9.0
     warned = [text for text in calibrated(read).warnings if "far from the curve" in text]
     assert len(warned) == 1 and f"{read.recorded_deg[5]:.0f} (" in warned[0]
 
 
-def test_an_offset_of_half_a_turn_does_not_tear_the_deviations_apart():
+def test_offset_of_half_a_turn_does_not_split_the_deviations():
     read = smith_bench()
     made = calibrated(BenchReadings(angles.wrap360(read.reference_deg + 175.0), read.recorded_deg))
     assert made.coefficients[0] == pytest.approx(175.6, abs=0.3) and made.residual_rms_deg < 0.5

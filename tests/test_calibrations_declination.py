@@ -1,4 +1,4 @@
-"""An observatory's declination as a calibration: the constant with its interval, quiet day, storms; figures."""
+"""An observatory's declination as a calibration: constant with its interval, quiet day, storms, figures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def held(made, limit_deg=0.5):
     return observatory.compare(made, field, limit_deg=limit_deg)
 
 
-def test_the_constant_and_the_daily_variation_come_out(tmp_path):
+def test_constant_and_daily_variation_are_recovered(tmp_path):
     made = declination.calibrate([write(tmp_path / "a.hor", series(60))], {"declination": "auto"})
     assert made.why == "" and made.model == "IGRF plus a constant" and made.n == 60 * 24
     assert abs(made.coefficients[0] - ROCKS_DEG) < 2.0 * np.sqrt(made.covariance[0, 0]) < 0.06
@@ -36,7 +36,7 @@ def test_the_constant_and_the_daily_variation_come_out(tmp_path):
     assert (made.table.deviation_deg == made.coefficients[0]).all()
 
 
-def test_a_storm_is_dated_and_moves_the_constant_little():
+def test_storm_is_dated_with_little_effect_on_the_constant():
     quiet = series(30)
     hours = (quiet.time_s - START_S - 10 * DAY_S) / HOUR_S
     burst = np.where((hours >= 0) & (hours < 12), 1.5 * np.cos(hours), 0.0)
@@ -48,21 +48,21 @@ def test_a_storm_is_dated_and_moves_the_constant_little():
     assert abs(found.constant_deg - held(quiet).constant_deg) < 0.01
 
 
-def test_a_wild_value_is_no_storm():
+def test_spike_is_not_a_storm():
     quiet = series(30)
     wild = quiet.declination_deg + 8.0 * (np.arange(len(quiet)) == 300)
     found = held(replace(quiet, declination_deg=wild))
     assert found.storms == () and found.spikes == 1
 
 
-def test_means_of_minutes_are_those_of_the_minutes_and_gaps_stay_gaps():
+def test_averages_preserve_gaps():
     made = series(1, step_s=60.0)
     missing = replace(made, declination_deg=np.where(np.arange(1440) // 600 == 1, np.nan, made.declination_deg))
     time_s, mean = observatory.average(missing, 600.0)
     assert len(time_s) == 84 and mean[0] == pytest.approx(made.declination_deg[:10].mean())
 
 
-def test_means_and_levels_do_not_mind_the_south():
+def test_departures_are_unaffected_by_wrapping_at_180():
     made = series(10)
     turned = replace(made, declination_deg=(made.declination_deg - 175.3 + 180.0) % 360.0 - 180.0)
     there, here = (
@@ -82,19 +82,19 @@ def test_a_series_that_is_too_short_is_refused(tmp_path):
         assert (tmp_path / "a.png").stat().st_size > 5_000
 
 
-def test_a_header_without_a_place_needs_the_yaml(tmp_path):
+def test_header_without_position_requires_one_in_yaml(tmp_path):
     path = write(tmp_path / "a.hor", series(2), place=False)
     with pytest.raises(InputError, match=r"a\.hor: expected geodetic latitude and longitude in the header, found none"):
         declination.calibrate([path], {"latitude": None, "longitude": None})
     assert declination.calibrate([path], PLACE).coefficients[0] == pytest.approx(ROCKS_DEG, abs=0.1)
 
 
-def test_a_place_far_from_the_header_is_said(tmp_path):
+def test_position_far_from_the_header_gives_a_warning(tmp_path):
     found = declination.calibrate([write(tmp_path / "a.hor", series(2))], {"latitude": 57.0, "longitude": -3.2})
     assert any("the file has the station at 55.3 N 356.8 E" in said for said in found.warnings)
 
 
-def test_the_page_goes_through_its_file_and_the_figures_draw_it(tmp_path):
+def test_calibration_round_trips_through_json_and_is_drawn(tmp_path):
     made = declination.calibrate([write(tmp_path / "a.hor", series(40))], {})
     page = result.to_json("quiet", made, PLACE, {})
     write_json(tmp_path / "calibration.json", page)
@@ -128,20 +128,20 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("said", MISTAKES)
-def test_a_mistake_that_turns_the_declination_is_refused_by_its_name(tmp_path, said):
+def test_mistake_in_the_declination_is_named_and_refused(tmp_path, said):
     made, place = twisted(at_igrf(40), **MISTAKES[said])
     with pytest.raises(InputError, match=re.escape(said)):
         declination.calibrate([write(tmp_path / "a.hor", made, "DHZF")], place)
 
 
 def at_igrf(days):
-    """Return a quiet series whose intensities are the model's, but for some rocks."""
+    """Return a quiet series with intensities of IGRF, except for 60 nT of local rocks in the horizontal one."""
     made = series(days)
     _, horizontal, vertical = earthfield.igrf(LATITUDE, LONGITUDE, [START_S])
     return replace(made, horizontal_nT=0.0 * made.time_s + horizontal - 60.0, vertical_nT=0.0 * made.time_s + vertical)
 
 
-def test_a_file_of_another_year_and_one_wrong_file_among_several_are_refused(tmp_path):
+def test_wrong_dates_and_one_wrong_file_of_several_are_refused(tmp_path):
     made = at_igrf(40)
     older = replace(made, time_s=made.time_s - 26 * 365.25 * DAY_S)
     with pytest.raises(InputError, match=r"the field is that of about 200[1-5]: the dates look wrong"):
@@ -153,7 +153,7 @@ def test_a_file_of_another_year_and_one_wrong_file_among_several_are_refused(tmp
 
 
 @pytest.mark.parametrize("rocks_deg", [-1.5, 0.0, 1.5])
-def test_rocks_and_mistakes_that_leave_the_declination_are_no_reason_to_refuse(tmp_path, rocks_deg):
+def test_rocks_and_a_wrong_sign_of_z_are_not_refused(tmp_path, rocks_deg):
     made = at_igrf(40)
     strong = replace(made, declination_deg=made.declination_deg + rocks_deg)
     assert declination.calibrate([write(tmp_path / "a.hor", strong)], {}).warnings == ()
@@ -162,7 +162,7 @@ def test_rocks_and_mistakes_that_leave_the_declination_are_no_reason_to_refuse(t
     assert "the sign of Z looks exchanged" in " ".join(found.warnings) and found.coefficients.size
 
 
-def test_a_constant_beyond_ordinary_rocks_is_said_and_one_beyond_any_is_refused(tmp_path):
+def test_large_constant_gives_a_warning_and_a_huge_one_is_refused(tmp_path):
     made = at_igrf(40)
     lava = replace(made, declination_deg=made.declination_deg - 3.4)
     assert "rocks rarely make more than 600 nT" in " ".join(
@@ -174,13 +174,13 @@ def test_a_constant_beyond_ordinary_rocks_is_said_and_one_beyond_any_is_refused(
 
 
 @real
-def test_eskdalemuir_agrees_with_igrf_without_a_word():
+def test_eskdalemuir_gives_no_warnings():
     for name in ("esk20030610dmin.min", "esk20031029dmin.min", "esk20031120dmin.min", "esk1980dhor.hor"):
         assert declination.calibrate([REAL / name], PLACE).warnings == ()
 
 
 @real
-def test_eskdalemuir_stands_a_tenth_of_a_degree_west_of_igrf():
+def test_eskdalemuir_is_a_tenth_of_a_degree_west_of_igrf():
     quiet = declination.calibrate([REAL / "esk20030610dmin.min"], {})
     year = declination.calibrate([REAL / "esk2003dhor.hor"], PLACE)
     assert year.coefficients[0] == pytest.approx(-0.114, abs=0.005)
@@ -189,7 +189,7 @@ def test_eskdalemuir_stands_a_tenth_of_a_degree_west_of_igrf():
 
 
 @real
-def test_the_great_storm_is_in_the_table_with_its_range():
+def test_great_storm_of_2003_is_detected_with_its_range():
     made = declination.calibrate([REAL / "esk20031029dmin.min"], {})
     (storm,) = made.details["storms"]
     assert storm["from"] == "2003-10-29T06:10:00Z" and storm["range_deg"] == pytest.approx(4.2, abs=0.05)
@@ -197,7 +197,7 @@ def test_the_great_storm_is_in_the_table_with_its_range():
 
 
 @real
-def test_the_constants_interval_covers_the_years_on_single_days():
+def test_intervals_of_single_days_cover_the_annual_constant():
     from compasslib.readers import iaga2002
 
     year = iaga2002.read([REAL / "esk2003dhor.hor"])
@@ -205,4 +205,4 @@ def test_the_constants_interval_covers_the_years_on_single_days():
     days = [slice(24 * k, 24 * k + 24) for k in range(0, 365, 3)]
     parts = [held(replace(year, time_s=year.time_s[d], declination_deg=year.declination_deg[d])) for d in days]
     within = [abs(one.constant_deg - whole) <= 1.96 * one.constant_sigma_deg for one in parts]
-    assert np.mean(within) > 0.92  # 95 % less two standard deviations of 122 days
+    assert np.mean(within) > 0.92  # 95 % less 1.5 standard errors of 122 days

@@ -1,4 +1,4 @@
-"""Magnetometers: real logs with published numbers, known iron found again, what must be refused, figures."""
+"""Magnetometers: real logs with published numbers, recovery of known iron, refusals, figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from compasslib.errors import InputError
 from compasslib.plots.instruments import draw_magnetometer as draw
 from tests.world import iron
 
-SAFE = 4.5  # standard deviations: a fixed seed's draw of a few tens of numbers stays inside unless something is wrong
+SAFE = 4.5  # standard deviations, not exceeded by any of a few tens of normal numbers
 
 
 def field_of(true: iron.Iron) -> dict[str, float]:
@@ -62,11 +62,11 @@ def test_signature500_has_the_published_harmonics_and_no_vertical_offset():
     assert {"z offset", "S33", "S13", "S23"} <= set(found.details["undetermined"])
     assert found.details["hard_iron"][2] is None
     assert "tilts of up to 12°" in found.details["undetermined_why"]["z offset"]
-    assert np.hypot(*found.coefficients[1:3]) == pytest.approx(12.9, abs=0.4)  # sure to 0.2 degrees
+    assert np.hypot(*found.coefficients[1:3]) == pytest.approx(12.9, abs=0.4)  # uncertain by 0.2 degrees
     assert found.coverage == 36 and found.n + found.details["left_out"] == 2117
 
 
-def test_signature500_correction_makes_the_modulus_constant_by_the_published_share():
+def test_signature500_correction_halves_the_residual_of_the_modulus():
     residual = of_real_log("signature500").details["modulus_residual_percent"]
     assert residual["after"] < 0.5 * residual["before"]
 
@@ -92,7 +92,7 @@ def test_an_accelerometer_is_recognised():
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])
-def test_iron_is_found_over_the_sphere_inside_its_uncertainty(tmp_path, rng, memory):
+def test_iron_over_the_sphere_is_recovered_within_uncertainty(tmp_path, rng, memory):
     true = iron.some(rng)
     values = iron.readings(rng, true, iron.tumble(rng, 1500), memory=memory)
     found = magnetometer.calibrate([log(tmp_path, values)], {"field": field_of(true)})
@@ -105,12 +105,12 @@ def test_iron_is_found_over_the_sphere_inside_its_uncertainty(tmp_path, rng, mem
     assert max(details["hard_iron_sigma"]) < 0.01 * iron.FIELD
 
 
-def test_iron_of_a_level_platform_is_found_and_its_third_axis_is_refused(tmp_path, rng):
+def test_iron_of_a_level_platform_is_recovered_except_vertically(tmp_path, rng):
     true = iron.some(rng)
     true.soft[2, :2] = true.soft[:2, 2] = true.hard[2] = 0.0
     motion = iron.level_motion(rng, 3000, tilt_deg=8.0)
     assert 10.0 < np.percentile(np.hypot(motion[:, 1], motion[:, 2]), 99.0) < 14.0
-    values = iron.readings(rng, true, motion, noise=0.001)  # noise that averages must not make the offset look known
+    values = iron.readings(rng, true, motion, noise=0.001)  # low noise must not make the offset seem determined
     found = magnetometer.calibrate([log(tmp_path, values, motion)], {})
     assert found.model == "ellipse" and {"z offset", "S33"} <= set(found.details["undetermined"])
     hard, sigma = (np.array(found.details[k][:2]) for k in ("hard_iron", "hard_iron_sigma"))
@@ -118,7 +118,7 @@ def test_iron_of_a_level_platform_is_found_and_its_third_axis_is_refused(tmp_pat
     assert np.max(sigma) < 0.02 * iron.FIELD
 
 
-def test_a_mean_tilt_hides_vertical_iron_and_the_uncertainty_says_so(tmp_path, rng):
+def test_vertical_iron_under_a_mean_tilt_widens_the_uncertainty(tmp_path, rng):
     true = iron.Iron(np.eye(3), np.array([40.0, -25.0, 45.0]), 60.0)
     motion = iron.level_motion(rng, 1500, tilt_deg=2.0) + np.array([0.0, 6.0, 0.0])
     found = magnetometer.calibrate([log(tmp_path, iron.readings(rng, true, motion), motion)], {})
@@ -130,7 +130,7 @@ def test_a_mean_tilt_hides_vertical_iron_and_the_uncertainty_says_so(tmp_path, r
     assert np.all(np.abs(off_deg) < 2.5 * found.table.sigma_deg + 0.1)
 
 
-def test_part_of_a_turn_gives_a_centre_but_no_soft_iron(tmp_path, rng):
+def test_partial_turn_gives_hard_iron_but_no_soft_iron(tmp_path, rng):
     true = iron.Iron(np.eye(3), np.array([40.0, -25.0, 0.0]), 60.0)
     motion = np.column_stack([np.linspace(0.0, 150.0, 600), np.zeros((600, 2))])
     values = iron.readings(rng, true, motion, noise=0.002)[:, :2]
@@ -152,11 +152,11 @@ def test_the_adjusted_fit_has_no_noise_bias_and_the_plain_one_does(rng):
         plain.append(ellipsoid.solve(ELLIPSOID, data, truth[:3], adjusted=False)[0] - truth)
         adjusted.append(ellipsoid.solve(ELLIPSOID, data, truth[:3])[0] - truth)
     error = np.std(adjusted, axis=0) / np.sqrt(draws)
-    assert np.all(np.abs(np.mean(adjusted, axis=0)) < 3.5 * error)  # nine numbers, three standard errors and a little
+    assert np.all(np.abs(np.mean(adjusted, axis=0)) < 3.5 * error)  # nine numbers, just over three standard errors
     assert np.max(np.abs(np.mean(plain, axis=0)) / error) > 10.0
 
 
-def test_the_noise_is_found(rng):
+def test_noise_is_estimated(rng):
     field = iron.readings(rng, iron.some(rng), iron.tumble(rng, 4000), noise=0.03) / iron.FIELD
     data = ScaledReadings(field, np.zeros_like(field))
     _, variance = ellipsoid.solve(ELLIPSOID, data, np.zeros(3))
@@ -184,7 +184,7 @@ def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
     assert ellipsoid._scores(model, at, data, s)[0].sum(axis=0) == pytest.approx(np.array(numeric), rel=1e-6, abs=1e-4)
 
 
-# Axes and turns
+# Axes and misalignment
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
         (np.diag([1.0, -1.0, 1.0]), "x forward, y port, z down"),
     ],
 )
-def test_axes_are_found_from_the_logged_heading_and_iron_is_given_in_the_files(tmp_path, rng, to_file, words):
+def test_axes_are_identified_from_the_logged_heading(tmp_path, rng, to_file, words):
     true = iron.Iron(np.eye(3), np.array([30.0, -20.0, 0.0]), 65.0)
     motion = iron.level_motion(rng, 1500, tilt_deg=6.0)
     values = iron.readings(rng, true, motion, noise=0.003)
@@ -215,7 +215,7 @@ def _levelling(motion: np.ndarray) -> np.ndarray:
     return np.swapaxes(iron.turned(motion * [0.0, 1.0, 1.0]), 1, 2)
 
 
-def test_tilts_and_a_correct_heading_show_how_the_magnetometer_is_turned(tmp_path, rng):
+def test_misalignment_is_recovered_from_tilts_and_heading(tmp_path, rng):
     true, motion = iron.some(rng), iron.tumble(rng, 3000)
     askew = iron.turned(np.array([[4.0, -2.0, 3.0]]))[0]  # instrument to magnetometer
     values = iron.readings(rng, iron.Iron(true.soft @ askew, true.hard, true.dip_deg), motion, noise=0.003)
@@ -226,12 +226,12 @@ def test_tilts_and_a_correct_heading_show_how_the_magnetometer_is_turned(tmp_pat
     # The root of S S^T is turned by less than a degree from S; small turns about three axes add up to a degree.
     assert angles_deg == pytest.approx([3.0, -2.0, 4.0], abs=1.0)
     raw, corrected = found.points["recorded_deg"], found.points["corrected_deg"]
-    steep = np.abs(motion[:, 1]) < 60.0  # near the vertical a heading means little
+    steep = np.abs(motion[:, 1]) < 60.0  # headings are ill-defined near the vertical
     assert np.sqrt(np.mean(off(corrected, motion[:, 0])[steep] ** 2)) < 1.5
     assert np.sqrt(np.mean(off(raw, motion[:, 0])[steep] ** 2)) > 5.0
 
 
-def test_without_tilts_and_heading_the_turns_stay_open(tmp_path, rng):
+def test_misalignment_is_undetermined_without_tilts_and_heading(tmp_path, rng):
     true = iron.some(rng)
     path = log(tmp_path, iron.readings(rng, true, iron.tumble(rng, 1000)))
     found = magnetometer.calibrate([path], {"field": field_of(true)})
@@ -266,7 +266,7 @@ def test_iron_stronger_than_the_earth_gives_no_table(tmp_path, rng):
     assert found.details["hard_iron"][0] == pytest.approx(400.0, abs=2.0)
 
 
-# What is refused
+# Refusals
 
 
 def turning(n: int = 400, radius: float = 200.0) -> np.ndarray:
@@ -286,7 +286,7 @@ def turning(n: int = 400, radius: float = 200.0) -> np.ndarray:
         (turning()[:30].repeat(9, axis=0) + np.random.default_rng(3).normal(size=(270, 3)), "at least 120°"),
     ],
 )
-def test_refusals_say_why(tmp_path, values, why):
+def test_unusable_logs_are_refused_with_the_reason(tmp_path, values, why):
     found = magnetometer.calibrate([log(tmp_path, values)], {})
     assert why in found.why and found.coefficients.size == 0
     assert found.details["hard_iron"] is None and len(found.details["undetermined"]) == 9
@@ -298,13 +298,13 @@ def test_four_repeated_headings_are_refused(tmp_path, rng):
     assert "repeat 4 headings" in magnetometer.calibrate([log(tmp_path, values)], {}).why
 
 
-def test_gravity_of_any_scale_is_known_by_the_tilts(tmp_path, rng):
+def test_gravity_of_any_scale_is_recognised_by_the_tilts(tmp_path, rng):
     motion = iron.level_motion(rng, 500, tilt_deg=10.0)
     values = 3333.0 * iron.turned(motion)[:, :, 2] + rng.normal(size=(500, 3))
     assert "follow pitch and roll" in magnetometer.calibrate([log(tmp_path, values, motion)], {}).why
 
 
-def test_zero_tilts_stuck_z_gaps_and_outliers_are_said(tmp_path, rng):
+def test_zero_tilts_stuck_axis_gaps_and_spikes_are_reported(tmp_path, rng):
     values = turning() + rng.normal(size=(400, 3))
     values[:, 2], values[7, 0], values[20:23, 1] = 400.0, np.nan, 900.0
     path = log(tmp_path, values, np.zeros((400, 3)))
@@ -316,7 +316,7 @@ def test_zero_tilts_stuck_z_gaps_and_outliers_are_said(tmp_path, rng):
     assert np.hypot(*found.details["hard_iron"][:2]) < 1.0
 
 
-def test_readings_off_the_modulus_are_left_out_and_counted(tmp_path, rng):
+def test_outliers_of_the_modulus_are_left_out_and_counted(tmp_path, rng):
     values = turning() + rng.normal(size=(400, 3))
     values[20:400:50, :2] *= 1.2
     found = magnetometer.calibrate([log(tmp_path, values[:, :2])], {})
@@ -324,7 +324,7 @@ def test_readings_off_the_modulus_are_left_out_and_counted(tmp_path, rng):
     assert found.details["noise"] == pytest.approx(1.0, rel=0.15)
 
 
-def test_withheld_columns_are_not_seen(tmp_path, rng):
+def test_withheld_columns_are_not_used(tmp_path, rng):
     true, motion = iron.some(rng), iron.level_motion(rng, 800)
     path = log(tmp_path, iron.readings(rng, true, motion), motion, heading_deg=motion[:, 0] % 360.0)
     found = magnetometer.calibrate([path], {"withhold": ["heading_deg", "pitch", "roll_deg"]})
@@ -333,7 +333,7 @@ def test_withheld_columns_are_not_seen(tmp_path, rng):
         magnetometer.calibrate([path], {"withhold": ["x"]})
 
 
-def test_bad_files_are_one_clear_line(tmp_path):
+def test_invalid_files_are_refused_in_one_line(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("x,y\n1,2\n3,four\n")
     with pytest.raises(InputError, match=r"line 3, y: expected a number or nothing, found 'four'; mend"):
@@ -342,11 +342,11 @@ def test_bad_files_are_one_clear_line(tmp_path):
         magnetometer.calibrate([path], {"columns": {"x": "mx"}})
 
 
-# The page
+# The figure
 
 
 @pytest.mark.parametrize("kind", ["sphere", "level", "flat", "refused"])
-def test_the_page_is_drawn_and_the_same_twice(tmp_path, rng, kind):
+def test_figure_is_reproducible(tmp_path, rng, kind):
     true = iron.some(rng)
     motion = iron.tumble(rng, 500) if kind == "sphere" else iron.level_motion(rng, 500)
     values = iron.readings(rng, true, motion)
@@ -372,7 +372,7 @@ def test_the_page_is_drawn_and_the_same_twice(tmp_path, rng, kind):
         (300.0, "x_nT", "The unit in the header does not make the two agree"),
     ],
 )
-def test_the_modulus_is_held_against_igrf_in_some_unit_or_in_the_one_that_is_named(tmp_path, rng, factor, header, said):
+def test_modulus_is_compared_with_igrf_in_any_or_the_stated_unit(tmp_path, rng, factor, header, said):
     true = iron.some(rng)
     values = factor * iron.readings(rng, true, iron.tumble(rng, 400))
     names = {axis: header.replace("x", axis, 1) for axis in "xyz"}
@@ -387,8 +387,8 @@ def test_the_modulus_is_held_against_igrf_in_some_unit_or_in_the_one_that_is_nam
 # --- counts ---------------------------------------------------------------------------------------------------------
 
 
-def counts(rng, share: float) -> tuple[dict, np.ndarray]:
-    """Return a level log in whole counts whose largest value is the scale of 16 bits over a share, and its truth."""
+def counts(rng, share: float) -> dict[str, np.ndarray]:
+    """Simulate a level log in whole counts whose largest horizontal value is 32768 / ``share``."""
     motion = iron.level_motion(rng, 1500)
     raw = iron.readings(rng, iron.some(rng), motion)
     raw = np.rint(raw * 32768.0 / share / np.abs(raw[:, :2]).max())
@@ -400,7 +400,7 @@ def calibrated_log(tmp_path, columns):
 
 
 @pytest.mark.parametrize("share", [0.95, 0.8, 0.6])
-def test_counts_that_went_over_the_end_of_the_scale_are_put_back(tmp_path, rng, share):
+def test_overflowed_counts_are_unwrapped(tmp_path, rng, share):
     whole = counts(rng, share)
     wrapped = whole | {name: (whole[name] + 32768.0) % 65536.0 - 32768.0 for name in "xy"}
     unsigned = whole | {name: whole[name] % 65536.0 for name in "xy"}
@@ -410,10 +410,10 @@ def test_counts_that_went_over_the_end_of_the_scale_are_put_back(tmp_path, rng, 
         assert np.array_equal(repaired.raw[:, :2], np.column_stack([whole["x"], whole["y"]]))
         assert "overflowed (16 bits) and are unwrapped" in " ".join(repaired.warnings)
     if share > 0.6:
-        return  # where most of the log is left out, the rest must do
+        return  # at a share of 0.6 most of the log is left out
     scaled = wrapped | {name: 0.137 * wrapped[name] for name in "xyz"}
     found, truth = calibrated_log(tmp_path, scaled), calibrated_log(tmp_path, whole)
-    assert np.abs(found.coefficients - truth.coefficients).max() < 1.5  # of a tenth of the log where most is left out
+    assert np.abs(found.coefficients - truth.coefficients).max() < 1.5  # from a tenth of the log
     assert "a scale that is not one of whole counts, and are excluded" in " ".join(found.warnings)
 
 
@@ -425,10 +425,10 @@ def test_saturated_readings_are_left_out(tmp_path, rng, share):
     assert np.abs(found.coefficients - truth.coefficients).max() < 0.4  # a fifth of the log is left out
     assert "are saturated and excluded" in " ".join(found.warnings)
     beyond = np.any([clipped[name] != whole[name] for name in "xy"], axis=0)
-    assert found.details["left_out"] >= beyond.sum() - 7  # fewer than eight at one end are not told from readings
+    assert found.details["left_out"] >= beyond.sum() - 7  # fewer than eight at one end are not recognised
 
 
-def test_an_axis_that_stands_still_for_a_while_is_left_out_there(tmp_path, rng):
+def test_readings_of_a_temporarily_stuck_axis_are_left_out(tmp_path, rng):
     whole = counts(rng, 1.5)
     stuck = whole | {"x": np.where(np.arange(1500) > 1200, whole["x"][1200], whole["x"])}
     found, truth = calibrated_log(tmp_path, stuck), calibrated_log(tmp_path, whole)
@@ -446,7 +446,7 @@ def test_an_axis_that_stands_still_for_a_while_is_left_out_there(tmp_path, rng):
     ],
     ids=["exchanged", "sign", "no sign", "unit"],
 )
-def test_what_fixed_iron_does_not_make_is_a_doubt(tmp_path, rng, change, said):
+def test_distortion_not_due_to_fixed_iron_raises_a_doubt(tmp_path, rng, change, said):
     whole = counts(rng, 1.5)
     whole["z"] *= 10.0
     assert calibrated_log(tmp_path, whole).details["doubts"] == []
@@ -455,13 +455,13 @@ def test_what_fixed_iron_does_not_make_is_a_doubt(tmp_path, rng, change, said):
 
 
 @pytest.mark.parametrize("name", ["signature500", "hmc5883l_sphere"])
-def test_real_logs_have_no_counts_beyond_their_scale_and_no_doubts(name):
+def test_real_logs_raise_no_doubts(name):
     made = of_real_log(name)
     assert made.details["doubts"] == []
     assert not any("scale" in said or "stuck" in said for said in made.warnings)
 
 
-def test_a_date_that_is_not_the_logs_is_said(tmp_path, rng):
+def test_date_that_contradicts_the_log_gives_a_warning(tmp_path, rng):
     whole, day = (
         {name: x[:300] for name, x in counts(rng, 1.5).items()},
         np.datetime64("2022-09-29T06:00:00", "s").astype(float),

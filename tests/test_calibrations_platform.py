@@ -1,4 +1,4 @@
-"""A bench's files, budget and comparisons, what calibration.json holds, and a calibration carried to a mooring."""
+"""Calibrations on a bench: files, uncertainty budget, comparisons, calibration.json, transfer to a mooring."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SEA = EarthField(*(np.array([x, x]) for x in (1.2e9, -23.5, 11980.0, 52078.0, -2
 
 
 def page(made, name="aqd", settings=None, earlier=None):
-    """Return calibration.json as a later job reads it."""
+    """Return the content of calibration.json as read by a later job."""
     said = result.to_json(name, made, settings or {"field": HOME}, earlier or {})
     path = Path(mkdtemp()) / "calibration.json"
     write_json(path, said)
@@ -48,7 +48,7 @@ def calibrated(tmp_path, read=None, **settings):
 # --- files ----------------------------------------------------------------------------------------------------------
 
 
-def test_columns_may_have_other_names_and_lines_without_a_heading_are_counted(tmp_path):
+def test_columns_can_be_renamed_and_incomplete_lines_are_counted(tmp_path):
     path = write_table(tmp_path / "aqd.csv", readings(ring(24)), names=("bench", "heading"))
     path.write_text(path.read_text() + "3.0,\n,4.0\nnan,nan\n")
     columns = {"reference_deg": "bench", "recorded_deg": "heading"}
@@ -56,7 +56,7 @@ def test_columns_may_have_other_names_and_lines_without_a_heading_are_counted(tm
     assert made.n == 24 and made.warnings[0] == "3 lines without both headings are excluded"
 
 
-def test_several_files_are_one_calibration_and_other_columns_are_ignored(tmp_path):
+def test_several_files_form_one_calibration(tmp_path):
     read = readings(ring(24))
     halves = [BenchReadings(read.reference_deg[k::2], read.recorded_deg[k::2]) for k in (0, 1)]
     paths = [write_table(tmp_path / f"{k}.csv", half) for k, half in enumerate(halves)]
@@ -76,7 +76,7 @@ def test_several_files_are_one_calibration_and_other_columns_are_ignored(tmp_pat
     ],
     ids=["columns", "empty", "text", "unit", "unknown withheld", "needed withheld", "bytes"],
 )  # fmt: skip
-def test_a_file_that_cannot_be_used_is_one_line(tmp_path, text, settings, said):
+def test_unusable_bench_file_is_refused_in_one_line(tmp_path, text, settings, said):
     path = tmp_path / "aqd.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(InputError) as caught:
@@ -91,7 +91,7 @@ def test_a_withheld_column_is_not_read(tmp_path):
     assert platform.calibrate([path], {"withhold": ["secret"]}).n == 16
 
 
-# --- mistakes that parse ----------------------------------------------------------------------------------------------
+# --- mistakes in valid files ----------------------------------------------------------------------------------------
 
 
 def on_bench(reference=lambda x: x, recorded=lambda x: x, n=36):
@@ -111,13 +111,13 @@ def on_bench(reference=lambda x: x, recorded=lambda x: x, n=36):
     ],
     ids=["recorded backwards", "reference backwards", "radians", "both in radians", "gon", "both in gon"],
 )
-def test_another_unit_or_sense_of_turning_is_refused_by_name(tmp_path, read, said):
+def test_wrong_unit_or_sense_of_rotation_is_named_and_refused(tmp_path, read, said):
     with pytest.raises(InputError, match=f"a deviation curve can join, found {said}"):
         calibrated(tmp_path, read)
 
 
 @pytest.mark.parametrize(("turn", "stood"), [(180.0, 180), (90.0, 90), (-90.0, 270)])
-def test_a_bench_read_from_another_side_is_refused_until_the_mounting_is_told(tmp_path, turn, stood):
+def test_rotated_mounting_is_refused_unless_stated(tmp_path, turn, stood):
     read = on_bench(recorded=lambda x: angles.wrap360(x + turn))
     with pytest.raises(InputError, match=f"write mounting_deg: {stood} if"):
         calibrated(tmp_path, read)
@@ -137,9 +137,7 @@ def test_a_bench_read_from_another_side_is_refused_until_the_mounting_is_told(tm
     ],
     ids=["turned", "true", "shifted", "exchanged"],
 )
-def test_what_cannot_be_told_from_the_compass_s_own_is_a_doubt_that_goes_to_the_mooring(
-    tmp_path, read, declination, said
-):
+def test_ambiguous_bench_error_is_a_doubt_passed_to_the_mooring(tmp_path, read, declination, said):
     made = calibrated(tmp_path, read, declination_deg=declination)
     assert said in " ".join(made.warnings)
     seen, _ = pairs()
@@ -151,10 +149,10 @@ def test_what_cannot_be_told_from_the_compass_s_own_is_a_doubt_that_goes_to_the_
 # --- budget ---------------------------------------------------------------------------------------------------------
 
 
-def test_le_menns_rows_make_the_numbers_that_the_paper_prints():
-    """Section 2: 0.90 degrees expanded for directions. 1.14 and 1.66 (section 6) imply residuals of 0.35 and 0.70.
+def test_budget_of_le_menn_reproduces_the_published_numbers():
+    """Section 2: 0.90 degrees, expanded, for directions; 1.14 and 1.66 (section 6) imply residuals of 0.35 and 0.70.
 
-    Reference tilts are printed as 0.40; the numbers of the text give 0.38. Table 4 and 5 are pictures.
+    For tilts the paper prints 0.40, but the numbers in its text give 0.38. Tables 4 and 5 are images.
     """
     rows = budget.sources({}, "le_menn")
     assert f"{budget.expanded(rows):.3f}" == "0.896" and "maker_accuracy_deg" not in {row.name for row in rows}
@@ -168,7 +166,7 @@ def test_le_menns_rows_make_the_numbers_that_the_paper_prints():
     assert [f"{x:.2f}" for x in physical["expanded_deg"]] == ["0.75", "0.76"]
 
 
-def test_rows_of_the_tilt_are_valid_keys_that_do_not_enter_a_budget_of_directions(tmp_path):
+def test_tilt_rows_are_accepted_but_do_not_enter_the_budget(tmp_path):
     given = {"ruggedness_deg": 3.0, "protractor_deg": 4.0}
     made, without = (calibrated(tmp_path, budget="le_menn", uncertainty=x) for x in (given, {}))
     assert budget.expanded(made.sources) == budget.expanded(without.sources)
@@ -177,7 +175,7 @@ def test_rows_of_the_tilt_are_valid_keys_that_do_not_enter_a_budget_of_direction
     assert "physical_field" not in calibrated(tmp_path, budget="le_menn", uncertainty={"field_deg": 0.1}).details
 
 
-def test_own_rows_stand_before_the_papers_and_nothing_is_invented():
+def test_given_budget_rows_override_the_published_ones():
     rows = {r.name: r for r in budget.sources({"graduation_deg": 0.1, "maker_accuracy_deg": 2.0, "slope_deg": None})}
     assert set(rows) == {"graduation_deg", "maker_accuracy_deg"} and rows["graduation_deg"].standard_deg == 0.1
     assert rows["maker_accuracy_deg"].standard_deg == pytest.approx(2.0 / 6.0**0.5)
@@ -185,7 +183,7 @@ def test_own_rows_stand_before_the_papers_and_nothing_is_invented():
     assert "(given)" in mixed["graduation_deg"].how and "Le Menn" in mixed["slope_deg"].how
 
 
-def test_the_expanded_uncertainty_is_twice_the_root_of_the_rows(tmp_path):
+def test_expanded_uncertainty_is_twice_the_root_sum_of_squares(tmp_path):
     made = calibrated(tmp_path, budget="le_menn", uncertainty={"maker_accuracy_deg": 2.0})
     said = page(made)["uncertainty"]
     total = np.sqrt(sum(row["standard_deg"] ** 2 for row in said["rows"].values()))
@@ -199,8 +197,8 @@ def test_the_expanded_uncertainty_is_twice_the_root_of_the_rows(tmp_path):
     assert any("the budget has no row graduation_deg" in text and "only the scatter" in text for text in bare.warnings)
 
 
-def test_each_form_states_its_expanded_uncertainty_and_the_errors_that_it_leaves(tmp_path):
-    """The form of Le Menn et al. 2023, Figs 6 to 19: the largest error, recorded minus reference, and peak to peak."""
+def test_each_form_states_expanded_uncertainty_and_residual_errors(tmp_path):
+    """As in Le Menn et al. 2023, Figs 6 to 19: largest error (recorded minus reference) and peak-to-peak error."""
     made = calibrated(tmp_path, readings(noise_deg=0.0), budget="le_menn")
     models, errors = page(made)["models"], page(made)["errors"]
     off = angles.difference(readings(noise_deg=0.0).recorded_deg, readings(noise_deg=0.0).reference_deg)
@@ -216,7 +214,7 @@ def test_each_form_states_its_expanded_uncertainty_and_the_errors_that_it_leaves
     assert len(rows) == 2 + 1 + 5 and sum("(used)" in row[0] for row in rows) == 1
 
 
-def test_an_observatory_takes_the_fields_changes_off_and_a_spun_instrument_tells_the_homogeneity(tmp_path):
+def test_observatory_corrects_the_field_and_spinning_gives_homogeneity(tmp_path):
     """Le Menn et al. 2023, section 2 and Table 3: 0.38 degrees at most between rotation and spinning."""
     read, step_s = readings(ring(36), noise_deg=0.02), 600.0
     day = iaga_files.series(1, step_s=60.0, swing_deg=1.5)
@@ -244,7 +242,7 @@ def test_an_observatory_takes_the_fields_changes_off_and_a_spun_instrument_tells
 # --- what is written ------------------------------------------------------------------------------------------------
 
 
-def test_the_three_files_hold_what_was_found(tmp_path):
+def test_calibration_files_round_trip(tmp_path):
     made = calibrated(tmp_path, table_step_deg=15)
     paths = {name: tmp_path / "out" / file for name, file in
              (("calibration", "calibration.json"), ("table", "table.csv"), ("points", "points.csv"))}  # fmt: skip
@@ -271,19 +269,19 @@ def test_a_refused_calibration_is_written_too(tmp_path):
     assert "no calibration: one heading only" in result.log_line(back.content)
 
 
-def test_a_damaged_table_is_one_line(tmp_path):
+def test_damaged_table_is_reported_in_one_line(tmp_path):
     (tmp_path / "table.csv").write_text("recorded_deg\nx\n")
     with pytest.raises(InputError, match="expected a table that this program wrote"):
         calibration_files.read_table(tmp_path / "table.csv")
 
 
-def test_details_of_a_kind_cannot_hide_what_every_kind_has(tmp_path):
+def test_details_cannot_override_common_keys(tmp_path):
     made = replace(calibrated(tmp_path), details={"model": "mine"})
     with pytest.raises(ValueError, match="model"):
         page(made)
 
 
-def test_the_field_and_the_declination_come_from_place_and_date():
+def test_field_and_declination_follow_from_place_and_date():
     """H and Z of the physics page, section 3, at 65.3 N 33 W on 1 December 2007."""
     place = {"latitude": 65.3, "longitude": -33.0, "date_s": 1196467200.0}
     settled = calibrations.resolve_settings(place | {"declination": "auto"})
@@ -294,7 +292,7 @@ def test_the_field_and_the_declination_come_from_place_and_date():
     assert nowhere["field"] is None and nowhere["declination_deg"] is None
 
 
-def test_a_weak_field_is_warned_of(tmp_path):
+def test_weak_field_gives_a_warning(tmp_path):
     said = page(calibrated(tmp_path), settings={"field": HOME | {"horizontal_nT": 3000.0}})
     assert any("the horizontal field is 3000 nT; below 5000 nT" in text for text in said["warnings"])
 
@@ -303,7 +301,7 @@ def test_a_weak_field_is_warned_of(tmp_path):
 
 
 def turned(degrees: float):
-    """Return the iron of a battery pack that was turned in its place."""
+    """Return the coefficients of the iron of a battery pack rotated in its place."""
     p = (0.15 - 0.1j) * angles.phasor(degrees)
     return (0.0, p.real, -p.imag, 0.0, 0.0)
 
@@ -320,7 +318,7 @@ def test_a_pack_turned_by_ninety_degrees_moves_the_phase_by_ninety(tmp_path):
     assert found["text"].startswith("This calibration and before differ (p < 0.001).")
 
 
-def test_several_calibrations_are_drawn_with_the_shift_of_each_against_the_first(tmp_path):
+def test_compared_calibrations_show_phase_shifts_from_the_first(tmp_path):
     """Le Menn et al. 2023, Fig. 7: a pack turned to north, south and west."""
     earlier = {name: page(calibrated(tmp_path, readings(coefficients=turned(at), seed=k)), name)
                for k, (name, at) in enumerate({"north": 0.0, "south": 180.0}.items())}  # fmt: skip
@@ -336,14 +334,14 @@ def test_several_calibrations_are_drawn_with_the_shift_of_each_against_the_first
 
 
 def changes_of(rng, distances, exponent=3.0, sigma=0.1):
-    """Return what a dipole of 0.2 degrees m3 changes, with noise."""
+    """Simulate changes by an object of 0.2 degrees at 1 m, which fall with ``exponent``, with noise."""
     moment = 0.2 * np.array(angles.sin_cos(rng.uniform(0.0, 360.0)))
     return [ObjectChange(f"at {r}", r, moment / r**exponent + rng.normal(0.0, sigma, 2), sigma**2 * np.eye(2))
             for r in distances]  # fmt: skip
 
 
-def test_intervals_of_exponent_and_safe_distance_of_an_object_hold_the_truth():
-    """A safe distance from where a dipole of 0.2 degrees m3 changes less than 0.5 degrees: 0.737 m; 1000 benches."""
+def test_exponent_and_safe_distance_intervals_cover_the_truth():
+    """1000 benches; a dipole of 0.2 degrees m3 changes headings by less than 0.5 degrees beyond 0.737 m."""
     rng, inside = np.random.default_rng(8), []
     for _ in range(1000):
         said = describe_object(changes_of(rng, (0.3, 0.4, 0.6, 0.9)), 0.1)
@@ -354,8 +352,8 @@ def test_intervals_of_exponent_and_safe_distance_of_an_object_hold_the_truth():
     assert len(inside) > 980 and np.all(np.abs(np.mean(inside, axis=0) - 0.95) < 0.02)
 
 
-def test_an_object_is_held_against_the_bench_without_it(tmp_path):
-    """Le Menn et al. 2023, section 4: near objects are no dipoles, and a fall needs four distances to have a power."""
+def test_object_is_compared_with_the_bench_without_it(tmp_path):
+    """Le Menn et al. 2023, section 4: near objects are no dipoles, and an exponent requires four distances."""
     bench = page(calibrated(tmp_path), "bench")
     with_it = {r: calibrated(tmp_path, readings(coefficients=np.add(MILD, [0.0, 0.01 / r**3, 0.0, 0.0, 0.0]), seed=9))
                for r in (0.35, 0.6)}  # fmt: skip
@@ -373,13 +371,13 @@ def test_an_object_is_held_against_the_bench_without_it(tmp_path):
     assert no_dipole["safe_distance_m"] is None and "No dipole falls so" in no_dipole["text"]
 
 
-def test_the_same_compass_twice_is_told_from_itself_as_often_as_chance_has_it(tmp_path):
+def test_rate_of_false_differences_matches_the_significance_level(tmp_path):
     differ = []
     for seed in range(100):
         before = page(calibrated(tmp_path, readings(ring(12), seed=2 * seed)), "before")
         after = calibrated(tmp_path, readings(ring(12), seed=2 * seed + 1))
         differ.append(result.compare(after, before, "before")["differ"])
-    assert np.mean(differ) <= 0.12  # 5 % in 100 draws: three standard errors above
+    assert np.mean(differ) <= 0.12  # 5 % plus three standard errors of 100 draws
 
 
 def test_a_demagnetised_compass_has_no_phase_and_a_refused_one_is_not_compared(tmp_path):
@@ -392,7 +390,7 @@ def test_a_demagnetised_compass_has_no_phase_and_a_refused_one_is_not_compared(t
     assert result.compare(clean, page(refused), "bad")["why"] == "bad has no coefficients"
 
 
-def test_a_reduced_calibration_is_compared_by_what_both_have(tmp_path):
+def test_reduced_calibration_is_compared_by_common_coefficients(tmp_path):
     four = calibrated(tmp_path, readings(ring(4)))
     assert set(result.compare(four, page(calibrated(tmp_path)), "whole")["difference"]) == set("ABC")
 
@@ -401,7 +399,7 @@ def test_a_reduced_calibration_is_compared_by_what_both_have(tmp_path):
 
 
 def at_home(coefficients, share: float = 1.0) -> np.ndarray:
-    """Return a mooring's coefficients as they are on the bench, the share of hard iron given."""
+    """Transfer a mooring's coefficients to the bench, with a share of hard iron and the rest induced."""
     away = FieldAtPlace(float(SEA.horizontal_nT[0]), float(SEA.vertical_nT[0]))
     home = FieldAtPlace(HOME["horizontal_nT"], HOME["vertical_nT"])
     ends = transfer_coefficients(coefficients, np.eye(5), away, home)
@@ -410,7 +408,7 @@ def at_home(coefficients, share: float = 1.0) -> np.ndarray:
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("at_sea", [(0.02, 0.3, 0.1, 0.03, -0.02), (0.0, -1.1, 0.7, 0.02, -0.01)])
-def test_headings_of_a_mooring_lie_within_what_the_carried_calibration_states(tmp_path, at_sea, share):
+def test_transferred_calibration_covers_the_true_coefficients(tmp_path, at_sea, share):
     made = calibrated(tmp_path, readings(coefficients=at_home(at_sea, share)), budget="le_menn")
     seen, heading = pairs(at_sea, n=700)
     fit = at_mooring.carry_to_mooring([page(made)], SEA, record(seen), seen)
@@ -429,7 +427,7 @@ def test_headings_of_a_mooring_lie_within_what_the_carried_calibration_states(tm
         assert angles.rms(found - heading) < 6.0
 
 
-def test_a_folded_calibration_reaches_the_mooring_without_any_pair(tmp_path):
+def test_folded_calibration_is_transferred_without_pairs(tmp_path):
     made = calibrated(tmp_path, readings(ring(24), FOLDED))
     seen, _ = pairs((0.0, -1.1 * 1.78, 0.7 * 1.78, 0.02, -0.01), n=300)
     none = replace(seen, **{k: v[:0] for k, v in vars(seen).items() if isinstance(v, np.ndarray)})
@@ -447,7 +445,7 @@ def test_a_folded_calibration_reaches_the_mooring_without_any_pair(tmp_path):
     ],
     ids=["refused", "reduced", "no place"],
 )
-def test_what_cannot_be_carried_leaves_no_coefficients_and_says_why(tmp_path, read, settings, why):
+def test_calibration_that_cannot_be_transferred_states_why(tmp_path, read, settings, why):
     seen, _ = pairs(MILD, n=50)
     refused = page(calibrated(tmp_path, read), settings=settings or {"field": None})
     fit = at_mooring.carry_to_mooring([refused], SEA, record(seen), seen)
@@ -455,8 +453,8 @@ def test_what_cannot_be_carried_leaves_no_coefficients_and_says_why(tmp_path, re
 
 
 @pytest.mark.parametrize("ratio", [1.03, 0.9])
-def test_an_empirical_curve_is_carried_into_no_other_field(tmp_path, ratio):
-    """How much of it iron makes, which the field scales, is unknown: a wrong table in the firmware has both."""
+def test_empirical_curve_is_not_transferred_to_another_field(tmp_path, ratio):
+    """The share due to iron, which scales with the field, is unknown: a wrong firmware table may contribute."""
     seen, _ = pairs(MILD, n=50)
     bent = readings(ring(36))
     bent = replace(bent, reference_deg=bent.reference_deg + 3.0 * angles.sin_cos(4.0 * bent.recorded_deg)[0])
@@ -465,18 +463,18 @@ def test_an_empirical_curve_is_carried_into_no_other_field(tmp_path, ratio):
     fit = at_mooring.carry_to_mooring([made], SEA, record(seen, 50), seen)
     assert made["model"] == "empirical" and fit.fitted == (ratio == 1.03)
     assert fit.fitted or "is 0.90 of the calibration's; calibrate where it is the same within 5 %" in fit.why
-    if fit.fitted:  # what the exact compass leaves, 3 degrees over the root of 2, is in the uncertainty
+    if fit.fitted:  # the uncertainty includes the residual of the exact compass, 3 degrees over the root of 2
         assert np.sqrt(fit.covariance[0, 0]) / angles.DEGREE == pytest.approx(2.1, abs=0.4)
 
 
-def test_the_change_between_two_calibrations_is_told_and_stands_in_the_uncertainty(tmp_path):
-    """Von Appen 2015, introduction: calibrations before and after a cruise. In between the compass is at neither."""
+def test_change_between_two_calibrations_enters_the_uncertainty(tmp_path):
+    """Von Appen 2015, introduction: calibrations before and after a cruise, neither of which holds in between."""
     seen, _ = pairs(MILD, n=50)
     pages = [page(calibrated(tmp_path, readings(coefficients=at_home(iron))), name, {"field": HOME, "parts": ["pack"]})
              for name, iron in (("before", MILD), ("after", (0.02, 0.25, 0.05, 0.03, -0.02)))]  # fmt: skip
     single, both = (at_mooring.carry_to_mooring(x, SEA, record(seen, 50), seen) for x in (pages[:1], pages))
     change = both.coefficients - single.coefficients
-    assert 2.0 * change[1:3] == pytest.approx([0.1, -0.05], abs=0.03)  # as carried by half hard, half induced iron
+    assert 2.0 * change[1:3] == pytest.approx([0.1, -0.05], abs=0.03)  # transferred as half hard, half induced iron
     added = both.covariance - single.covariance
     assert added[1, 1] == pytest.approx((2.0 * change[1]) ** 2 / 12.0, rel=0.5) and added[1, 2] < 0.0
     told = [text for text in both.warnings if "between the calibrations before" in text]
@@ -485,7 +483,7 @@ def test_the_change_between_two_calibrations_is_told_and_stands_in_the_uncertain
     assert source["calibration_after"]["name"] == "after" and 3.0 < source["calibration_change"]["rms_deg"] < 6.0
 
 
-def test_a_mooring_with_other_parts_than_its_calibration_is_told(tmp_path):
+def test_parts_that_differ_from_the_calibration_give_a_warning(tmp_path):
     seen, _ = pairs(MILD, n=50)
     made = page(calibrated(tmp_path), settings={"field": HOME, "parts": ["alkaline pack", "Frame"]})
     told = [at_mooring.carry_to_mooring([made], SEA, record(seen, 50), seen, parts=parts).warnings
@@ -495,7 +493,7 @@ def test_a_mooring_with_other_parts_than_its_calibration_is_told(tmp_path):
     assert "moored without stated parts" in stated[2][0]
 
 
-def test_the_budget_of_a_calibration_stands_in_the_mooring_s_uncertainty(tmp_path):
+def test_calibration_budget_enters_the_uncertainty_of_the_mooring(tmp_path):
     seen, _ = pairs(MILD, n=50)
     wide, narrow = (
         at_mooring.carry_to_mooring(
@@ -510,8 +508,8 @@ def test_the_budget_of_a_calibration_stands_in_the_mooring_s_uncertainty(tmp_pat
 # ------------------------------------------------------------------------------------------------ too good to be true
 @pytest.mark.parametrize("constant", [0.0, 7.0, 72.0])
 @pytest.mark.parametrize("n", [8, 12, 16, 36, 72])
-def test_recorded_headings_that_are_the_reference_s_own_get_a_curve_and_a_warning(tmp_path, n, constant):
-    """A column that was copied leaves no residual; 36 of them were a traceback."""
+def test_headings_copied_from_the_reference_give_a_warning(tmp_path, n, constant):
+    """A copied column leaves no residual, which must not raise an error for any number of headings."""
     path = write_table(tmp_path / "cal.csv", BenchReadings(ring(n), (ring(n) + constant) % 360.0))
     made = calibrations.calibrate("platform", [path], {})
     np.testing.assert_allclose(made.coefficients, [-constant, 0, 0, 0, 0], atol=1e-9)
@@ -519,4 +517,4 @@ def test_recorded_headings_that_are_the_reference_s_own_get_a_curve_and_a_warnin
     found = kinds.diagnose("platform", [path], {}, Options())
     assert found.verdict in ("consistent", "insufficient") and not found.findings
     honest = write_table(tmp_path / "honest.csv", readings(ring(n)))
-    assert not any("leaves nothing" in said for said in calibrations.calibrate("platform", [honest], {}).warnings)
+    assert not any("leaves no residual" in said for said in calibrations.calibrate("platform", [honest], {}).warnings)

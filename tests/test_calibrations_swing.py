@@ -1,4 +1,4 @@
-"""A swing end to end: the published eight headings, recovery with noise, what water and delay hide, gates, the page."""
+"""Swings: the published eight headings, recovery with noise, ambiguity by current and delay, exclusions, figure."""
 
 import csv
 import json
@@ -35,7 +35,7 @@ def written(tmp_path, **columns) -> Path:
 
 
 def recorded(heading_deg, truth=TRUTH):
-    """Return what a compass with this series in the recorded heading shows."""
+    """Return headings recorded by a compass whose deviation is this series in the recorded heading."""
     gamma = np.asarray(heading_deg, dtype=float)
     for _ in range(60):
         gamma = heading_deg - series_deviation(truth, gamma)
@@ -43,7 +43,7 @@ def recorded(heading_deg, truth=TRUTH):
 
 
 def at_sea(n=36, *, speed_kn=6.0, water=(0.4, -0.3), noise_deg=0.5, seed=0, truth=TRUTH):
-    """Return columns of readings round the circle in water that moves."""
+    """Simulate a log of readings round the circle in a current (east, north; knots)."""
     rng = np.random.default_rng(seed)
     heading = 360.0 * np.arange(n) / n
     through = np.broadcast_to(speed_kn, n)
@@ -91,10 +91,10 @@ def test_the_eight_headings_by_course_over_ground(eight):
     assert found.details["drift"]["separable"] is False
     assert "no speeds were logged" in " ".join(found.warnings)
     by_heading = swing.calibrate([eight], {"declination_deg": DECLINATION, "withhold": ["cog_deg"]})
-    assert sigmas(found)[1] > sigmas(by_heading)[1]  # B holds the water
+    assert sigmas(found)[1] > sigmas(by_heading)[1]  # B contains the current
 
 
-def test_both_columns_prefer_the_true_heading(eight):
+def test_true_heading_is_preferred_over_the_course(eight):
     found = swing.calibrate([eight], {"declination_deg": DECLINATION})
     assert found.residual_rms_deg == pytest.approx(4.05, abs=0.005)
     assert "the true heading is used" in " ".join(found.warnings)
@@ -102,7 +102,7 @@ def test_both_columns_prefer_the_true_heading(eight):
     assert table_3 == {"A": -0.25, "D": 0.25, "E": -0.25}  # MM Table 3 and its note
 
 
-def test_true_headings_without_noise_come_back(tmp_path):
+def test_series_is_recovered_exactly_without_noise(tmp_path):
     heading = np.arange(5.0, 360.0, 15.0)
     path = written(tmp_path, compass_deg=recorded(heading), true_deg=angles.wrap360(heading + 4.0))
     found = swing.calibrate([path], SURE | {"declination_deg": 4.0, "table_step_deg": 15.0})
@@ -112,7 +112,7 @@ def test_true_headings_without_noise_come_back(tmp_path):
 
 
 @pytest.mark.parametrize("declination", [10.7, -10.7])
-def test_headings_that_are_true_already_are_said_first(tmp_path, declination):
+def test_recorded_headings_already_true_are_reported_first(tmp_path, declination):
     columns = at_sea(truth=np.array([0.0, 5.0, -3.0, 1.2, -0.5]), noise_deg=0.1)
     true = written(tmp_path, **columns)
     first = swing.calibrate([true], SURE | {"declination_deg": declination}).warnings[0]
@@ -125,7 +125,7 @@ def test_headings_that_are_true_already_are_said_first(tmp_path, declination):
     assert not any("minus the declination" in text for text in right.warnings)
 
 
-def test_a_wrong_sign_of_the_declination_is_said(tmp_path):
+def test_wrong_sign_of_the_declination_is_reported(tmp_path):
     columns = at_sea(truth=np.array([0.0, 5.0, -3.0, 1.2, -0.5]), noise_deg=0.1)
     path = written(tmp_path, **columns | {"compass_deg": angles.wrap360(columns["compass_deg"] - 8.0)})
     found = swing.calibrate([path], SURE | {"declination_deg": -8.0})
@@ -136,12 +136,12 @@ WILD = REAL.parents[1] / "wild/swing_hdg_holds_true.nmea"
 
 
 @pytest.mark.skipif(not WILD.exists(), reason="no ../shared/data")
-def test_a_log_whose_hdg_is_true_is_said_first():
+def test_real_log_with_true_headings_is_reported_first():
     found = swing.calibrate([WILD], {"format": "nmea0183"})
     assert "minus the declination of +10.7°" in found.warnings[0] and "declination: 0" in found.warnings[0]
 
 
-def test_strong_iron_is_carried_by_the_exact_compass(tmp_path):
+def test_strong_iron_is_fitted_by_the_exact_compass(tmp_path):
     iron, heading = np.array([0.02, 0.45, -0.2, 0.05, -0.03]), np.arange(0.0, 360.0, 10.0)
     path = written(tmp_path, compass_deg=compass.recorded_heading(iron, heading), true_deg=heading)
     found = swing.calibrate([path], SURE)
@@ -149,7 +149,7 @@ def test_strong_iron_is_carried_by_the_exact_compass(tmp_path):
     assert "exceed the validity of the five-term series" in " ".join(found.warnings)
 
 
-def test_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):
+def test_one_speed_cannot_separate_the_current_from_b_and_c(tmp_path):
     found = swing.calibrate([written(tmp_path, **at_sea())], SURE)
     drift = found.details["drift"]
     assert drift["separable"] is False
@@ -161,7 +161,7 @@ def test_one_speed_cannot_tell_the_water_from_b_and_c(tmp_path):
     assert np.all(np.abs(found.coefficients - TRUTH) < 2.0 * sigmas(found))
 
 
-def test_varied_speeds_tell_the_water(tmp_path):
+def test_varied_speeds_determine_the_current(tmp_path):
     speed = np.tile([3.0, 5.0, 8.0, 12.0], 18)
     found = swing.calibrate([written(tmp_path, **at_sea(72, speed_kn=speed, noise_deg=0.3))], SURE)
     drift = found.details["drift"]
@@ -172,8 +172,8 @@ def test_varied_speeds_tell_the_water(tmp_path):
     assert sigmas(found)[1] < 1.0
 
 
-def test_the_eight_courses_lose_the_water_where_it_is_told(tmp_path):
-    """Half a knot at 6 kn by the ship's log; B and C come back within MM's own approximations."""
+def test_eight_courses_are_corrected_for_a_known_current(tmp_path):
+    """Half a knot of current at 6 kn by the ship's log; B and C are recovered within the approximations of MM."""
     columns = at_sea(64, noise_deg=0.02)
     logged = 6.0 + 0.02 * np.random.default_rng(3).normal(size=64)
     found = swing.calibrate([written(tmp_path, **columns, water_speed_kn=logged)], SURE)
@@ -183,7 +183,7 @@ def test_the_eight_courses_lose_the_water_where_it_is_told(tmp_path):
     assert freed["C"] == pytest.approx(-3.0, abs=0.8)
 
 
-def test_a_speed_log_tells_the_water_at_one_speed(tmp_path):
+def test_speed_log_determines_the_current_at_one_speed(tmp_path):
     columns = at_sea(60, noise_deg=0.5)
     logged = 1.07 * 6.0 + 0.05 * np.random.default_rng(3).normal(size=60)
     found = swing.calibrate([written(tmp_path, **columns, water_speed_kn=logged)], SURE)
@@ -197,7 +197,7 @@ def test_a_speed_log_tells_the_water_at_one_speed(tmp_path):
     assert withheld.details["drift"]["separable"] is False
 
 
-def test_one_visual_mark_and_the_two_headings(tmp_path):
+def test_visual_marks_determine_b_and_c(tmp_path):
     columns = at_sea(8, noise_deg=0.05)
     marks = [{"compass_deg": float(recorded(np.array([h]))[0]), "true_deg": h} for h in (40.0, 130.0)]
     bare = swing.calibrate([written(tmp_path, **columns)], SURE)
@@ -206,7 +206,7 @@ def test_one_visual_mark_and_the_two_headings(tmp_path):
     assert set(bare.details["residual_b_c"]) == {"opposite_courses"}
     across = np.array(angles.sin_cos(40.0))
     left = [float(across @ f.covariance[1:3, 1:3] @ across) for f in (bare, one)]
-    assert left[1] < 0.15 * left[0]  # what lies across the mark is told, what lies along it is not
+    assert left[1] < 0.15 * left[0]  # a mark determines the component across it, not that along it
     assert np.trace(two.covariance[1:3, 1:3]) < 0.1 * np.trace(one.covariance[1:3, 1:3])
     both = two.details["residual_b_c"]["two_headings"]
     assert (both["B"], both["C"]) == pytest.approx((5.0, -3.0), abs=0.3)  # second order of the drift
@@ -214,8 +214,8 @@ def test_one_visual_mark_and_the_two_headings(tmp_path):
 
 
 @pytest.mark.parametrize("set_deg", [0.0, 40.0, 130.0, 220.0])
-def test_five_courses_and_one_mark_state_what_the_drift_leaves(tmp_path, set_deg):
-    """Moncunill's complete method on exact data with S/d = 10: B and C are off along the mark's heading alone."""
+def test_five_courses_and_one_mark_state_the_error_by_drift(tmp_path, set_deg):
+    """Moncunill's complete method on exact data with S/d = 10: B and C err only along the heading of the mark."""
     truth = np.array([0.4, 1.6, -2.0, 1.5, -0.6])
     gamma = np.array([0.0, 90.0, 180.0, 270.0, 45.0])
     through = angles.components(8.0, gamma + series_deviation(truth, gamma))
@@ -251,7 +251,7 @@ def test_heading_for_the_sun(tmp_path):
         swing.calibrate([written(tmp_path, **at_sea())], SURE | {"sun": sun})
 
 
-def test_the_budget_adds_up_to_the_table(tmp_path):
+def test_budget_adds_up_to_the_uncertainty_of_the_table(tmp_path):
     found = swing.calibrate([written(tmp_path, **at_sea())], {"declination_deg": 0.0})
     total = sum(source.standard_deg**2 for source in found.sources)
     assert total == pytest.approx(np.mean(found.table.sigma_deg**2), rel=1e-9)
@@ -266,12 +266,12 @@ def test_outliers_hardly_move_the_fit(tmp_path):
     columns["cog_deg"][[5, 30, 61]] += 60.0
     columns["cog_deg"] = angles.wrap360(columns["cog_deg"])
     spoilt = swing.calibrate([written(tmp_path, **columns)], SURE)
-    # clipped to 1.25 degrees they move a coefficient by 0.1 degrees, B along the drift by a little more
+    # Clipped to 1.25 degrees, they change a coefficient by 0.1 degrees, and B, along the drift, by slightly more.
     assert np.max(np.abs(spoilt.coefficients - clean.coefficients)) < 0.8
 
 
 def test_intervals_cover_the_truth(tmp_path):
-    """16 headings, drift uniform up to 1 kn, 60 swings: a share under 88 % of 300 has a chance under 1 in 1000."""
+    """60 swings of 16 headings, drift up to 1 kn: a coverage below 88 % of 300 has a probability below 0.001."""
     inside = []
     for k in range(60):
         rng = np.random.default_rng(k)
@@ -294,7 +294,7 @@ def test_intervals_cover_the_truth(tmp_path):
         (list(range(100, 160, 4)), "the headings cover 6 of 36 sectors and leave a gap of 304°"),
     ],
 )
-def test_too_little_is_refused_with_its_reason(tmp_path, headings, why):
+def test_insufficient_headings_are_refused_with_the_reason(tmp_path, headings, why):
     heading = np.array(headings, dtype=float)
     found = swing.calibrate([written(tmp_path, compass_deg=heading, true_deg=heading)], SURE)
     assert found.why.startswith(why)
@@ -303,8 +303,8 @@ def test_too_little_is_refused_with_its_reason(tmp_path, headings, why):
     json.dumps(found.details)
 
 
-def test_few_headings_widen_and_repeats_do_not_narrow(tmp_path):
-    """Third harmonics of 3 degrees: six headings have one degree of freedom, and reading them eight times adds none."""
+def test_few_headings_widen_intervals_and_repeats_do_not_narrow(tmp_path):
+    """Third harmonic of 3 degrees: six headings leave one degree of freedom; repeated readings of eight add none."""
 
     def swung(n, times):
         heading = np.tile(360.0 * np.arange(n) / n + 7.0, times)
@@ -329,7 +329,7 @@ def test_slow_fixes_are_left_out_and_counted(tmp_path):
 
 
 def circling(seconds: int, rate_deg_s: float) -> dict[str, np.ndarray]:
-    """Return a log of a boat that circles, its course three seconds late."""
+    """Simulate the log of a circling boat whose course over ground is three seconds late."""
     rng, time = np.random.default_rng(2), np.arange(seconds)
     heading = np.cumsum(np.broadcast_to(rate_deg_s, seconds))
     columns = {"compass_deg": recorded(heading), "cog_deg": heading - 3.0 * rate_deg_s + rng.normal(size=seconds)}
@@ -341,7 +341,7 @@ def circling(seconds: int, rate_deg_s: float) -> dict[str, np.ndarray]:
     }
 
 
-def test_a_delay_hides_in_a_unless_the_boat_turns_to_both_sides(tmp_path):
+def test_delay_is_confounded_with_a_unless_turning_both_ways(tmp_path):
     one_way = swing.calibrate([written(tmp_path, **circling(900, 0.8))], SURE)
     assert any("swing to both sides" in line for line in one_way.warnings)
     assert sigmas(one_way)[0] > 2.0
@@ -357,7 +357,7 @@ def test_a_delay_hides_in_a_unless_the_boat_turns_to_both_sides(tmp_path):
     ("late", "applied"), [({"filter_s": 6.0}, 5.5), ({"clock_s": -7.0}, 7.0), ({"lag_s": 6.0}, -6.0), ({}, 0.0)]
 )
 def test_a_delay_that_explains_most_of_the_misfit_is_applied(tmp_path, late, applied):
-    """Legs with quick turns: the delay of the course, or of the compass, is found again, and turns are kept."""
+    """Legs with quick turns: the delay of the course or compass is recovered, and turns are not excluded."""
     boat = world.Boat(plan=world.LEGS, speed_kn=8.0, leeway_deg=0.5, wander_deg=1.0, **late)
     path = recordings.written(world.sail(np.random.default_rng(3), boat, 5.0), tmp_path / "swing.csv")
     found = swing.calibrate([path], SURE | {"declination_deg": 5.0})
@@ -377,7 +377,7 @@ def test_a_delay_that_explains_most_of_the_misfit_is_applied(tmp_path, late, app
 
 
 def noisy(seed: int, *, both: bool) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return A to E and a log at one speed: 6 degrees of deviation, up to half a knot of drift, ordinary noise."""
+    """Simulate A to E and a log at one speed: 6 degrees of deviation, drift up to half a knot, ordinary noise."""
     rng, time = np.random.default_rng(seed), np.arange(1200.0)
     truth = np.array([0.6, 6.0 * np.cos(seed), 6.0 * np.sin(seed), 1.0, -0.5])
     turn = 0.6 * np.where(both & (time >= 600.0), -1.0, 1.0)
@@ -395,19 +395,19 @@ def noisy(seed: int, *, both: bool) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 @pytest.mark.parametrize("both", [False, True])
-def test_one_speed_and_half_a_knot_end_within_what_is_stated(tmp_path, both):
-    """Six ordinary logs of a boat that turns one way, or to both sides, at 0.6 degrees a second."""
+def test_coefficients_at_one_speed_lie_within_stated_uncertainty(tmp_path, both):
+    """Six ordinary logs of a boat that turns one way, or both ways, at 0.6 degrees per second."""
     for seed in range(6):
         truth, columns = noisy(seed, both=both)
         found = swing.calibrate([written(tmp_path, **columns)], SURE)
         assert np.all(np.abs(found.coefficients - truth) < 3.0 * sigmas(found))
         assert found.details["drift"]["drift_kn"] < 1.0
         assert found.residual_rms_deg < 3.0
-        if not both:  # noise of the compass is no delay: A's uncertainty holds one that nothing shows
+        if not both:  # compass noise is no delay; A's uncertainty includes an undetected one
             assert abs(found.coefficients[0] - truth[0]) < 2.5 * sigmas(found)[0] and sigmas(found)[0] > 1.0
 
 
-def test_a_place_that_the_log_contradicts_and_numbers_beyond_a_circle_are_refused(tmp_path):
+def test_headings_beyond_a_circle_are_refused(tmp_path):
     columns = at_sea(36)
     columns["compass_deg"][3] = 999.0
     with pytest.raises(InputError, match=r"numbers from -180 to 360, or nothing, found 1 beyond, 999 first"):
@@ -421,7 +421,7 @@ def test_quick_turns_are_left_out(tmp_path):
     assert any("turning quicker than 1 degrees a second" in line for line in found.warnings)
 
 
-def test_readings_of_zero_in_a_log_are_left_out_and_counted(tmp_path):
+def test_zero_readings_in_a_log_are_left_out_and_counted(tmp_path):
     columns = circling(900, 0.8)
     whole = swing.calibrate([written(tmp_path, **columns)], SURE)
     assert "unlike the readings before and after" not in whole.details["left_out"]
@@ -434,7 +434,7 @@ def test_readings_of_zero_in_a_log_are_left_out_and_counted(tmp_path):
     assert np.all(np.abs(found.coefficients - whole.coefficients) < 2.0 * sigmas(whole))
 
 
-def test_wrong_files_say_what_is_wrong(tmp_path):
+def test_invalid_swing_files_are_refused_with_the_reason(tmp_path):
     path = written(tmp_path, compass_deg=[1.0], heading=[2.0])
     with pytest.raises(InputError, match=r"column of the course over ground \(cog_deg\) or of the true heading"):
         swing.calibrate([path], SURE)
@@ -447,7 +447,7 @@ def test_wrong_files_say_what_is_wrong(tmp_path):
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="no ../shared/data")
-def test_the_real_log():
+def test_real_nmea_log():
     pytest.importorskip("pynmea2", reason="pynmea2 is not installed")
     found = swing.calibrate([REAL], {"format": "nmea0183"})
     assert found.details["date"] == "2010-11-03"
@@ -464,7 +464,7 @@ def test_the_real_log():
     json.dumps(found.details)
 
 
-def test_the_page(tmp_path, eight):
+def test_swing_figure_is_reproducible(tmp_path, eight):
     found = swing.calibrate([eight], {"declination_deg": DECLINATION, "latitude": 43.4, "longitude": -3.4})
     refused = swing.calibrate([written(tmp_path, compass_deg=[1.0], true_deg=[2.0])], SURE)
     for name, result in (("fitted", found), ("refused", refused)):
@@ -477,7 +477,7 @@ def test_the_page(tmp_path, eight):
 
 
 @pytest.mark.parametrize("rounds", [1, 2])
-def test_a_course_that_is_the_compass_s_own_is_no_traceback_and_warns(tmp_path, rounds):
+def test_course_copied_from_the_compass_gives_a_warning(tmp_path, rounds):
     heading = np.arange(360.0 * rounds) % 360.0
     start = np.datetime64("2022-09-29T09:00:00")
     rows = [f"{start + int(i)}Z,{x},{x},5" for i, x in enumerate(heading)]

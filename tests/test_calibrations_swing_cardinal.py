@@ -1,4 +1,4 @@
-"""Moncunill Marimon et al. 2023: every printed number, laws of their formulae, the sun, the magnets."""
+"""Moncunill Marimon et al. 2023: the printed numbers, properties of the formulae, the sun, the magnets."""
 
 from datetime import UTC, datetime
 
@@ -49,7 +49,7 @@ def test_error_bound():  # MM Table 1 and section 7.3
 
 @given(st.floats(0.0, 1 / 7), st.floats(0.0, 360.0))
 def test_set_and_drift_by_the_triangle_of_speeds(ratio, set_deg):
-    """The exact triangle is the sum of (d/S)^k sin(k phi)/k: what MM leave out begins with k = 3."""
+    """The exact triangle is the sum of (d/S)^k sin(k phi)/k, of which MM omit the terms from k = 3."""
     heading = np.arange(0.0, 360.0, 15.0)
     (east, north), (de, dn) = angles.components(1.0, heading), angles.components(ratio, set_deg)
     beta = angles.difference(angles.direction(east + de, north + dn), heading)
@@ -59,7 +59,7 @@ def test_set_and_drift_by_the_triangle_of_speeds(ratio, set_deg):
     assert max(abs(terms["D"]), abs(terms["E"])) <= adjustment.error_bound_deg(ratio) + 1e-12
 
 
-def test_a_missing_course_leaves_its_numbers_out():
+def test_missing_course_leaves_out_dependent_coefficients():
     found = adjustment.principal_coefficients({**PSEUDO, "NW": np.nan}, DECLINATION)
     assert np.isnan(found["D_from"]["NW"])
     assert found["D"] == pytest.approx(np.mean([8.9351, 0.0514, 10.4639]), abs=1e-3)
@@ -87,8 +87,8 @@ def test_two_headings_too_near_are_refused():
         adjustment.residual_from_two_headings(KNOWN, (350.0, 1.0), (20.0, 1.0))
 
 
-def test_one_heading_corrects_what_lies_across_it():
-    """Lushnikov: on one heading the part across is right whatever the drift, the part along keeps the bars' error."""
+def test_one_heading_determines_the_component_across_it():
+    """Lushnikov: one heading gives the component across it for any drift; that along it keeps the error of the bars."""
     b, c, x, y = 3.0, -2.0, 4.0, -1.5
     for true_heading in (10.0, 80.0, 200.0, 300.0):
         compass = true_heading - deviation(b, c, true_heading)
@@ -99,7 +99,7 @@ def test_one_heading_corrects_what_lies_across_it():
 
 
 def test_sun_by_the_almanac_of_the_solar_position_algorithm():
-    """Reda and Andreas 2004, section A.5: azimuth 194.34024 degrees; 0.01 degrees is parallax and delta T."""
+    """Reda and Andreas 2004, section A.5: azimuth 194.34024 degrees; parallax and delta T amount to 0.01 degrees."""
     pytest.importorskip("ephem", reason="ephem is not installed")
     time_s = datetime(2003, 10, 17, 19, 30, 30, tzinfo=UTC).timestamp()
     assert swing.azimuth(39.742476, -105.1786, time_s) == pytest.approx(194.34024, abs=0.01)
@@ -120,8 +120,8 @@ def test_nullifying():  # MM section 7.2, point 7
 
 
 @pytest.mark.parametrize("first", [("E", "N"), ("W", "S"), ("N", "W")])
-def test_the_adjustment_leaves_the_drift_of_the_water_alone(first):
-    """MM (6) to (9), (16), (17) and with the water (27) to (34): A, D and E stay, B and C end as x and -y."""
+def test_adjustment_leaves_only_the_effect_of_the_drift(first):
+    """MM (6) to (9), (16), (17), with a current (27) to (34): A, D and E remain, B and C become x and -y."""
     a, b, c, _, e = before = np.array([0.7, 6.0, -4.0, 1.5, -0.6])
     x, y = 2.0, -1.0
     nullified = {step["course"]: step for step in adjustment.adjust(before, first)}
@@ -140,7 +140,7 @@ def test_the_adjustment_leaves_the_drift_of_the_water_alone(first):
 
 @pytest.mark.parametrize(("d", "e"), [(4.0, 0.0), (4.0, 2.0), (-3.0, 1.0), (1.0, -5.0)])
 def test_spheres_and_magnets_nullify_their_terms(d, e):
-    """By the field of two spheres of soft iron in the earth's, added to the ship's, through the exact compass."""
+    """The soft iron of ship and spheres together is isotropic, and the magnets cancel the hard iron of the ship."""
     iron = np.array(
         [0.0, np.sin(np.deg2rad(5.0)), np.sin(np.deg2rad(-3.0)), np.sin(np.deg2rad(d)), np.sin(np.deg2rad(e))]
     )
@@ -170,8 +170,8 @@ def test_the_directive_force_is_that_of_the_exact_compass_at_first_order():  # M
     assert force["least"] == min(force["relative"]) and force["on_deg"] in heading
 
 
-def test_red_ends_forward_take_a_positive_b_away():
-    """A magnet below the compass, red end forward, pulls aft: its field at the broadside is -m / r^3."""
+def test_red_end_forward_cancels_a_positive_b():
+    """A magnet below the compass, red end forward, has a field that points aft: -m / r^3 at broadside."""
     from compasslib import compass
 
     before = compass.recorded_heading([0.0, 0.1, 0.0, 0.0, 0.0], 90.0)

@@ -17,7 +17,7 @@ from compasslib.plots import calibrations as plots
 from compasslib.report import words
 
 STEPS = np.arange(-20.0, 20.1, 2.5)
-TRUE = {"pitch": (0.8, 0.03), "roll": (-0.5, -0.02)}  # correction: degrees, and over the recorded tilt
+TRUE = {"pitch": (0.8, 0.03), "roll": (-0.5, -0.02)}  # correction: degrees, and fraction of the recorded tilt
 BREST = {"latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0}
 
 
@@ -40,7 +40,7 @@ def calibrated(tmp_path, rows, **settings):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0, np.sign(STEPS)], ids=["signed", "other sense", "sizes"])
-def test_both_axes_of_one_file_are_found_again_whatever_the_platforms_sign(tmp_path, sign):
+def test_both_axes_are_recovered_for_any_sign_of_the_reference(tmp_path, sign):
     made = calibrated(tmp_path, bench(np.random.default_rng(1), sign=sign), budget="le_menn", **BREST)
     for axis, (a, b) in TRUE.items():
         fit = made.details["axes"][axis]
@@ -54,7 +54,7 @@ def test_both_axes_of_one_file_are_found_again_whatever_the_platforms_sign(tmp_p
     assert any("sign" in text for text in made.warnings) != np.array_equal(sign, 1.0)
 
 
-def test_what_cannot_be_a_calibration_of_one_axis_is_said(tmp_path):
+def test_rotated_oblique_and_short_runs_are_reported(tmp_path):
     rng = np.random.default_rng(2)
     turned = calibrated(tmp_path, bench(rng, yaw=0.15), uncertainty={"graduation_deg": 0.1})
     assert any("stood turned by +9 degrees" in text or "stood turned by +8" in text for text in turned.warnings)
@@ -66,8 +66,8 @@ def test_what_cannot_be_a_calibration_of_one_axis_is_said(tmp_path):
     assert "2 coefficients need at least 3" in few.why
 
 
-def test_stated_intervals_hold_the_truth_of_simulated_platforms():
-    """Of 300 platforms; 1000 stand in benchmarks/calibrations.py."""
+def test_stated_intervals_cover_the_truth():
+    """With 300 platforms; benchmarks/calibrations.py simulates 1000."""
     rng, inside = np.random.default_rng(3), []
     for _ in range(300):
         reads = {axis: AxisReadings(STEPS, (STEPS - a) / (1 + b) + rng.normal(0, 0.1, 17), 0.0)

@@ -1,4 +1,4 @@
-"""Two heads on one frame: clocks, frame, difference of the compasses; what is refused and what cannot be told."""
+"""Two heads on one frame: clocks, frame, difference of the compasses, refusals, stated ambiguities."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from tests.world.package import Head, Sea
 
 NARROW = Sea(turns=0.0, wander_deg=14.0)
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
-FOUR_SIGMA = 4.0  # one seed in 16,000 is farther off where the stated sigma is right
+FOUR_SIGMA = 4.0  # exceeded by one seed in 16,000 if the stated sigma is correct
 
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory) -> Calibration:
-    """A cast that turned four times, b up-looking, 47 degrees and 7.3 seconds off."""
+    """Calibrate a cast of four turns, with head b upward-looking, rotated by 47 degrees and 7.3 seconds ahead."""
     return heads.calibrate(cast(tmp_path_factory.mktemp("full")), {})
 
 
@@ -52,19 +52,19 @@ def test_a_turning_cast_gives_offset_coefficients_and_clock(full):
     assert (np.abs(full.coefficients - TURNED.deviation_deg)[1:] < FOUR_SIGMA * sigma[1:]).all()
     assert full.coefficients[0] == 0.0 and (sigma < 0.1).all()
     assert abs(said["clock"]["offset_s"] - TURNED.clock_s) < FOUR_SIGMA * said["clock"]["sigma_s"] < 0.05
-    # Two compasses of 0.5 degrees each, b's read under a slope of at most 13 %.
+    # Noise of 0.5 degrees in each compass, changed in b by up to 13 % by the slope of its deviation.
     assert full.residual_rms_deg == pytest.approx(0.5 * np.sqrt(2.0), rel=0.1)
 
 
-def test_the_tilts_alone_give_the_mounting_angle_of_an_up_looker(full):
+def test_tilts_alone_give_the_mounting_angle_of_an_up_looker(full):
     said = full.details
     assert said["frame"]["verdict"] == "rigid"
     assert abs(said["offset_from_tilts_deg"] - 47.0) < FOUR_SIGMA * said["offset_from_tilts_sigma_deg"] < 0.5
-    # Two inclinometers of 0.1 degrees each on two axes.
+    # Noise of 0.1 degrees in two inclinometers, each on two axes.
     assert said["frame"]["residual_rms_deg"] == pytest.approx(0.2, abs=0.03)
 
 
-def test_a_constant_of_one_compass_shows_between_headings_and_tilts(tmp_path):
+def test_constant_error_is_shown_by_headings_and_tilts(tmp_path):
     found = heads.calibrate(cast(tmp_path, b=replace(TURNED, deviation_deg=(5.0, 6.0, -3.0, 0.0, 0.0))), {})
     said = found.details
     assert said["offset_deg"] == pytest.approx(42.0, abs=0.1)
@@ -72,21 +72,21 @@ def test_a_constant_of_one_compass_shows_between_headings_and_tilts(tmp_path):
     assert any("the constants of the compasses differ by +" in warning for warning in found.warnings)
 
 
-def test_it_says_what_it_cannot_tell(full):
+def test_ambiguities_are_stated(full):
     assert any("does not show which of them is wrong" in warning for warning in full.warnings)
     assert any("from the mounting angle" in warning for warning in full.warnings)
 
 
-def test_the_result_goes_into_json_and_back(full, tmp_path):
+def test_result_round_trips_through_json(full, tmp_path):
     write_json(tmp_path / "c.json", full.details)
     assert read_json(tmp_path / "c.json")["offset_deg"] == pytest.approx(full.details["offset_deg"])
 
 
-def test_narrow_headings_carry_an_offset_only(narrow):
+def test_narrow_headings_determine_only_an_offset(narrow):
     said = narrow.details
     assert 6 <= narrow.coverage <= 10 and said["terms"] == 1 and narrow.coefficients.size == 0
     assert "B, C, D and E are refused" in narrow.why and f"cover {narrow.coverage} of 36 sectors" in narrow.why
-    # What refused terms may leak is in the offset's uncertainty, not in that of the mean over these headings.
+    # The offset's uncertainty includes the leakage of refused terms, that of the mean over these headings does not.
     assert said["offset_sampling_sigma_deg"] < 1.0 < said["offset_sigma_deg"]
     assert abs(said["offset_deg"] - 47.0) < FOUR_SIGMA * said["offset_sigma_deg"]
     assert narrow.table is not None
@@ -94,7 +94,7 @@ def test_narrow_headings_carry_an_offset_only(narrow):
     assert any("offset_deg is the mean difference over" in warning for warning in narrow.warnings)
 
 
-def test_87_degrees_do_not_carry_five_coefficients_nor_three():
+def test_arc_of_87_degrees_determines_neither_five_nor_three_terms():
     heading = np.linspace(272.0, 359.0, 2000)
     covered = heads_frame.covered_sectors(heading)
     assert heads_frame.variance_inflation(covered, 3).max() > 50.0
@@ -103,7 +103,7 @@ def test_87_degrees_do_not_carry_five_coefficients_nor_three():
 
 
 @pytest.mark.parametrize(("width", "terms"), [(87, 1), (140, 1), (175, 3), (210, 3), (245, 5), (360, 5)])
-def test_how_many_terms_an_arc_carries(width, terms):
+def test_number_of_terms_by_width_of_the_arc(width, terms):
     rng = np.random.default_rng(3)
     n = 4000
     heading = 20.0 + width * rng.random(n)
@@ -114,11 +114,11 @@ def test_how_many_terms_an_arc_carries(width, terms):
     assert ("D and E are refused" in fitted.refused) == (terms < 5)
 
 
-def test_full_coverage_inflates_nothing():
+def test_full_coverage_does_not_inflate_the_variance():
     assert heads_frame.variance_inflation(np.full(36, True), 5) == pytest.approx(np.ones(5))
 
 
-def test_the_band_of_a_short_series_widens_away_from_the_headings(tmp_path):
+def test_uncertainty_widens_away_from_the_headings(tmp_path):
     found = heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=48.0)), {})
     assert found.details["terms"] == 3 and np.isnan(found.coefficients[3:]).all()
     assert found.table is not None
@@ -143,14 +143,14 @@ def test_spikes_are_left_out(tmp_path):
     assert found.coefficients[1:] == pytest.approx(TURNED.deviation_deg[1:], abs=0.15)
 
 
-def test_a_drift_is_found_and_taken_out(tmp_path):
+def test_clock_drift_is_estimated_and_removed(tmp_path):
     found = heads.calibrate(cast(tmp_path, b=replace(TURNED, drift_s=0.5)), {})
     clock, a_day = found.details["clock"], 0.5 * 86400.0 / 4000.0
     assert clock["drift_applied"] and abs(clock["drift_s_per_day"] - a_day) < 4.0 * clock["drift_sigma_s_per_day"]
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.06)
 
 
-def test_without_swell_the_headings_give_the_clock(tmp_path):
+def test_headings_give_the_clock_offset_without_swell(tmp_path):
     found = heads.calibrate(cast(tmp_path, sea=Sea(swell_deg=0.01, lean_deg=0.0)), {})
     clock = found.details["clock"]
     assert found.details["frame"]["verdict"] == "not testable" and found.details["offset_from_tilts_deg"] is None
@@ -158,13 +158,13 @@ def test_without_swell_the_headings_give_the_clock(tmp_path):
     assert abs(clock["offset_s"] - TURNED.clock_s) < 4.0 * clock["sigma_s"]
 
 
-def test_a_lagging_compass_is_told_from_a_wrong_clock(tmp_path):
+def test_lagging_compass_is_distinguished_from_a_clock_error(tmp_path):
     rng = np.random.default_rng(1)
     motion = package.lower(rng, Sea(), START_S)
     paths = [tmp_path / "a.000", tmp_path / "b.000"]
     seen = package.stand(rng, motion, TURNED)
     ahead = package.stand(rng, motion, replace(TURNED, first_s=TURNED.first_s + 0.8)).recorded_deg
-    # Headings that stand 0.8 s too early in the file; nothing at its very end.
+    # Headings are 0.8 s early in the file, the last one repeated at its end.
     ahead = np.append(ahead, np.repeat(ahead[-1], len(seen.time_s) - len(ahead)))
     paths[0].write_bytes(package.encoded(package.stand(rng, motion, PLAIN)))
     paths[1].write_bytes(package.encoded(replace(seen, recorded_deg=ahead)))
@@ -175,7 +175,7 @@ def test_a_lagging_compass_is_told_from_a_wrong_clock(tmp_path):
     assert any("one compass lags" in warning for warning in found.warnings)
 
 
-def test_a_mirrored_roll_is_told(tmp_path):
+def test_mirrored_roll_is_detected(tmp_path):
     rng = np.random.default_rng(3)
     motion = package.lower(rng, Sea(), START_S)
     paths = [tmp_path / "a.000", tmp_path / "b.000"]
@@ -186,7 +186,7 @@ def test_a_mirrored_roll_is_told(tmp_path):
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
 
 
-def test_a_head_that_slipped_is_told_and_when(tmp_path):
+def test_slip_of_a_head_is_detected_and_dated(tmp_path):
     rng = np.random.default_rng(3)
     motion = package.lower(rng, Sea(), START_S)
     before, after = (package.stand(rng, motion, replace(TURNED, mount_deg=(m, 2.0, -1.5))) for m in (47.0, 52.0))
@@ -202,7 +202,7 @@ def test_a_head_that_slipped_is_told_and_when(tmp_path):
     assert "about 2008-01-10T21:53Z" in told[0]
 
 
-def test_heads_of_two_frames_have_no_calibration(tmp_path):
+def test_heads_on_two_frames_are_refused(tmp_path):
     paths = cast(tmp_path)
     (tmp_path / "other").mkdir()
     other = cast(tmp_path / "other", seed=9, sea=Sea(turns=-5.0))
@@ -211,7 +211,7 @@ def test_heads_of_two_frames_have_no_calibration(tmp_path):
     assert "offset_deg" not in found.details
 
 
-def test_files_that_share_no_time(tmp_path):
+def test_files_without_common_time_are_refused(tmp_path):
     rng = np.random.default_rng(1)
     paths = [tmp_path / "a.000", tmp_path / "b.000"]
     for path, start in zip(paths, (START_S, START_S + 1e6), strict=True):
@@ -221,11 +221,11 @@ def test_files_that_share_no_time(tmp_path):
     assert found.n == 0 and "share no time" in found.why and found.table is None
 
 
-def test_a_window_and_a_given_clock(tmp_path):
+def test_time_window_and_clock_offset_are_applied(tmp_path):
     paths = cast(tmp_path)
     settings = {"start_s": START_S + 500.0, "end_s": START_S + 2500.0, "clock_offset_seconds": 7.3}
     found = heads.calibrate(paths, settings)
-    # b's clock is 7.3 s ahead; the window is by a's.
+    # The window is in the time of a, the points in that of b, 7.3 s ahead.
     assert found.points["time_s"][0] == pytest.approx(START_S + 507.3, abs=3.0)
     assert found.points["time_s"][-1] == pytest.approx(START_S + 2507.3, abs=3.0)
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
@@ -236,7 +236,7 @@ def test_one_file_is_refused(tmp_path):
         heads.calibrate([tmp_path / "a.000"], {})
 
 
-def test_the_turned_heading_is_that_of_the_tilted_body():
+def test_rotated_heading_is_that_of_the_tilted_body():
     rng = np.random.default_rng(5)
     heading, pitch, roll = rng.uniform(0, 360, 50), rng.uniform(-12, 12, 50), rng.uniform(-12, 12, 50)
     wanted, pitch_b, roll_b = package.mounted(heading, (pitch, roll), (65.0, 4.0, -6.0))
@@ -246,11 +246,11 @@ def test_the_turned_heading_is_that_of_the_tilted_body():
     for rotation in (frame.rotation, heads_frame.upright(65.0, lean_a, lean_b)):
         turned = heads_frame.turned_heading(heading, lean_a, rotation)
         off = heads.angles.difference(turned, wanted)
-        # The least lean takes mean to mean; the exact rotation is exact.
+        # ``upright`` matches only the mean leans; the fitted rotation is exact.
         assert np.abs(off).max() < (1e-9 if rotation is frame.rotation else 0.2)
 
 
-def test_a_real_record_turned_and_read_by_another_compass(tmp_path):
+def test_coefficients_are_recovered_from_a_rotated_real_record(tmp_path):
     if not EH2.exists():
         pytest.skip("no ../shared/data")
     rng = np.random.default_rng(0)
@@ -263,7 +263,7 @@ def test_a_real_record_turned_and_read_by_another_compass(tmp_path):
     assert found.n > 3200 and found.coverage == 36
     assert abs(found.details["offset_deg"] + 33.0) < 4.0 * found.details["offset_sigma_deg"]
     assert (np.abs(found.coefficients - series)[1:] < 4.0 * sigma[1:]).all() and sigma.max() < 0.05
-    # The tilts were not turned: they rightly say that nothing was.
+    # The tilts were not rotated, so the offset from them is zero.
     assert found.details["offset_from_tilts_deg"] == pytest.approx(0.0, abs=0.01)
 
 
@@ -279,14 +279,14 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("draw", [figures.draw_difference, figures.draw_tilt_check, figures.draw_along_time])
-def test_figures(draw, full, narrow, tmp_path):
+def test_figures_are_drawn(draw, full, narrow, tmp_path):
     for name, found in (("full", full), ("narrow", narrow), ("none", heads._no_calibration(0, "no time shared", ()))):
         draw(tmp_path / f"{name}.png", found, name)
         assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
 def _still(path, n, heading, tilt=lambda i: 300):
-    """Write a head whose frame turns evenly, or not at all, and never tilts otherwise."""
+    """Write a head with given headings and tilts (hundredths of a degree), constant tilts by default."""
     made = (
         ensemble(
             [[100, 200, 3, 2]] * 4,
@@ -303,8 +303,8 @@ def _still(path, n, heading, tilt=lambda i: 300):
 
 
 @pytest.mark.parametrize(("n", "turning"), [(1, 0), (1, 700), (100, 0), (100, 700), (400, 700)])
-def test_heads_that_turn_evenly_or_never_or_are_one_file_are_no_traceback(tmp_path, n, turning):
-    few = n == 1 or (n, turning) == (100, 700)  # in each sector
+def test_steady_still_or_identical_heads_raise_no_error(tmp_path, n, turning):
+    few = n == 1 or (n, turning) == (100, 700)  # too few in each sector
     a = _still(tmp_path / "a.000", n, lambda i: (i * turning) % 36000)
     b = _still(tmp_path / "b.000", n, lambda i: (i * turning + 4500) % 36000)
     for other in (a, b):

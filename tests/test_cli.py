@@ -1,4 +1,4 @@
-"""The command compass: what it prints, in one line what it refuses, and its exit status."""
+"""The command ``compass``: its output, its refusals in one line, and its exit status."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ COMPASS = [sys.executable, "-c", "import sys; from compasslib.cli import main; s
 
 
 def refused(capsys, *words: str) -> str:
-    """Return the one line that a command says before it fails."""
+    """Check that a command fails with one line on stderr, and return the line."""
     assert main(words) == 1
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("error: ") and err.count("\n") == 1
@@ -47,7 +47,7 @@ def refused(capsys, *words: str) -> str:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Path:
-    """A cruise, and two runs of its mooring: another declination in the later one."""
+    """Process the mooring of a cruise twice, the second time with another declination."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), n=600)
     chain.make(folder, "M1", folder / "old/M1")
     change(folder / "config/moorings/M1.yaml", declination=-22.0)
@@ -57,7 +57,7 @@ def runs(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def copied(runs, tmp_path) -> Path:
-    """A copy of the earlier run, to be damaged."""
+    """Copy the earlier run, to be damaged."""
     shutil.copytree(runs / "old", tmp_path / "results")
     return tmp_path / "results/M1"
 
@@ -65,7 +65,7 @@ def copied(runs, tmp_path) -> Path:
 # --- help ------------------------------------------------------------------------------------------------------------
 
 
-def test_help_names_the_commands_and_imports_nothing_heavy():
+def test_help_lists_commands_without_heavy_imports():
     code = (
         "import sys\nfrom compasslib.cli import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n"
@@ -77,13 +77,13 @@ def test_help_names_the_commands_and_imports_nothing_heavy():
     ) and ran.stdout.endswith("[]\n")
 
 
-def test_commands_that_draw_nothing_start_without_the_library_of_figures():
+def test_commands_without_figures_do_not_import_matplotlib():
     code = "import sys, compasslib.cli.check, compasslib.cli.export; sys.exit('matplotlib' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @pytest.mark.parametrize("name", ["check", "init", "correct", "explain", "export", "diff", "verify"])
-def test_help_of_each_command_ends_with_an_example_that_it_takes(capsys, name):
+def test_help_of_each_command_ends_with_a_valid_example(capsys, name):
     with pytest.raises(SystemExit) as ended:
         main([name, "--help"])
     told = capsys.readouterr().out.rstrip().splitlines()
@@ -92,20 +92,20 @@ def test_help_of_each_command_ends_with_an_example_that_it_takes(capsys, name):
     assert words[:2] == ["compass", name] and _parser().parse_args(words[1:]).command == name
 
 
-def test_help_costs_less_than_a_fifth_of_a_second():
+def test_help_takes_less_than_200_ms_of_cpu_time():
     def cost() -> float:
         before = os.times()
         subprocess.run([*COMPASS, "--help"], capture_output=True, check=True)
         after = os.times()
         return after.children_user - before.children_user
 
-    assert min(cost() for _ in range(3)) < 0.2  # processor time: the machine may be busy; 0.02 to 0.05 s are usual
+    assert min(cost() for _ in range(3)) < 0.2  # CPU time, as the machine may be busy; 0.02 to 0.05 s are usual
 
 
 @pytest.mark.parametrize(
     "words", [[], ["mend"], ["correct"], ["diff", "a"], ["check", "--loud"], ["verify", "c", "--yes"]]
 )
-def test_a_wrong_command_line_is_status_2(capsys, words):
+def test_invalid_command_line_exits_with_status_2(capsys, words):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2 and "usage: compass" in capsys.readouterr().err
@@ -114,7 +114,7 @@ def test_a_wrong_command_line_is_status_2(capsys, words):
 # --- check -----------------------------------------------------------------------------------------------------------
 
 
-def test_check_says_what_each_mooring_has(tmp_path, capsys):
+def test_check_summarizes_each_mooring(tmp_path, capsys):
     folder = cruise(tmp_path, ("M1", "M2"), n=5)
     change(folder / "config/moorings/M2.yaml", reference=None)
     assert main(["check", str(folder)]) == 0
@@ -138,7 +138,7 @@ def test_check_says_what_each_mooring_has(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("change_it", ["latitude: 95.3", "latitud: 65", "raw"])
-def test_check_refuses_in_the_workflow_s_own_words(tmp_path, capsys, change_it):
+def test_check_reports_errors_like_the_workflow(tmp_path, capsys, change_it):
     folder = cruise(tmp_path, n=5)
     if change_it == "raw":
         (folder / "raw/M1/top.000").unlink()
@@ -146,11 +146,11 @@ def test_check_refuses_in_the_workflow_s_own_words(tmp_path, capsys, change_it):
         change(folder / "config/moorings/M1.yaml", **yaml.safe_load(change_it))
     assert main(["check", str(folder)]) == 1
     out, err = capsys.readouterr()
-    assert out.splitlines()[-1] == "cannot run, 1 problem" and "  deep " in out  # which can be opened
+    assert out.splitlines()[-1] == "cannot run, 1 problem" and "  deep " in out  # deep can still be read
     assert "config/moorings/M1.yaml" in err and err.strip() in snakemake(folder).stderr
 
 
-def test_check_opens_the_data_and_says_every_mistake(tmp_path, capsys):
+def test_check_reads_the_data_and_reports_every_mistake(tmp_path, capsys):
     folder = cruise(tmp_path, ("M1", "M2", "M3"), n=5)
     change(folder / "config/moorings/M1.yaml", latitude=95.3, water_depth=-1)
     (folder / "raw/M2/deep.csv").write_text("time_utc,depth\n")
@@ -163,7 +163,7 @@ def test_check_opens_the_data_and_says_every_mistake(tmp_path, capsys):
 TABLE = {"format": "table", "files": "raw/M1/current.csv", "columns": {"time": "time", "value": "mA"}}
 
 
-def test_check_opens_what_is_listed_and_not_used(tmp_path, capsys):
+def test_check_reads_unused_instruments_and_covariates(tmp_path, capsys):
     folder = cruise(tmp_path, n=50)
     path = folder / "config/moorings/M1.yaml"
     told = yaml.safe_load(path.read_text())
@@ -180,7 +180,7 @@ def test_check_opens_what_is_listed_and_not_used(tmp_path, capsys):
     assert main(["check", str(folder)]) == 1 and "M1: covariates.pump: raw/M1/current.csv" in capsys.readouterr().err
 
 
-def test_check_counts_a_mooring_without_pairs_and_a_calibration_without_coefficients(tmp_path, capsys):
+def test_check_reports_missing_pairs_and_coefficients(tmp_path, capsys):
     folder = cruise(tmp_path, n=50)
     path = folder / "config/moorings/M1.yaml"
     change(path, instruments=yaml.safe_load(path.read_text().replace("depth: 105", "depth: 400"))["instruments"])
@@ -198,7 +198,7 @@ def test_check_counts_a_mooring_without_pairs_and_a_calibration_without_coeffici
     assert out.splitlines()[-1] == "1 mooring and 1 calibration: can run, 2 problems"
 
 
-def test_check_says_which_names_and_files_contradict(tmp_path, capsys):
+def test_check_reports_duplicate_records_and_conflicting_names(tmp_path, capsys):
     folder = cruise(tmp_path, ("M1", "M2"), n=50)
     for name in ("M1", "M2"):
         path = folder / f"config/moorings/{name}.yaml"
@@ -224,7 +224,7 @@ def test_check_says_which_names_and_files_contradict(tmp_path, capsys):
     )
 
 
-def test_check_of_no_cruise(tmp_path, capsys):
+def test_check_outside_a_cruise_is_refused(tmp_path, capsys):
     for place in (tmp_path, tmp_path / "nowhere"):
         assert "config/config.yaml: expected this file" in refused(capsys, "check", str(place))
 
@@ -232,7 +232,7 @@ def test_check_of_no_cruise(tmp_path, capsys):
 # --- correct ---------------------------------------------------------------------------------------------------------
 
 
-def test_correct_writes_beside_the_workflow_s_results(tmp_path, capsys):
+def test_correct_writes_outside_the_workflow_results(tmp_path, capsys):
     folder = cruise(tmp_path / "c", n=60)
     assert main(["correct", "M1", "--cruise", str(folder)]) == 0
     out, err = capsys.readouterr()
@@ -245,7 +245,7 @@ def test_correct_writes_beside_the_workflow_s_results(tmp_path, capsys):
     assert "expected a folder that is not there yet" in refused(capsys, "correct", "M1", "--cruise", str(folder))
 
 
-def test_correct_refuses_another_mooring(tmp_path, capsys):
+def test_correct_refuses_an_unknown_mooring(tmp_path, capsys):
     folder = cruise(tmp_path / "c", n=5)
     assert "M2: expected a mooring of" in refused(capsys, "correct", "M2", "--cruise", str(folder))
     assert not (folder / "corrected").exists()
@@ -254,7 +254,7 @@ def test_correct_refuses_another_mooring(tmp_path, capsys):
 # --- explain ---------------------------------------------------------------------------------------------------------
 
 
-def test_explain_tells_the_verdict_the_share_and_what_it_cannot_tell(runs, capsys):
+def test_explain_prints_verdict_uncertainty_and_limits(runs, capsys):
     assert main(["explain", str(runs / "old/M1")]) == 0
     told = capsys.readouterr().out
     diagnosis = json.loads((runs / "old/M1/diagnosis.json").read_text())
@@ -265,7 +265,7 @@ def test_explain_tells_the_verdict_the_share_and_what_it_cannot_tell(runs, capsy
     assert max(map(len, told.splitlines())) <= 100
 
 
-def test_explain_tells_findings_and_warnings(copied, capsys):
+def test_explain_prints_findings_and_warnings(copied, capsys):
     finding = {
         "effect": "heeling",
         "side": "compass",
@@ -300,7 +300,7 @@ def test_explain_tells_findings_and_warnings(copied, capsys):
     assert f"Figure: {figure}" in capsys.readouterr().out
 
 
-def test_explain_tells_a_calibration(calibrated, tmp_path, capsys):
+def test_explain_describes_a_calibration(calibrated, tmp_path, capsys):
     assert main(["explain", str(calibrated / "old/calibrations/bench")]) == 0
     told = capsys.readouterr().out
     assert told.startswith("bench: not searched\n") and "model: exact compass" in told
@@ -314,7 +314,7 @@ def rewrite(file: Path, **keys: object) -> None:
 
 
 @pytest.mark.parametrize("file", results.MOORING_FILES)
-def test_half_results_are_refused(copied, capsys, file):
+def test_incomplete_results_are_refused(copied, capsys, file):
     (copied / file).unlink()
     line = refused(capsys, "explain", str(copied))
     assert f"expected all results of a mooring, found no {file}; run the cruise to its end" in line
@@ -327,7 +327,7 @@ def test_damaged_results_are_refused(copied, capsys, file, content):
     assert file in refused(capsys, "explain", str(copied))
 
 
-def test_results_that_lack_something_deep_are_refused(copied, capsys):
+def test_results_with_missing_nested_keys_are_refused(copied, capsys):
     rewrite(copied / "diagnosis.json", findings=[{"effect": "heeling"}])
     assert "expected results of this version, found KeyError: 'side'" in refused(capsys, "explain", str(copied))
 
@@ -340,15 +340,15 @@ def test_a_mooring_without_results_is_refused(copied, capsys):
     assert "found no folder results" in refused(capsys, "explain", "M7", "--cruise", str(copied))
 
 
-def test_explain_ends_quietly_where_the_pipe_is_closed(runs):
+def test_explain_ends_quietly_if_the_pipe_is_closed(runs):
     end = subprocess.Popen([*COMPASS, "explain", str(runs / "old/M1")], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     end.stdout.close()
     assert end.stderr.read() == b"" and end.wait() == 1
     end.stderr.close()
 
 
-def test_records_of_instruments_that_the_configuration_no_longer_names_count_no_more(runs, copied):
-    shutil.copy(copied / "work/top.nc", copied / "work/upper.nc")  # as a renamed instrument left it
+def test_warnings_of_unconfigured_instruments_are_omitted(runs, copied):
+    shutil.copy(copied / "work/top.nc", copied / "work/upper.nc")  # as left behind by a renamed instrument
     told = summary.summary_row("M1", copied, ["top", "deep"])["warnings"]
     assert "top: pitch and roll never change" in told and "upper: " not in told
     assert (
@@ -359,18 +359,18 @@ def test_records_of_instruments_that_the_configuration_no_longer_names_count_no_
 # --- diff ------------------------------------------------------------------------------------------------------------
 
 
-def test_diff_of_a_run_with_itself_says_so(runs, capsys):
+def test_diff_of_a_run_with_itself_reports_no_change(runs, capsys):
     assert main(["diff", str(runs / "old"), str(runs / "old")]) == 0
     assert capsys.readouterr().out == "nothing changed: 1\N{NO-BREAK SPACE}mooring compared\n"
 
 
-def test_diff_tells_what_another_declination_changed(runs, capsys):
-    """Both instruments are magnetic: a declination 1.56 degrees larger turns all true headings by that."""
+def test_diff_reports_the_effects_of_another_declination(runs, capsys):
+    """Both instruments are magnetic: a declination larger by 1.56 degrees rotates all true headings by as much."""
     assert main(["diff", str(runs / "old"), str(runs / "new/M1")]) == 0
     head, row = capsys.readouterr().out.splitlines()
     assert head.split("  ")[0] == "mooring" and row.startswith("M1")
     rms, largest = (float(x) for x in re.findall(r"(\d+\.\d+)°", row))
-    assert rms == pytest.approx(1.56, abs=0.05) and rms <= largest < 1.7  # the fit moves by its solver's last digits
+    assert rms == pytest.approx(1.56, abs=0.05) and rms <= largest < 1.7  # the fit differs in the solver's last digits
     also = row.rpartition("  ")[2].split(", ")
     assert "DECLINATION" in also and "UCUR" not in also and "HEADING_CORRECTED" not in also
 
@@ -387,13 +387,13 @@ def test_diff_tells_what_another_declination_changed(runs, capsys):
         ("assessment.json", {"after": {}}, "assessment.json"),
     ],
 )
-def test_diff_tells_each_kind_of_change(runs, copied, capsys, file, keys, shown):
+def test_diff_reports_each_kind_of_change(runs, copied, capsys, file, keys, shown):
     rewrite(copied / file, **keys)
     assert main(["diff", str(runs / "old"), str(copied.parents[1])]) == 0
     assert re.search(shown, capsys.readouterr().out.splitlines()[1])
 
 
-def test_diff_tells_headings_that_are_gone_and_other_variables(runs, copied, capsys):
+def test_diff_reports_lost_headings_and_changed_variables(runs, copied, capsys):
     with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
         nc["HEADING_CORRECTED"][:300] = nc["HEADING_CORRECTED"]._FillValue
         nc["PITCH"][:] = 7.0
@@ -403,7 +403,7 @@ def test_diff_tells_headings_that_are_gone_and_other_variables(runs, copied, cap
     assert "100.0\N{NO-BREAK SPACE}% → 50.0\N{NO-BREAK SPACE}%" in row and "PITCH, attribute license" in row
 
 
-def test_diff_tells_what_it_cannot_compare(runs, copied, capsys):
+def test_diff_lists_moorings_that_it_cannot_compare(runs, copied, capsys):
     shutil.copytree(copied, copied.parent / "M2")
     shutil.copytree(copied, copied.parent / "M3")
     (copied.parent / "M3/corrected.nc").unlink()
@@ -417,7 +417,7 @@ def test_diff_tells_what_it_cannot_compare(runs, copied, capsys):
 
 @pytest.fixture(scope="module")
 def versions_of(tmp_path_factory) -> Path:
-    """One cruise by this library, and by a copy of it called 0.1.0 that turned all by 2° and knew tilt's error less."""
+    """Process a cruise by this library and by a version 0.1.0 with 2° more declination and twice the tilt error."""
     folder = cruise(tmp_path_factory.mktemp("versions"), n=300)
     copy = copied_project(tmp_path_factory.mktemp("library"), "compasslib")
     for file, now, then in (
@@ -452,7 +452,7 @@ CHANGES = f"""# Changes
 """
 
 
-def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_why(versions_of, capsys, monkeypatch):
+def test_diff_between_versions_states_sigmas_and_changelog_entries(versions_of, capsys, monkeypatch):
     file = versions_of / "CHANGELOG.md"
     file.write_text(CHANGES)
     monkeypatch.setattr(diff, "CHANGELOG", file)
@@ -465,10 +465,10 @@ def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_
     ):
         stated = nc["HEADING_CORRECTED_UNCERTAINTY"][:].compressed()
         heading = [x["HEADING_CORRECTED"][:].compressed() for x in (nc, new)]
-    turned = 2.0 + angles.difference(*heading)  # by the declination, and by what else has changed
+    turned = 2.0 + angles.difference(*heading)  # by the declination, and by the difference of the magnetic headings
     expected = np.quantile(turned / stated, [0.5, 0.95, 1.0])
     told = [float(x) for x in cells["in OLD's 1σ: median, 95 %, largest"].split(", ")]
-    assert told == pytest.approx(expected, rel=0.05)  # to two digits
+    assert told == pytest.approx(expected, rel=0.05)  # printed with two digits
     assert cells["flags"] == cells["coefficients"] == "same" and "UNCERTAINTY" in cells["also changed"]
     assert why.splitlines()[:2] == [
         f"OLD by {_software(versions_of / 'old/M1')}",
@@ -479,8 +479,8 @@ def test_diff_between_versions_says_by_how_many_sigmas_and_which_entries_may_be_
     assert entries == [f"  {compasslib.__version__}: The declination is that of the place, not of the next."]
 
 
-def test_diff_names_the_settings_and_raw_files_that_differ(tmp_path):
-    """Of jobs that both have: files that other jobs made, and a job that is new, say nothing of the YAML."""
+def test_diff_lists_changed_settings_and_raw_files(tmp_path):
+    """Only jobs of both runs are compared; intermediate files and new jobs are ignored."""
     read = {"rule": "read", "of": {"mooring": "M1", "role": "deep"}, "read": {"raw/M1/deep.csv": "a", "results/x": "1"}}
     fit = {
         "rule": "fit",
@@ -518,7 +518,7 @@ def _software(folder: Path) -> str:
         ("0.1.0 (a)", f"{compasslib.__version__} (b)", {"coefficients"}, []),
     ],
 )
-def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old, new, changed, entries):
+def test_changelog_entries_are_selected_by_version_and_change(tmp_path, old, new, changed, entries):
     (tmp_path / "CHANGELOG.md").write_text(CHANGES)
     said = diff.changelog_reasons(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
     assert [line.split(": ", 1)[1] for line in said[3:]] == [
@@ -527,7 +527,7 @@ def test_the_entries_between_two_versions_that_touch_what_changed(tmp_path, old,
     assert entries or "no entry of the changelog between them can change coefficients" in said[2]
 
 
-def test_what_cannot_be_told_of_versions_is_said(tmp_path):
+def test_missing_versions_and_changelog_are_reported(tmp_path):
     assert diff.changelog_reasons("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
     assert "versions are not known" in diff.changelog_reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
     sides = "compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)"
@@ -535,7 +535,7 @@ def test_what_cannot_be_told_of_versions_is_said(tmp_path):
     assert "this installation has no changelog" in absent[2]
 
 
-def test_the_changelog_s_own_entries_can_be_read_and_begin_with_this_version():
+def test_changelog_is_parsed_and_begins_with_this_version():
     found = diff.parse_changelog((PROJECT / "CHANGELOG.md").read_text())
     assert found[0].version == compasslib.__version__ and len(found) > 40
     kinds = {f"calibration:{kind}" for kind in calibrations.KINDS} | set(diff.KINDS_OF_CHANGE)
@@ -543,7 +543,7 @@ def test_the_changelog_s_own_entries_can_be_read_and_begin_with_this_version():
     assert not any("*(" in entry.text for entry in found)
 
 
-def test_diff_tells_flags_that_changed(runs, copied, capsys):
+def test_diff_counts_changed_flags(runs, copied, capsys):
     with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
         nc["HEADING_CORRECTED_QC"][:100] = 3
         nc["HEADING_CORRECTED_QC"][100:120] = 4
@@ -553,7 +553,7 @@ def test_diff_tells_flags_that_changed(runs, copied, capsys):
 
 @pytest.mark.parametrize("lost", ["HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC", "DECLINATION", "PITCH"])
 @pytest.mark.parametrize("side", ["old", "new"])
-def test_diff_of_a_product_that_lacks_a_variable_is_a_table_or_one_line(runs, copied, capsys, lost, side):
+def test_diff_tolerates_or_refuses_a_missing_variable(runs, copied, capsys, lost, side):
     with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
         nc.renameVariable(lost, "LOST")
     places = [str(copied), str(runs / "new/M1")]
@@ -564,7 +564,7 @@ def test_diff_of_a_product_that_lacks_a_variable_is_a_table_or_one_line(runs, co
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory) -> Path:
-    """Two runs of calibrations: one whose iron changed, one that stays, one without a result, one that is new."""
+    """Run calibrations twice: one with changed iron, one unchanged, one refused, and one in the second run only."""
     folder = tmp_path_factory.mktemp("calibrated")
     for run, iron in (("old", MILD), ("new", (0.02, 0.2, 0.1, 0.03, -0.02))):
         made = {"bench": readings(coefficients=iron), "same": readings(seed=2), "few": readings(ring(3))}
@@ -583,8 +583,8 @@ def _calibrate(folder: Path, run: str, name: str, seen: BenchReadings) -> None:
 
 
 def test_diff_compares_calibrations(calibrated, capsys):
-    """The iron along the bow grew by 0.05 of the field: B by 2.9 degrees, the deviation by 2.0 rms."""
-    assert main(["diff", str(calibrated / "old"), str(calibrated / "new")]) == 1  # one is new
+    """Hard iron along the bow increases by 0.05 of the field: B by 2.9 degrees, the deviation by 2.0 rms."""
+    assert main(["diff", str(calibrated / "old"), str(calibrated / "new")]) == 1  # one is not in OLD
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.startswith("calibration  deviation, rms  largest")
     told = dict(row.split(maxsplit=1) for row in rows)
@@ -594,7 +594,7 @@ def test_diff_compares_calibrations(calibrated, capsys):
     assert re.search(r"B [+−]2\.\d", told["bench"])
 
 
-def test_diff_of_one_calibration_tells_its_uncertainty_and_what_else_changed(calibrated, tmp_path, capsys):
+def test_diff_of_one_calibration_reports_uncertainty_and_keys(calibrated, tmp_path, capsys):
     shutil.copytree(calibrated / "old/calibrations/same", tmp_path / "again")
     file = tmp_path / "again/calibration.json"
     known = json.loads(file.read_text())
@@ -610,7 +610,7 @@ def test_diff_of_one_calibration_tells_its_uncertainty_and_what_else_changed(cal
     assert "OLD is incomplete: no table.csv" in capsys.readouterr().out
 
 
-def test_diff_of_what_holds_no_results(runs, tmp_path, capsys):
+def test_diff_without_results_is_refused(runs, tmp_path, capsys):
     assert "found no results in it" in refused(capsys, "diff", str(runs / "old"), str(tmp_path))
     assert "found no such folder" in refused(capsys, "diff", str(tmp_path / "gone"), str(runs / "old"))
 

@@ -1,4 +1,4 @@
-"""compass init: a cruise drafted from its exports, that runs once a person has decided what files cannot tell."""
+"""``compass init``: a cruise drafted from instrument exports, in which the user replaces every DECIDE by a value."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def draft(folder: Path, name: str) -> dict:
 
 
 def decide(path: Path, **values: object) -> None:
-    """Replace every DECIDE of a draft, by the value of its key or by that of all others."""
+    """Replace every DECIDE of a draft by the value given for its key, or else by that for ``otherwise``."""
     lines = path.read_text().splitlines()
     keys = [line.strip().partition(":")[0] for line in lines]
     lines = [
@@ -40,24 +40,24 @@ def decide(path: Path, **values: object) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def test_a_folder_of_exports_becomes_a_cruise_that_can_run_once_it_is_decided(tmp_path, capsys, monkeypatch):
+def test_drafted_cruise_can_run_once_decisions_are_made(tmp_path, capsys, monkeypatch):
     made, new = cruise(tmp_path / "made", ("M1", "M2"), n=50), tmp_path / "new"
     assert main(["init", str(made / "raw"), "--into", str(new), *PLACE]) == 0
     mooring = draft(new, "M1")
-    assert mooring["compromised"] == "top" and mooring["reference"] == "deep"  # the only one with headings
+    assert mooring["compromised"] == "top" and mooring["reference"] == "deep"  # top alone has headings
     assert mooring["instruments"]["top"]["format"] == "pd0" and mooring["instruments"]["top"]["orientation"]
     assert {"east", "north", "time", "scale"} <= set(mooring["instruments"]["deep"]["columns"])
     assert (new / "raw/M1/top.000").resolve() == made / "raw/M1/top.000"
     capsys.readouterr()
     monkeypatch.chdir(tmp_path)
-    assert main(["check", "new"]) == 1  # by a path from where one stands
+    assert main(["check", "new"]) == 1  # by a relative path
     out, err = capsys.readouterr()
     asked = "start, end, instruments.top.depth, instruments.top.declination_applied, instruments.deep.depth"
     assert (
         f"M1.yaml: expected a value of every key, found 6 DECIDE entries; replace each DECIDE by a value: {asked}"
         in err
     )
-    assert "  top   " in out and "  deep  " in out and out.splitlines()[-1] == "cannot run, 2 problems"  # all opened
+    assert "  top   " in out and "  deep  " in out and out.splitlines()[-1] == "cannot run, 2 problems"  # all were read
     times = {"start": "2007-09-04T00:00:00Z", "end": "2007-09-06T02:00:00Z", "direction_reference": "magnetic"}
     for name in ("M1", "M2"):
         decide(new / f"config/moorings/{name}.yaml", **times, depth=100, otherwise=0)
@@ -65,7 +65,7 @@ def test_a_folder_of_exports_becomes_a_cruise_that_can_run_once_it_is_decided(tm
     assert capsys.readouterr().out.splitlines()[-1] == "2 moorings: can run, 0 problems"
 
 
-def test_what_the_files_cannot_tell_is_asked_and_refused_until_it_is_decided(tmp_path, capsys):
+def test_undecided_entries_are_listed_and_refused(tmp_path, capsys):
     made = cruise(tmp_path, n=50)
     os.rename(made / "config", made / "old")
     assert main(["init", str(made / "raw"), "--into", str(made)]) == 0
@@ -77,11 +77,11 @@ def test_what_the_files_cannot_tell_is_asked_and_refused_until_it_is_decided(tmp
     assert main(["check", str(made)]) == 1
     lines = capsys.readouterr().err.splitlines()
     assert f"found {count + 1} DECIDE entries" in lines[0] and "water_depth, start, end, compromised, inst" in lines[0]
-    assert "M1.yaml: declination: expected auto" in lines[1] and len(lines) == 2  # and no other mistake of what is open
+    assert "M1.yaml: declination: expected auto" in lines[1] and len(lines) == 2  # undecided keys are reported once
 
 
 @pytest.mark.parametrize("iron", ["top", "deep", ""])
-def test_the_affected_instrument_is_the_one_whose_heading_explains_the_directions(tmp_path, iron):
+def test_affected_instrument_is_chosen_by_heading_dependence(tmp_path, iron):
     hours, rng = 24 * 100, np.random.default_rng(4)
     times = [datetime(2007, 9, 4, tzinfo=UTC) + timedelta(hours=k) for k in range(hours)]
     water = np.cumsum(rng.normal(size=hours)) * 0.02 + 0.2j * np.exp(2j * np.pi * np.arange(hours) / 12.42)
@@ -104,7 +104,7 @@ def test_the_affected_instrument_is_the_one_whose_heading_explains_the_direction
     assert seen in text
 
 
-def test_records_of_other_years_are_moorings_of_their_own_and_series_go_with_theirs(tmp_path, capsys):
+def test_records_and_series_are_grouped_into_moorings_by_time(tmp_path, capsys):
     made = cruise(tmp_path / "made", n=50)
     table = (made / "raw/M1/deep.csv").read_text()
     (made / "raw/M1/later.csv").write_text(table.replace("2007-", "2011-"))
@@ -136,7 +136,7 @@ def test_records_of_other_years_are_moorings_of_their_own_and_series_go_with_the
         ),
     ],
 )
-def test_a_log_is_a_swing_where_it_has_magnetic_headings_round_the_circle(tmp_path, capsys, content, drafted):
+def test_log_is_a_swing_only_with_magnetic_headings_all_round(tmp_path, capsys, content, drafted):
     (tmp_path / "ship.nmea").write_text(content, newline="")
     assert main(["init", str(tmp_path / "ship.nmea"), "--into", str(tmp_path / "new")]) == isinstance(drafted, str)
     if isinstance(drafted, str):
@@ -146,7 +146,7 @@ def test_a_log_is_a_swing_where_it_has_magnetic_headings_round_the_circle(tmp_pa
         assert found | drafted == found
 
 
-def test_no_file_that_is_there_is_touched(tmp_path, capsys):
+def test_existing_files_are_not_overwritten(tmp_path, capsys):
     made = cruise(tmp_path, n=5)
     before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
     assert main(["init", str(made / "raw"), "--into", str(made)]) == 1
@@ -154,7 +154,7 @@ def test_no_file_that_is_there_is_touched(tmp_path, capsys):
     assert {path: path.read_bytes() for path in made.rglob("*") if path.is_file()} == before
 
 
-def test_pieces_are_one_instrument_and_what_nobody_knows_is_left_out(tmp_path, capsys):
+def test_file_pieces_are_joined_and_unknown_files_skipped(tmp_path, capsys):
     made = cruise(tmp_path / "made", n=50)
     whole = (made / "raw/M1/top.000").read_bytes()
     half = len(whole) // 2
@@ -166,7 +166,7 @@ def test_pieces_are_one_instrument_and_what_nobody_knows_is_left_out(tmp_path, c
     assert "photo.png: an image" in capsys.readouterr().err
 
 
-def test_a_bench_s_table_is_a_calibration(tmp_path, capsys):
+def test_bench_table_is_drafted_as_a_calibration(tmp_path, capsys):
     table = write_table(tmp_path / "aqd.csv", readings())
     assert main(["init", str(table), "--into", str(tmp_path / "new")]) == 0
     text = (tmp_path / "new/config/calibrations/aqd.yaml").read_text()
@@ -175,7 +175,7 @@ def test_a_bench_s_table_is_a_calibration(tmp_path, capsys):
     assert main(["check", str(tmp_path / "new")]) == 0 and "aqd: platform" in capsys.readouterr().out
 
 
-def test_a_netcdf_file_tells_its_place_and_keeps_its_own_word_on_north(tmp_path):
+def test_netcdf_provides_its_position_and_north_reference(tmp_path):
     netcdf_layouts.write(tmp_path / "imos.nc", "imos_magnetic")
     with netCDF4.Dataset(tmp_path / "imos.nc", "a") as nc:
         nc.setncatts({"geospatial_lat_min": 65.3, "geospatial_lon_min": -33.0, "water_depth": 894.0})
@@ -185,7 +185,7 @@ def test_a_netcdf_file_tells_its_place_and_keeps_its_own_word_on_north(tmp_path)
     assert "declination_applied" not in told["instruments"]["imos"]
 
 
-def test_nothing_to_draft_from_is_one_line(tmp_path, capsys):
+def test_folder_without_exports_is_refused_in_one_line(tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("deployed on Tuesday\n")
     assert main(["init", str(tmp_path), "--into", str(tmp_path / "new")]) == 1
     assert "expected exports of instruments" in capsys.readouterr().err and not (tmp_path / "new").exists()
@@ -208,32 +208,32 @@ def test_nothing_to_draft_from_is_one_line(tmp_path, capsys):
         ("Sample Time (UTC),Velocity_E (m/s),Velocity_N (m/s)", "instrument", 1.0),
     ],
 )
-def test_a_table_s_meaning_is_told_by_its_header(header, kind, scale):
+def test_table_kind_is_recognized_from_its_header(header, kind, scale):
     found = detect.guess_from_names(header.split(","))
     assert (found.kind, found.scale) == (kind, scale) and set(found.columns.values()) <= set(header.split(","))
 
 
 @pytest.mark.parametrize("header", ["foo,bar", "time,a,b", "u,v", "x,y,heading"])
-def test_a_header_that_tells_too_little_tells_nothing(header):
+def test_ambiguous_header_is_not_recognized(header):
     assert detect.guess_from_names(header.split(",")) is None
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there")
-def test_real_exports_are_drafted_with_what_they_tell(tmp_path, capsys):
+def test_real_exports_are_drafted_with_their_metadata(tmp_path, capsys):
     names = ("moored/aqd9330.aqd", "cruise_eh2/raw/E0/top.000", "observatory/esk1980dhor.hor")
     files = [str(DATA / name) for name in names]
     assert main(["init", *files, "--into", str(tmp_path / "new"), "--name", "X", *PLACE]) == 0
-    aquadopp, workhorse = draft(tmp_path / "new", "X_2011"), draft(tmp_path / "new", "X_2006")  # no time in common
+    aquadopp, workhorse = draft(tmp_path / "new", "X_2011"), draft(tmp_path / "new", "X_2006")  # disjoint in time
     instrument = aquadopp["instruments"]["aqd9330"]
     assert instrument["format"] == "nortek" and instrument["attributes"] == {"serial_number": "AQD 9330"}
     assert workhorse["instruments"]["top"]["orientation"] == "down" and workhorse["start"] == "DECIDE"
     assert workhorse["compromised"] == "top" and "reference" not in workhorse
     hourly = yaml.safe_load((tmp_path / "new/config/calibrations/esk1980dhor.yaml").read_text())
-    assert hourly["latitude"] == 65.3333  # as said: its header has none
+    assert hourly["latitude"] == 65.3333  # as given, as its header has none
 
 
 @pytest.mark.parametrize("name", [b"t\xffop.000", b"t\nop.000"])
-def test_a_name_that_no_yaml_file_can_hold_is_left_out_and_told(tmp_path, capsys, name):
+def test_file_name_invalid_in_yaml_is_skipped_and_reported(tmp_path, capsys, name):
     made, new = cruise(tmp_path / "made", n=50), tmp_path / "new"
     os.rename(made / "raw/M1/top.000", os.fsencode(made / "raw/M1") + b"/" + name)
     assert main(["init", str(made / "raw"), "--into", str(new), *PLACE]) == 0
@@ -246,7 +246,7 @@ def test_a_name_that_no_yaml_file_can_hold_is_left_out_and_told(tmp_path, capsys
 
 
 @pytest.mark.parametrize("case", [*drafts.drawn(seed=7, n=12), *drafts.genuine()], ids=lambda case: case.name)
-def test_drawn_and_genuine_files_are_drafted_right_or_asked(case):
+def test_random_and_real_files_are_drafted_correctly_or_left_open(case):
     found, said = drafts.outcome(case)
     assert found in ("right", "asked"), said
 
@@ -256,7 +256,7 @@ def test_directions_of_a_seaguard_are_drafted_as_magnetic(tmp_path):
     assert next(iter(draft(tmp_path / "new", "X")["instruments"].values()))["direction_reference"] == "magnetic"
 
 
-def test_a_file_that_could_not_be_read_overlaps_none_in_whatever_order():
+def test_unreadable_file_overlaps_no_other_in_time():
     known = Drafted("pd0", ("a.000",), {}, start_s=0.0, end_s=86400.0)
     unknown = Drafted("pd0", ("b.000",), {}, trouble="no ensemble")
     assert init._overlap_in_time(known, known)

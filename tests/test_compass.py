@@ -1,4 +1,4 @@
-"""The exact compass: known answers, its laws, its inverse off any grid."""
+"""The exact compass: known values, its inverse between grid points, its derivatives, published formulae."""
 
 import json
 
@@ -34,9 +34,9 @@ def test_known_answers_with_tilt():
 
 
 @given(COEFFICIENTS, st.floats(0, 359.99))
-def test_inverse_of_forward(coefficients, heading):
+def test_inverse_recovers_the_heading(coefficients, heading):
     if abs(compass.level_field(coefficients, heading)) < 1e-3 or abs(compass.slope(coefficients, heading)) < 1e-3:
-        return  # no field, or on the very fold
+        return  # no horizontal field, or at the fold
     roots = compass.inverse(coefficients, np.array([compass.recorded_heading(coefficients, heading)]))
     assert np.nanmin(np.abs(angles.difference(roots, heading))) < 1e-4
 

@@ -1,4 +1,4 @@
-"""Moorings whose cause is concealed: what is planted, who may read it, and the page that sets it beside the results."""
+"""Moorings with concealed causes: planted effects, access to the truth, and the page that compares it with results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from compasslib.report.concealed import HeadingErrors
 from compasslib.stages.concealed import concealed as set_beside
 
 
-def test_no_stage_but_the_page_s_reads_the_truth_and_no_manifest_lists_it():
+def test_only_the_page_reads_the_truth_and_no_manifest_lists_it():
     planned = plan.plan(load_cruise(PROJECT))
     readers = [
         rule
@@ -44,7 +44,7 @@ def told(folder: Path, name: str) -> dict:
 
 
 @pytest.mark.parametrize("name", list(concealed.CASES))
-def test_causes_are_drawn_by_the_seed_and_of_the_size_that_is_told(tmp_path, name):
+def test_causes_depend_on_the_seed_and_have_the_stated_sizes(tmp_path, name):
     for seed in (1, 2):
         concealed.write_mooring(name, tmp_path / f"{seed}/raw", tmp_path / f"{seed}/{name}.json", seed)
     first, second = (told(tmp_path / f"{seed}", name) for seed in (1, 2))
@@ -58,7 +58,7 @@ def test_causes_are_drawn_by_the_seed_and_of_the_size_that_is_told(tmp_path, nam
 
 
 @pytest.mark.parametrize(("scatter", "understated"), [(1.0, False), (2.0, True)])
-def test_an_uncertainty_is_too_small_where_fewer_errors_lie_within_it_than_chance_allows(scatter, understated):
+def test_coverage_reveals_an_understated_uncertainty(scatter, understated):
     error = scatter * np.random.default_rng(3).normal(size=3000)
     errors = HeadingErrors(3600.0 * np.arange(3000.0), error, error, error, np.ones(3000))
     share, low, high = errors.coverage
@@ -67,7 +67,7 @@ def test_an_uncertainty_is_too_small_where_fewer_errors_lie_within_it_than_chanc
 
 @pytest.fixture(scope="module")
 def processed(tmp_path_factory):
-    """A mooring's results, and a truth from which its corrected headings are off by 2 degrees at half of the times."""
+    """Results of a mooring, and a truth from which its corrected headings differ by 2, later by -2 degrees."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("C1",), n=400)
     made = folder / "results/C1"
     with pytest.MonkeyPatch.context() as patch:
@@ -87,7 +87,7 @@ def processed(tmp_path_factory):
     return SimpleNamespace(folder=folder, sigma_deg=product.heading_uncertainty_deg[1:])
 
 
-def test_the_page_sets_said_beside_planted_and_measures_the_headings(processed):
+def test_the_page_compares_findings_with_planted_causes(processed):
     page, lines = processed.folder / "results/concealed.html", []
     truths = [str(processed.folder / f"concealed/{name}.json") for name in ("C1", "C2")]
     set_beside(page=str(page), truths=truths, corrected=[str(page.parent / "C1/corrected.nc")], say=lines.append)

@@ -1,6 +1,6 @@
-"""The YAML files of a cruise: what is read, what is filled in, and the one line that every mistake earns."""
+"""YAML files of a cruise: values, defaults, and a one-line message for every mistake."""
 
-# ruff: noqa: E501, RUF100 - a message is pinned as it is printed, in one line
+# ruff: noqa: E501, RUF100 - messages are compared as printed, on one line
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ COLUMNS = "{time: time_utc, depth: depth_m, east: u_cm_s, north: v_cm_s, scale: 
 
 @pytest.fixture
 def cruise(tmp_path: Path) -> Path:
-    """Return a cruise folder as the contract shows it."""
+    """Write a cruise folder with the example configuration and return its path."""
     for name in ("EG4/top.000", "EG4/deep.csv", "EG4/b.000", "EG4/a.000", "obs/lrv2.min", "obs/lrv1.min"):
         write(tmp_path, f"raw/{name}", "")
     write(tmp_path, "config/config.yaml", CONFIG)
@@ -115,7 +115,7 @@ def message(root: Path) -> str:
 
 
 def with_line(line: str) -> str:
-    """Return the example with the line replaced that has this key and indentation; a new key goes first."""
+    """Return the example with the line of the same key and indentation replaced; a new key is inserted first."""
     new, old = line.partition(":")[0] + ":", MOORING
     place = old.find("\n" + new) + 1
     if new == "name:":
@@ -127,10 +127,10 @@ def with_line(line: str) -> str:
     return old[:place] + line + old[old.index("\n", place) :]
 
 
-# --- what is read ---------------------------------------------------------------------------------------------------
+# --- valid input ----------------------------------------------------------------------------------------------------
 
 
-def test_the_example_of_the_contract_is_read(cruise: Path) -> None:
+def test_example_configuration_is_read(cruise: Path) -> None:
     loaded = config.load_cruise(cruise)
     mooring = loaded.moorings["EG4"]
     top, deep = mooring.instruments["top"], mooring.instruments["deep"]
@@ -157,7 +157,7 @@ FIT = {
 }  # fmt: skip
 
 
-def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
+def test_all_but_eight_keys_have_defaults(cruise: Path) -> None:
     write(cruise, "config/config.yaml", "{}")
     write(cruise, MOORING_FILE, SHORTEST)
     loaded = config.load_cruise(cruise)
@@ -195,7 +195,7 @@ def test_every_key_but_eight_has_a_default(cruise: Path) -> None:
     }  # fmt: skip
 
 
-def test_the_keys_of_a_table_are_those_of_its_covariates_too(cruise: Path) -> None:
+def test_table_options_apply_to_covariates_too(cruise: Path) -> None:
     keys = ["delimiter: ';'", "decimal: comma", "timezone: '+0200'", "missing: [-99.9, x]", "skip_rows: 2"]
     flow = f"{{format: table, files: raw/EG4/deep.csv, columns: {{date: d, clock: c, value: A}}, {', '.join(keys)}}}"
     depth = "    depth: 120\n"
@@ -210,7 +210,7 @@ def test_the_keys_of_a_table_are_those_of_its_covariates_too(cruise: Path) -> No
     assert columns.model_dump(exclude_none=True) == {"date": "d", "clock": "c", "value": "A"}
 
 
-def test_models_become_plain_json(cruise: Path) -> None:
+def test_models_serialize_to_plain_json(cruise: Path) -> None:
     loaded = config.load_cruise(cruise)
     dumped = loaded.moorings["EG4"].model_dump(mode="json")
     assert json.loads(json.dumps(dumped, allow_nan=False)) == dumped
@@ -223,7 +223,7 @@ def test_an_empty_value_counts_as_absent(cruise: Path) -> None:
     assert (mooring.reference, mooring.covariates, mooring.diagnose.apply, mooring.attributes) == ((), {}, True, {})
 
 
-def test_a_mooring_overrides_the_options(cruise: Path) -> None:
+def test_mooring_file_overrides_cruise_options(cruise: Path) -> None:
     write(cruise, "config/config.yaml", "fit: {method: von_appen}\ndiagnose: {apply: false, min_effect_deg: 2}\n")
     write(cruise, MOORING_FILE, edited(MOORING, "diagnose: {apply: true} ", "diagnose: {enabled: off} "))
     write(cruise, "config/moorings/M1.yaml", SHORTEST)
@@ -245,7 +245,7 @@ def test_a_mooring_overrides_the_options(cruise: Path) -> None:
     }
 
 
-def test_every_key_of_the_other_formats_is_read(cruise: Path) -> None:
+def test_keys_of_the_other_formats_are_read(cruise: Path) -> None:
     instruments = """\
 instruments:
   top:
@@ -284,26 +284,26 @@ instruments:
         ('"2007-09-04T06:00Z"', 6),
     ],
 )
-def test_dates_in_every_form(cruise: Path, written: str, hours: float) -> None:
+def test_dates_are_read_in_every_form(cruise: Path, written: str, hours: float) -> None:
     write(cruise, MOORING_FILE, with_line(f"start: {written}"))
     assert config.load_cruise(cruise).moorings["EG4"].start_s == 1188864000.0 + 3600 * hours
 
 
-def test_dates_as_python_objects() -> None:
+def test_dates_may_be_python_objects() -> None:
     zone = timezone(timedelta(hours=2))
     assert values.time_s(date(2007, 9, 4)) == 1188864000.0
     assert values.time_s(datetime.fromisoformat("2007-09-04")) == 1188864000.0
     assert values.time_s(datetime(2007, 9, 4, 2, tzinfo=zone)) == 1188864000.0
 
 
-def test_texts_that_look_like_something_else_stay_texts(cruise: Path) -> None:
+def test_attributes_that_look_like_other_types_stay_text(cruise: Path) -> None:
     texts = "{a: 2007-09-04, b: 0123, c: 12:30, d: no, e: 1e5, f: 123456789012345678901, g: 0x1F, h: .inf, i: 1_0}"
     write(cruise, MOORING_FILE, SHORTEST + f"attributes: {texts}\n")
     given = config.load_cruise(cruise).moorings["M1"].attributes
     assert list(given.values()) == re.findall(r": ([^,}]+)", texts)
 
 
-def test_numbers_in_every_form(cruise: Path) -> None:
+def test_numbers_are_read_in_every_form(cruise: Path) -> None:
     for written, value in (("1e-2", 0.01), (".01", 0.01), ("+1.", 1.0), ("2.5E-1", 0.25), ("3", 3.0)):
         write(cruise, MOORING_FILE, edited(MOORING, "scale: 0.01", f"scale: {written}"))
         columns = config.load_cruise(cruise).moorings["EG4"].instruments["deep"].columns
@@ -311,7 +311,7 @@ def test_numbers_in_every_form(cruise: Path) -> None:
         assert columns.scale == value
 
 
-def test_moorings_as_a_list_and_none_at_all(cruise: Path) -> None:
+def test_moorings_may_be_a_list_or_empty(cruise: Path) -> None:
     write(cruise, "other/Z.yaml", edited(MOORING, "name: EG4", "name: Z"))
     write(cruise, "config/config.yaml", f"moorings: [other/Z.yaml, {MOORING_FILE}]\n")
     assert list(config.load_cruise(cruise).moorings) == ["EG4", "Z"]
@@ -319,20 +319,20 @@ def test_moorings_as_a_list_and_none_at_all(cruise: Path) -> None:
     assert config.load_cruise(cruise).moorings == {}
 
 
-def test_the_order_is_that_of_the_file_names(cruise: Path) -> None:
+def test_moorings_are_ordered_by_file_name(cruise: Path) -> None:
     write(cruise, "config/moorings/A.yml", edited(MOORING, "name: EG4", "name: Z"))
     write(cruise, "config/moorings/.hidden.yaml", "not read")
     write(cruise, "config/moorings/notes.txt", "not read")
     assert list(config.load_cruise(cruise).moorings) == ["Z", "EG4"]
 
 
-def test_a_file_whose_name_looks_like_a_glob(cruise: Path) -> None:
+def test_file_name_that_looks_like_a_glob_is_literal(cruise: Path) -> None:
     write(cruise, "raw/EG4/top[1].000", "")
     write(cruise, MOORING_FILE, with_line('    files: "raw/EG4/top[1].000"'))
     assert config.load_cruise(cruise).moorings["EG4"].instruments["top"].files == ("raw/EG4/top[1].000",)
 
 
-def test_a_demonstration_may_name_files_that_are_made_later(cruise: Path) -> None:
+def test_demonstration_may_name_files_simulated_later(cruise: Path) -> None:
     write(cruise, "config/config.yaml", "demonstration: true\nseed: 7\n")
     write(cruise, MOORING_FILE, SHORTEST.replace("top.000", "later.000"))
     loaded = config.load_cruise(cruise)
@@ -345,7 +345,7 @@ def test_a_demonstration_may_name_files_that_are_made_later(cruise: Path) -> Non
     )
 
 
-def test_a_calibration_is_named_by_its_file(cruise: Path) -> None:
+def test_fit_by_calibration_requires_its_file_and_place(cruise: Path) -> None:
     write(cruise, MOORING_FILE, with_line("fit: {method: calibration, name: aqd}"))
     assert message(cruise) == (
         "config/moorings/EG4.yaml: fit.name: expected the file config/calibrations/aqd.yaml, found none; "
@@ -361,7 +361,7 @@ def test_a_calibration_is_named_by_its_file(cruise: Path) -> None:
     assert config.load_cruise(cruise).moorings["EG4"].fit.name == ("aqd",)
 
 
-def test_the_cruise_with_real_records_is_read() -> None:
+def test_configuration_of_a_real_cruise_is_read() -> None:
     folder = ROOT.parent / "shared/data/cruise_eh2"
     if not folder.is_dir():
         pytest.skip(f"no {folder}: the real records are not part of this repository")
@@ -371,7 +371,7 @@ def test_the_cruise_with_real_records_is_read() -> None:
     assert loaded.moorings["E0"].instruments["deep"].direction_reference == "true"
 
 
-def test_the_readme_names_every_key() -> None:
+def test_readme_documents_every_key_and_format() -> None:
     text = (ROOT / "config/README.md").read_text()
     named = [*vars(schema).values(), *vars(section).values(), *vars(calibrations).values()]
     models = [m for m in named if isinstance(m, type) and issubclass(m, schema.Section)]
@@ -381,7 +381,7 @@ def test_the_readme_names_every_key() -> None:
     assert [form for form in readers.FORMATS if any(f"`{form}`" not in page for page in pages)] == []
 
 
-def test_a_mooring_takes_each_key_of_the_product_from_the_cruise_and_the_grid_as_a_whole(cruise: Path) -> None:
+def test_product_keys_are_inherited_singly_but_the_grid_whole(cruise: Path) -> None:
     write(
         cruise, "config/config.yaml", CONFIG + "product: {daily: true, grid: {minutes: 60, step_m: auto}, flags: 1}\n"
     )
@@ -395,7 +395,7 @@ def test_a_mooring_takes_each_key_of_the_product_from_the_cruise_and_the_grid_as
     assert config.load_cruise(cruise).moorings["EG4"].product.grid is None
 
 
-# --- what is refused, in one line -----------------------------------------------------------------------------------
+# --- invalid input, in one line -------------------------------------------------------------------------------------
 
 BAD_LINES = [
     ("product: {grid: {minutes: often}}", "product.grid.minutes: expected auto, or minutes from 1 to 1440, found 'often'; write for example minutes: 60"),
@@ -560,31 +560,31 @@ BAD_OPTIONS = [
 
 
 @pytest.mark.parametrize(("line", "expected"), BAD_LINES, ids=[line.strip() for line, _ in BAD_LINES])
-def test_a_bad_line_of_a_mooring_file(cruise: Path, line: str, expected: str) -> None:
+def test_invalid_line_in_a_mooring_file_is_reported(cruise: Path, line: str, expected: str) -> None:
     write(cruise, MOORING_FILE, with_line(line))
     assert message(cruise) == f"{MOORING_FILE}: {expected}"
 
 
-def test_a_raw_file_with_braces(cruise: Path) -> None:
+def test_raw_file_name_with_braces_is_refused(cruise: Path) -> None:
     write(cruise, "raw/obs/{lrv3}.min", "")
     found = "covariates.declination_observatory.files: expected a path without braces"
     assert message(cruise) == f"{MOORING_FILE}: {found}, found 'raw/obs/{{lrv3}}.min'; rename the file"
 
 
 @pytest.mark.parametrize(("columns", "expected"), BAD_COLUMNS, ids=[columns for columns, _ in BAD_COLUMNS])
-def test_bad_columns(cruise: Path, columns: str, expected: str) -> None:
+def test_invalid_columns_are_reported(cruise: Path, columns: str, expected: str) -> None:
     write(cruise, MOORING_FILE, edited(MOORING, COLUMNS, columns))
     assert message(cruise) == f"{MOORING_FILE}: instruments.deep.{expected}"
 
 
 @pytest.mark.parametrize(("content", "expected"), BAD_FILES, ids=[repr(content[:30]) for content, _ in BAD_FILES])
-def test_a_file_that_is_no_cruise_file(cruise: Path, content: str | bytes, expected: str) -> None:
+def test_invalid_yaml_file_is_refused(cruise: Path, content: str | bytes, expected: str) -> None:
     write(cruise, MOORING_FILE, content)
     assert message(cruise) == f"{MOORING_FILE}: {expected}"
 
 
 @pytest.mark.parametrize(("line", "expected"), BAD_OPTIONS, ids=[line for line, _ in BAD_OPTIONS])
-def test_a_bad_line_of_the_options(cruise: Path, line: str, expected: str) -> None:
+def test_invalid_cruise_option_is_reported(cruise: Path, line: str, expected: str) -> None:
     write(cruise, "config/config.yaml", line + "\n")
     assert message(cruise) == f"config/config.yaml: {expected}"
 
@@ -602,12 +602,12 @@ def test_a_bad_line_of_the_options(cruise: Path, line: str, expected: str) -> No
         ),
     ],
 )
-def test_what_pd12_does_not_tell_is_asked_for(cruise: Path, given: str, line: str) -> None:
+def test_keys_that_pd12_lacks_are_required(cruise: Path, given: str, line: str) -> None:
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: pd12, {given}"))
     assert message(cruise) == f"{MOORING_FILE}: instruments.top.{line}"
 
 
-def test_headings_and_velocities_of_each_format_may_hold_different_declinations(cruise: Path) -> None:
+def test_declination_applied_may_differ_for_heading_and_velocity(cruise: Path) -> None:
     both = "declination_applied: {heading: 0, velocity: -17.4}"
     for form, taken in (("pd0", True), ("rdi_text", False)):
         write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {both},"))
@@ -631,7 +631,7 @@ def test_headings_and_velocities_of_each_format_may_hold_different_declinations(
         ("flags: {good: [1]}", "flags", "table or acm_table or netcdf", "pd0"),
     ],
 )
-def test_a_key_of_another_format(cruise: Path, line: str, key: str, allowed: str, form: str) -> None:
+def test_key_of_another_format_is_refused(cruise: Path, line: str, key: str, allowed: str, form: str) -> None:
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {line},"))
     assert message(cruise) == (
         f"{MOORING_FILE}: instruments.top.{key}: expected this key only with format {allowed}, "
@@ -639,7 +639,7 @@ def test_a_key_of_another_format(cruise: Path, line: str, key: str, allowed: str
     )
 
 
-def test_a_table_without_any_depth(cruise: Path) -> None:
+def test_table_without_depth_is_refused(cruise: Path) -> None:
     table = "format: table, columns: {time: t, east: u, north: v},"
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", table))
     assert message(cruise) == (
@@ -648,14 +648,14 @@ def test_a_table_without_any_depth(cruise: Path) -> None:
     )
 
 
-def test_no_config_file(tmp_path: Path) -> None:
+def test_missing_config_file_is_reported(tmp_path: Path) -> None:
     assert message(tmp_path) == (
         f"config/config.yaml: expected this file in {tmp_path}, found none; "
         "write one, for example with the line moorings: config/moorings"
     )
 
 
-def test_a_name_in_two_files(cruise: Path) -> None:
+def test_duplicate_mooring_name_is_refused(cruise: Path) -> None:
     write(cruise, "config/moorings/copy.yaml", MOORING)
     assert message(cruise) == (
         "config/moorings/copy.yaml: name: expected a name of its own, found 'EG4', "
@@ -663,7 +663,7 @@ def test_a_name_in_two_files(cruise: Path) -> None:
     )
 
 
-def test_damaged_files_end_in_one_line_or_are_read(cruise: Path) -> None:
+def test_damaged_yaml_is_read_or_refused_in_one_line(cruise: Path) -> None:
     rng = random.Random(2007)
     read, refused = 0, []
     for _ in range(100):
@@ -680,17 +680,17 @@ def test_damaged_files_end_in_one_line_or_are_read(cruise: Path) -> None:
             refused.append(str(error))
     assert [line for line in refused if "\n" in line or len(line) > 580] == []
     assert read + len(refused) == 100
-    assert min(read, len(refused)) > 15  # many cuts only spoil a comment
+    assert min(read, len(refused)) > 15  # damage is often within a comment
 
 
-def test_a_long_value_is_cut(cruise: Path) -> None:
+def test_long_values_are_truncated_in_messages(cruise: Path) -> None:
     write(cruise, MOORING_FILE, with_line("latitude: " + "x" * 5000))
     assert len(message(cruise)) < 250
     write(cruise, MOORING_FILE, with_line("x" * 1000 + ": 1"))
     assert len(message(cruise)) < 500
 
 
-def test_an_instrument_may_be_called_like_a_key(cruise: Path) -> None:
+def test_instrument_may_share_its_name_with_a_key(cruise: Path) -> None:
     write(cruise, MOORING_FILE, SHORTEST.replace("top: {", "depth: {orientation: left, "))
     assert message(cruise) == (
         f"{MOORING_FILE}: instruments.depth.orientation: expected up or down, found 'left'; "
@@ -699,12 +699,12 @@ def test_an_instrument_may_be_called_like_a_key(cruise: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [*schema.RESERVED, "Logs", "RO-Crate-metadata.json"])
-def test_names_of_other_things_in_results_are_refused(cruise: Path, name: str) -> None:
+def test_reserved_mooring_names_are_refused(cruise: Path, name: str) -> None:
     write(cruise, MOORING_FILE, with_line(f"name: {name}"))
     assert "name: expected a name other than calibrations" in message(cruise)
 
 
-def test_two_moorings_whose_names_differ_in_capitals_alone_are_refused(cruise: Path) -> None:
+def test_mooring_names_differing_only_in_case_are_refused(cruise: Path) -> None:
     write(cruise, "config/moorings/M1.yaml", SHORTEST)
     write(cruise, "config/moorings/m1.yaml", SHORTEST.replace("M1", "m1"))
     assert "found 'm1', which config/moorings/M1.yaml has already in other letters" in message(cruise)
@@ -734,7 +734,7 @@ SECOND = SHORTEST.replace("name: M1", "name: M2").replace("top.000}", "top.000, 
         ),
     ],
 )
-def test_a_compass_is_in_one_place_at_a_time(cruise: Path, second: str, expected: str) -> None:
+def test_conflicting_uses_of_a_compass_are_refused(cruise: Path, second: str, expected: str) -> None:
     write(cruise, MOORING_FILE, MOORING.replace("    depth: 100 ", "    compass: wh1\n    depth: 100 "))
     write(cruise, "config/moorings/M2.yaml", second)
     place = "latitude: 1\nlongitude: 1\ndate: 2001-01-01\n"
@@ -749,7 +749,7 @@ def test_a_compass_is_in_one_place_at_a_time(cruise: Path, second: str, expected
 
 
 @pytest.mark.parametrize("name", [b"a\xff.000", b"a\n.000", "a\u202e.000".encode()])
-def test_names_of_files_that_cannot_be_printed_are_refused(cruise: Path, name: bytes) -> None:
+def test_unprintable_file_names_are_refused(cruise: Path, name: bytes) -> None:
     (Path(os.fsdecode(os.fsencode(cruise) + b"/raw/EG4/" + name))).touch()
     write(cruise, MOORING_FILE, edited(MOORING, "raw/EG4/top.000", "raw/EG4/*.000"))
     said = message(cruise)
@@ -760,7 +760,7 @@ def test_names_of_files_that_cannot_be_printed_are_refused(cruise: Path, name: b
     assert "config/moorings: expected names in UTF-8 without control characters" in message(cruise)
 
 
-def test_the_json_schemas_are_those_of_the_models_and_accept_what_stands_here() -> None:
+def test_json_schemas_match_models_and_accept_all_configurations() -> None:
     made = json_schema.schemas()
     assert {path.name: path.read_text() for path in (ROOT / json_schema.FOLDER).iterdir()} == made, "run: make schema"
     folders = [ROOT / "config", *ROOT.glob("examples/*/config")]

@@ -1,6 +1,6 @@
-"""The YAML files of calibrations: what is read, what is filled in, and the one line that every mistake earns."""
+"""YAML files of calibrations: values, defaults, and a one-line message for every mistake."""
 
-# ruff: noqa: E501, RUF100 - a message is pinned as it is printed, in one line
+# ruff: noqa: E501, RUF100 - messages are compared as printed, on one line
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline import plan
 
 FILE = "config/calibrations/aqd.yaml"
-# The example of design/interface.md.
+# A calibration file with comments, as a user may write it.
 EXAMPLE = """\
 kind: platform                  # platform | swing | magnetometer | declination | two_heads
 file: raw/cal/aqd.csv           # CSV; or with format: mmp_acm, nmea0183, iaga2002
@@ -49,7 +49,7 @@ def message(root: Path) -> str:
     return str(caught.value)
 
 
-def test_the_example_of_the_contract_is_read_and_its_defaults_are_filled_in(cruise: Path) -> None:
+def test_example_calibration_is_read_with_its_defaults(cruise: Path) -> None:
     loaded = config.load_cruise(cruise).calibrations
     assert list(loaded) == ["aqd"] and loaded["aqd"].files == ("raw/cal/aqd.csv",) and loaded["aqd"].placed
     assert calibrations.settings(loaded["aqd"]) == {
@@ -60,20 +60,20 @@ def test_the_example_of_the_contract_is_read_and_its_defaults_are_filled_in(crui
     }  # fmt: skip
 
 
-def test_no_folder_of_calibrations_is_none(tmp_path: Path) -> None:
+def test_missing_calibration_folder_gives_no_calibrations(tmp_path: Path) -> None:
     write(tmp_path, "config/config.yaml", "moorings: []\n")
     assert config.load_cruise(tmp_path).calibrations == {}
 
 
-def test_every_kind_has_its_class_and_its_columns(cruise: Path) -> None:
+def test_every_kind_is_read_by_its_own_model(cruise: Path) -> None:
     assert set(KINDS) <= set(calibrations.MODELS)
     for kind, model in calibrations.MODELS.items():
-        write(cruise, FILE, f"kind: {kind}\nfile: [raw/cal/b.csv, raw/cal/a.csv]\n")  # the order of the heads
+        write(cruise, FILE, f"kind: {kind}\nfile: [raw/cal/b.csv, raw/cal/a.csv]\n")  # order matters: heads a and b
         read = config.load_cruise(cruise).calibrations["aqd"]
         assert type(read) is model and read.files == ("raw/cal/b.csv", "raw/cal/a.csv") and not read.placed
 
 
-def test_columns_and_rows_reach_the_settings(cruise: Path) -> None:
+def test_columns_and_uncertainty_rows_reach_the_settings(cruise: Path) -> None:
     extra = "format: table\ncolumns: {reference_deg: bench}\nuncertainty: {slope_deg: 0.2}\nbudget: le_menn\n"
     write(cruise, FILE, "kind: platform\nfile: raw/cal/*.csv\ntable_step_deg: 15\ndeclination: -0.7\n" + extra)
     read = config.load_cruise(cruise).calibrations["aqd"]
@@ -83,7 +83,7 @@ def test_columns_and_rows_reach_the_settings(cruise: Path) -> None:
     assert (settings["format"], settings["table_step_deg"], settings["declination"]) == ("csv", 15, -0.7)
 
 
-def test_keys_of_a_swing_and_of_two_heads_reach_the_settings(cruise: Path) -> None:
+def test_swing_and_two_heads_keys_reach_the_settings(cruise: Path) -> None:
     marks = "visual: [{compass_deg: 40, true_deg: 42}]\nsun: [{compass_deg: 10, time_utc: 2022-09-29T09:00Z}]\n"
     write(cruise, FILE, f"kind: swing\nfile: raw/cal/a.csv\nmin_speed_kn: 3\n{marks}")
     swing = calibrations.settings(config.load_cruise(cruise).calibrations["aqd"])
@@ -125,19 +125,19 @@ BAD = [
 
 
 @pytest.mark.parametrize(("text", "expected"), BAD, ids=[expected.partition(",")[0] for _, expected in BAD])
-def test_a_mistake_is_one_line(cruise: Path, text: str, expected: str) -> None:
+def test_invalid_calibration_file_is_reported_in_one_line(cruise: Path, text: str, expected: str) -> None:
     write(cruise, FILE, text)
     assert message(cruise) == f"{FILE}: {expected}"
 
 
-def test_a_circle_of_two(cruise: Path) -> None:
+def test_circular_comparison_of_two_is_refused(cruise: Path) -> None:
     write(cruise, FILE, EXAMPLE + "compare_with: b\n")
     write(cruise, "config/calibrations/b.yaml", EXAMPLE + "compare_with: aqd\n")
     assert "a circle of comparisons, aqd - b - aqd" in message(cruise)
 
 
 @pytest.mark.parametrize("name", ["aqd.yml", "a b.yaml", "-x.yaml"])
-def test_a_file_name_that_is_no_name(cruise: Path, name: str) -> None:
+def test_invalid_calibration_file_name_is_refused(cruise: Path, name: str) -> None:
     write(cruise, f"config/calibrations/{name}", EXAMPLE)
     assert message(cruise) == (
         f"config/calibrations/{name}: expected a file NAME.yaml, the name of 1 to 64 letters, digits, '_', '.' and '-', "

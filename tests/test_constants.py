@@ -1,4 +1,4 @@
-"""Every number of the search that has a name stands in docs/background/constants.md, under the error that it sets."""
+"""Every named number of the search is listed in docs/background/constants.md, under the error that it controls."""
 
 import ast
 import re
@@ -13,11 +13,11 @@ ENGINE = [
     ROOT / "effects/effect.py",
     ROOT / "effects/composed.py",
 ]
-LONGEST = 40  # of a value as the page shows it
+LONGEST = 40  # characters of a value as shown on the page
 
 
 def numbers(path: Path) -> dict[tuple[str, str], str]:
-    """Return the value of each constant with a number in it, by name and module."""
+    """Return the source of each constant that contains a number, by name and module."""
     source, found = path.read_text(), {}
     for node in ast.parse(source).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
@@ -40,7 +40,7 @@ def shown(text: str) -> str:
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
 
 
-def test_the_page_holds_every_constant_of_the_search_with_its_value():
+def test_page_lists_every_constant_of_the_search_with_its_value():
     row = r"^\| `(\w+)` \| `([\w/]+\.py)` \| `(.+)` \| (.+) \|$"
     told = {(name, module): value for name, module, value, _ in re.findall(row, PAGE.read_text(), re.MULTILINE)}
     there = {key: value for path in ENGINE for key, value in numbers(path).items()}
@@ -49,7 +49,7 @@ def test_the_page_holds_every_constant_of_the_search_with_its_value():
     assert {key for key, value in there.items() if value != told[key]} == set(), "their values changed"
 
 
-def test_the_page_counts_what_it_lists():
+def test_counts_on_the_page_match_its_rows():
     text = PAGE.read_text()
     sections = text.split("\n## ")[1:]
     listed = {part.split("\n")[0]: part.count("\n| `") for part in sections}

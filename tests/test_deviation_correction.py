@@ -65,7 +65,7 @@ def folded():
     return seen, heading, fit_exact(seen)
 
 
-def test_mild_record_is_corrected_to_its_stated_uncertainty():
+def test_mild_record_is_corrected_within_its_stated_uncertainty():
     seen, heading = pairs(MILD, n=4000, seed=3)
     product = correct(record_of(seen), fit_exact(seen), field_of(seen), seen)
     off = angles.difference(product.heading_corrected_deg, heading)
@@ -86,7 +86,7 @@ def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declinat
     assert (product.velocity_uncertainty > 0).all()
 
 
-def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch):
+def test_correction_in_pieces_yields_the_same_file(tmp_path, monkeypatch):
     seen, _ = pairs(MILD, n=400)
     asked = (record_of(seen), fit_exact(seen), field_of(seen, 18.0), seen)
     monkeypatch.setattr("compasslib.deviation.correction.PIECE", 150)
@@ -100,7 +100,7 @@ def test_pieces_along_time_make_the_same_file_as_the_whole(tmp_path, monkeypatch
             np.testing.assert_array_equal(one[name][...], other[name][...], err_msg=name)
 
 
-def test_branches_of_a_folded_compass(folded):
+def test_branches_of_a_folded_compass_are_resolved(folded):
     seen, heading, fit = folded
     product = correct(record_of(seen), fit, field_of(seen), seen)
     off = np.abs(angles.difference(product.heading_corrected_deg, heading))
@@ -121,10 +121,10 @@ def test_branches_with_two_overlaps_a_day_and_a_gap_of_a_week(folded):
     two = np.isfinite(decision.other_deg)
     assert np.median(off) < 4.0
     right = off <= np.abs(angles.difference(decision.other_deg, heading[kept]))
-    assert abs(decision.probability[two].mean() - right[two].mean()) < 0.05  # as sure as it is right
+    assert abs(decision.probability[two].mean() - right[two].mean()) < 0.05  # probabilities are calibrated
 
 
-def test_posterior_is_a_distribution_and_memory_ends_in_a_long_gap():
+def test_posterior_is_normalized_and_forgets_over_a_long_gap():
     evidence = np.ones((3, CELLS))
     evidence[0, 10] = 1e9
     flat = np.full(CELLS, 1.0 / CELLS)
@@ -137,8 +137,8 @@ def test_posterior_is_a_distribution_and_memory_ends_in_a_long_gap():
     assert near[2, 10] > 5 * flat[0] and far[2] == pytest.approx(flat)
 
 
-def test_an_instrument_that_turns_in_steady_water_turns_the_water_against_it():
-    """Clockwise by 30 degrees: the water turns by -30 in its frame, and the heading's step is +30."""
+def test_an_instrument_turning_in_steady_flow_is_followed():
+    """If it turns clockwise by 30 degrees, the flow turns by -30 in its frame, and the heading changes by +30."""
     heading = np.array([40.0, 70.0])
     water = 0.4 * angles.phasor(200.0 - heading)
     evidence = np.ones((2, CELLS))
@@ -149,7 +149,7 @@ def test_an_instrument_that_turns_in_steady_water_turns_the_water_against_it():
     assert angles.mean(CELL_CENTRES, weights=posterior[1]) == pytest.approx(70.0, abs=3.0)
 
 
-def test_published_method_gives_up_outside_its_stretch():
+def test_published_method_yields_nan_outside_its_invertible_range():
     seen, _ = pairs((0.0, 1.1, 0.7, 0.0, 0.0), n=3000, spread=35.0, seed=3)
     fit = fit_series(seen)
     product = correct(record_of(seen), fit, field_of(seen), seen)
@@ -160,7 +160,7 @@ def test_published_method_gives_up_outside_its_stretch():
 
 
 @pytest.mark.parametrize("method", ["exact", "von_appen"])
-def test_nothing_fitted_gives_nan_flag_4_and_an_assessment_that_says_so(method):
+def test_without_a_fit_headings_are_nan_and_flagged_bad(method):
     seen, _ = pairs(n=5)
     fit = unfitted(method, 5)
     product = correct(record_of(seen), fit, field_of(seen), seen)
@@ -181,7 +181,7 @@ def test_missing_velocities_stay_missing_and_bad_headings_are_not_corrected():
     assert np.isnan(product.heading_corrected_deg[5]) and product.velocity_quality[5, 0] == BAD
 
 
-def test_assessment_is_on_held_out_pairs_and_sees_the_gain():
+def test_assessment_shows_the_gain_on_held_out_pairs():
     seen, _ = pairs((0.0, 0.5, -0.3, 0.0, 0.0), n=3000, seed=8)
     verdict = assess_correction(seen, fit_exact(seen))
     assert verdict["after"]["rms_deg"] < verdict["before"]["rms_deg"]
@@ -195,15 +195,15 @@ def test_vector_correlation_angle_is_the_turn_of_the_upper_water():
     assert found == {"magnitude": pytest.approx(1.0), "angle_deg": pytest.approx(30.0)}
 
 
-def test_a_heading_that_may_be_anything_has_the_uncertainty_of_the_whole_circle():
+def test_uncertainty_is_at_most_that_of_a_uniform_heading():
     seen, _ = pairs(n=120, seed=10)
     product = correct(record_of(seen), fit_series(seen), field_of(seen), seen)
     assert np.nanmin(product.heading_uncertainty_deg) > 0.0
     assert np.nanmax(product.heading_uncertainty_deg) <= angles.UNIFORM_SIGMA_DEG
 
 
-def test_forms_are_compared_on_held_out_blocks_and_a_folded_compass_shows():
-    """Over folded headings the series cannot turn zero times; over mild ones the three are nearly the same."""
+def test_comparison_of_forms_rejects_the_series_for_a_folded_compass():
+    """A folded compass has winding number 0, which the series cannot fit; under mild iron the forms are equivalent."""
     seen = [pairs(coefficients, n=6000, seed=4)[0] for coefficients in (FOLDED, (0.0, 0.1, 0.05, 0.0, 0.0))]
     folded, mild = (compare_forms(p, fit_exact(p)) for p in seen)
     assert folded["exact"]["minus_exact"] == 0.0
@@ -237,7 +237,7 @@ def test_no_heading_is_good_where_the_reference_is_read_wrongly(iron, mistake):
     assert (product.heading_uncertainty_deg > 100.0).all()
 
 
-def test_a_reading_that_the_compass_cannot_have_made_is_flagged_and_not_guessed(folded):
+def test_a_reading_outside_the_recorded_range_is_flagged(folded):
     seen, _, fit = folded
     low, high = fit.recorded_range_deg
     outside = angles.wrap360(high + (360.0 - (high - low)) / 2.0)
@@ -252,8 +252,8 @@ def test_a_reading_that_the_compass_cannot_have_made_is_flagged_and_not_guessed(
 
 
 @pytest.mark.parametrize("strength", [0.1, 0.75, 0.95])
-def test_wild_headings_are_caught_and_right_ones_near_strong_iron_are_not(strength):
-    """A right one may be flagged that stands off both neighbours by half of what a wild one does: some 3 %."""
+def test_spikes_are_flagged_and_good_headings_near_strong_iron_are_not(strength):
+    """About 3 % of the good headings may be flagged: they differ from both neighbours by half a spike."""
     seen, _ = pairs((0.02, -0.86 * strength, 0.5 * strength, 0.02, -0.01), n=3000, seed=14)
     rng = np.random.default_rng(6)
     wild = rng.random(len(seen)) < 0.03
@@ -266,9 +266,9 @@ def test_wild_headings_are_caught_and_right_ones_near_strong_iron_are_not(streng
     assert np.isnan(product.heading_corrected_deg[product.record.heading_quality == BAD]).all()
 
 
-def test_both_headings_stay_open_where_hardly_a_pair_shows_the_branch(folded):
+def test_both_roots_stay_possible_if_pairs_hardly_determine_the_branch(folded):
     seen, heading, fit = folded
-    told = replace(fit, noise=replace(fit.noise, floor_deg=60.0))  # scatter in which no two branches are apart
+    told = replace(fit, noise=replace(fit.noise, floor_deg=60.0))  # scatter that hides the difference of the branches
     product = correct(record_of(seen), told, field_of(seen), seen)
     roots = compass_series(told, readings_at_pairs(seen)).roots()
     two = np.abs(angles.difference(roots[:, 0], roots[:, 1])) > 2.0 * MERGED_DEG
@@ -277,7 +277,7 @@ def test_both_headings_stay_open_where_hardly_a_pair_shows_the_branch(folded):
     assert np.mean(off < 1.96 * product.heading_uncertainty_deg[two]) > 0.95
 
 
-def test_pairs_of_a_few_days_are_no_surer_than_they_can_be():
+def test_uncertainty_from_pairs_of_a_few_days_covers_the_error():
     covered = []
     for seed in range(11, 16):
         seen, heading = pairs(MILD, n=1000, seed=seed)
@@ -288,12 +288,12 @@ def test_pairs_of_a_few_days_are_no_surer_than_they_can_be():
     assert min(covered) > 0.85
 
 
-def test_directions_that_agree_no_better_than_those_of_other_days_deny_the_correction():
+def test_agreement_no_better_than_with_other_days_refutes_the_correction():
     seen, _ = pairs(MILD, n=3000, seed=5)
     flow = angles.direction(seen.lower_east, seen.lower_north)
     inside = (
         np.abs(angles.difference(flow, angles.mean(flow))) < 110.0
-    )  # a mean flow rules: unrelated ones scatter less
+    )  # a dominant mean flow reduces the scatter of unrelated directions
     seen = take(seen, inside)
     other = replace(seen, lower_east=np.roll(seen.lower_east, 700), lower_north=np.roll(seen.lower_north, 700))
     own, strange = (assess_correction(x, fit_exact(x)) for x in (seen, other))

@@ -1,4 +1,4 @@
-"""Constants that a mistake explains, stretches that disagree with the rest, and what both do to the product."""
+"""Constants explained by mistakes, periods that disagree with the rest, and their consequences for the product."""
 
 from __future__ import annotations
 
@@ -60,24 +60,24 @@ def some() -> Pairs:
         (series(178.5), "mounting_offset", "half a turn: the instrument is mounted backwards"),
         (fitted(27.0), "", "a mounting offset or a mistake; check declination"),
         (fitted(-60.0), "", "a mounting offset or a mistake; check declination"),
-        (fitted(4.5, 0.3), "", ""),  # as mounts make it
+        (fitted(4.5, 0.3), "", ""),  # plausible for a mount
         (fitted(18.0, 5.0), "", "a mounting offset or a mistake"),  # 3.6 of its standard errors
         (fitted(18.0, 12.0), "", ""),
     ],
 )
-def test_a_constant_is_questioned_where_a_mistake_explains_it_and_an_ordinary_one_hardly_does(some, fit, effect, words):
+def test_a_constant_better_explained_by_a_mistake_is_questioned(some, fit, effect, words):
     found = find_constant_offset(fit, some, DECLINATION_DEG)
     assert found.effect == effect and (words in found.text if words else not found.text)
     assert found.probability > 10.0 / 11.0 if effect else found.probability == 0.0
 
 
-def test_a_small_declination_is_told_from_an_ordinary_constant_by_the_odds(some):
-    """6° within 1°: 12 to 1 against a normal constant of 4°; within 2.9° of it, 3 to 1."""
+def test_odds_separate_a_small_declination_from_an_ordinary_constant(some):
+    """Odds against an ordinary constant: 12 to 1 at the declination with 1σ of 1°, 1.3 to 1 at 2.7° off with 1.4°."""
     assert find_constant_offset(fitted(6.0, 1.0), some, 6.0).effect == "declination_error"
     assert find_constant_offset(fitted(6.0, 1.4), some, 8.7).effect == ""
 
 
-def test_a_declination_of_the_other_sign_is_questioned_and_one_that_is_only_far_off_is_not():
+def test_only_a_declination_of_wrong_sign_is_questioned():
     fields = [EarthField(*(np.full(2, x) for x in (0.0, d, 1e4, 5e4, -20.0))) for d in (20.0, 8.0, -17.0)]
     wrong, unknown, local = map(find_declination_error, fields)
     assert unknown is None and local is None
@@ -87,20 +87,20 @@ def test_a_declination_of_the_other_sign_is_questioned_and_one_that_is_only_far_
     )
 
 
-def test_a_heading_bias_that_was_subtracted_is_named_with_its_instrument(some):
+def test_a_subtracted_heading_bias_is_identified_with_its_instrument(some):
     found = find_constant_offset(fitted(-45.5), some, DECLINATION_DEG, {"top": 0.0, "deep": 45.0})
     assert found.effect == "declination_error"
     assert "EB of +45.0° that was subtracted from the directions of deep" in found.text
 
 
 def turned(seen: Pairs, side: str, angle_deg: float) -> Pairs:
-    """Return pairs whose upper or lower velocities are turned clockwise."""
+    """Rotate the upper or lower velocities of pairs clockwise."""
     names = (f"{side}_east", f"{side}_north")
     velocity = angles.turn(*(getattr(seen, name) for name in names), angle_deg)
     return replace(seen, **dict(zip(names, velocity, strict=True)))
 
 
-def test_of_a_calibration_made_elsewhere_the_mean_residual_is_the_constant():
+def test_constant_of_a_calibration_is_the_mean_residual():
     seen, _ = pairs(MILD, n=1500, seed=3)
     carried = replace(fit_exact(seen), method="calibration")
     found = find_constant_offset(carried, turned(seen, "lower", 18.0), DECLINATION_DEG)
@@ -108,8 +108,8 @@ def test_of_a_calibration_made_elsewhere_the_mean_residual_is_the_constant():
 
 
 @pytest.mark.parametrize("angle_deg", [-36.0, 24.0])
-def test_a_two_valued_compass_whose_readings_are_all_turned_is_fitted_by_its_constant(angle_deg):
-    """From starts without a constant it ends in soft iron of 60 %, as no instrument has."""
+def test_fit_of_a_folded_compass_recovers_a_constant(angle_deg):
+    """From starting values without a constant, the fit converges to an implausible soft iron of 60 %."""
     seen, _ = pairs(FOLDED, n=3000, seed=5)
     wrong = replace(turned(seen, "upper", angle_deg), heading_deg=angles.wrap360(seen.heading_deg + angle_deg))
     fit = fit_exact(wrong)
@@ -119,7 +119,7 @@ def test_a_two_valued_compass_whose_readings_are_all_turned_is_fitted_by_its_con
 
 # ------------------------------------------------------------------------------------------------------------- windows
 def spoilt(seen: Pairs, some: slice) -> Pairs:
-    """Return pairs of which some have the profiler's record of another time: its headings and velocities."""
+    """Replace headings and velocities of the upper instrument in some pairs by those of another time."""
     other = (np.arange(len(seen))[some] + 900) % len(seen)
     at = np.arange(len(seen))
     at[some] = other
@@ -130,7 +130,7 @@ def spoilt(seen: Pairs, some: slice) -> Pairs:
 
 @pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
 @pytest.mark.parametrize("some", [slice(0, 240), slice(1000, 1400), slice(2600, 3000)], ids=["first", "middle", "last"])
-def test_a_stretch_repeated_from_elsewhere_is_doubted_with_its_dates_and_the_rest_is_not(iron, some):
+def test_a_repeated_period_is_doubted_and_the_rest_is_not(iron, some):
     seen, _ = pairs(iron, n=3000, seed=21)
     wrong = spoilt(seen, some)
     found = find_doubtful_windows(wrong, fit_exact(wrong))
@@ -141,13 +141,13 @@ def test_a_stretch_repeated_from_elsewhere_is_doubted_with_its_dates_and_the_res
 
 @pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_sound_record_has_no_doubtful_stretch(iron, seed):
+def test_a_sound_record_has_no_doubtful_period(iron, seed):
     seen, _ = pairs(iron, n=3000, seed=seed)
     assert find_doubtful_windows(seen, fit_exact(seen)) == ()
 
 
 @pytest.mark.parametrize(("angle_deg", "days", "doubted"), [(18.0, 12, True), (18.0, 5, False), (8.0, 12, False)])
-def test_two_windows_in_a_row_that_are_turned_are_doubted_where_one_is_not(angle_deg, days, doubted):
+def test_two_consecutive_turned_windows_are_doubted_but_not_one(angle_deg, days, doubted):
     seen, _ = pairs(MILD, n=3000, seed=21)
     moved = turned(
         seen, "upper", np.where((np.arange(3000) >= 1200) & (np.arange(3000) < 1200 + 24 * days), angle_deg, 0)
@@ -157,8 +157,8 @@ def test_two_windows_in_a_row_that_are_turned_are_doubted_where_one_is_not(angle
 
 
 @pytest.mark.parametrize(("until", "whole"), [(450, False), (1000, True)])
-def test_where_a_large_part_disagrees_with_the_others_the_whole_record_is_doubted(until, whole):
-    """The reference turned by 52° for a third of the record: a fit to either part may be the wrong one."""
+def test_whole_record_is_doubted_if_a_large_part_disagrees(until, whole):
+    """If the reference is turned by 52° for a third of the record, the fit may be to the wrong part."""
     seen, _ = pairs(MILD, n=3000, seed=21)
     wrong = turned(seen, "lower", np.where(np.arange(3000) < until, -52.0, 0.0))
     found = find_doubtful_windows(wrong, fit_exact(wrong))
@@ -167,8 +167,8 @@ def test_where_a_large_part_disagrees_with_the_others_the_whole_record_is_doubte
     assert not whole or sigma[until:].min() > 40.0
 
 
-def test_a_slope_within_a_few_headings_is_no_doubtful_stretch():
-    """Water that veers by some degrees with the heading is none of another compass, however steep it is there."""
+def test_a_slope_in_a_narrow_heading_range_is_not_doubted():
+    """A veer of a few degrees with heading does not indicate another compass, however steep it is."""
     seen, heading = pairs(MILD, n=3000, seed=2)
     near = np.flatnonzero(np.abs(angles.difference(heading, 90.0)) < 4.0)
     at = np.arange(3000)
@@ -180,7 +180,7 @@ def test_a_slope_within_a_few_headings_is_no_doubtful_stretch():
 
 
 def with_others(seen: Pairs, every: int) -> Pairs:
-    """Return pairs whose affected instrument's every k-th sample is that of another time."""
+    """Replace every k-th sample of the affected instrument by that of another time."""
     at = np.arange(len(seen))
     at[::every] = (at[::every] + 900) % len(seen)
     return replace(
@@ -190,13 +190,13 @@ def with_others(seen: Pairs, every: int) -> Pairs:
 
 @pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
 @pytest.mark.parametrize("every", [2, 3, 7, 12])
-def test_samples_of_another_record_at_every_kth_place_are_doubted_by_their_period(iron, every):
+def test_foreign_samples_at_every_kth_place_are_doubted(iron, every):
     wrong = with_others(pairs(iron, n=3000, seed=22)[0], every)
     first, *_ = find_doubtful_windows(wrong, fit_exact(wrong))
     assert np.isinf(first.from_s) and first.sigma_deg > 20.0 and f"one in {every} differ" in first.why
 
 
-def test_an_hour_of_the_day_that_differs_is_told_by_its_hour():
+def test_a_deviating_hour_of_the_day_is_identified():
     seen, _ = pairs(MILD, n=3000, seed=23)
     hour = np.rint(seen.time_s / 3600.0).astype(int) % 24
     velocity = angles.turn(seen.upper_east, seen.upper_north, np.where(hour == 14, 50.0, 0.0))
@@ -206,7 +206,7 @@ def test_an_hour_of_the_day_that_differs_is_told_by_its_hour():
     assert "those of 14:00 UTC differ" in first.why
 
 
-def test_doubts_lower_the_flag_and_widen_the_uncertainty_there_and_nowhere_else():
+def test_doubts_change_flags_and_uncertainty_only_in_their_period():
     seen, _ = pairs(MILD, n=600, seed=2)
     record, fit = record_of(seen), fit_exact(seen)
     stretch = Doubt(float(record.time_s[100]), float(record.time_s[199]), 20.0, "for a test")
@@ -222,13 +222,13 @@ def test_doubts_lower_the_flag_and_widen_the_uncertainty_there_and_nowhere_else(
     np.testing.assert_array_equal(doubted.heading_uncertainty_deg[~inside], plain.heading_uncertainty_deg[~inside])
 
 
-def test_doubts_come_back_from_deviation_json():
+def test_doubts_are_restored_from_deviation_json():
     every = (Doubt(1.2e9, 1.3e9, 12.0, "why"), doubt_whole_record(30.0, "all of it"))
     assert doubts_from_json([doubt.to_json() for doubt in every]) == every
 
 
-# ------------------------------------------------------------------------------------------------ steps, other faults
-def test_the_step_of_coarse_headings_is_in_their_uncertainty_where_they_are_coarse():
+# ------------------------------------------------------------------------------------- coarse headings, other faults
+def test_uncertainty_includes_the_resolution_of_coarse_headings():
     seen, heading = pairs(MILD, n=2000, seed=4)
     record, fit = record_of(seen), fit_exact(seen)
     part = np.arange(2000) < 1000
@@ -239,7 +239,7 @@ def test_the_step_of_coarse_headings_is_in_their_uncertainty_where_they_are_coar
     np.testing.assert_array_equal(found.heading_uncertainty_deg[~part], plain.heading_uncertainty_deg[~part])
 
 
-def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
+def test_only_the_calibration_of_another_compass_is_contradicted():
     seen, _ = pairs(MILD, n=1500, seed=6)
     own = replace(fit_exact(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
     other = replace(own, coefficients=own.coefficients + np.array([0.0, -1.0, 0.6, 0.0, 0.0]))
@@ -247,7 +247,7 @@ def test_a_calibration_of_another_compass_is_contradicted_and_its_own_is_not():
     assert [bool(at_mooring.contradiction(fit, seen)) for fit in (own, moved, other)] == [False, False, True]
 
 
-def test_directions_that_agree_with_no_heading_doubt_the_record():
+def test_samples_inconsistent_with_any_heading_make_the_record_doubtful():
     seen, _ = pairs(MILD, n=2000, seed=8)
     wrong = with_others(seen, 12)
     assert diagnoses._doubt_outliers(fit_exact(seen)) == ()
@@ -282,7 +282,7 @@ def test_a_sound_mooring_keeps_the_verdict_of_the_search():
 @pytest.mark.parametrize(
     "rest", [ConstantOffset(2.0, 1.0), ConstantOffset(18.5, 1.0, "declination_error", "said", 0.9)]
 )
-def test_a_clock_error_explains_a_questioned_constant_where_it_leaves_none_that_is(rest):
+def test_a_clock_error_may_explain_a_questioned_constant(rest):
     seen, _ = pairs(MILD, n=1500, seed=6)
     first = fit_exact(seen)
     refitted = replace(first, coefficients=first.coefficients + 0.01 * np.eye(5)[0])
@@ -297,7 +297,7 @@ def test_a_clock_error_explains_a_questioned_constant_where_it_leaves_none_that_
     assert bool(made.product.doubts) == bool(rest.effect)
 
 
-def test_effects_do_not_excuse_a_configured_fit_that_no_instrument_can_have():
+def test_an_implausible_configured_fit_is_insufficient_despite_effects():
     seen, _ = pairs(MILD, n=1500, seed=6)
     sound = fit_exact(seen)
     wrong = replace(sound, coefficients=np.array([0.0, 0.2, 0.1, 0.7, 0.1]), covariance=1e-4 * np.eye(5))
@@ -306,7 +306,7 @@ def test_effects_do_not_excuse_a_configured_fit_that_no_instrument_can_have():
     assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
 
 
-def test_a_doubtful_stretch_makes_the_verdict_unexplained_and_says_when():
+def test_a_doubtful_period_makes_the_verdict_unexplained_with_dates():
     wrong = spoilt(pairs(MILD, n=3000, seed=21)[0], slice(1000, 1400))
     made = concluded(wrong)
     assert made.diagnosis.verdict == "unexplained" and made.diagnosis.unexplained.where.covariate == "time"
@@ -324,7 +324,7 @@ def test_a_large_unexplained_mismatch_makes_all_headings_doubtful(size_deg, doub
 
 
 @pytest.mark.parametrize(("sigma_deg", "verdict"), [(angles.UNIFORM_SIGMA_DEG, "insufficient"), (30.0, "unexplained")])
-def test_pairs_that_tell_nothing_are_insufficient_and_those_that_may_be_turned_unexplained(sigma_deg, verdict):
+def test_doubts_of_the_pairs_determine_the_verdict(sigma_deg, verdict):
     seen = replace(pairs(MILD, n=1500, seed=6)[0], doubts=((sigma_deg, "the reference cannot be believed"),))
     made = concluded(seen)
     assert made.diagnosis.verdict == verdict and made.product.doubts[0].sigma_deg == sigma_deg
@@ -342,7 +342,7 @@ def test_a_record_that_contradicts_its_fit_makes_all_headings_doubtful():
     assert concluded(seen, diagnosis=replace(few, refutes_fit=False)).product.doubts == ()
 
 
-def test_a_calibration_of_another_compass_is_insufficient_and_named():
+def test_a_contradicted_calibration_is_insufficient_and_named():
     seen, _ = pairs(MILD, n=1500, seed=6)
     other = replace(fit_exact(seen), method="calibration", covariance=np.eye(5) * 1e-4)
     other = replace(other, coefficients=np.array([0.0, -0.7, 0.7, 0.0, 0.0]))
@@ -352,7 +352,7 @@ def test_a_calibration_of_another_compass_is_insufficient_and_named():
 
 
 @pytest.mark.parametrize("confirmed", [False, True])
-def test_a_declination_applied_twice_is_ambiguous_with_all_headings_flagged_unless_it_is_confirmed(tmp_path, confirmed):
+def test_declination_error_is_ambiguous_unless_confirmed(tmp_path, confirmed):
     folder = cruise(tmp_path / "c", n=1200)
     settings = folder / "config/moorings/M1.yaml"
     content = yaml.safe_load(settings.read_text())

@@ -1,4 +1,4 @@
-"""The latent-heading fit: gradients, recovery on both sides of the fold, honesty on a null."""
+"""The latent-heading fit: gradients, recovery on both sides of the fold, null records."""
 
 from dataclasses import replace
 
@@ -82,7 +82,7 @@ def test_a_null_record_stays_null_within_its_uncertainty():
     assert fit.noise.floor_deg < 12.0 and not fit.folded
 
 
-def test_water_that_may_be_turned_for_good_makes_a_as_unsure_and_the_rest_no_surer():
+def test_uncertainty_of_a_constant_veer_widens_that_of_a():
     seen, _ = pairs((0, 0, 0, 0, 0), n=6000, seed=9, spread=60.0)
     sure, unsure = (fit_exact(replace(seen, veer_deg=size)) for size in (0.0, 5.0))
     assert unsure.coefficients == pytest.approx(sure.coefficients)
@@ -90,7 +90,7 @@ def test_water_that_may_be_turned_for_good_makes_a_as_unsure_and_the_rest_no_sur
     assert before[0] < 1.5 and after[0] == pytest.approx(5.0, rel=0.2) and np.all(after > 0.999 * before)
 
 
-def test_outliers_do_not_move_it():
+def test_outliers_do_not_bias_the_fit():
     seen, heading = pairs(MILD, n=3000, seed=5)
     rng = np.random.default_rng(0)
     wrong = rng.choice(len(seen), 150, replace=False)
@@ -101,7 +101,7 @@ def test_outliers_do_not_move_it():
     assert angles.rms(off) < 2.5
 
 
-def test_it_travels_through_json():
+def test_fit_is_restored_from_json():
     fit = fit_exact(pairs(MILD, n=600)[0])
     again = fit_from_json(fit.to_json())
     assert again.coefficients == pytest.approx(fit.coefficients) and again.noise == fit.noise

@@ -1,4 +1,4 @@
-"""Coefficients from elsewhere and ready-made pairs: a mooring is corrected without fitting, or without a reference."""
+"""Given coefficients and ready-made pairs: correction of a mooring without a fit, or without a reference."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from sea import MILD, cruise, pairs
 
 from compasslib import angles
 from compasslib.calibrations.at_mooring import compass_from_coefficients
+from compasslib.cli import main
 from compasslib.deviation import deviation_json, fit_deviation
 from compasslib.deviation.assessment import assess_correction
 from compasslib.deviation.correction import correct
@@ -37,7 +38,7 @@ def rows_of(seen) -> dict[str, np.ndarray]:
 ROWS = rows_of(SEEN)
 
 
-def test_given_coefficients_correct_as_they_are_and_no_pair_changes_them():
+def test_given_coefficients_are_applied_without_a_refit():
     fit = compass_from_coefficients("exact", LETTERS, COVARIANCE, RECORD, SEEN)
     assert fit_deviation(fit.method, SEEN, fit) is fit and fit_from_json(deviation_json(fit, RECORD)).fixed
     product = correct(RECORD, fit, field_of(SEEN), SEEN)
@@ -50,13 +51,13 @@ def test_given_coefficients_correct_as_they_are_and_no_pair_changes_them():
 
 @pytest.mark.parametrize(("by", "contradicted"), [(0.0, False), (0.02, False), (0.3, True)])
 def test_coefficients_of_another_compass_are_contradicted_by_the_pairs(by, contradicted):
-    """Of a compass 6° off, directions agreed within 26° rms, before as after, and all headings stayed good."""
+    """Regression test: for a compass 6° off, directions agreed within 26° rms, and all headings were flagged good."""
     given = {**LETTERS, "B": LETTERS["B"] + by}
     said = assess_correction(SEEN, compass_from_coefficients("exact", given, COVARIANCE, RECORD, SEEN))["refuted"]
     assert ("from the given one" in said) is contradicted
 
 
-def test_without_their_covariance_all_headings_are_doubtful_and_sigma_says_that_nothing_is_known():
+def test_without_covariance_headings_are_doubtful_with_uniform_sigma():
     fit = compass_from_coefficients("exact", LETTERS, None, RECORD, SEEN)
     again = fit_from_json(deviation_json(fit, RECORD))
     product = correct(RECORD, again, field_of(SEEN), SEEN)
@@ -66,14 +67,14 @@ def test_without_their_covariance_all_headings_are_doubtful_and_sigma_says_that_
     assert "without their covariance" in again.warnings[0]
 
 
-def test_a_given_series_is_the_fitted_one_again():
+def test_a_given_series_equals_the_fitted_one():
     fitted = fit_series(SEEN)
     letters = dict(zip("ABCDE", fitted.coefficients.tolist(), strict=True))
     fit = compass_from_coefficients("von_appen", letters, fitted.covariance.tolist(), RECORD, SEEN)
     assert (fit.method, fit.folded, fit.recorded_range_deg) == ("von_appen", fitted.folded, fitted.recorded_range_deg)
     products = [correct(RECORD, each, field_of(SEEN), SEEN) for each in (fit, fitted)]
     assert products[0].heading_corrected_deg == pytest.approx(products[1].heading_corrected_deg, nan_ok=True)
-    assert fit_deviation("von_appen", SEEN, fit) is fit  # on held-out pairs too
+    assert fit_deviation("von_appen", SEEN, fit) is fit  # also on held-out pairs
 
 
 def written(path, times, form="table", seen=SEEN):
@@ -110,7 +111,7 @@ def test_ready_made_pairs_of_tables_and_matlab_files_are_the_same(tmp_path, name
         assert getattr(matched, part) == pytest.approx(getattr(SEEN, part), abs=1e-4), part
 
 
-def test_what_is_wrong_with_ready_made_pairs_is_one_line_or_a_warning(tmp_path, monkeypatch):
+def test_errors_of_ready_made_pairs_are_one_line_or_a_warning(tmp_path, monkeypatch):
     path = written(tmp_path / "a.mat", DATENUM, "mat")
     with pytest.raises(InputError, match=r"a.mat: speed \(heading\): expected one of its variables, found v_heading"):
         read_ready_pairs(path, COLUMNS | {"heading": "speed"})
@@ -128,13 +129,16 @@ def test_what_is_wrong_with_ready_made_pairs_is_one_line_or_a_warning(tmp_path, 
     assert "differ from the record's by 40° in the median" in turned.warnings[0]
 
 
-def test_a_cruise_runs_on_ready_made_pairs_and_on_given_coefficients_without_a_reference(tmp_path):
+def test_a_cruise_runs_on_ready_made_pairs_or_given_coefficients(tmp_path, capsys):
     cruise(tmp_path, ("M1", "M3"), n=400)
-    written(tmp_path / "raw/M1/pairs.csv", ISO, seen=pairs(n=400, seed=10)[0])
+    ready_made = written(tmp_path / "raw/M1/pairs.csv", ISO, seen=pairs(n=400, seed=10)[0])
     files, none = tmp_path / "config/moorings", {"reference": None, "diagnose": {"enabled": False}}
     columns = COLUMNS | {"scale": 0.01}
     change(files / "M1.yaml", fit={"method": "pairs", "file": "raw/M1/pairs.csv", "columns": columns}, **none)
     change(files / "M3.yaml", fit={"method": "coefficients", "coefficients": LETTERS, "covariance": COVARIANCE}, **none)
+    assert main(["check", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert "with raw/M1/pairs.csv: 400 pairs over" in shown and "nothing is corrected" not in shown
     ready, given = (chain.run(tmp_path, name) for name in ("M1", "M3"))
     assert not (ready["error"] or given["error"])
     assert ready["fit"]["method"] == "exact" and ready["n_pairs"] == 400
@@ -142,3 +146,7 @@ def test_a_cruise_runs_on_ready_made_pairs_and_on_given_coefficients_without_a_r
     assert np.max(np.abs(off)) < 0.15 and ready["rms_after_deg"] < ready["rms_before_deg"]
     assert given["fit"]["method"] == "coefficients" and given["n_pairs"] == 0 and given["share_corrected"] == 1.0
     assert given["fit"]["coefficients"] == pytest.approx(LETTERS)
+    ready_made.write_text("time\n")
+    assert main(["check", str(tmp_path)]) == 1
+    shown = capsys.readouterr()
+    assert "raw/M1/pairs.csv" in shown.err and "1 problem (stopped: M1)" in shown.out

@@ -1,4 +1,4 @@
-"""A compass without deviation beside the fitted one: what is averaged, and what is not."""
+"""Model averaging of the fitted compass with one without deviation, and cases that are not averaged."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.shrinkage import average_with_none
 
-SIGMA = np.array([0.02, 0.04, 0.04, 0.02, 0.02])  # as real water between two depths leaves it
+SIGMA = np.array([0.02, 0.04, 0.04, 0.02, 0.02])  # typical of real currents at two depths
 
 
 def fitted(coefficients, sigma=SIGMA, **other):
@@ -18,7 +18,7 @@ def fitted(coefficients, sigma=SIGMA, **other):
 
 
 def drawn(strength, count=400, seed=1):
-    """Draw fits of compasses of a strength of iron with the errors that they state."""
+    """Draw fits of compasses with iron of a given strength, with errors by their stated covariance."""
     rng = np.random.default_rng(seed)
     towards = rng.uniform(0.0, 2.0 * np.pi, count)
     true = np.zeros((count, 5))
@@ -26,7 +26,7 @@ def drawn(strength, count=400, seed=1):
     return true, [fitted(t + SIGMA * rng.normal(size=5)) for t in true]
 
 
-def test_an_untouched_compass_is_left_as_recorded():
+def test_a_compass_without_deviation_is_shrunk_to_none():
     _, fits = drawn(0.0)
     averaged = [average_with_none(fit) for fit in fits]
     before, after = (np.array([fit.coefficients for fit in some]) for some in (fits, [fit for fit, _ in averaged]))
@@ -37,7 +37,7 @@ def test_an_untouched_compass_is_left_as_recorded():
 
 
 @pytest.mark.parametrize("strength", [0.12, 0.3, 0.8])
-def test_iron_that_the_record_shows_is_no_worse_corrected_and_its_uncertainty_holds(strength):
+def test_iron_is_corrected_no_worse_and_intervals_cover_it(strength):
     true, fits = drawn(strength)
     averaged = [average_with_none(fit)[0] for fit in fits]
     off, was = (np.array([fit.coefficients for fit in some]) - true for some in (averaged, fits))
@@ -46,15 +46,15 @@ def test_iron_that_the_record_shows_is_no_worse_corrected_and_its_uncertainty_ho
     assert (np.abs(off) <= 1.96 * sigma).mean() > 0.93
 
 
-def test_strong_iron_and_a_wrong_alignment_stay_as_fitted():
-    """What the record shows at twenty standard errors moves by less than a third of one."""
+def test_strong_iron_and_large_misalignment_stay_as_fitted():
+    """Coefficients of twenty standard errors change by less than a third of one."""
     for coefficients in ([0.0, 0.8, -0.3, 0.0, 0.0], [0.4, 0.0, 0.0, 0.0, 0.0]):
         averaged, chance = average_with_none(fitted(coefficients))
         assert chance < 1e-6 and (np.abs(averaged.coefficients - coefficients) < SIGMA / 3.0).all()
 
 
 @pytest.mark.parametrize("other", [{"folded": True}, {"fixed": True}])
-def test_a_two_valued_compass_and_one_known_beforehand_are_not_averaged(other):
+def test_folded_and_given_compasses_are_not_averaged(other):
     fit = fitted([0.01, 0.02, 0.0, 0.0, 0.0], **other)
     assert average_with_none(fit) == (fit, None)
     assert average_with_none(replace(fit, method="von_appen", folded=False))[1] is None

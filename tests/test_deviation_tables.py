@@ -1,4 +1,4 @@
-"""Histograms before and after, the lookup table, and intervals of the held-out differences."""
+"""Histograms before and after the correction, the lookup table, and intervals of the held-out differences."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_the_table_inverts_the_compass_at_every_reachable_degree(coefficients, t
     assert (table["sigma_deg"] > 0.0).all()
 
 
-def test_the_table_of_a_series_is_its_own_and_doubts_of_the_whole_record_stand_in_sigma():
+def test_table_of_a_series_includes_doubts_of_the_whole_record():
     fit = fit_series(pairs(n=600)[0])
     table = tabulate_deviation(fit)
     assert len(table["root"]) == 360 and (table["root"] == 1).all()
@@ -58,7 +58,7 @@ def test_the_table_of_a_series_is_its_own_and_doubts_of_the_whole_record_stand_i
     assert not tabulate_deviation(unfitted("exact", 5))["root"].size
 
 
-def test_histograms_count_what_is_there_in_bins_of_five_degrees(tmp_path):
+def test_histograms_count_finite_values_in_bins_of_five_degrees(tmp_path):
     seen, heading = pairs(n=600)
     record = replace(record_of(seen), heading_quality=np.where(np.arange(600) < 7, BAD, 1).astype(np.int8))
     heading[:11] = np.nan
@@ -80,8 +80,8 @@ def test_histograms_count_what_is_there_in_bins_of_five_degrees(tmp_path):
     assert (counts["direction_corrected"] == np.histogram(angles.wrap360(turned[11:]), edges + 180.0)[0]).all()
 
 
-def test_intervals_hold_for_differences_that_repeat_their_neighbours():
-    """95 % intervals of 200 series with a memory of ten hours hold the truth in at least 90 %."""
+def test_confidence_intervals_cover_with_autocorrelated_differences():
+    """95 % intervals of 200 series with a memory of ten hours contain the truth in at least 90 %."""
     rng, n, time_s = np.random.default_rng(1), 1000, 3600.0 * np.arange(1000)
     truth = {"mean_deg": 3.0, "rms_deg": np.hypot(10.0, 3.0), "median_absolute_deg": 7.06}
     held = dict.fromkeys(truth, 0)
@@ -106,12 +106,12 @@ def test_currents_of_the_pairs_have_their_mean_and_principal_axes():
     )
 
 
-def test_deviation_falls_with_the_cube_of_the_distance_within_bounds_that_hold_what_is_assumed():
+def test_deviation_falls_with_the_cube_of_distance_within_bounds():
     fit = replace(exact([0.02, 0.6, 0.8, 0.0, 0.0]), covariance=np.diag([0.0, 0.01, 0.01, 0.0, 0.0]) ** 2)
     block = estimate_safe_distance(fit, (0.4, 0.6))
     assert block["relative_field"] == pytest.approx(1.0) and block["relative_field_sigma"] == pytest.approx(0.01)
     rows = {row["m"]: row["deviation_deg"] for row in block["distances"]}
-    assert min(rows) == 0.75 and rows[0.75][1] == 180.0  # twice the field, at 0.8 of the distance: beyond the earth's
+    assert min(rows) == 0.75 and rows[0.75][1] == 180.0  # twice the field at 0.8 of the distance exceeds the earth's
     low, high = (0.5 * (1.0 - 0.0196) * 0.2**3, 2.0 * (1.0 + 0.0196) * 0.3**3)
     assert rows[2.0] == pytest.approx(np.rad2deg(np.arcsin([low, high])), rel=1e-4)
     assert (

@@ -1,4 +1,4 @@
-"""The compass with tilt in the fit: level without tilt, heeling recovered, nothing invented."""
+"""The fit with tilt: level compass without tilt, heeling recovered, no spurious heeling."""
 
 import json
 from dataclasses import replace
@@ -19,7 +19,7 @@ DIP = 4.35
 
 
 def tilted_pairs(heeling: float, n: int = 5000, iron=MILD):
-    """Return pairs recorded by a tilted compass, and the correct headings."""
+    """Simulate pairs recorded with a tilted compass, and the correct headings."""
     rng = np.random.default_rng(7)
     seen, heading = pairs(iron, n=n, seed=2)
     pitch, roll = 2.0 + red_noise(rng, n, 8, 5.0), -3.0 + red_noise(rng, n, 8, 5.0)
@@ -48,7 +48,7 @@ def test_heeling_is_recovered_and_the_headings_gain():
 
 
 @pytest.mark.parametrize("iron", [MILD, FOLDED])
-def test_headings_of_a_tilted_compass_folded_or_not(iron):
+def test_headings_of_a_tilted_compass_are_corrected(iron):
     seen, heading = tilted_pairs(0.6, n=4000, iron=iron)
     fits = (fit_deviation("exact", seen), fit_deviation("exact", seen, dip_ratio=DIP))
     level, tilted = (correct_headings(readings_at_pairs(seen), fit, seen) for fit in fits)
@@ -57,7 +57,7 @@ def test_headings_of_a_tilted_compass_folded_or_not(iron):
     assert np.mean(after < 1.96 * tilted.sigma_deg) > 0.93
 
 
-def test_a_tilted_fit_comes_back_from_its_file():
+def test_a_tilted_fit_is_restored_from_json():
     seen, _ = tilted_pairs(0.6, n=600)
     fitted = fit_deviation("exact", seen, dip_ratio=DIP)
     again = fit_from_json(json.loads(json.dumps(fitted.to_json())))
@@ -69,7 +69,7 @@ def test_no_heeling_is_found_where_there_is_none():
     assert abs(fitted.heeling) < 3.5 * np.sqrt(fitted.covariance[5, 5])
 
 
-def test_a_constant_tilt_tells_nothing_and_the_uncertainty_says_so():
+def test_heeling_is_undetermined_by_a_constant_tilt():
     seen, _ = tilted_pairs(0.3, n=2000)
     steady = replace(seen, pitch_deg=np.zeros(2000), roll_deg=np.zeros(2000))
     fitted = fit_tilt(steady, fit_exact(steady), DIP)

@@ -1,4 +1,4 @@
-"""Coefficients carried between places, against the full compass with known iron."""
+"""Transfer of coefficients between places, against the full compass with known iron."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_induced_iron_alone_scales_as_the_dip():
     assert carried.if_all_induced == pytest.approx(at(GREENLAND, hard=(0, 0, 0)), abs=1e-12)
 
 
-def test_without_knowledge_the_truth_lies_between_the_extremes_and_it_is_said():
+def test_without_knowledge_of_the_iron_the_extremes_enclose_the_truth():
     carried = transfer_coefficients(at(BREST), np.zeros((5, 5)), BREST, GREENLAND)
     truth = at(GREENLAND)
     assert np.sqrt(np.diag(carried.covariance))[1] > 0.01
@@ -51,12 +51,12 @@ def test_two_places_separate_hard_and_induced_iron():
     assert separate_iron(at(BREST), at(BREST), BREST, BREST) is None
 
 
-def test_without_semicircular_coefficients_nothing_is_said():
+def test_without_semicircular_coefficients_there_is_no_warning():
     carried = transfer_coefficients([0.01, 0.0, 0.0, 0.03, 0.02], np.eye(5) * 1e-6, BREST, GREENLAND)
     assert carried.warning == "" and carried.coefficients.tolist() == [0.01, 0.0, 0.0, 0.03, 0.02]
 
 
-def test_a_weak_field_is_said():
+def test_a_weak_field_is_warned_of():
     carried = transfer_coefficients(at(BREST), np.zeros((5, 5)), BREST, FieldAtPlace(4000.0, 56000.0))
     assert carried.warning.startswith("the horizontal field is 4000 nT; below 5000 nT no correction is reliable")
 

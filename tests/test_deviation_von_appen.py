@@ -1,4 +1,4 @@
-"""The published method: its numbers, its fold, its NaNs, its known bias."""
+"""The published method: its numbers, folding, NaN outside its range, and its known bias."""
 
 import numpy as np
 import pytest
@@ -65,8 +65,8 @@ def test_fit_recovers_a_curve_without_noise():
     assert fit.recorded_range_deg == (0.0, 360.0) and not fit.folded
 
 
-def test_the_inverted_stretch_may_be_that_which_holds_most_headings():
-    """Where a curve folds and the mooring lay on its steady side, an author would invert that side."""
+def test_the_branch_with_most_headings_can_be_inverted():
+    """If the curve folds and the headings are on its rising branch, an author would invert that branch."""
     coefficients, heading = (0.0, 100.0, 0.0, 0.0, 0.0), np.linspace(120.0, 240.0, 60)
     recorded = angles.wrap360(heading - series_deviation(coefficients, heading))
     sluggish, steady = invert_series(coefficients, recorded), invert_series(coefficients, recorded, heading)
@@ -78,13 +78,13 @@ def test_the_inverted_stretch_may_be_that_which_holds_most_headings():
     assert fit_series_about_mean(seen) == pytest.approx(fit_series(seen).coefficients, abs=1e-6)
 
 
-def test_shared_noise_biases_it_as_the_design_says():
-    """The noisy lower direction stands on both axes: the slope is drawn towards +1 (the reason for the exact fit)."""
+def test_shared_noise_biases_the_series():
+    """The noisy direction of the reference is on both axes, which biases the slope towards +1 (hence the exact fit)."""
     seen, _ = pairs((0, 0, 0, 0, 0), n=6000, spread=35.0)
     assert np.hypot(*fit_series(seen).coefficients[1:3]) > 10.0
 
 
-def test_too_few_pairs_are_said():
+def test_too_few_pairs_are_reported():
     seen, _ = pairs(n=10)
     fit = fit_series(seen)
     assert not fit.fitted and fit.why == "10 overlapping pairs, at least 30 are needed"

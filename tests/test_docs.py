@@ -1,4 +1,4 @@
-"""The pages for users: their Python runs, their YAML is allowed, links and commands exist; the site builds."""
+"""User documentation: its Python runs, its YAML is valid, links and commands exist, the site builds."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ PAGES = [PROJECT / name for name in NAMES] + [page for page in SITE if page.pare
 LIBRARY, PLUGINS = PROJECT / "docs/howto/library.md", PROJECT / "docs/howto/plugins.md"
 TUTORIAL = PROJECT / "docs/tutorial.md"
 WITH_YAML = [PROJECT / "README.md", *sorted((PROJECT / "docs/howto").glob("*.md"))]
-MOST_WORDS = 1200  # of the README: what is longer is read by nobody
+MOST_WORDS = 1200  # of the README, to be read to the end
 
 
 def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
 
 
-def test_the_library_page_runs_and_the_ten_lines_correct_a_record(tmp_path):
-    """In a process of its own, as a reader would run it; errors of 24 degrees fall below their stated uncertainty."""
+def test_library_page_runs_and_corrects_a_record(tmp_path):
+    """In a separate process; errors of 24 degrees rms fall below a fifth, and below three stated standard errors."""
     check = (
         "np.savez('seen.npz', time=product.record.time_s, heading=product.heading_corrected_deg,"
         " sigma=product.heading_uncertainty_deg, t=truth.time_s, true=truth.heading_deg, read=truth.recorded_deg,"
@@ -60,17 +60,17 @@ def test_the_library_page_runs_and_the_ten_lines_correct_a_record(tmp_path):
     ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr
     seen = np.load(tmp_path / "seen.npz")
-    np.testing.assert_allclose(seen["time"], seen["t"], atol=1.0)  # the file counts hundredths of seconds
+    np.testing.assert_allclose(seen["time"], seen["t"], atol=1.0)  # the file has hundredths of seconds
     before, after = (angles.difference(seen[name], seen["true"]) for name in ("read", "heading"))
     rms = [float(np.sqrt(np.nanmean(error**2))) for error in (before, after)]
-    assert rms[0] == pytest.approx(24.4, abs=0.1)  # the number that the page gives rests on this mooring
+    assert rms[0] == pytest.approx(24.4, abs=0.1)  # the number on the page is that of this mooring
     assert rms[1] < 3.0 * np.nanmedian(seen["sigma"]) and rms[1] < 0.2 * rms[0]
     assert np.nanmax(np.abs(before)) == pytest.approx(33.0, abs=0.5)
     np.testing.assert_allclose(np.sort(seen["weak"])[:, 0], [10.0, 100.0, 190.0, 280.0], atol=1e-9)
     assert "bench.csv" in ran.stdout.splitlines()[-1]
 
 
-def test_the_notebook_runs_and_its_transport_has_an_uncertainty(tmp_path):
+def test_notebook_runs_and_states_the_transport_uncertainty(tmp_path):
     made = compasslib.process_mooring(cruise(tmp_path / "c", ("EG4",), n=300), "EG4", tmp_path / "made")
     (tmp_path / "results").mkdir()
     made.rename(tmp_path / "results/EG4")
@@ -87,7 +87,7 @@ def test_the_notebook_runs_and_its_transport_has_an_uncertainty(tmp_path):
 
 
 @pytest.mark.parametrize("room", [*ROOMS, APART])
-def test_each_room_shows_a_worked_example(room, tmp_path, monkeypatch):
+def test_each_subpackage_has_a_worked_example(room, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     ran = doctest.testmod(
         importlib.import_module("compasslib" if room == "ground" else f"compasslib.{room}"), verbose=False
@@ -95,7 +95,7 @@ def test_each_room_shows_a_worked_example(room, tmp_path, monkeypatch):
     assert ran.attempted > 1 and not ran.failed
 
 
-def test_each_public_name_is_shown_and_costs_nothing_before_it_is_used():
+def test_public_names_are_documented_and_imported_lazily():
     page = LIBRARY.read_text()
     for name in compasslib.__all__:
         assert getattr(compasslib, name).__doc__, name
@@ -104,18 +104,18 @@ def test_each_public_name_is_shown_and_costs_nothing_before_it_is_used():
     subprocess.run([sys.executable, "-c", late], check=True)
 
 
-def test_one_record_takes_ten_lines():
+def test_correcting_one_record_takes_at_most_ten_lines():
     ten = next(block for block in blocks(LIBRARY, "python") if "= cl.correct(" in block)
     statements = [line for line in ten.splitlines() if line and not line.startswith((" ", ")", "from", "import"))]
     assert len(statements) <= 10
 
 
-def test_python_stands_on_pages_whose_code_is_run():
-    """That of plugins.md is installed and run by test_plugins.py."""
+def test_only_pages_whose_code_is_run_contain_python():
+    """The code of plugins.md is installed and run by test_plugins.py."""
     assert {page for page in PAGES if blocks(page, "python")} == {LIBRARY, PLUGINS}
 
 
-def test_citation_and_codemeta_speak_of_this_version_by_one_name():
+def test_citation_files_agree_in_version_and_authors():
     cited, meta = (yaml.safe_load((PROJECT / name).read_text()) for name in ("CITATION.cff", "codemeta.json"))
     assert cited["version"] == meta["version"] == compasslib.__version__
     assert [one["name"] for one in cited["authors"]] == [one["name"] for one in meta["author"]]
@@ -125,7 +125,7 @@ def test_citation_and_codemeta_speak_of_this_version_by_one_name():
     assert newest and newest[1] == compasslib.__version__
 
 
-def test_conda_installs_within_the_bounds_of_the_project():
+def test_conda_environment_matches_the_project_requirements():
     project = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
     wanted = {*project["dependencies"], *project["optional-dependencies"]["workflow"]}
     *listed, pip = yaml.safe_load((PROJECT / "environment.yaml").read_text())["dependencies"]
@@ -134,7 +134,7 @@ def test_conda_installs_within_the_bounds_of_the_project():
     assert entries - {"pip", ".", f"python{project['requires-python']}"} == {line.lower() for line in wanted}
 
 
-def test_pre_commit_checks_the_style_by_the_pinned_version():
+def test_pre_commit_uses_the_pinned_version_of_ruff():
     hooks = yaml.safe_load((PROJECT / ".pre-commit-config.yaml").read_text())["repos"]
     (version,) = [hook["rev"] for hook in hooks if hook["repo"].endswith("/ruff-pre-commit")]
     assert f"ruff=={version.removeprefix('v')} " in (PROJECT / "requirements/test.txt").read_text()
@@ -144,8 +144,8 @@ APART_FROM_THE_RECORD = {"report.png"}  # drawn by a browser
 
 
 @pytest.mark.parametrize("name", pictures.MAKERS)
-def test_the_pictures_are_those_that_the_code_draws(name):
-    """By the hashes that benchmarks/pictures.py recorded when it made them; nothing is drawn here."""
+def test_pictures_are_up_to_date_with_their_code(name):
+    """Compare the hashes that benchmarks/pictures.py recorded when it made them; nothing is drawn here."""
     maker, known = pictures.MAKERS[name], json.loads(pictures.RECORD.read_text())
     for picture, hashes in pictures.record(maker).items():
         if picture not in APART_FROM_THE_RECORD:
@@ -153,7 +153,7 @@ def test_the_pictures_are_those_that_the_code_draws(name):
             assert known[picture] == hashes, f"docs/{picture} is older than the code that draws it: {again}"
 
 
-def test_every_picture_has_a_maker_and_is_shown():
+def test_every_picture_has_a_maker_and_is_used():
     made = {picture for maker in pictures.MAKERS.values() for picture in maker.pictures}
     there = {
         path.relative_to(pictures.DOCS).as_posix() for path in pictures.DOCS.rglob("*.png") if "proof" not in path.parts
@@ -163,28 +163,28 @@ def test_every_picture_has_a_maker_and_is_shown():
     assert not [picture for picture in there if Path(picture).name not in pages]
 
 
-def test_the_gallery_is_the_page_of_all_pictures():
+def test_gallery_lists_all_pictures():
     assert (PROJECT / "docs/gallery.md").read_text() == pictures.gallery(), "benchmarks/pictures.py papers writes it"
 
 
-def test_only_what_a_file_does_makes_a_picture_old():
+def test_comments_and_layout_do_not_outdate_a_picture():
     before, after = '"""A."""\nx = 1  # one\n', '"""B."""\n\nx = (1)\n'
     assert seal.statements(before) == seal.statements(after) != seal.statements("x = 2\n")
     with pytest.raises(FileNotFoundError, match=r"no file compasslib/plots/gone\.py"):
         pictures.code(["compasslib/plots/gone.py"])
 
 
-def test_the_paper_cites_what_its_bibliography_has():
+def test_paper_cites_exactly_its_bibliography():
     keys = re.findall(r"^@\w+{(\w+),", (PROJECT / "paper.bib").read_text(), re.MULTILINE)
     cited = set(re.findall(r"@(\w+)", (PROJECT / "paper.md").read_text().split("---", 2)[2]))
     assert len(keys) == len(set(keys)) and set(keys) == cited
 
 
-def test_the_readme_can_be_read_to_its_end():
+def test_readme_is_not_too_long():
     assert len((PROJECT / "README.md").read_text().split()) <= MOST_WORDS
 
 
-# Private words, for which the field has terms: reference, two-valued, directional shear, attributed to, identified,
+# Jargon for which the field has terms: reference, two-valued, directional shear, attributed to, identified,
 # correct, distinguish, compare with, previous release, validate.
 PRIVATE = (
     r"trusted|two roots|folded|veer\w*|put(ting)? down to|what was found|set aside|mend(s|ed|ing)?|told|tells? apart|"
@@ -201,8 +201,8 @@ def test_a_page_uses_the_terms_of_the_field(page):
 
 
 @pytest.mark.parametrize("page", WITH_YAML, ids=lambda page: page.stem)
-def test_the_yaml_of_a_page_is_a_cruise(page, tmp_path):
-    """Blocks that are whole files, with empty raw files beside them: every key and value is allowed."""
+def test_yaml_of_a_page_is_valid(page, tmp_path):
+    """Blocks that are whole files load without error, together with empty raw files."""
     wrote = {}
     for block in blocks(page, "yaml"):
         keys = yaml.safe_load(block)
@@ -223,20 +223,20 @@ def test_the_yaml_of_a_page_is_a_cruise(page, tmp_path):
 
 
 def anchors(page: Path) -> set[str]:
-    """The names of a page's headings, as GitHub and the site make them."""
+    """Return the anchors of a page's headings, as formed by GitHub and the site."""
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE))
     return {heading.strip().replace(" ", "-") for heading in plain}
 
 
 def of_included(page: Path) -> Path:
-    """The page itself, or the file that it shows."""
+    """Return the file that a page includes, or else the page itself."""
     shown = re.match(r"```{include} (\S+)", page.read_text()) if page.suffix == ".md" else None
     return (page.parent / shown[1]).resolve() if shown else page
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PROJECT)))
-def test_links_lead_to_files_and_headings_of_the_project(page):
+def test_links_lead_to_existing_files_and_headings(page):
     text = re.sub(r"^```(?!{).*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     for target in re.findall(r"\]\((?!https?://)([^)\s]+)\)", text):
         path, _, anchor = target.partition("#")
@@ -247,7 +247,7 @@ def test_links_lead_to_files_and_headings_of_the_project(page):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
-    """The site as ``make docs`` builds it; a link within it that leads nowhere is a warning, and a warning ends it."""
+    """Build the site as ``make docs`` does; a broken internal link is a warning, which fails the build."""
     if any(importlib.util.find_spec(name) is None for name in ("sphinx", "furo", "myst_parser")):
         pytest.skip("no Sphinx: make docs installs it")
     folder = tmp_path_factory.mktemp("site")
@@ -257,7 +257,7 @@ def site(tmp_path_factory) -> Path:
     return folder
 
 
-def test_the_site_asks_for_nothing_from_elsewhere(site):
+def test_site_loads_nothing_external(site):
     pages = sorted(site.rglob("*.html"))
     assert len(pages) >= len(SITE)
     for page in pages:
@@ -269,7 +269,7 @@ def test_the_site_asks_for_nothing_from_elsewhere(site):
 
 
 def types_within(*hints: object) -> set[type]:
-    """The dataclasses of the library among types, and those of their fields."""
+    """Return the dataclasses of the library among types, and those of their fields."""
     there: set[type] = set()
     waiting = list(hints)
     while waiting:
@@ -286,8 +286,8 @@ def types_within(*hints: object) -> set[type]:
     return there
 
 
-def test_every_public_name_and_every_field_of_a_public_type_is_described(site):
-    """Of the types of fields too; Sphinx shows the fields that have a description."""
+def test_public_names_and_fields_of_public_types_are_described(site):
+    """Including the types of fields; Sphinx shows only fields that have a description."""
     page = (site / "reference/modules.html").read_text()
     public = [getattr(compasslib, name) for name in compasslib.__all__]
     names = [f"{each.__module__}.{each.__name__}" for each in public if not inspect.ismodule(each)]
@@ -296,8 +296,8 @@ def test_every_public_name_and_every_field_of_a_public_type_is_described(site):
     assert len(names) > 250 and not [name for name in names if f'id="{name}"' not in page]
 
 
-def test_the_site_shows_every_link_and_the_docstrings(site):
-    assert not [page for page in site.rglob("*.html") if 'class="xref myst"' in page.read_text()]  # what led nowhere
+def test_site_resolves_links_and_shows_docstrings(site):
+    assert not [page for page in site.rglob("*.html") if 'class="xref myst"' in page.read_text()]  # unresolved links
     assert "compasslib.deviation.fit_deviation" in (site / "reference/modules.html").read_text()
     assert "water_depth" in (site / "reference/keys.html").read_text()
 
@@ -318,14 +318,14 @@ def test_commands_that_a_page_names_exist(page):
         "verify",
     }
     for words in re.findall(r"^(?:    (?:\.venv/bin/)?|\$ )compass ([^\n#]*)", text, re.MULTILINE):
-        _parser().parse_args(shlex.split(words.partition(" -- ")[0]))  # after it, options of Snakemake
+        _parser().parse_args(shlex.split(words.partition(" -- ")[0]))  # options of Snakemake follow
     for script in re.findall(r"\b(?:benchmarks|tests|examples|compasslib|workflow)/[\w/]*\w\.py\b", text):
         assert "NAME" in script or (PROJECT / script).exists(), script
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory) -> Path:
-    """The wheel that ``pip install .`` builds, unpacked; built from a copy, as setuptools leaves things behind."""
+    """Build the wheel as ``pip install .`` does, from a copy, as setuptools leaves files behind, and unpack it."""
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("no setuptools: the wheel cannot be built")
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("installed")
@@ -339,15 +339,15 @@ def installed(tmp_path_factory) -> Path:
     return target
 
 
-def test_the_tutorial_s_commands_print_what_the_page_shows_by_the_wheel_alone(installed, tmp_path):
-    """From folder to archive with a planted mistake; ``...`` stands for anything, as in a doctest."""
+def test_tutorial_commands_print_what_the_page_shows(installed, tmp_path):
+    """With the wheel alone, from raw files to an archive; ``...`` matches anything, as in a doctest."""
     for name, code in (
         ("python", ""),
         ("compass", '-c "import sys; from compasslib.cli import main; sys.exit(main())" '),
     ):
         (tmp_path / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -P {code}"$@"\n')
         (tmp_path / name).chmod(0o755)
-    (tmp_path / "profile").mkdir()  # the mooring as one job: the same results, and fewer processes
+    (tmp_path / "profile").mkdir()  # one job per mooring gives the same results by fewer processes
     (tmp_path / "profile/config.yaml").write_text("config: [mooring_cores=1]\n")
     place = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": f"{installed}", "PYTHONUNBUFFERED": "1"}
     place |= {"SNAKEMAKE_PROFILE": f"{tmp_path / 'profile'}"}
@@ -361,7 +361,7 @@ def test_the_tutorial_s_commands_print_what_the_page_shows_by_the_wheel_alone(in
         )  # fmt: skip
         lines = (re.escape(line).replace(r"\.\.\.", ".*") for line in shown.splitlines())
         expected = "".join(r"(?:.*\n)*?" if line == ".*" else f"{line}\n" for line in lines)
-        said = re.sub("[\u00a0\u202f]", " ", ran.stdout)  # a page may break a line where a terminal should not
+        said = re.sub("[\u00a0\u202f]", " ", ran.stdout)  # the page has plain instead of non-breaking spaces
         assert ran.returncode == 0 and re.fullmatch(expected, said), f"$ {command}{said}"
 
 
@@ -371,14 +371,14 @@ def run_installed(installed: Path, folder: Path, code: str) -> subprocess.Comple
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_the_wheel_holds_every_module_and_file_of_the_package(installed):
+def test_wheel_contains_every_file_of_the_package(installed):
     kept = {path.relative_to(PROJECT) for path in (PROJECT / "compasslib").rglob("*") if path.is_file()}
     kept = {path for path in kept if "__pycache__" not in path.parts}
     packed = {path.relative_to(installed) for path in (installed / "compasslib").rglob("*") if path.is_file()}
     assert kept == {path for path in packed if path.parts[1] != "workflow"}
 
 
-def test_the_wheel_names_the_command_and_the_licence(installed):
+def test_wheel_declares_the_command_and_the_licence(installed):
     (described,) = installed.glob("compasslib-*.dist-info")
     assert "compass = compasslib.cli:main" in (described / "entry_points.txt").read_text()
     assert "License-Expression: MIT" in (described / "METADATA").read_text()
@@ -402,19 +402,19 @@ def test_the_wheel_works_without_the_checkout(installed, tmp_path):
     ]
 
 
-def test_the_page_on_the_concealed_moorings_is_what_the_code_writes_from_its_figures():
+def test_page_on_the_concealed_moorings_is_up_to_date():
     assert walkthrough.PAGE.read_text() == walkthrough.page(json.loads(walkthrough.FIGURES.read_text())), (
         "make it anew: .venv/bin/python benchmarks/walkthrough.py"
     )
 
 
 @pytest.mark.parametrize("page", numbers_of_pages.PAGES, ids=lambda page: page.name)
-def test_the_numbers_on_a_page_are_those_of_the_files_and_say_where_the_engine_is_another(page):
+def test_measured_numbers_on_pages_are_up_to_date(page):
     assert page.read_text() == numbers_of_pages.filled(page), "run .venv/bin/python benchmarks/numbers_of_pages.py"
 
 
-def test_measured_shares_stand_on_pages_in_the_parts_that_a_command_writes():
-    by_others = ("concealed.md", "known-misses.md")  # written by another command; as measured on other dates
+def test_measured_shares_are_only_in_generated_parts_of_pages():
+    by_others = ("concealed.md", "known-misses.md")  # written by another command; measured on other dates
     for page in numbers_of_pages.PAGES:
         text = re.sub(r"<!-- numbers: \S+ -->\n.*?<!-- /numbers -->", "", page.read_text(), flags=re.DOTALL)
         found = re.findall(r".*(?:\d % of \d+|\(\d[\d.]* to \d[\d.]*[,;)%]|\bn = \d).*", text)

@@ -1,4 +1,4 @@
-"""IGRF against the design page, its guard, and the metadata that override it."""
+"""IGRF: known values, agreement with ppigrf, range of dates, and declinations given in the metadata."""
 
 from datetime import datetime
 
@@ -20,15 +20,15 @@ def test_field_of_the_demonstration_cruise():
 
 
 @pytest.mark.parametrize("place", [(65.3, -33.0), (-40.0, 170.0), (0.0, 0.0), (89.9, 10.0), (-80.0, -120.0)])
-def test_the_model_is_the_one_that_others_evaluate(place):
-    """Within 0.001 nT: the other evaluation goes back to the ellipsoid by a series."""
+def test_model_agrees_with_ppigrf(place):
+    """Within 0.001 nT, as ppigrf converts to geodetic components by a series."""
     dates = [datetime(1901, 3, 1), datetime(1987, 6, 1), datetime(2007, 12, 1), datetime(2029, 12, 1)]
     east, north, up = (np.ravel(x).astype(float) for x in ppigrf.igrf(place[1], place[0], 0.0, dates))
     days = np.array([(date - datetime(1970, 1, 1)).total_seconds() / 86400.0 for date in dates])
     assert np.array(earthfield.igrf_vector(*place, days)) == pytest.approx(np.array([east, north, -up]), abs=1e-3)
 
 
-def test_along_the_deployment_and_between_nodes():
+def test_field_along_a_deployment_and_between_nodes():
     field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0)
     assert field.declination_deg[[0, -1]] == pytest.approx([-23.59, -23.22], abs=0.01)
     middle = (field.time_s[3] + field.time_s[4]) / 2
@@ -37,7 +37,7 @@ def test_along_the_deployment_and_between_nodes():
 
 
 @pytest.mark.parametrize(("given", "warned"), [(-23.0, False), (23.4, True), (-24.8, True)])
-def test_a_given_number_overrides_and_a_disagreement_is_said(given, warned):
+def test_given_declination_overrides_the_model_with_a_warning(given, warned):
     field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, given)
     assert (field.declination_deg == given).all() and field.source == "metadata"
     assert bool(field.warnings) == warned
@@ -63,7 +63,7 @@ def test_the_mistake_in_a_given_declination_is_named(given, said):
 
 
 @pytest.mark.parametrize(("applied", "warned"), [({"top": -22.0}, False), ({"top": 23.4}, True), ({}, False)])
-def test_a_declination_that_a_file_is_said_to_hold_is_held_against_the_model(applied, warned):
+def test_declination_applied_is_compared_with_the_model(applied, warned):
     field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, applied=applied)
     assert field.source == "IGRF" and bool(field.warnings) == warned
     assert not warned or field.warnings[0].startswith("top: declination_applied +23.40 degrees in the metadata is")
@@ -75,7 +75,7 @@ def test_dates_outside_the_model_are_refused():
 
 
 def test_the_advice_for_dates_after_the_model_works():
-    """A declination in degrees needs the model for H and Z alone, which change by a thousandth a year."""
+    """With a declination in degrees, the model provides only H and Z, which change by a thousandth per year."""
     start_s, end_s = (datetime(year, 6, 1).timestamp() for year in (2029, 2031))
     with pytest.raises(InputError, match="or write the declination in degrees"):
         earthfield.field_along(*EG4, start_s, end_s)

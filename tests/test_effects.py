@@ -1,4 +1,4 @@
-"""The catalogue: every term through the same laws, and the composition against the exact compass and its tilt."""
+"""The catalogue: every effect by the same rules, and the forward model against the exact and the tilted compass."""
 
 from dataclasses import fields, replace
 from pathlib import Path
@@ -70,7 +70,7 @@ LEVEL = np.array([0.03, 0.25, -0.2, 0.02, 0.01])
 RNG = np.random.default_rng(1)
 TIME_S = 1.19e9 + 86400.0 * np.arange(N)
 HEADING = RNG.uniform(0.0, 360.0, N)
-# Rates of turn are those of a mooring, hundredths of a degree a second; the other departures are of order one.
+# Turn rates are those of a mooring, some thousandths of a degree per second; the other departures are of order one.
 NEEDED = {name for term in CATALOGUE for name in term.needs} | {"pitch", "speed"}
 DEPARTURES = {name: RNG.normal(0.0, 0.003 if name == "turn_rate" else 1.0, N) for name in sorted(NEEDED)}
 SCENE = Scene(
@@ -96,12 +96,12 @@ def acted_on(kind):
     return RNG.uniform(0.0, 360.0, N)
 
 
-def test_every_effect_of_the_contract_is_there_and_no_other():
+def test_catalogue_contains_exactly_the_specified_effects():
     assert {term.name for term in CATALOGUE} == set(NAMES)
 
 
 @pytest.mark.parametrize("kind", CATALOGUE, ids=lambda k: k.__name__)
-def test_a_term_says_what_it_is(kind):
+def test_every_effect_has_complete_metadata(kind):
     assert kind.side in ("compass", "reference", "water", "clock")
     assert kind.stage in ("surroundings", "sensor", "readout", "clock")
     assert kind.literature and kind.fitted() and (kind.__doc__ or "").endswith(".")
@@ -111,7 +111,7 @@ def test_a_term_says_what_it_is(kind):
 
 
 @pytest.mark.parametrize("kind", CATALOGUE, ids=lambda k: k.__name__)
-def test_defaults_do_nothing_and_values_do_something_finite(kind):
+def test_default_parameters_have_no_effect_and_others_a_finite_one(kind):
     x = acted_on(kind)
     assert kind() == absent(kind).at(0.0 * kind.steps()) or kind.dated()
     np.testing.assert_allclose(absent(kind).apply(x, MOVING), x, rtol=1e-12)
@@ -128,7 +128,7 @@ def test_the_inverse_undoes_the_forward_model(kind):
 
 
 @pytest.mark.parametrize("kind", COMPASS_AND_WATER, ids=lambda k: k.__name__)
-def test_the_column_is_the_numeric_difference_of_the_inverse(kind):
+def test_jacobian_equals_the_numeric_derivative_of_the_inverse(kind):
     simulation = ForwardModel(LEVEL, H_NT, (absent(kind),))
     recorded = recorded_heading(simulation, SCENE, HEADING)
     columns = heading_jacobian(simulation, SCENE, HEADING, first=5)
@@ -139,7 +139,7 @@ def test_the_column_is_the_numeric_difference_of_the_inverse(kind):
             moved = simulation.at(np.append(LEVEL, sign * shift))
             shown.append(invert_heading(moved, SCENE, recorded)[:, 0] + water_veer(moved, SCENE))
         numeric = angles.difference(*shown) / (0.2 * step)
-        # The column is one-sided with a twentieth of a step: it may be off by a hundredth of a degree a step.
+        # The column is a one-sided difference over a twentieth of a step, with errors of about 0.01 degrees per step.
         np.testing.assert_allclose(columns[:, j] * step, numeric * step, atol=0.02, rtol=0.01)
 
 
@@ -158,7 +158,7 @@ NOBODY_LISTED = [
 
 
 @pytest.mark.parametrize("bare", NOBODY_LISTED, ids=lambda term: term.name)
-def test_a_composition_obeys_the_laws_of_every_term(bare):
+def test_a_composed_effect_satisfies_the_rules_of_listed_ones(bare):
     x = acted_on(type(bare))
     np.testing.assert_allclose(bare.apply(x, SCENE), x, rtol=1e-12)
     term = bare.at(0.5 * bare.steps())
@@ -172,7 +172,7 @@ def test_a_composition_obeys_the_laws_of_every_term(bare):
     np.testing.assert_allclose(beside * bare.steps(), alone * bare.steps(), atol=0.02)
 
 
-def test_a_reading_that_stands_bends_no_rival():
+def test_added_term_jacobian_ignores_other_terms_on_the_reading():
     stands = Sextantal(6.0, -3.0)
     rival = Octantal()
     empty = ForwardModel(LEVEL, H_NT)
@@ -183,13 +183,13 @@ def test_a_reading_that_stands_bends_no_rival():
     np.testing.assert_allclose((beside * slopes[1][:, None])[clear], (alone * slopes[0][:, None])[clear], atol=0.05)
 
 
-def test_without_terms_and_tilt_it_is_the_exact_compass():
+def test_forward_model_without_terms_and_tilt_is_the_exact_compass():
     recorded = recorded_heading(ForwardModel(LEVEL, H_NT), FLAT, HEADING)
     assert np.abs(angles.difference(recorded, compass.recorded_heading(LEVEL, HEADING))).max() < 1e-9
 
 
 def test_heeling_is_the_vertical_iron_of_the_tilted_compass():
-    level = np.array([0.0, 0.25, -0.2, 0.02, 0.01])  # A turns the reading here and tilts with the iron there
+    level = np.array([0.0, 0.25, -0.2, 0.02, 0.01])  # A = 0: it rotates the reading here and tilts with the iron there
     ours = recorded_heading(ForwardModel(level, H_NT, (Heeling(3000.0),)), SCENE, HEADING)
     tilted = tilted_coefficients(level, 3000.0 / H_NT, Z_NT / H_NT, SCENE.pitch_deg, SCENE.roll_deg)
     assert np.abs(angles.difference(ours, compass.recorded_heading(tilted, HEADING))).max() < 1e-9
@@ -218,7 +218,7 @@ def test_six_degrees_of_the_third_harmonic_are_undone_exactly():
 
 
 def at_its_bound(kind):
-    """Return a term fifteen degrees large, or as large as has an inverse."""
+    """Return a term with parameters of fifteen steps each, or the largest that are invertible."""
     term = absent(kind)
     term = term.at(15.0 * kind.steps())
     while not term.possible:
@@ -233,13 +233,13 @@ STRONG = np.array([0.03, -0.9, 0.95, 0.03, -0.02])  # iron stronger than the ear
 @pytest.mark.parametrize(
     "kind", [kind for kind in COMPASS_AND_WATER if kind.side == "compass"], ids=lambda k: k.__name__
 )
-def test_the_inverse_holds_the_heading_up_to_the_bounds_of_every_effect_beside_others(kind, iron):
+def test_inverse_contains_the_heading_for_large_combined_effects(kind, iron):
     beside = [other for other in (Heeling, TemperatureOfField, Sextantal, Octantal) if other is not kind]
     terms = sorted([at_its_bound(kind), *map(of_some_size, beside)], key=lambda term: CATALOGUE.index(type(term)))
     simulation = ForwardModel(iron, H_NT, tuple(terms))
     recorded = recorded_heading(simulation, SCENE, HEADING)
     roots = invert_heading(simulation, SCENE, recorded)
-    # Where two headings meet at a fold, rounding of the reading grows by its root.
+    # At a fold, where two headings merge, a rounding error of the reading becomes its square root in the heading.
     assert np.nanmin(np.abs(angles.difference(roots, HEADING[:, None])), axis=1).max() < 1e-3
     again = [recorded_heading(simulation, SCENE, root) for root in roots.T]
     assert np.nanmax(np.abs(angles.difference(np.array(again), recorded))) < 1e-5
@@ -247,42 +247,42 @@ def test_the_inverse_holds_the_heading_up_to_the_bounds_of_every_effect_beside_o
 
 @pytest.mark.parametrize("kind", [Sextantal, Octantal])
 @pytest.mark.parametrize("turns", [0.2, 0.6, 0.79, 0.95, 0.999])
-def test_a_harmonic_is_undone_as_long_as_the_reading_turns_with_the_field(kind, turns):
+def test_a_harmonic_is_inverted_if_the_reading_is_monotonic(kind, turns):
     amplitude = turns * 57.29577951 / kind.order
     term = kind(0.6 * amplitude, -0.8 * amplitude)
     x = np.linspace(-400.0, 800.0, 12_345)
-    assert np.abs(term.invert(term.apply(x, FLAT), FLAT) - x).max() < 1e-6  # at 0.999 a reading turns by a thousandth
+    assert np.abs(term.invert(term.apply(x, FLAT), FLAT) - x).max() < 1e-6  # at 0.999 the least slope is 0.001
     assert term.possible
 
 
 @pytest.mark.parametrize("kind", [Sextantal, Octantal])
-def test_a_harmonic_with_three_angles_for_a_reading_gives_none(kind):
+def test_a_non_monotonic_harmonic_has_no_inverse(kind):
     simulation = ForwardModel(LEVEL, H_NT, (kind(0.75 * 57.3 / kind.order, 0.75 * 57.3 / kind.order),))
     recorded = recorded_heading(simulation, FLAT, HEADING)
     assert not simulation.terms[0].possible
     assert np.isnan(invert_heading(simulation, FLAT, recorded)).all()
 
 
-def test_every_form_that_says_mooring_is_tried_in_one():
+def test_every_effect_listed_for_moorings_is_tested_in_one():
     tried, _ = comparison.testable_effects(SCENE, reference_magnetic=False)
     found_apart = {kind for kind in CATALOGUE if kind.detector}
     assert set(tried) - found_apart == {kind for kind in CATALOGUE if "mooring" in kind.recordings} - found_apart
 
 
-def test_the_page_of_the_catalogue_is_not_stale():
+def test_the_page_of_the_catalogue_is_up_to_date():
     page_file = Path(__file__).resolve().parents[1] / "docs/physics.md"
     assert page_file.read_text() == page(), "run python -m compasslib.effects.page > docs/physics.md"
 
 
-def test_a_size_excludes_an_effect_only_where_its_reading_has_no_single_heading():
-    """A range of sizes that was believed put the right cause at zero, and another one took its place."""
+def test_sizes_are_excluded_only_without_a_unique_heading():
+    """Regression test: bounds of plausible sizes set the true cause to zero, and another one was found instead."""
     large = [CompassLag(-300.0), PivotFriction(9.0), BeamGain(0.5), TiltUncompensated(0.2), Heeling(60e3)]
     assert all(term.possible for term in large)
     assert not any(term.possible for term in (Sextantal(20.0), LevelSoftIron(0.8, 0.8), SoftIronInSpace(vertical=-1.2)))
-    assert not LateCourse(-1.0).possible  # what precedes the course is a late reading
+    assert not LateCourse(-1.0).possible  # a negative lag of the course is a lag of the reading
 
 
-def test_every_effect_says_its_physics_and_is_told_from_effects_that_there_are():
+def test_every_effect_has_physics_text_and_is_separated_by_listed_ones():
     names = {term.name for term in CATALOGUE}
     assert names <= wording.PHYSICS.keys()
     for term in CATALOGUE:

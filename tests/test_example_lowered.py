@@ -1,4 +1,4 @@
-"""The example cruise of a lowered ADCP: made, run through Snakemake, and held against the truth."""
+"""The example cruise of a lowered ADCP: simulated, run through Snakemake and compared with the truth."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def done(tmp_path_factory) -> Path:
 
 
 def errors(folder: Path) -> dict[str, np.ndarray]:
-    """Return the heading's error before and after, its stated sigma, and the depth of each sample."""
+    """Compute the heading error before and after correction, the stated sigma and the depth of each sample."""
     with (folder / "truth/LADCP1.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     times = np.array([row["time_utc"].removesuffix("Z") for row in rows], dtype="datetime64[s]").astype(float)
@@ -53,7 +53,7 @@ def errors(folder: Path) -> dict[str, np.ndarray]:
     }
 
 
-def test_headings_are_right_within_the_stated_uncertainty_also_below_the_overlap(done):
+def test_heading_errors_match_the_stated_uncertainty(done):
     off = errors(done)
     assert np.isfinite(off["after"]).all() and off["depth"].max() > 1990.0
     assert angles.rms(off["before"]) > 8.0
@@ -61,29 +61,29 @@ def test_headings_are_right_within_the_stated_uncertainty_also_below_the_overlap
     for part in (below, ~below):
         assert angles.rms(off["after"][part]) < 3.0
         assert np.mean(np.abs(off["after"][part]) < 1.96 * off["sigma"][part]) > 0.9
-    # Not by stating anything: the uncertainty stays far under the error that was there.
+    # The uncertainty is not inflated: it is far below the error before correction.
     assert np.median(off["sigma"]) < 0.5 * angles.rms(off["before"])
 
 
-def test_pairs_follow_the_frame_where_the_ship_sees_the_water(done):
+def test_pairs_cover_the_depth_range_of_the_ship(done):
     with netCDF4.Dataset(done / "results/LADCP1/overlap.nc") as nc:
         upper, lower = (nc[name][:].filled(np.nan) for name in ("UPPER_DEPTH", "LOWER_DEPTH"))
-    # The ship sees 696 m; between its profiles, a minute apart, the frame sinks 60 m.
+    # The ship's ADCP reaches 696 m; between its profiles, a minute apart, the frame sinks 60 m.
     assert len(upper) > 150 and upper.min() < 60.0 and 630.0 < lower.max() <= 696.0
     assert np.abs(upper - lower).max() < 20.0
 
 
-def test_pairs_held_out_agree_better_after_the_correction(done):
+def test_held_out_pairs_agree_better_after_correction(done):
     assessment = json.loads((done / "results/LADCP1/assessment.json").read_text())
     assert assessment["after"]["n"] > 150
     assert assessment["after"]["rms_deg"] < 0.8 * assessment["before"]["rms_deg"]
 
 
-def test_it_keeps_the_contract(done):
+def test_results_satisfy_the_contract(done):
     keeps_contract(done)
 
 
-def test_with_the_rules_of_a_mooring_there_is_nothing_to_fit(done, tmp_path):
+def test_pairing_rules_of_a_mooring_give_too_few_pairs(done, tmp_path):
     folder = shutil.copytree(done, tmp_path / "station")
     change(folder / "config/config.yaml", overlap={})
     results = process_mooring(folder, "LADCP1", tmp_path / "LADCP1")
@@ -91,7 +91,7 @@ def test_with_the_rules_of_a_mooring_there_is_nothing_to_fit(done, tmp_path):
     assert deviation["n_pairs"] < 5 and deviation["coefficients"] is None
 
 
-def test_a_nominal_depth_does_not_shift_the_bins_of_a_table(tmp_path):
+def test_nominal_depth_does_not_shift_the_bins_of_tables(tmp_path):
     path = tmp_path / "vessel.csv"
     rows = [f"2010-05-07T12:0{minute}:00Z,{z},10,5\n" for minute in range(5) for z in (24, 40, 56)]
     path.write_text("time,z,u,v\n" + "".join(rows))

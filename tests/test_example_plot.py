@@ -1,4 +1,4 @@
-"""The example that plots a corrected record: it runs without a warning, by what make run installs."""
+"""The example that plots a corrected record: it runs without warnings on what make run installs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import pytest
 from launch import PROJECT
 from test_archive import make_product, write
 
-GREY, GREEN = (153, 153, 153), (44, 160, 44)  # its colours of recorded and corrected sticks
+GREY, GREEN = (153, 153, 153), (44, 160, 44)  # colours of recorded and corrected sticks
 
 
-def test_it_draws_recorded_and_corrected_currents(tmp_path):
+def test_example_draws_recorded_and_corrected_currents(tmp_path):
     image = pytest.importorskip("PIL.Image")
     record = write(tmp_path / "corrected.nc", make_product(1500, 6))
     command = [sys.executable, "-W", "error", PROJECT / "examples/plot_corrected.py", record, tmp_path / "figure.png"]
@@ -28,8 +28,8 @@ def test_it_draws_recorded_and_corrected_currents(tmp_path):
         assert (pixels == colour).all(axis=2).sum() > 100, colour
 
 
-def test_what_the_readme_s_commands_import_is_in_the_lock_of_make_run():
-    """The example, and Snakemake's own report, which needs pygments and does not ask for it."""
+def test_imports_of_the_readme_commands_are_locked():
+    """Packages of the example, and pygments, which Snakemake's report needs without requiring it."""
     lock = (PROJECT / "requirements/run.txt").read_text().lower()
     text = (PROJECT / "examples/plot_corrected.py").read_text()
     imported = {

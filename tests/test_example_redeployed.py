@@ -1,4 +1,4 @@
-"""The example cruise of one profiler deployed several times: run, held against the truth, and what a change re-runs."""
+"""The example cruise of one profiler deployed several times: run, compared with the truth, re-run after changes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def result(folder: Path, path: str):
     return json.loads((folder / "results" / path).read_text())
 
 
-def test_a_mooring_without_a_reference_is_corrected_within_the_stated_uncertainty(done):
+def test_mooring_without_reference_is_corrected(done):
     with (done / "truth/R4.csv").open() as stream:
         truth = np.array([float(row["heading_true_magnetic_deg"]) for row in csv.DictReader(stream)])
     with netCDF4.Dataset(done / "results/R4/corrected.nc") as nc:
@@ -55,7 +55,7 @@ def test_a_mooring_without_a_reference_is_corrected_within_the_stated_uncertaint
     assert deviation["shared"]["text"].startswith("the compass is carried by R1, R2, deck of compass wh8104")
 
 
-def test_the_compass_has_its_files_and_its_section(done, capsys):
+def test_compass_has_results_and_a_report_section(done, capsys):
     assert main(["explain", "wh8104", "--cruise", str(done)]) == 0
     assert "of one compass: R1, R2" in capsys.readouterr().out
     compass = result(done, "compasses/wh8104/compass.json")
@@ -71,7 +71,7 @@ def test_the_compass_has_its_files_and_its_section(done, capsys):
     assert 'id="compass-wh8104"' in page and "compass is carried by R1, R2, deck" in page
 
 
-def test_a_mooring_that_names_no_compass_is_as_it_was(done, tmp_path):
+def test_mooring_without_compass_key_is_independent(done, tmp_path):
     file = done / "config/moorings/R1.yaml"
     before, mooring = file.read_text(), yaml.safe_load(file.read_text())
     mooring["instruments"]["top"].pop("compass")
@@ -84,13 +84,13 @@ def test_a_mooring_that_names_no_compass_is_as_it_was(done, tmp_path):
     assert result(done, "R1/deviation.json")["coefficients"] != alone["coefficients"]
 
 
-def test_one_mooring_by_itself_gives_the_workflow_s_files(done, tmp_path):
+def test_single_mooring_gives_the_files_of_the_workflow(done, tmp_path):
     made = chain.make(done, "R4", tmp_path / "R4")
     for file in ("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "work/alone/summary.json"):
         assert (made / file).read_bytes() == (done / "results/R4" / file).read_bytes(), file
 
 
-def test_a_changed_record_re_runs_its_compass_and_nothing_else(done):
+def test_changed_record_reruns_only_its_compass(done):
     file = done / "config/moorings/R2.yaml"
     before = file.read_text()
     change(file, end="2009-01-11")
@@ -106,5 +106,5 @@ def test_a_changed_record_re_runs_its_compass_and_nothing_else(done):
     }
 
 
-def test_it_keeps_the_contract(done):
+def test_results_satisfy_the_contract(done):
     keeps_contract(done)

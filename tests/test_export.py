@@ -1,4 +1,4 @@
-"""compass export: read back by pandas, scipy, xarray, mhkit and our own reader; and a raw file with other headings."""
+"""``compass export``: read back by pandas, scipy, xarray, mhkit and our reader; PD0 files with corrected headings."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def turn(leaders):
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory) -> Path:
-    """A cruise whose deployment begins five hours after its raw file, its clock two minutes off, and its product."""
+    """Process a cruise that is deployed five hours after its raw file begins, with a clock two minutes fast."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), n=80)
     top = {"format": "pd0", "files": "raw/M1/top.000", "depth": 100, "orientation": "up", "clock_offset_seconds": 120}
     deep = {"format": "table", "files": "raw/M1/deep.csv", "depth": 105}
@@ -70,7 +70,7 @@ def refused(capsys, *words: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------- tables and archives
-def test_pandas_reads_the_table_in_one_go(world, tmp_path, capsys):
+def test_pandas_reads_the_table_and_its_sidecar(world, tmp_path, capsys):
     pandas = pytest.importorskip("pandas")
     table, sidecar = exported(capsys, world, "csv", tmp_path)
     read = pandas.read_csv(table, parse_dates=["TIME"])
@@ -80,7 +80,7 @@ def test_pandas_reads_the_table_in_one_go(world, tmp_path, capsys):
         wide = {
             name: read[name].to_numpy().reshape(n, m) for name in ("UCUR", "HEADING_TRUE", "CORRELATION_3", "UCUR_QC")
         }
-        # The table has seven digits.
+        # The table is written with seven digits.
         np.testing.assert_allclose(wide["UCUR"], nc["UCUR"][:].filled(np.nan), rtol=1e-6)
         np.testing.assert_allclose(wide["HEADING_TRUE"][:, 1], nc["HEADING_TRUE"][:].filled(np.nan), rtol=1e-6)
         np.testing.assert_array_equal(wide["CORRELATION_3"], nc["CORRELATION"][2])
@@ -106,12 +106,12 @@ def test_scipy_reads_the_structures(world, tmp_path, capsys):
             np.testing.assert_array_equal(read["data"][name], np.ma.filled(nc[name][:].astype(float), np.nan), name)
             assert read["units"][name] == getattr(nc[name], "units", "1")
         assert read["attributes"]["id"] == nc.id and read["data"]["STATION"] == "M1"
-        days = np.datetime64("2007-09-04T05:58") - np.datetime64("0000-01-01")  # day 1 of MATLAB
+        days = np.datetime64("2007-09-04T05:58") - np.datetime64("0000-01-01")  # this is day 1 in MATLAB
     assert read["data"]["DATENUM"][0] == pytest.approx(days / np.timedelta64(1, "D") + 1.0, abs=1e-8)
     assert exported(capsys, world, "mat", tmp_path / "b")[0].read_bytes() == file.read_bytes()
 
 
-def test_oceansites_is_the_same_file_under_its_name(world, tmp_path, capsys):
+def test_oceansites_export_is_the_renamed_product(world, tmp_path, capsys):
     xarray = pytest.importorskip("xarray")
     (file,) = exported(capsys, world, "oceansites", tmp_path)
     assert file.name == "OS_M1_200709_D_compass-corrected.nc"
@@ -123,7 +123,7 @@ def test_oceansites_is_the_same_file_under_its_name(world, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("form", ["csv", "mat", "pd0", "oceansites"])
-def test_nothing_is_written_over(world, tmp_path, capsys, form):
+def test_existing_files_are_not_overwritten(world, tmp_path, capsys, form):
     first, *_ = exported(capsys, world, form, tmp_path)
     first.write_bytes(b"mine")
     line = refused(capsys, "M1", "--cruise", str(world), "--to", form, "--into", str(tmp_path))
@@ -131,12 +131,12 @@ def test_nothing_is_written_over(world, tmp_path, capsys, form):
 
 
 class Killed(BaseException):
-    """Nothing handles it, as nothing handles the end of a process."""
+    """Exception that no handler catches, like the end of a process."""
 
 
 @pytest.mark.parametrize("form", ["csv", "pd0"])
-def test_what_a_killed_export_left_is_written_anew(world, tmp_path, capsys, monkeypatch, form):
-    """The data file gets its name after its note, so that none stands without; another's file is left alone."""
+def test_export_can_be_repeated_after_a_kill(world, tmp_path, capsys, monkeypatch, form):
+    """The data file is renamed after its sidecar and so never exists without it; other files are not overwritten."""
     whole = exported(capsys, world, form, tmp_path / "whole")
     named = []
 
@@ -163,7 +163,7 @@ def test_what_a_killed_export_left_is_written_anew(world, tmp_path, capsys, monk
 
 
 # ----------------------------------------------------------------------------------------------------------------- PD0
-def test_our_reader_gives_the_corrected_headings_back(world, tmp_path, capsys):
+def test_pd0_reader_recovers_the_corrected_headings(world, tmp_path, capsys):
     file, sidecar = exported(capsys, world, "pd0", tmp_path)
     assert file.name == "M1_top_corrected.000" and sidecar.name == "M1_top_corrected.000.json"
     back = pd0.read([file], orientation="up", **READ)
@@ -182,7 +182,7 @@ def test_our_reader_gives_the_corrected_headings_back(world, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("change_it", ["raw", "clock", "mooring", "format"])
-def test_other_files_or_settings_than_the_products_are_refused(world, tmp_path, capsys, change_it):
+def test_changed_raw_files_or_settings_are_refused(world, tmp_path, capsys, change_it):
     import shutil
 
     copied, name = Path(shutil.copytree(world, tmp_path / "c")), "M1"
@@ -237,7 +237,7 @@ def test_only_heading_checksum_and_earth_velocities_change(tmp_path, ex, turned)
         assert (got[:3, 2:] == [7, 3]).all() and (got[3] == -32768).all()
 
 
-def test_the_bottom_track_turns_as_the_water_does(tmp_path):
+def test_bottom_track_is_rotated_like_the_water_velocities(tmp_path):
     track = bytearray(81)
     for at, counts in ((0, [0x0600]), (24, [300, -40, 5, 1]), (50, [-32768, -32768, 5, 1])):
         track[at : at + 2 * len(counts)] = np.array(counts).astype("<u2" if at == 0 else "<i2").tobytes()
@@ -251,7 +251,7 @@ def test_the_bottom_track_turns_as_the_water_does(tmp_path):
     assert layer == [[-32768, -32768, 5, 1], [-32768] * 4]
 
 
-def test_speeds_that_the_format_cannot_hold_become_bad(tmp_path):
+def test_speeds_beyond_the_range_of_the_format_become_bad(tmp_path):
     (tmp_path / "raw.000").write_bytes(ensemble([[32000, 32000, 0, 0]], heading=4000))
     rewrite(tmp_path / "raw.000", tmp_path / "new.000", lambda leaders: np.full(1, 45.0))
     assert np.isnan(pd0.decode(tmp_path / "new.000").velocity).all()
@@ -265,7 +265,7 @@ def by_mhkit(path: Path):
 
 
 @pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
-def test_a_genuine_file_with_other_headings_reads_by_mhkit_and_by_us(tmp_path):
+def test_real_file_with_new_headings_is_read_by_mhkit(tmp_path):
     new = tmp_path / "eh2.000"
     said = rewrite(EH2, new, turn)
     old, back = (pd0.read([file], orientation="down", **READ) for file in (EH2, new))
@@ -276,11 +276,11 @@ def test_a_genuine_file_with_other_headings_reads_by_mhkit_and_by_us(tmp_path):
     assert np.abs(angles.difference(back.heading_deg[kept], expected)).max() <= 0.005 + 1e-9
     east, _ = angles.turn(old.east[kept], old.north[kept], by[kept][:, None])
     assert np.nanmax(np.abs(back.east[kept] - east)) <= 0.0005 + 1e-9 and np.isnan(back.east[~kept]).all()
-    assert back.counts["bytes_skipped"] == 0  # what was damaged is left out
+    assert back.counts["bytes_skipped"] == 0  # damaged bytes were left out
     seen = by_mhkit(new)
     n = len(seen.time)  # mhkit leaves the last ensemble out
     np.testing.assert_allclose(seen.heading.values[kept[:n]], expected[: kept[:n].sum()], atol=0.0051)
-    # mhkit's are in float32.
+    # mhkit returns float32.
     for found, expected in ((seen.vel[0], back.east), (seen.vel[1], back.north), (seen.vel[2], back.profiles["up"])):
         np.testing.assert_allclose(found.values.T, expected[:n], atol=1e-5)
     np.testing.assert_array_equal(
@@ -289,8 +289,8 @@ def test_a_genuine_file_with_other_headings_reads_by_mhkit_and_by_us(tmp_path):
 
 
 @pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
-def test_a_genuine_record_goes_through_every_form(tmp_path):
-    """The genuine record under an invented deviation: tables and archives of 27 bins and a pressure."""
+def test_real_record_is_exported_to_csv_and_mat(tmp_path):
+    """A real record of 27 bins with an invented deviation."""
     from scipy.io import loadmat
 
     days = [np.datetime64(f"2006-06-{day:02d}").astype("M8[s]").astype(float) for day in (1, 8)]

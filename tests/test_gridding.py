@@ -1,4 +1,4 @@
-"""Velocities on fixed depths and times: what fills a cell, what stays empty, and how uncertain cells and sums are."""
+"""Velocities on fixed depths and times: interpolation, gaps, and the uncertainty of cells and of their sums."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from compasslib.records import BAD, GOOD, EarthField
 
 HOUR_S, N, AUTO = 3600.0, 24 * 12, GridRules()
 TIMES = 1.2e9 + HOUR_S * np.arange(N)
-SHEAR = 0.001  # 1/s: linear in depth, so that a linear profile is exact
+SHEAR = 0.001  # 1/s; constant, as linear interpolation in depth is then exact
 
 
 def sea(time_s, depth_m):
-    """Return a current that is linear in depth."""
+    """Compute a current that is linear in depth."""
     return 0.2 * np.exp(1j * time_s / 2e5) + (0.3 + SHEAR * depth_m)
 
 
 def source(name, depth_m, *, bins=10, cell_m=8.0, up=True, time_s=TIMES, lost=(), beam=20.0, noise=0.0):
-    """Return an instrument in that sea; ``lost``: places of its velocities that are missing."""
+    """Simulate an instrument in that current; ``lost``: indices of its missing velocities."""
     depth = depth_m[:, None] + (-1.0 if up else 1.0) * (cell_m * np.arange(1, bins + 1) if bins > 1 else np.zeros(1))
     velocity = sea(time_s[:, None], depth)
     velocity = velocity + noise * np.random.default_rng(1).normal(size=(*velocity.shape, 2)) @ [1.0, 1j]
@@ -51,7 +51,7 @@ def source(name, depth_m, *, bins=10, cell_m=8.0, up=True, time_s=TIMES, lost=()
 
 
 def gridded_of(*sources, rules=AUTO, errors=None):
-    """Grid instruments and return the product with its only piece."""
+    """Grid instruments; get the product and its only piece."""
     surveys = [survey(each) for each in sources]
     axes = make_axes(sources, surveys, rules)
     count = len(axes.time_s)
@@ -65,7 +65,7 @@ def gridded_of(*sources, rules=AUTO, errors=None):
 DIVING = 100.0 + 24.0 * np.sqrt(2.0) * np.sin(np.arange(N) / 9.0)
 
 
-def test_a_diving_sphere_gives_the_sea_at_fixed_depths_and_nothing_beyond_its_bins():
+def test_diving_sphere_is_interpolated_to_fixed_depths():
     product, piece = gridded_of(source("top", DIVING))
     axes, there = product.axes, piece.source >= 0
     truth = sea(axes.time_s[:, None], axes.depth_m)
@@ -73,40 +73,40 @@ def test_a_diving_sphere_gives_the_sea_at_fixed_depths_and_nothing_beyond_its_bi
     inside, off = (axes.depth_m >= first) & (axes.depth_m <= last), np.abs(piece.cells.velocity - truth)
     assert np.nanmax(off[inside]) < 1e-6  # linear between bins
     assert there[inside].all() and not there[(axes.depth_m < first - 4.001) | (axes.depth_m > last + 4.001)].any()
-    assert np.nanmax(off[there & ~inside]) <= 4.001 * SHEAR  # inside the outermost bin: its own value
+    assert np.nanmax(off[there & ~inside]) <= 4.001 * SHEAR  # within the outermost bin its value is used
     assert set(np.unique(piece.quality)) == {GOOD, 9} and axes.step_m == 8.0
     assert np.isnan(piece.cells.velocity.imag[~there]).all()
 
 
-def test_gaps_are_bridged_up_to_their_limit_with_flag_8_and_profilers_never_in_time():
+def test_short_gaps_are_interpolated_and_flagged():
     still = np.full(N, 100.0)
     lost = [(slice(10, 12), slice(None)), (slice(30, 34), slice(None)), (50, 3), (60, slice(3, 6))]
     product, piece = gridded_of(source("top", still, lost=lost))
     level = {bin_: int(np.flatnonzero(product.axes.depth_m == 100.0 - 8.0 * (bin_ + 1))[0]) for bin_ in range(10)}
     assert (piece.quality[10:12] == 8).all() and (piece.cells.count[10:12] == 2).all()
-    assert (piece.quality[30:34] == 9).all() and (piece.source[30:34] == -1).all()  # five hours
+    assert (piece.quality[30:34] == 9).all() and (piece.source[30:34] == -1).all()  # a gap of five hours
     assert piece.quality[50, level[3]] == 8 and piece.quality[60, level[4]] == 8
-    assert piece.cells.noise[60, level[4]] > 0.0  # three bins: in time, as the depth's gap is too wide
+    assert piece.cells.noise[60, level[4]] > 0.0  # bridged in time, as three bins are too wide a gap in depth
     assert np.sum(piece.quality == 8) == 2 * 10 + 1 + 3
     _, tight = gridded_of(source("top", still, lost=lost), rules=GridRules(max_gap_m=0.0, max_gap_minutes=0.0))
     assert not (tight.quality == 8).any() and (tight.source[50, level[3]] == -1)
-    _, profiles = gridded_of(source("top", still, lost=lost, beam=0.0))  # profiles at times of their own
+    _, profiles = gridded_of(source("top", still, lost=lost, beam=0.0))  # a profiler: its profiles have separate times
     assert (profiles.quality[10:12] == 9).all() and profiles.quality[50, level[3]] == 8
 
 
-def test_an_instrument_without_a_sample_in_the_deployment_fills_no_grid():
+def test_instrument_without_samples_gives_an_empty_grid():
     absent = source("top", np.zeros(0), time_s=np.zeros(0))
     axes = make_axes([absent], [survey(absent)], AUTO)
     assert not len(axes.time_s) and average_slots(np.zeros((0, 2)), absent.time_s, axes, 10800.0).shape == (0, 2)
 
 
-def test_a_profiler_s_scans_keep_their_times_and_the_reference_stands_where_both_measured():
+def test_profiler_keeps_its_times_and_reference_takes_precedence():
     seconds = 1.2e9 + 43200.0 + 6.0 * np.arange(60)  # six minutes of climbing at 25 cm/s
     profiler = source("mmp", 300.0 - 0.25 * (seconds - seconds[0]), bins=1, up=False, time_s=seconds)
     assert profiler.profiles and not source("top", DIVING, bins=1).profiles
     product, piece = gridded_of(source("top", np.full(N, 100.0), up=False), profiler)
     rows = np.flatnonzero((piece.source == 1).any(axis=1))
-    assert rows.tolist() == [12]  # of twelve days: what it measured, and nothing between two profiles
+    assert rows.tolist() == [12]  # the only hour with a profile in twelve days
     reached = profiler.depth_m.min(), profiler.depth_m.max()
     taken = product.axes.depth_m[piece.source[12] == 1]
     assert taken.min() >= reached[0] - 4.0 and taken.max() <= reached[1] + 4.0 and len(taken) > 10
@@ -118,7 +118,7 @@ def test_a_profiler_s_scans_keep_their_times_and_the_reference_stands_where_both
     assert (overlapping.source[:, level] == 1).all() and (overlapping.source[:, level - 1] == 0).all()
 
 
-def test_intervals_average_their_samples_and_levels_are_those_that_are_asked_for():
+def test_samples_are_averaged_on_the_configured_levels():
     minutes = 1.2e9 + 600.0 * np.arange(6 * N)
     product, piece = gridded_of(
         source("top", np.full(6 * N, 100.0), time_s=minutes), rules=GridRules(minutes=60.0, from_m=40.0, to_m=80.0)
@@ -128,11 +128,11 @@ def test_intervals_average_their_samples_and_levels_are_those_that_are_asked_for
     whole = np.isclose(piece.cells.count, 12)  # six samples of two bins each
     assert whole[2:-2].all()
     lag = np.abs(piece.cells.velocity - sea(product.axes.time_s[:, None], product.axes.depth_m))[2:-2]
-    assert lag.max() < 0.2 * 600.0 / 2e5  # the middle of six samples is at most half a step off that of the hour
+    assert lag.max() < 0.2 * 600.0 / 2e5  # the mean time of six samples is within half a step of the middle of the hour
 
 
 @pytest.mark.parametrize("memory_s", [0.0, 20 * HOUR_S])
-def test_the_variance_of_a_sum_is_that_of_simulated_heading_errors(memory_s):
+def test_variance_of_sums_matches_simulated_heading_errors(memory_s):
     rng = np.random.default_rng(3)
     t, z, draws = 200, 4, 4000
     flow = 0.3 * np.exp(1j * rng.normal(0.5, 0.3, (t, z)))
@@ -157,7 +157,7 @@ def test_the_variance_of_a_sum_is_that_of_simulated_heading_errors(memory_s):
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.6, 3.0])
-def test_marginals_are_those_of_a_turned_velocity_for_small_and_large_errors(sigma):
+def test_marginals_match_randomly_rotated_velocities(sigma):
     delta = np.random.default_rng(5).normal(0.0, sigma, 200_000)
     flow = np.array([[0.3 - 0.1j]])
     off = flow * np.exp(1j * delta)[:, None] - flow
@@ -168,7 +168,7 @@ def test_marginals_are_those_of_a_turned_velocity_for_small_and_large_errors(sig
 
 
 def affected(count, **others):
-    """Return headings with two coefficients' columns and a random part of one degree."""
+    """Make headings with the columns of two coefficients and a random part of one degree."""
     turn = np.arange(count) / 30.0
     columns = np.stack([np.full(count, 1.5), np.sin(turn)], axis=1)
     sigma = np.sqrt(1.0 + np.sum(columns**2, axis=1) + others.get("unexplained_deg", 0.0) ** 2)
@@ -185,21 +185,21 @@ def affected(count, **others):
     [
         ({}, 2, [1.0, 1.0]),
         ({"unexplained_deg": 2.0}, 3, [1.0, 1.0]),
-        ({"weights": np.zeros(1)}, 2, [1.0, 0.0]),  # a calibration: the reference's compass does not enter it
+        ({"weights": np.zeros(1)}, 2, [1.0, 0.0]),  # a calibration does not depend on the reference's compass
     ],
 )
-def test_modes_hold_each_part_once_and_the_random_part_holds_the_rest(others, names, shares):
+def test_error_modes_and_random_part_add_up_to_the_total(others, names, shares):
     given = affected(N, **others)
     product, _ = gridded_of(source("top", np.full(N, 100.0)))
     errors = heading_errors([given], [ReferenceCompass("deep", 2.0, True)], product.axes, 10800.0, 0.5)
     assert len(errors.names) == 2 + names and errors.shares[0, :2].tolist() == shares
     assert errors.shares[1].tolist() == [1.0, 1.0, *[0.0] * names]
     total = errors.variance(0) / np.deg2rad(1.0) ** 2
-    assert np.allclose(total, given.sigma_deg**2 + 0.5**2 + 2.0**2 * shares[1])  # nothing twice
+    assert np.allclose(total, given.sigma_deg**2 + 0.5**2 + 2.0**2 * shares[1])  # no part is counted twice
     assert np.allclose(errors.random, np.deg2rad(1.0))
 
 
-def test_a_heading_whose_branch_is_open_has_no_normal_error_and_columns_are_reduced_to_few():
+def test_ambiguous_branch_gives_nan_and_columns_are_compressed():
     probability = np.where(np.arange(N) < 20, 0.6, 1.0)
     product, _ = gridded_of(source("top", np.full(N, 100.0)))
     errors = heading_errors([affected(N, probability=probability, weights=np.zeros(0))], [], product.axes, 10800.0, 0.5)
@@ -210,7 +210,7 @@ def test_a_heading_whose_branch_is_open_has_no_normal_error_and_columns_are_redu
     assert left.mean() < 0.01 * np.mean(np.sum(columns**2, axis=1))
 
 
-def test_series_are_bridged_as_far_as_velocities_are():
+def test_series_are_interpolated_like_velocities():
     product, _ = gridded_of(source("top", np.full(N, 100.0)))
     series = np.arange(N, dtype=float)
     series[[5, 6, *range(20, 26)]] = np.nan
@@ -220,7 +220,7 @@ def test_series_are_bridged_as_far_as_velocities_are():
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """gridded.nc and gridded_daily.nc of a diving sphere and a point meter, and the product."""
+    """Write gridded.nc and gridded_daily.nc of a diving sphere and a point meter; get their folder and the product."""
     folder = tmp_path_factory.mktemp("grid")
     product, piece = gridded_of(source("top", DIVING, noise=0.02), source("deep", DIVING + 12.0, bins=1))
     field = EarthField(TIMES[[0, -1]], *np.full((4, 2), 10.0))
@@ -245,8 +245,8 @@ def _mean(rows):
     )
 
 
-@pytest.mark.filterwarnings("ignore")  # the checker's own
-def test_the_files_say_what_was_gridded_and_nothing_stands_against_them(written):
+@pytest.mark.filterwarnings("ignore")  # warnings of the checker itself
+def test_files_contain_the_grid_and_follow_conventions(written):
     folder, _, piece = written
     with netCDF4.Dataset(folder / "gridded.nc") as nc:
         assert nc["DEPTH"].ndim == 1 and nc["HEADING_ERROR_MODE"].dimensions == ("MODE", "TIME")
@@ -258,7 +258,7 @@ def test_the_files_say_what_was_gridded_and_nothing_stands_against_them(written)
     means = [flow[k : k + 3] for k in range(0, N, 3)]
     assert np.allclose(shown.after, [_mean(x) for x in means], atol=1e-6, equal_nan=True)
     assert np.allclose(shown.heading_sigma_deg, np.rad2deg(np.hypot(0.05, 0.02)), atol=1e-4)
-    whole = np.isfinite(flow).all(axis=0)  # such depths have a mean
+    whole = np.isfinite(flow).all(axis=0)  # depths without gaps always have a mean
     profile = shown.profiles[1]
     assert whole.any() and np.allclose(profile.mean[whole], flow[:, whole].mean(axis=0), atol=1e-6)
     expected = [np.cov(x.real, x.imag, bias=True) for x in flow[:, whole].T]
@@ -269,7 +269,7 @@ def test_the_files_say_what_was_gridded_and_nothing_stands_against_them(written)
         assert conventions.remarks(folder / file) == []
 
 
-def test_a_daily_mean_keeps_the_common_error_and_divides_the_noise(written):
+def test_daily_mean_keeps_common_error_and_reduces_noise(written):
     folder, product, piece = written
     with netCDF4.Dataset(folder / "gridded_daily.nc") as nc:
         count, u, v = nc["N_SAMPLES"][:], nc["UCUR"][:], nc["VCUR"][:]
@@ -287,7 +287,7 @@ def test_a_daily_mean_keeps_the_common_error_and_divides_the_noise(written):
     assert np.ma.getmaskarray(u)[np.asarray(count) == 0].all()
 
 
-def test_figures_of_the_section_are_whole_with_and_without_velocities(written, tmp_path):
+def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path):
     shown = gridded.read_section(written[0] / "gridded.nc", 50)
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
     none = tuple(replace(p, mean=nothing[0]) for p in shown.profiles)
@@ -303,7 +303,7 @@ def test_figures_of_the_section_are_whole_with_and_without_velocities(written, t
     assert size == pytest.approx(np.sqrt(values[1])) and np.tan(angle) == pytest.approx(vectors[1, 1] / vectors[0, 1])
 
 
-def test_far_bins_have_their_own_noise():
+def test_noise_of_far_bins_is_estimated_separately():
     noise = 0.01 * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     draws = np.random.default_rng(4).normal(size=(6000, 10, 2)) @ np.array([1.0, 1j])
     learnt = learn_bin_noise(0.3 + noise * draws, Differences(1.0, np.zeros(1), 2.0 * noise[0] ** 2))

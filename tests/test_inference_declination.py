@@ -1,4 +1,4 @@
-"""What moved an observatory's declination: storms, daily variation, trends, jumps, a wrong number; and moorings."""
+"""Diagnosis of an observatory's declination: storms, daily variation, trends, jumps, wrong values; and of moorings."""
 
 from __future__ import annotations
 
@@ -46,24 +46,24 @@ def test_a_quiet_series_is_consistent(days, step_s):
     assert slow == ({"secular_variation", "heading_slip"} if days < 20 else set())
 
 
-def test_a_jump_is_dated_to_the_hour_and_is_no_storm():
+def test_a_jump_is_dated_to_the_hour_and_not_a_storm():
     made = series(120, seed=1)
     found = judged(added(made, 3.0 * (made.time_s >= START_S + 50 * DAY_S)))
     (one,) = found.findings
     assert (found.verdict, one.effect, one.alternatives) == ("explained", "heading_slip", ())
     assert abs(one.when_s[0] - START_S - 50 * DAY_S) <= HOUR_S
-    offset = one.parameters["offset_deg"]  # the reading turns the other way than the declination it gives
+    offset = one.parameters["offset_deg"]  # the reading turns opposite to the declination
     assert abs(offset.value + 3.0) < 4.0 * max(offset.sigma, 0.01)
     assert one.held_out.rms_after_deg < 0.1 < one.held_out.rms_before_deg and one.held_out.p_value < 0.01
 
 
-def test_a_jump_of_one_day_may_be_a_storm_that_stays():
+def test_a_jump_in_a_series_of_one_day_may_be_a_storm():
     made = series(1, step_s=60.0, seed=2)
     (one,) = judged(added(made, 2.0 * (made.time_s >= START_S + DAY_S / 2))).findings
     assert (one.effect, one.alternatives) == ("heading_slip", ("field_disturbance",))
 
 
-def test_a_trend_may_be_the_instruments_unless_the_data_are_definitive():
+def test_a_trend_is_ambiguous_unless_the_data_are_definitive():
     made = series(300, seed=3)
     moving = added(made, 4.0 * (made.time_s - START_S) / (365.25 * DAY_S))
     found = judged(moving)
@@ -75,7 +75,7 @@ def test_a_trend_may_be_the_instruments_unless_the_data_are_definitive():
     assert judged(replace(moving, definitive=True)).verdict == "explained"
 
 
-def test_a_storm_and_a_jump_are_told_apart_in_one_series():
+def test_a_storm_and_a_jump_are_separated_in_one_series():
     made = series(200, seed=4)
     hours = (made.time_s - START_S - 150 * DAY_S) / HOUR_S
     storm = np.where((hours >= 0) & (hours < 20), 1.5 * np.sin(1.3 * hours), 0.0)
@@ -86,31 +86,31 @@ def test_a_storm_and_a_jump_are_told_apart_in_one_series():
     assert abs(when["field_disturbance"][1] - START_S - 150 * DAY_S - 20 * HOUR_S) <= 2 * HOUR_S
 
 
-def test_a_large_daily_variation_is_named_as_such():
+def test_a_large_daily_variation_is_identified():
     (one,) = judged(series(90, seed=5, swing_deg=1.5)).findings
     assert one.effect == "field_disturbance" and one.where.covariate == "hour_of_day"
     assert one.parameters["amplitude_deg"].value == pytest.approx(1.5, abs=0.05)
     assert one.held_out.rms_after_deg < 0.1
 
 
-def test_a_restless_series_is_unexplained_and_has_no_storms():
+def test_a_noisy_series_is_unexplained_without_storms():
     made = series(60, seed=6)
     found = judged(added(made, np.random.default_rng(0).normal(0.0, 1.0, len(made))))
     assert found.verdict == "unexplained" and "restless at all times" in found.unexplained.text
     assert not found.findings
 
 
-def test_a_constant_that_rocks_do_not_make_is_ambiguous_and_a_wrong_number_is_not():
+def test_a_large_constant_is_ambiguous_but_a_wrong_sign_is_not():
     made = series(30, seed=7)
     far = judged(added(made, 6.0))
     assert (far.verdict, far.findings[0].effect) == ("ambiguous", "declination_error")
     assert far.findings[0].alternatives == ("hard_iron", "mounting_offset")
-    wrong = judged(made, number=4.8)  # its sign was lost
+    wrong = judged(made, number=4.8)  # of the wrong sign
     assert (wrong.verdict, wrong.findings[0].effect) == ("explained", "declination_error")
     assert "the given number is wrong" in wrong.findings[0].text
 
 
-def test_too_little_is_insufficient(tmp_path):
+def test_a_short_series_is_insufficient(tmp_path):
     made = series(1)
     path = write(tmp_path / "a.hor", replace(made, declination_deg=np.where(np.arange(24) < 5, 0.0, np.nan)))
     found = declination.diagnose([path], {})
@@ -124,7 +124,7 @@ def test_the_quiet_day_of_eskdalemuir_is_consistent():
 
 
 @real
-def test_the_storm_day_of_eskdalemuir_is_named_with_dates():
+def test_the_storm_day_of_eskdalemuir_is_identified_with_dates():
     found = declination.diagnose([REAL / "esk20031029dmin.min"], {})
     (one,) = found.findings
     assert (found.verdict, one.effect, one.alternatives) == ("explained", "field_disturbance", ())
@@ -135,15 +135,15 @@ def test_the_storm_day_of_eskdalemuir_is_named_with_dates():
 
 
 @real
-def test_a_declination_that_stands_still_for_23_years_lacks_the_secular_variation():
+def test_a_constant_declination_lacks_the_secular_variation_of_23_years():
     files = sorted(REAL.glob("*.hor"))
     assert "secular_variation" not in {f.effect for f in declination.diagnose(files, PLACE).findings}
     one = declination.diagnose(files, PLACE | {"declination": -6.5}).findings[0]
     assert (one.effect, one.alternatives) == ("secular_variation", ())
-    assert one.parameters["deg_year"].value == pytest.approx(0.157, abs=0.005)  # IGRF's own
+    assert one.parameters["deg_year"].value == pytest.approx(0.157, abs=0.005)  # as in IGRF
 
 
-def test_a_series_becomes_a_moorings_covariate(tmp_path):
+def test_an_observatory_series_becomes_a_covariate_of_a_mooring(tmp_path):
     made = series(40, seed=8)
     hours = (made.time_s - START_S - 20 * DAY_S) / HOUR_S
     storm = np.where((hours >= 0) & (hours < 30), 2.0, 0.0)
@@ -157,7 +157,7 @@ def test_a_series_becomes_a_moorings_covariate(tmp_path):
     assert abs(begin - START_S - 20 * DAY_S) <= HOUR_S and abs(end - START_S - 21.25 * DAY_S) <= HOUR_S
 
 
-def test_a_moorings_observatory_is_held_against_its_own_place_and_the_moorings(tmp_path):
+def test_observatory_of_a_mooring_is_checked_for_place_and_time(tmp_path):
     path, here = write(tmp_path / "a.hor", series(40)), {"latitude": 56.0, "longitude": -5.0}
     field = earthfield.field_along(56.0, -5.0, START_S, START_S + 40 * DAY_S)
     assert calibrated_declination.with_observatory_warnings(field, [], here) is field
@@ -180,7 +180,7 @@ def test_a_moorings_observatory_is_held_against_its_own_place_and_the_moorings(t
 
 
 def moored(share: float, *, magnetic: bool):
-    """Return a moored record whose compass felt a share of the real year's declination, and that declination."""
+    """Diagnose a simulated mooring whose compass is exposed to a multiple of the departures of a real year."""
     world = sea.make(1, wide=True, noise_deg=8.0, n=6000)
     begin = float(np.datetime64("2003-03-01T00:30", "s").astype(float))
     time_s = begin + HOUR_S * np.arange(6000)
@@ -206,7 +206,7 @@ def moored(share: float, *, magnetic: bool):
 
 
 @real
-def test_a_storm_is_named_in_a_mooring_whose_trusted_instrument_knows_true_north():
+def test_a_storm_is_identified_with_a_reference_to_true_north():
     found = moored(12.0, magnetic=False)  # as near the magnetic pole, where the horizontal field is weak
     (one,) = found.findings
     assert (found.verdict, one.effect) == ("explained", "field_disturbance")
@@ -216,7 +216,7 @@ def test_a_storm_is_named_in_a_mooring_whose_trusted_instrument_knows_true_north
 
 
 @real
-def test_a_storm_cancels_where_the_trusted_instrument_is_magnetic_too():
+def test_a_storm_cancels_with_a_magnetic_reference():
     found = moored(12.0, magnetic=True)
     assert found.verdict == "consistent"
     assert "cancels in the difference" in dict(found.not_testable)["field_disturbance"]

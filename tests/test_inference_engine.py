@@ -1,4 +1,4 @@
-"""The parts of the search: filter, scores, clocks, covariates, curves."""
+"""Parts of the search: scores, clocks, nuisances, covariates, held-out gains and wording."""
 
 from dataclasses import replace
 
@@ -22,21 +22,21 @@ TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
 @pytest.mark.parametrize(
     ("freedom", "statistic", "expected"), [(1, 10.828, 3.09), (5, 20.515, 3.09), (30, 50.892, 2.326)]
 )
-def test_the_normal_score_is_that_of_the_table(freedom, statistic, expected):
-    # Quantiles of chi squared at 0.999, 0.999 and 0.99; the approximation is good to a tenth.
+def test_normal_score_matches_quantiles_of_chi_squared(freedom, statistic, expected):
+    # Quantiles of chi squared at 0.999, 0.999 and 0.99; the approximation is accurate to 0.1.
     assert omnibus.normal_score(np.array([statistic]), np.array([freedom]))[0] == pytest.approx(expected, abs=0.1)
 
 
-def test_the_threshold_is_that_of_many_normals():
+def test_threshold_is_a_quantile_of_the_highest_score():
     highest = np.random.default_rng(5).normal(size=(300, 100)).max(axis=1)
     none = np.zeros(0)
     threshold = omnibus.ScoreTests([], none, none, none, highest).threshold(0.01)
-    # The highest of 100 normals exceeds 3.72 once in a hundred; 300 draws tell how many there are within 6 %.
+    # The highest of 100 normals exceeds 3.72 with probability 0.01; 300 draws determine their number within 6 %.
     assert threshold == pytest.approx(3.72, abs=0.05)
 
 
 @pytest.mark.parametrize("ahead_h", [-0.8, 1.0, 2.3])
-def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
+def test_clock_offset_is_estimated_with_its_sign_and_corrected(ahead_h):
     seen, _ = pairs(n=4000, seed=5)
     wrong = mooring.repair_pairs(seen, mooring.ClockError(-ahead_h, 0.0, 0.01, 0.01, True, False))
     found = mooring.estimate_clock_error(wrong)
@@ -47,7 +47,7 @@ def test_a_clock_offset_is_found_with_its_sign_and_repaired(ahead_h):
     assert own < off
 
 
-def test_a_clock_drift_is_told_from_an_offset():
+def test_clock_drift_is_distinguished_from_an_offset():
     seen, _ = pairs(n=6000, seed=6)
     wrong = mooring.repair_pairs(seen, mooring.ClockError(0.0, -2.0, 0.01, 0.01, False, True))
     found = mooring.estimate_clock_error(wrong)
@@ -64,8 +64,8 @@ def test_a_clock_drift_is_told_from_an_offset():
         (TemperatureOfField(200.0, 0.0), "effect"),
     ],
 )
-def test_of_two_terms_of_one_driver_that_only_together_fit_only_the_driver_is_stated(beside, level):
-    """A reading that follows the rate of the temperature is fitted as a linear less a lagged response."""
+def test_for_two_cancelling_terms_of_one_driver_only_the_driver_is_stated(beside, level):
+    """A reading proportional to the rate of temperature is fitted as a linear minus a lagged response."""
     of_mooring = comparison.Comparison(time_s=TIME_S, terms=(), covariates={})
     built = comparison.build_finding(
         of_mooring, TemperatureOfReading(25.0), {"temperature": 0.99}, {}, size_deg=26.0, proof=finding.UNTESTED,
@@ -74,27 +74,27 @@ def test_of_two_terms_of_one_driver_that_only_together_fit_only_the_driver_is_st
     assert built.level == level and ("neither has the right form" in built.text) == (level == "driver")
 
 
-def test_water_that_arrives_late_at_one_depth_is_no_clock_error():
+def test_a_delay_of_the_current_between_depths_is_not_a_clock_error():
     years = np.linspace(0.03, 0.97, 16)
     scatter = np.random.default_rng(2).normal(0.0, 0.03, 16)
     late = mooring._select_clock(years, -0.35 + scatter, 1.0)
     assert not late.named and abs(late.offset_h + 0.35) < 0.02 and late.offset_sigma_h >= mooring.DELAY_SIGMA_H
     assert mooring._select_clock(years, -1.0 + scatter, 1.0).offset_named
-    # Of a short record the few windows are compared beside a delay whose variance is given.
+    # In a short record the few windows are fitted together with a delay of given variance.
     assert mooring._select_clock(years[:6] / 15.0, 2.9 + 10.0 * scatter[:6], 0.07).offset_named
-    # What a delay adds to a drift is taken from its rate.
+    # A delay in addition to a drift does not bias the rate.
     drift = mooring._select_clock(years, 0.2 + 0.9 * years + scatter, 1.0)
     assert drift.drift_named and not drift.offset_named
     assert abs(drift.drift_h_year - 0.9) < 3.0 * drift.drift_sigma_h_year < 0.5
 
 
-def test_good_clocks_and_sparse_pairs_are_not_named():
+def test_no_clock_error_is_named_for_good_clocks_or_sparse_pairs():
     seen, _ = pairs(n=4000, seed=7)
     assert not mooring.estimate_clock_error(seen).named
     assert not mooring.estimate_clock_error(take(seen, np.arange(0, 4000, 12))).named
 
 
-def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_tell():
+def test_harmonics_of_a_narrow_sector_have_no_high_leverage():
     heading = np.random.default_rng(0).normal(120.0, 34.0, 8000)
     harmonics = omnibus.fourier_columns(heading, range(7, omnibus.HEADING_HARMONICS + 1))
     kept = omnibus._well_determined(harmonics)
@@ -102,17 +102,17 @@ def test_harmonics_of_a_narrow_sector_leave_no_combination_that_a_few_samples_te
     assert seen < 0.1 < 0.9 < bare and kept.shape[1] >= 10
 
 
-def test_tides_of_a_profiler_that_passes_twice_a_day_leave_the_constant_known():
+def test_aliased_tides_of_a_profiler_do_not_span_the_constant():
     twice_a_day = 1.2e9 + np.arange(700) * 12 * 3600.0 + np.random.default_rng(4).normal(0.0, 600.0, 700)
     waves = comparison._aliased_tides(twice_a_day)
-    assert waves.shape[1] >= 8  # but for the sun's, which stand still
+    assert waves.shape[1] >= 8  # without those of the sun, which alias to a constant
     constant = np.ones(700)
     told = waves @ np.linalg.lstsq(waves, constant, rcond=None)[0]
-    assert np.square(constant - told).mean() > 0.9  # near 0 they would stand for it
+    assert np.square(constant - told).mean() > 0.9  # near 0 if they spanned it
 
 
-def test_pairs_half_a_day_apart_test_nothing_that_follows_the_rate_of_turn():
-    """Its column was zero, and the smallest size that would be noticed 0 degrees."""
+def test_turn_rate_is_not_tested_with_pairs_half_a_day_apart():
+    """Regression test: its column was zero, and its detectable size was stated as 0 degrees."""
     hourly, _ = pairs(n=500, seed=8)
     sparse = replace(hourly, time_s=hourly.time_s[0] + 12 * 3600.0 * np.arange(500))
     for seen, tested in ((hourly, True), (sparse, False)):
@@ -146,7 +146,7 @@ def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():
     assert clear.p_value < 0.01 < 0.05 < none.p_value and clear.gain_interval[0] > 0.0
 
 
-def test_left_out_days_are_stated_with_their_rank_and_what_they_do_not_confirm():
+def test_held_out_text_states_rank_and_missing_confirmation():
     shown = finding.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001)
     weak = replace(shown, amplitude=finding.Amplitude(2.3, 0.5, -0.1, 1.1), placebo=finding.Placebo(19, 1.0))
     sure = replace(shown, amplitude=finding.Amplitude(3.7, 2.8, 2.0, 3.6), placebo=finding.Placebo(19, 0.05))
@@ -159,7 +159,7 @@ def test_left_out_days_are_stated_with_their_rank_and_what_they_do_not_confirm()
     assert "by 2°/K" in wording.tilt_zero_text(1815.0, 52000.0)  # 1815 / 52000 rad
 
 
-def test_what_would_tell_pairs_apart_is_said():
+def test_separating_observations_are_stated():
     told = wording.separating_observations("supply_voltage", ("compass_drift",))
     assert "supply_voltage or compass_drift" in told and "battery change" in told
     assert "is in the water" in wording.separating_observations("current_veer", ("sextantal",))

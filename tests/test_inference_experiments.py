@@ -1,4 +1,4 @@
-"""What to measure next: chances follow what an observation can tell."""
+"""Suggested observations: their probabilities of an unambiguous verdict, by the information that they add."""
 
 import numpy as np
 import pytest
@@ -10,12 +10,12 @@ from compasslib.inference.experiments import ANYTHING, Rows
 
 @pytest.fixture(scope="module")
 def ambiguous():
-    """A slow drift of iron in half a year, which the falling supply voltage follows."""
+    """Slow drift of iron over half a year, confounded with the falling supply voltage."""
     drawn, found = seen({"hard_iron_drift": 1.5}, seed=12)
     return drawn, found
 
 
-def test_chances_are_stated_where_a_set_has_several_names(ambiguous):
+def test_ambiguous_findings_have_experiments_with_probabilities(ambiguous):
     _, found = ambiguous
     assert found.verdict == "ambiguous"
     chances = [chance for _, chance in found.experiments]
@@ -24,7 +24,7 @@ def test_chances_are_stated_where_a_set_has_several_names(ambiguous):
     assert [(one["what"], one["probability"]) for one in written] == list(found.experiments)
 
 
-def test_what_an_observation_brings_of_its_own_takes_from_what_it_tells():
+def test_free_nuisances_reduce_the_information_of_an_observation():
     rng = np.random.default_rng(3)
     known = rng.normal(size=(50, 2))
     free = Rows(known, np.ones((50, 1)), np.full(1, 1.0 / ANYTHING)).information
@@ -34,15 +34,15 @@ def test_what_an_observation_brings_of_its_own_takes_from_what_it_tells():
     np.testing.assert_allclose(fixed, known.T @ known, rtol=1e-5)
 
 
-def test_a_series_that_only_falls_goes_on_and_others_come_back():
+def test_a_trend_is_extrapolated_and_other_series_are_repeated():
     time_s = np.arange(1000.0)
     falling, season = 40.0 - 0.004 * time_s, np.sin(time_s / 30.0)
     np.testing.assert_allclose(experiments._continued(falling, time_s, 1000.0), falling - 4.0)
     np.testing.assert_array_equal(experiments._continued(season, time_s, 1000.0), season)
 
 
-def test_one_name_is_left_where_the_verdict_would_have_it():
-    """A name is sure whatever else may stand beside it; an even contest leaves two, a probable nothing is not sure."""
+def test_the_share_of_single_names_follows_the_verdict():
+    """An effect is certain by its total probability; equal ones leave two names; no effect at 0.8 is uncertain."""
     names = [(), ("heeling",), ("current_veer", "heeling"), ("temperature",)]
     draws = np.array([[0.0, 0.6, 0.38, 0.02], [0.0, 0.5, 0.0, 0.5], [0.8, 0.2, 0.0, 0.0], [0.97, 0.03, 0.0, 0.0]]).T
     each = [experiments._single_name_share(names, draws[:, k : k + 1]) for k in range(4)]

@@ -1,4 +1,4 @@
-"""Half-year moorings of the benchmark's own world, from nothing left out to what the catalogue does not hold."""
+"""Diagnosis of simulated half-year moorings without effects, with effects of the catalogue, and with unlisted ones."""
 
 import json
 import shutil
@@ -41,7 +41,7 @@ def two():
     return seen({"sextantal": 3.0, "temperature": 3.0}, seed=4)
 
 
-def test_nothing_is_found_where_nothing_was_left_out():
+def test_a_mooring_without_effects_is_consistent():
     _, found = seen({})
     assert found.verdict == "consistent" and not found.findings and found.unexplained is None
     assert found.experiments == ()
@@ -59,7 +59,7 @@ def test_nothing_is_found_where_nothing_was_left_out():
 
 
 def test_no_effect_is_both_tested_and_not_testable(two):
-    """The record of a diagnosis holds that itself, so that no path to one can say both."""
+    """``Diagnosis`` enforces this itself, whichever function builds it."""
     _, found = two
     tested = {*found.detectable_deg, *(one.effect for one in found.findings)}
     every = tuple((name, "no series") for name in [*tested, "field_disturbance"])
@@ -70,7 +70,7 @@ def test_no_effect_is_both_tested_and_not_testable(two):
     assert [one["effect"] for one in again.to_json()["not_testable"]] == ["field_disturbance"]
 
 
-def test_what_an_effect_turns_is_seen_along_what_it_foretells(two):
+def test_residual_follows_the_turn_predicted_by_each_effect(two):
     _, found = two
     turns = [curve for curve in found.curves if curve.covariate.startswith("turn_by_")]
     assert {curve.covariate for curve in turns} == {f"turn_by_{one.effect}" for one in found.findings}
@@ -81,7 +81,7 @@ def test_what_an_effect_turns_is_seen_along_what_it_foretells(two):
         assert abs(np.polyfit(curve.centre, curve.after_deg, 1)[0]) < 0.15
 
 
-def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
+def test_residual_bins_without_effects_scatter_by_their_sigma():
     far = []
     for seed in range(4):
         drawn = world.planted(world.make(seed, wide=True, n=HOURS), {})
@@ -92,11 +92,11 @@ def test_bins_of_nothing_lie_as_far_off_as_their_errors_say():
         ]
         far += [curve.after_deg / curve.sigma_deg for curve in curves]
     far = np.abs(np.concatenate(far))
-    # Some 250 bins, which share their days: 5 % are expected beyond 1.96, one in a thousand beyond 3.3.
+    # About 250 bins, correlated as they share days: 5 % are expected beyond 1.96, one in a thousand beyond 3.3.
     assert 0.01 < np.mean(far > 1.96) < 0.1 and far.max() < 4.5
 
 
-def test_headings_without_a_true_one_have_no_bin():
+def test_samples_of_infinite_width_have_no_heading_bin():
     drawn = world.planted(world.make(0, wide=True, n=HOURS), {})
     case = compare_pairs(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     state = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
@@ -107,7 +107,7 @@ def test_headings_without_a_true_one_have_no_bin():
     assert set(all_round.centre) - set(without.centre) == {65.0, 75.0} and without.sigma_deg.max() < 30.0
 
 
-def test_two_effects_at_once_are_both_named_and_modelled(two):
+def test_two_simultaneous_effects_are_identified_and_estimated(two):
     drawn, found = two
     assert found.verdict in ("explained", "ambiguous")
     assert {finding.effect for finding in found.findings} == {"sextantal", "temperature"}
@@ -120,7 +120,7 @@ def test_two_effects_at_once_are_both_named_and_modelled(two):
     assert sizes == sorted(sizes, reverse=True) and min(sizes) > 2.0
 
 
-def test_the_corrected_headings_lose_what_was_found(two):
+def test_correction_removes_the_identified_effects(two):
     drawn, found = two
     sample, applied = drawn.pairs, found.applied[0].compass
     tilt, recorded = (sample.pitch_deg, sample.roll_deg), sample.heading_deg
@@ -135,13 +135,13 @@ def test_the_corrected_headings_lose_what_was_found(two):
     assert 0.2 < np.median(sigma) < 4.0
 
 
-def test_what_is_applied_is_no_surer_of_the_coefficients_than_the_fit(two):
+def test_applied_covariance_is_not_smaller_than_that_of_the_fit(two):
     _, found = two
     more = found.applied[0].compass.covariance[:5, :5] - found.fit.covariance[:5, :5]
     assert np.linalg.eigvalsh(more).min() > -1e-9 * np.trace(found.fit.covariance)
 
 
-def test_the_json_is_the_contracts(two, tmp_path):
+def test_diagnosis_json_has_the_specified_keys(two, tmp_path):
     _, found = two
     write_json(tmp_path / "diagnosis.json", found.to_json())
     told = read_json(tmp_path / "diagnosis.json")
@@ -154,7 +154,7 @@ def test_the_json_is_the_contracts(two, tmp_path):
     assert all(set(one) >= {"value", "sigma"} for one in first["parameters"].values())
 
 
-def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
+def test_missing_tilt_compensation_is_distinguished_from_heeling_iron():
     sea = world.make(2, wide=True, n=HOURS)
     recorded = world.compass(sea, uncompensated=True)
     drawn = world.planted(sea, {})
@@ -168,7 +168,7 @@ def test_a_compass_that_does_not_level_is_told_from_iron_that_heels():
     assert abs(share.value - 1.0) < 4.0 * share.sigma < 0.6
 
 
-def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
+def test_series_is_inadequate_for_iron_stronger_than_the_field():
     sample, _ = pairs(FOLDED, n=1200, seed=3)
     exact, series = fit_deviation("exact", sample), fit_deviation("von_appen", sample)
     (finding,) = mooring.exact_compass_findings(sample, exact, series, 0.5)
@@ -180,7 +180,7 @@ def test_a_series_fitted_to_iron_stronger_than_the_field_is_too_small_a_model():
     assert found.verdict == "explained" and found.fit is not None and found.fit.method == "exact"
 
 
-def test_what_nobody_listed_is_composed_and_corrects_the_record():
+def test_an_unlisted_effect_is_composed_and_applied():
     drawn, found = seen({"warm_sextantal": 4.0}, seed=3)
     first = found.findings[0]
     assert first.effect == "composed" and first.side == "compass" and first.applied
@@ -200,33 +200,33 @@ def test_what_nobody_listed_is_composed_and_corrects_the_record():
         ("hour", 7, {("reading", "hour", "periodic")}),
     ],
 )
-def test_a_composition_is_among_the_names_with_its_three_words(strange, seed, right):
+def test_composition_is_a_candidate_by_quantity_driver_and_form(strange, seed, right):
     _, found = seen({strange: 3.5}, seed=seed)
     told = {tuple(one.removeprefix("composed:").split("/")) for one in sets(found)}
     assert right <= told
 
 
 def sets(found):
-    """Return all names that a diagnosis holds for possible, a composed one as composed:ACTS_ON/DRIVER/FORM."""
+    """Return the names of all candidates of a diagnosis, a composed effect as composed:ACTS_ON/DRIVER/FORM."""
     return {name for one in found.findings for name in (one.named, *one.alternatives)}
 
 
-def test_a_current_that_turns_directions_hides_no_fault_and_is_stated_beside_it():
+def test_compass_fault_and_veering_current_are_both_stated():
     _, found = seen({"hard_iron_step": 4.0, "current_veer": 4.0}, seed=14)
     assert {finding.side for finding in found.findings} == {"compass"} and found.current
     assert found.sides["compass"] > 0.95 and found.bayes_factor > 20.0
     weights = {one.effect: one.weight for one in found.applied}
-    for finding in found.findings:  # what is printed is what the product weighs
+    for finding in found.findings:  # stated probabilities equal the weights of the product
         of_name = sum(weight for effect, weight in weights.items() if finding.effect in effect.split("+"))
         assert of_name == pytest.approx(finding.probability, abs=0.03)
     (size,) = (curve for curve in found.curves if curve.covariate == "size_of_hard_iron_step")
     since = size.centre > found.findings[0].where.low
     jump = [size_deg[since].mean() - size_deg[~since].mean() for size_deg in (size.before_deg, size.after_deg)]
     assert jump[0] > 3.0 and abs(jump[1]) < 0.6 * jump[0]
-    assert found.curves[-1].covariate not in ("heading", "time", size.covariate)  # what else stands out
+    assert found.curves[-1].covariate not in ("heading", "time", size.covariate)  # largest other residual
 
 
-def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
+def test_a_sector_in_which_the_compass_sticks_is_located():
     drawn = world.planted(world.make(3, wide=False, n=HOURS), {})
     recorded = drawn.pairs.heading_deg
     away = angles.difference(recorded, np.median(recorded))
@@ -240,12 +240,12 @@ def test_a_sector_in_which_the_compass_hangs_is_seen_in_the_histogram():
     assert 0.7 * size < found.unexplained.rms_effect_deg < 1.4 * size
 
 
-def test_weeks_in_which_the_reading_was_off_are_not_two_faults_that_cancel():
+def test_a_temporary_offset_yields_no_finding():
     _, found = seen({"episode": 4.0}, seed=1)
     assert not found.findings
 
 
-def test_no_listed_effect_stands_for_what_is_none():
+def test_a_bump_in_heading_is_not_given_a_listed_name():
     drawn = world.planted(world.make(2, wide=False, n=HOURS), {"sector": 3.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
     assert {one.effect for one in found.findings} <= {"composed"}
@@ -253,14 +253,14 @@ def test_no_listed_effect_stands_for_what_is_none():
     assert "heading" in (*left, *(one.composition["driver"] for one in found.findings))
 
 
-def test_a_turn_beyond_a_rare_depth_is_stated_by_its_driver():
-    """A reading that follows depth and water that differs with it make nearly the same pairs."""
+def test_a_turn_beyond_a_depth_threshold_is_attributed_to_depth():
+    """A reading that depends on depth and a current that does so yield nearly the same pairs."""
     drawn = world.planted(world.make(6, wide=False, n=HOURS), {"depth_threshold": 3.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
     assert {one.driver for one in (*found.findings, *found.current)} == {"depth"}
 
 
-def test_what_is_too_small_to_matter_counts_on_no_side():
+def test_a_negligible_effect_counts_on_no_side():
     _, small = seen({"octantal": 3.0}, min_effect_deg=9.0)
     assert (
         small.verdict == "consistent"
@@ -269,41 +269,41 @@ def test_what_is_too_small_to_matter_counts_on_no_side():
     )
 
 
-def test_what_wanders_is_no_slip():
+def test_a_wandering_reading_is_not_a_slip():
     _, found = seen({"wander": 3.5}, seed=4)
     assert not found.findings and found.sides["none"] > 0.5
 
 
-def test_of_two_harmonics_the_one_that_leaves_less_where_it_stands_is_chosen():
-    drawn, _ = bench.draw("single", 60, 70)  # narrow headings: the sextantal's columns at rest score higher
+def test_octantal_is_selected_over_sextantal_in_narrow_headings():
+    drawn, _ = bench.draw("single", 60, 70)  # narrow headings: the sextantal's columns at size 0 score higher
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert set(drawn.truth) == {"octantal"}
     assert [one.effect for one in found.findings] == ["octantal"] and found.unexplained is None
 
 
-def test_an_effect_that_a_current_hides_keeps_its_weight():
-    drawn, _ = bench.draw("two", 8, 9701)  # 1.5 degrees of either
+def test_an_effect_masked_by_a_current_keeps_its_weight():
+    drawn, _ = bench.draw("two", 8, 9701)  # 1.5 degrees each
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert set(drawn.truth) == {"heeling", "current_veer"} and found.sides["compass"] > 0.4
     weights = {one.effect: one.weight for one in found.applied}
     assert max(weights, key=lambda name: weights[name] * (name != "none")) == "heeling" and weights["heeling"] > 0.15
 
 
-def test_a_slip_is_among_the_names_beside_lobes():
+def test_a_slip_is_a_candidate_besides_an_octantal_error():
     drawn = world.planted(world.make(8, wide=True, n=8000), {"octantal": 1.5, "heading_slip": 2.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert "octantal" in {one.effect for one in found.findings} and len(found.findings) == 2
     assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
 
 
-def test_heeling_is_named_beside_water_that_veers_where_headings_are_narrow():
+def test_heeling_is_identified_despite_another_effect_in_narrow_headings():
     drawn, _ = bench.draw("two", 49, 9802)
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert "heeling" in {one.effect for one in found.findings} <= set(drawn.truth)
 
 
 @pytest.mark.parametrize("own_m_s", [(0.02, 0.05), (0.05, 0.02)])
-def test_the_direction_of_the_flow_shares_no_noise_with_the_residual(own_m_s):
+def test_flow_direction_covariate_shares_no_noise_with_the_residual(own_m_s):
     rng, n = np.random.default_rng(3), 20000
     time_s, zero, turns = 3600.0 * np.arange(n), np.zeros(n), red_noise(rng, n, 50, 0.05)
     shear = red_noise(rng, n, 12, 0.03)
@@ -314,11 +314,11 @@ def test_the_direction_of_the_flow_shares_no_noise_with_the_residual(own_m_s):
     sample = Pairs(time_s, zero, zero, zero, east, upper, east, lower, zero + 90.0, zero + 105.0, zero, zero)
     told = covariates.departures(sample, {}, {}, zero)["flow_north"]
     apart = [np.corrcoef(x, upper - lower)[0, 1] for x in (told, upper, lower, (upper + lower) / 2.0)]
-    assert abs(apart[0]) < 0.03 < 0.2 < np.min(np.abs(apart[1:]))  # 0.012 by chance, half as many being independent
+    assert abs(apart[0]) < 0.03 < 0.2 < np.min(np.abs(apart[1:]))  # 0.012 by chance, with autocorrelation
     assert np.corrcoef(told, turns)[0, 1] > 0.95
 
 
-def test_a_clock_is_on_its_own_side():
+def test_clock_offset_is_estimated_and_attributed_to_the_clock():
     drawn, found = seen({"clock_offset": 1.0}, seed=5)
     (finding,) = found.findings
     assert (finding.effect, finding.side) == ("clock_offset", "clock") and not any(one.compass for one in found.applied)
@@ -326,7 +326,7 @@ def test_a_clock_is_on_its_own_side():
     assert abs(hours.value - drawn.truth["clock_offset"]["hours"]) < 4.0 * hours.sigma
 
 
-def test_directions_read_between_samples_are_no_veer_of_the_water():
+def test_interpolation_to_corrected_times_is_not_taken_for_veer():
     drawn, _ = bench.draw("clock", 4, 9903)
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert [one.effect for one in found.findings] == ["clock_offset"]
@@ -334,7 +334,7 @@ def test_directions_read_between_samples_are_no_veer_of_the_water():
 
 
 @pytest.mark.parametrize("hours", [-9.0, 5.0])
-def test_a_clock_that_held_out_directions_deny_is_told_and_not_applied(monkeypatch, hours):
+def test_clock_error_refuted_by_held_out_directions_only_warns(monkeypatch, hours):
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
     monkeypatch.setattr(
         mooring, "estimate_clock_error", lambda pairs: mooring.ClockError(hours, 0.0, 0.1, 0.1, True, False)
@@ -344,7 +344,7 @@ def test_a_clock_that_held_out_directions_deny_is_told_and_not_applied(monkeypat
     assert "held-out directions then agree less" in found.warnings[0] and found.to_json()["warnings"]
 
 
-def test_a_finding_that_held_out_days_deny_is_none():
+def test_held_out_days_refute_by_gain_or_rms():
     denied, weak, sure = (
         findings.HeldOut(7.7, 13.2, 0.3, (-9.0, 9.0), 0.52),
         findings.HeldOut(7.7, 7.8, 2.0, (-1.0, 5.0), 0.1),
@@ -354,20 +354,20 @@ def test_a_finding_that_held_out_days_deny_is_none():
     assert findings.HeldOut(7.7, 7.6, -1.0, (-9.0, 3.0), 0.6).refuted
 
 
-def test_the_rms_of_a_large_deviation_is_that_of_pairs_the_fits_have_not_seen():
+def test_large_deviation_states_the_rms_on_held_out_pairs():
     seen, _ = pairs(FOLDED, n=2000, seed=3)
     exact, series = (fit_deviation(method, seen) for method in ("exact", "von_appen"))
     (finding,) = mooring.exact_compass_findings(seen, exact, series, 0.5)
     some = take(seen, np.arange(0, len(seen), 2))
     assert finding.held_out.rms_after_deg == angles.rms(mooring.held_out_residual(some, exact))
-    # A stretch by itself: the other half knows nothing of it.
+    # Only the first ten days are turned, about one block, which the fit to the other half does not contain.
     first = np.arange(len(seen)) < 240
     turned = replace(seen, heading_deg=angles.wrap360(seen.heading_deg + 60.0 * first))
     left = mooring.held_out_residual(turned, fit_deviation("exact", take(seen, ~first)))
     assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
 
 
-def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
+def test_clock_error_is_estimated_from_the_wider_pairs_if_given():
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
     ahead = drawn.truth["clock_offset"]["hours"]
     upper, lower = pair_speeds(drawn.pairs)
@@ -378,15 +378,15 @@ def test_clocks_are_compared_by_pairs_further_apart_where_these_are_given():
     assert found.findings[0].parameters["hours"].value == pytest.approx(every.offset_h)
 
 
-def test_a_season_alone_is_no_proof_of_temperature():
-    drawn, _ = bench.draw("control", 8, 9802)  # its temperature was logged some months early
+def test_a_season_alone_does_not_identify_temperature():
+    drawn, _ = bench.draw("control", 8, 9802)  # the logged temperature is shifted by months
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     assert not any("temperature" in (one.effect, *one.alternatives) for one in found.findings)
-    assert found.findings or found.unexplained is not None  # nothing that was logged goes with this iron
+    assert found.findings or found.unexplained is not None  # no logged series follows this iron
 
 
 def leaning(stuck_from=None):
-    """Return a record whose tilts follow the flow, perhaps until they stick, and the true tilts."""
+    """Return a record whose tilts follow the flow, optionally stuck from some sample on, and the true tilts."""
     drawn = world.make(3, wide=True, n=HOURS)
     east, north = drawn.flow.real, drawn.flow.imag
     tilts = drawn.tilt.copy()
@@ -399,7 +399,7 @@ def leaning(stuck_from=None):
     ), drawn.tilt  # fmt: skip
 
 
-def test_tilts_that_stick_are_seen_and_the_flow_tells_the_lean():
+def test_stuck_tilts_are_estimated_from_the_flow():
     record, true = leaning(stuck_from=HOURS // 2)
     found = covariates.tilt_corrections(record)
     for name, recorded, tilt in zip(
@@ -407,11 +407,11 @@ def test_tilts_that_stick_are_seen_and_the_flow_tells_the_lean():
     ):
         assert not found[name][: HOURS // 2 - 1].any()
         off = (recorded + found[name] - tilt)[HOURS // 2 :]
-        assert np.std(off) < 0.8 * np.std(tilt[HOURS // 2 :])  # one degree of it follows no flow
+        assert np.std(off) < 0.8 * np.std(tilt[HOURS // 2 :])  # one degree of the tilt is independent of the flow
     assert covariates.tilt_corrections(leaning()[0]) == {}
 
 
-def test_tilts_that_stick_and_follow_no_flow_are_taken_at_their_mean_and_are_testable():
+def test_stuck_tilts_independent_of_flow_get_their_mean():
     record, _ = leaning()
     rng, stuck = np.random.default_rng(5), np.arange(HOURS) >= HOURS // 2
     pitch, roll = (np.where(stuck, 4.0, rng.normal(mean, 1.0, HOURS)) for mean in (1.0, -2.0))
@@ -423,7 +423,7 @@ def test_tilts_that_stick_and_follow_no_flow_are_taken_at_their_mean_and_are_tes
     assert set(covariates.TILT_CORRECTIONS) <= set(covariates.pair_covariates(drawn.pairs, found))
 
 
-def test_too_little_is_insufficient_and_says_how_much_is_needed():
+def test_too_few_pairs_are_insufficient_and_counted():
     drawn = world.planted(world.make(7, wide=True, n=1000), {})
     fit = fitted(drawn)
     few = take(drawn.pairs, np.arange(150))
@@ -433,7 +433,7 @@ def test_too_little_is_insufficient_and_says_how_much_is_needed():
     assert "3 overlapping pairs" in diagnose(few, {}, nothing, field_of(drawn)).why
 
 
-def test_without_tilt_and_logs_it_says_what_cannot_be_tested():
+def test_effects_without_tilt_or_logs_are_not_testable():
     drawn = world.planted(world.make(8, wide=True, n=2000), {})
     flat = replace(drawn.pairs, pitch_deg=np.full(2000, np.nan), roll_deg=np.full(2000, np.nan))
     found = diagnose(flat, {}, fitted(drawn), field_of(drawn))
@@ -442,7 +442,7 @@ def test_without_tilt_and_logs_it_says_what_cannot_be_tested():
     assert diagnosis.insufficient("x").to_json()["findings"] == []
 
 
-def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument_has_no_compass():
+def test_storm_is_identified_with_observatory_and_nonmagnetic_reference():
     sea = world.make(9, wide=True, n=HOURS)
     storm = world.red(sea.rng, HOURS, 8, 3.0)  # declination at the observatory, east positive
     quiet = world.planted(sea, {})
@@ -460,7 +460,7 @@ def test_a_storm_is_named_where_an_observatory_saw_it_and_the_trusted_instrument
 
 
 def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
-    """The mirror image of a current is a folded compass on the edge: nearly no pair shows on which branch it is."""
+    """A mirrored current is fitted by a compass at the edge of folding, whose branch hardly any pair determines."""
     mirrored, _ = pairs(n=500, seed=10)
     mirrored = replace(mirrored, lower_east=mirrored.lower_north, lower_north=mirrored.lower_east)
     earth = EarthField(mirrored.time_s[[0, -1]], *np.full((4, 2), 12000.0))
@@ -468,14 +468,14 @@ def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
     assert found.verdict == "insufficient" and "the branch of the compass is known for" in found.why
 
 
-def test_a_battery_whose_counts_rise_alike_is_one_battery():
+def test_equal_maxima_of_a_quantized_voltage_are_one_battery():
     counts = np.r_[np.linspace(150.0, 120.0, 400), np.linspace(170.0, 140.0, 400)].round()
     number = covariates.battery_count(counts)
     assert number.max() == 1.0 and number[360] == 0.0 and number[440] == 1.0
 
 
-def test_each_battery_has_iron_of_its_own(monkeypatch):
-    """Two changes that were forced to be equal were explained by a temperature."""
+def test_each_battery_has_its_own_iron(monkeypatch):
+    """Regression test: two battery changes constrained to equal iron were explained by temperature."""
     hours = np.arange(6000)
     first, second = hours >= 2000, hours >= 4000
     volts = 150.0 - hours / 80.0 + 25.0 * first + 25.0 * second + np.random.default_rng(0).normal(0.0, 0.5, 6000)
@@ -490,11 +490,11 @@ def test_each_battery_has_iron_of_its_own(monkeypatch):
     assert finding.effect == "battery_change" and finding.applied
     sizes = {name: one.value / 1.3 for name, one in finding.parameters.items()}
     assert list(sizes) == ["b_x_nT", "b_y_nT", "second_x_nT", "second_y_nT"]
-    # Of a horizontal field of some 12,000 nT, 200 nT turn the compass by a degree: the fit knows it to about that.
+    # In a horizontal field of about 12,000 nT, 200 nT turn the compass by one degree, roughly the fit's uncertainty.
     assert np.abs(np.array(list(sizes.values())) - [300.0, -900.0, 900.0, 700.0]).max() < 250.0
 
 
-def test_a_voltage_that_falls_evenly_is_a_drift_too_whatever_the_converter_counts():
+def test_a_linear_voltage_decline_is_an_alternative_to_drift():
     drawn = world.planted(world.make(7, wide=True, n=HOURS), {"compass_drift": 3.0})
     fall = 140.0 - 12.0 * np.arange(HOURS) / HOURS + np.random.default_rng(0).normal(0.0, 0.6, HOURS)
     logged = drawn.covariates | {"supply_voltage": fall.round()}
@@ -503,8 +503,8 @@ def test_a_voltage_that_falls_evenly_is_a_drift_too_whatever_the_converter_count
     assert {"compass_drift", "supply_voltage"} <= {finding.effect, *finding.alternatives}
 
 
-def test_tides_that_a_profiler_meets_twice_a_day_do_not_stand_for_a_constant(tmp_path):
-    # Two of the five waves are nearly constant there; the compass's own A was traded for them without bound.
+def test_aliased_tides_of_a_profiler_do_not_replace_a_constant(tmp_path):
+    # Two of the five aliased waves are nearly constant, and coefficient A was confounded with them.
     shutil.copytree(ROOT / "config", tmp_path / "config")
     demonstration.write_mooring("EG5", tmp_path / "raw", tmp_path / "truth.csv", 2007)
     made = chain.make(tmp_path, "EG5", tmp_path / "EG5", "diagnosis.json")

@@ -1,4 +1,4 @@
-"""The posterior over hypotheses: what it sums to, what its prior does, what it averages, what it leaves out."""
+"""The posterior over hypotheses: normalization, prior odds, slow noise, held-out days, model averaging."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def test_probabilities_add_up(lobes, iron):
             assert {name for name in slot.alternatives if not name.startswith("composed:")} <= set(SIDES)
 
 
-def test_what_is_there_is_the_likeliest_and_acts_on_its_side(lobes):
+def test_the_true_effect_and_its_side_are_most_probable(lobes):
     drawn, found = lobes
     assert [slot.effect for slot in found.finding_posteriors] == list(drawn.truth)
     assert found.posterior.sides()["compass"] > 0.99
 
 
-def test_a_name_that_is_left_of_a_hypothesis_stands_in_its_water(lobes):
-    """Names are taken back after the weighing: what stays need not be among the hypotheses that were kept."""
+def test_slow_water_is_found_for_a_hypothesis_not_retained(lobes):
+    """Effects are withdrawn after the weighing: the remaining ones may not be among the retained hypotheses."""
     _, found = lobes
     whole = found.posterior
     pair = next(one for one in whole.hypotheses if len(one) == 2)
@@ -65,8 +65,8 @@ def test_a_name_that_is_left_of_a_hypothesis_stands_in_its_water(lobes):
     assert without.water_of(pair[:1]) in without.waters
 
 
-def test_the_odds_beforehand_move_probabilities_and_not_what_is_stated(lobes):
-    """Speaking is a threshold on the Bayes factor; the odds of a fault are one setting, divided over what is tested."""
+def test_prior_odds_change_probabilities_but_not_statements(lobes):
+    """Statements depend on the Bayes factor; the prior odds of a fault are one setting, divided over the effects."""
     _, found = lobes
     candidates, waters = found.posterior.candidates, found.posterior.waters
     even, rare = (weighing.compute_posterior(candidates, odds, waters) for odds in (1.0, 1e-6))
@@ -77,14 +77,14 @@ def test_the_odds_beforehand_move_probabilities_and_not_what_is_stated(lobes):
     alone = posterior.log_shares(candidates.kinds)
     of_faults = [k for k, kind in enumerate(candidates.kinds) if kind.side != "reference" and not kind.always_present]
     each = [alone[k] + candidates.shares[k] for k in of_faults if not kind_of(candidates, k).startswith("composed")]
-    assert np.exp(each).sum() == pytest.approx(2.0 / 3.0)  # a third is of what is not listed
+    assert np.exp(each).sum() == pytest.approx(2.0 / 3.0)  # the other third is that of composed effects
 
 
 def kind_of(candidates, k):
     return candidates.kinds[k].name
 
 
-def test_the_current_stands_beside_every_hypothesis_and_is_stated_by_its_driver():
+def test_a_veering_current_is_stated_by_its_driver():
     _, found = seen({"current_veer": 4.0}, seed=14)
     assert found.verdict in ("explained", "ambiguous") and not found.findings and found.sides["water"] > 0.5
     written = found.to_json()["current"]
@@ -95,8 +95,8 @@ def test_the_current_stands_beside_every_hypothesis_and_is_stated_by_its_driver(
 
 @pytest.mark.parametrize("driver", ["tide", "tilt"])
 @pytest.mark.parametrize("acts_on", ["offset", "veer"])
-def test_a_reading_that_follows_a_driver_and_a_current_that_does_share_the_probability(acts_on, driver):
-    """Both make nearly the same pairs; the current stood in the noise beside the reading and took all of it."""
+def test_reading_and_current_with_the_same_driver_share_the_probability(acts_on, driver):
+    """Both yield nearly the same pairs. Regression test: the current, treated as noise, took all of the probability."""
     made = world.make(3, wide=True, n=4000)
     series = {"tide": np.cos(2.0 * np.pi * made.hours / 12.4206), "tilt": made.tilt[1] - made.tilt[1].mean()}[driver]
     effect = world.Effect({}, **{acts_on: series if acts_on == "veer" else lambda gamma: series})
@@ -114,7 +114,7 @@ def test_a_reading_that_follows_a_driver_and_a_current_that_does_share_the_proba
         assert contested[0].driver == driver and "whose reading follows" in contested[0].text
 
 
-def test_a_record_that_shows_nothing_states_no_current():
+def test_an_uninformative_record_states_no_current():
     drivers = ("speed", "depth", "tide", "tilt", "motion", "flow_direction", "velocity_bias", "beam_gain")
     unknown = infer_current(drivers, 1e-9 * np.eye(8), np.zeros(8))
     assert unknown.acting == pytest.approx(0.5, abs=0.01)
@@ -125,7 +125,7 @@ def test_a_record_that_shows_nothing_states_no_current():
     assert probability > 0.95 and stated[0].driver == "speed" and 3.5 < stated[0].size_deg < 4.5
 
 
-def test_slow_water_is_the_rival_of_a_change_that_hardly_shows():
+def test_slow_noise_is_the_alternative_to_a_weak_drift():
     _, found = inferred({"compass_drift": 3.0}, 6, n=4000)
     sides = found.posterior.sides()
     if found.finding_posteriors:
@@ -134,17 +134,17 @@ def test_slow_water_is_the_rival_of_a_change_that_hardly_shows():
         assert sides["compass"] < weighing.STATED * (sides["none"] + sides["water"])
 
 
-def test_columns_of_slow_water_have_the_variance_of_its_size(lobes):
+def test_slow_noise_columns_have_the_variance_of_the_process(lobes):
     _, found = lobes
     slow = noise.slow_noise_basis(found.state.case)
     water = noise.SlowNoiseParams(noise.Process(3.0, 20.0), noise.Process(0.0, 5.0))
     count = len(slow.frequency)
     square = slow.columns[:, :count] ** 2 @ slow.variances(water)[:count]
-    # What is faster than eight days is missing; both ends of the recording have more than their share.
+    # Periods below eight days are not represented; the variance is larger at both ends of the recording.
     assert 0.85 * 9.0 < np.mean(square) < 1.1 * 9.0
 
 
-def test_tides_that_differ_between_the_depths_turn_directions_as_their_waves_do(lobes):
+def test_tidal_columns_represent_tidal_shear(lobes):
     drawn, found = lobes
     slow, pairs = noise.slow_noise_basis(found.state.case), drawn.pairs
     waves = slow.columns[:, 3 * len(slow.frequency) : -len(slow.drivers)]
@@ -156,12 +156,12 @@ def test_tides_that_differ_between_the_depths_turn_directions_as_their_waves_do(
     assert sizes[0] == pytest.approx(0.01, rel=0.3) and np.abs(sizes[1:]).max() < 0.003
 
 
-def test_days_that_were_left_out_confirm_what_is_there(lobes, monkeypatch):
+def test_held_out_days_confirm_a_true_effect(lobes, monkeypatch):
     _, found = lobes
     made, predict = [], heldout._PartitionedRecord.predict
     monkeypatch.setattr(heldout._PartitionedRecord, "predict", lambda *given: made.append(given) or predict(*given))
     proof = heldout.cross_validate(found, 0, design.refit(found.state, []), surrogates=19)
-    # No day enters its own prediction: other residuals in the first fifth change those of the other fifths alone.
+    # No day enters its own prediction: other residuals in the first fold change only predictions of the other folds.
     record, white, targets, choices = made[0]
     other = np.where(record.folds[0][:, None], -targets, targets)
     before, after = (predict(record, white, each, choices).values for each in (targets, other))
@@ -178,7 +178,7 @@ def test_days_that_were_left_out_confirm_what_is_there(lobes, monkeypatch):
     assert 2.0 < proof.amplitude.low < proof.amplitude.fitted_elsewhere < proof.amplitude.high < 4.0
 
 
-def test_what_lives_in_one_fifth_is_held_out_within_it(lobes):
+def test_an_event_within_one_fold_is_held_out_within_it(lobes):
     _, found = lobes
     last = found.state.case.scene.time_s[int(0.9 * len(found.state.case))]
     (kind,) = (term for term in found.state.case.terms if term.name == "heading_slip")
@@ -203,7 +203,7 @@ def compass_off_by(
     return CompassSeries(reading, np.zeros(5), np.array([[sigma_deg**2]]), turned, weight=weight, others=others)
 
 
-def test_an_even_contest_moves_the_heading_half_way_and_says_so():
+def test_equal_weights_average_headings_and_widen_sigma():
     at = compass_off_by(0.0, 1.0, 0.5, (compass_off_by(4.0, 1.0, 0.5),))
     made = average_compasses(at, np.arange(0.0, 360.0, 30.0))
     assert made.shift_deg == pytest.approx(2.0, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Faults of the trusted instrument: found as such, and never put on the affected compass alone."""
+"""Faults of the reference: identified as such, and never attributed to the affected compass alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.world import draw
 
 
 def processed(tmp_path, effect, *, wide, hours=3000, seed=11, size_deg=3.0):
-    """Return diagnosis.json and the corrected headings' errors, in degrees and in their own 95 % intervals."""
+    """Process a mooring; return diagnosis.json and heading errors, in degrees and in half-widths of 95 % intervals."""
     one = draw.Sealed("R1", {effect: size_deg}, wish=Wish(wide=wide, hours=hours), seed=seed)
     cruise, locked = draw.write_alone(one, tmp_path)
     folder = chain.make(cruise, "R1", tmp_path / "results")
@@ -31,7 +31,7 @@ def processed(tmp_path, effect, *, wide, hours=3000, seed=11, size_deg=3.0):
 
 
 @pytest.mark.parametrize("effect", ["reference_deviation", "reference_beams", "reference_bias"])
-def test_a_fault_of_the_trusted_instrument_is_named_with_its_side(tmp_path, effect):
+def test_a_fault_of_the_reference_is_attributed_to_it(tmp_path, effect):
     found, error, _ = processed(tmp_path, effect, wide=True)
     first = found["findings"][0]
     assert effect in (first["effect"], *first["alternatives"])
@@ -41,7 +41,7 @@ def test_a_fault_of_the_trusted_instrument_is_named_with_its_side(tmp_path, effe
 
 
 @pytest.mark.parametrize("effect", ["reference_slip", "heading_slip"])
-def test_a_large_step_is_put_where_it_belongs_or_left_open(tmp_path, effect):
+def test_a_large_step_is_attributed_correctly_or_ambiguous(tmp_path, effect):
     found, _, share = processed(tmp_path, effect, wide=False, hours=5000, size_deg=12.0)
     first = found["findings"][0]
     assert effect in (first["effect"], *first["alternatives"])

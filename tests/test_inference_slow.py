@@ -1,4 +1,4 @@
-"""Slow water: learnt from the record, not mistaken for a compass, and no cloak for one."""
+"""Slow veer of the water: estimated from the record, not mistaken for a compass error, and not masking one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ HOURS, MEMORY_H = 6000, 480.0
 
 @cache
 def told(size_deg, seed, slip_deg=0.0):
-    """Return the diagnosis of a simulated mooring whose lower water veers by a first-order process of twenty days."""
+    """Diagnose a simulated mooring whose lower current veers by a first-order process with a memory of twenty days."""
     wanted = {"heading_slip": slip_deg} if slip_deg else {}
     drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
     rng, keep = np.random.default_rng(seed), np.exp(-1.0 / MEMORY_H)
@@ -32,12 +32,12 @@ def told(size_deg, seed, slip_deg=0.0):
     return diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
 
 
-def test_the_size_of_a_slow_veer_is_learnt():
+def test_the_size_of_a_slow_veer_is_estimated():
     sizes = [told(4.0, seed).noise["slow_rms_deg"][0] for seed in range(2)]
     assert told(0.0, 1).noise["slow_rms_deg"][0] < 2.0 < min(sizes) < max(sizes) < 6.5
 
 
-def test_a_constant_is_as_unsure_as_slow_water_makes_it():
+def test_slow_veer_widens_the_uncertainty_of_the_constant():
     calm, slow = (told(size, 1) for size in (0.0, 6.0))
     assert np.sqrt(slow.covariance[0, 0]) > 2.0 * np.sqrt(calm.covariance[0, 0])
     assert slow.fit.covariance[0, 0] >= slow.covariance[0, 0] * 0.99
@@ -49,6 +49,6 @@ def test_slow_veer_alone_is_no_finding(seed):
     assert found.verdict == "consistent" and found.sides["compass"] < 0.5
 
 
-def test_a_large_slip_is_seen_through_it():
+def test_a_large_slip_is_found_despite_slow_veer():
     found = told(1.5, 5, slip_deg=8.0)
     assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}

@@ -1,4 +1,4 @@
-"""Tilts that are off, iron that moves, storms: the forward models find what another simulation planted."""
+"""Tilt errors, moving iron and storms, planted by an independent simulation and recovered by the forward models."""
 
 from dataclasses import replace
 
@@ -21,14 +21,14 @@ HOURS, WEAK_NT = 5000, (5000.0, 55000.0)  # the earth's field near the magnetic 
 
 
 def state_of(drawn, more=None, *, magnetic=False):
-    """Return what the fitted compass leaves, without terms."""
+    """Evaluate the fitted compass without effects."""
     logged = drawn.covariates | (more or {})
     case = compare_pairs(drawn.pairs, logged, fitted(drawn), field_of(drawn), reference_magnetic=magnetic)
     return design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
 
 
 def swung(drawn, north_deg):
-    """Return a recording whose magnetic north swung, (n,) degrees east."""
+    """Displace magnetic north in a recording by angles, (n,) degrees east."""
     pairs = drawn.pairs
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, -north_deg)
     heading = angles.wrap360(pairs.heading_deg - north_deg)
@@ -36,7 +36,7 @@ def swung(drawn, north_deg):
 
 
 def disturbed_north(rng, time_s):
-    """Return the swing of magnetic north, degrees east, (n,): a daily tide and some thirty storms a year."""
+    """Simulate the displacement of magnetic north, degrees east, (n,): daily variation and thirty storms."""
     day = 2.0 * np.pi * (time_s / DAY_S - 0.55)
     swing = 0.08 * np.sin(day) + 0.04 * np.sin(2.0 * day)
     activity = 0.05 * np.ones(time_s.size)
@@ -47,7 +47,7 @@ def disturbed_north(rng, time_s):
 
 
 def storm_index(rng, time_s):
-    """Return an index as ap is, one value for three hours: quiet, and some thirty storms a year, (n,)."""
+    """Simulate an index like ap, constant over three hours, with thirty storms, (n,)."""
     index = np.repeat(4.0 + rng.gamma(2.0, 2.0, time_s.size // 3 + 1), 3)[: time_s.size]
     for begin in rng.uniform(time_s[0], time_s[-1], 30):
         since = (time_s - begin) / DAY_S
@@ -56,7 +56,7 @@ def storm_index(rng, time_s):
 
 
 def unseen_disturbance(rng, index, size_deg):
-    """Return the swing of magnetic north in storms of which only an index is known, degrees east, (n,)."""
+    """Simulate the displacement of magnetic north in storms known only by an index, degrees east, (n,)."""
     return size_deg * index * red_noise(rng, index.size, memory=3.0, deviation=1.0)
 
 
@@ -65,7 +65,7 @@ def polar():
     return world.planted(replace(world.make(3, wide=True, n=HOURS), earth=WEAK_NT), {})
 
 
-def test_iron_that_moves_with_the_lean_is_found_with_its_size():
+def test_iron_moving_with_tilt_is_estimated_with_its_size():
     drawn = world.planted(world.make(4, wide=True, n=HOURS), {"moving_iron": 3.0})
     (truth,) = drawn.truth.values()
     kind = IronMovedByRoll if any("roll" in name for name in truth) else IronMovedByPitch
@@ -74,7 +74,7 @@ def test_iron_that_moves_with_the_lean_is_found_with_its_size():
     assert np.hypot(*(term.values - expected)) < 0.25 * np.hypot(*expected)
 
 
-def test_tilts_that_shift_with_temperature_turn_as_those_of_the_other_simulation():
+def test_temperature_drift_of_tilts_matches_the_other_simulation():
     sea = world.make(5, wide=True, n=500)
     sea = replace(sea, soft=np.eye(3), hard=np.zeros(3), sensed=sea.tilt)
     warm = 20.0 * (sea.temperature - sea.temperature.mean())
@@ -87,7 +87,7 @@ def test_tilts_that_shift_with_temperature_turn_as_those_of_the_other_simulation
     assert angles.rms(angles.difference(world.compass(off), world.compass(sea))) > 0.5
 
 
-def test_both_components_of_an_observatory_tell_a_storm_that_came_turned(polar):
+def test_both_observatory_components_determine_a_rotated_storm(polar):
     rng = np.random.default_rng(2)
     across, along = (20.0 * disturbed_north(rng, polar.pairs.time_s) for _ in range(2))
     state = state_of(
@@ -97,7 +97,7 @@ def test_both_components_of_an_observatory_tell_a_storm_that_came_turned(polar):
     assert term.values == pytest.approx([0.5, -0.8], abs=0.2)
 
 
-def test_an_index_names_storms_whose_course_nobody_saw_and_corrects_nothing(polar):
+def test_an_index_identifies_storms_and_corrects_nothing(polar):
     rng = np.random.default_rng(3)
     index = storm_index(rng, polar.pairs.time_s)
     size_deg = np.rad2deg(8.0 / WEAK_NT[0])
@@ -112,7 +112,7 @@ def test_an_index_names_storms_whose_course_nobody_saw_and_corrects_nothing(pola
     assert noise.storm_finding(state_of(stormy), 0.006) is None
 
 
-def test_kp_is_read_as_ap_and_tenths_of_it_are_known():
+def test_kp_and_tenfold_kp_are_converted_to_ap():
     kp = np.array([0.0, 1.0 / 3.0, 4.0, 8.667, 9.0])
     assert covariates.storm_index({"kp": kp}) == pytest.approx([0, 2, 27, 300, 400], abs=0.2)
     assert covariates.storm_index({"kp": 10.0 * kp}) == pytest.approx([0, 2, 27, 300, 400], abs=0.2)

@@ -1,4 +1,4 @@
-"""Several records of one compass: shared iron, records that do not belong, effects by added evidence, priors."""
+"""Joint analysis of several records of one compass: shared iron, outliers, shared effects, priors."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from compasslib.records import take
 from tests.world import pairs as sea
 
 FIELDS = ((12000.0, 52000.0), (15000.0, 50000.0), (20000.0, 42000.0))
-ELSE = np.array([0.0, 0.15, -0.1, 0.02, 0.02])  # by which another compass differs
-IRON = np.array([900.0, -500.0, 0.01, -0.005, 0.02, 0.01])  # by coefficients.NAMES
+ELSE = np.array([0.0, 0.15, -0.1, 0.02, 0.02])  # difference of another compass
+IRON = np.array([900.0, -500.0, 0.01, -0.005, 0.02, 0.01])  # in the order of joint_compass.IRON_NAMES
 
 
 def member(
@@ -29,14 +29,14 @@ def member(
     return replace(bare, coefficients=np.append(0.01, there), **keys)
 
 
-def test_iron_scales_with_the_field_and_what_is_induced_with_the_dip():
+def test_shared_iron_is_estimated_from_different_fields():
     joined = joint_compass.join_records([member(f"M{k}", field, sigma=1e-4) for k, field in enumerate(FIELDS)])
     sigma = np.sqrt(np.diag(joined.shared.covariance))
     assert joined.consistent == ("M0", "M1", "M2") and not joined.rejected
     assert (np.abs(joined.shared.mean - IRON) < 2.0 * sigma).all()
 
 
-def test_what_others_tell_is_theirs_alone():
+def test_prior_of_a_record_excludes_its_own_data():
     three = [member(f"M{k}", field) for k, field in enumerate(FIELDS)]
     moved = [replace(three[0], coefficients=three[0].coefficients + 0.002), *three[1:]]
     first, second = (joint_compass.join_records(some) for some in (three, moved))
@@ -45,14 +45,14 @@ def test_what_others_tell_is_theirs_alone():
     assert first.prior("M0").precision[0].tolist() == [0.0] * 5  # A is never shared
 
 
-def test_a_record_without_pairs_takes_a_too_with_the_clamp_s_spread():
+def test_a_record_without_pairs_gets_a_prior_on_a_too():
     dumb = replace(member("M9", FIELDS[0]), coefficients=np.zeros(0), covariance=np.zeros(0))
     prior = joint_compass.join_records([member("M0", FIELDS[0]), member("M1", FIELDS[1]), dumb]).prior("M9")
     sigma_deg = np.degrees(prior.precision[0, 0] ** -0.5)
     assert prior.mean[0] == pytest.approx(0.01) and 2.0 < sigma_deg < 3.0
 
 
-def test_siblings_stay_and_strangers_are_told():
+def test_only_records_of_another_compass_are_rejected():
     rng, odd, lost = np.random.default_rng(3), 0, 0
     for _ in range(12):
         three = [member(f"M{k}", field, rng=rng) for k, field in enumerate(FIELDS)]
@@ -62,7 +62,7 @@ def test_siblings_stay_and_strangers_are_told():
     assert (odd, lost) == (12, 0)
 
 
-def test_of_two_that_disagree_neither_is_averaged():
+def test_two_inconsistent_records_are_both_rejected():
     two = [member("M0", FIELDS[0]), member("M1", FIELDS[1], off=60.0)]
     joined = joint_compass.join_records(two)
     assert {one.name for one in joined.rejected} == {"M0", "M1"} and joined.prior("M0") is None
@@ -71,7 +71,7 @@ def test_of_two_that_disagree_neither_is_averaged():
     assert diagnosis.verdict == "insufficient"
 
 
-def test_records_in_one_sphere_tell_more_of_each_other():
+def test_records_in_one_sphere_are_more_informative():
     alone = [member(f"M{k}", FIELDS[0]) for k in range(3)]
     together = [replace(one, sphere="s1") for one in alone]
     widths = [np.linalg.det(joint_compass.predict_compass(some[0], some[1:]).covariance) for some in (alone, together)]
@@ -79,7 +79,7 @@ def test_records_in_one_sphere_tell_more_of_each_other():
 
 
 def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("TemperatureOfReading",)) -> EffectInformation:
-    """Return one effect seen at z standard errors, its column correlated with that of a season."""
+    """Make the information on an effect of z standard errors whose column is correlated with a season."""
     size = len(forms) + joint_effects.SEASON_COLUMNS
     information = np.eye(size) * 100.0
     information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
@@ -93,13 +93,13 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
 @pytest.mark.parametrize(
     ("scores", "season", "named"),
     [
-        ((3.5, 3.5, 3.5), 0.0, True),  # none of them alone: the evidence of three adds
+        ((3.5, 3.5, 3.5), 0.0, True),  # significant only together
         ((0.5, -0.5, 0.3), 0.0, False),
-        ((9.0, 0.0, 0.0), 0.0, False),  # one record's own
-        ((3.5, 3.5, 3.5), 0.999, False),  # recurs with the season of the water
+        ((9.0, 0.0, 0.0), 0.0, False),  # only in one record
+        ((3.5, 3.5, 3.5), 0.999, False),  # confounded with a seasonal current
     ],
 )
-def test_an_effect_is_shared_where_evidence_adds_and_neither_one_record_nor_a_season_explains_it(scores, season, named):
+def test_a_shared_effect_requires_joint_evidence_beyond_season(scores, season, named):
     members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
     found = joint_effects.infer_shared(members, joint.ALARM)
     assert [one.kind.name for one in found.amplitudes] == ["temperature"] * named
@@ -109,7 +109,7 @@ def test_an_effect_is_shared_where_evidence_adds_and_neither_one_record_nor_a_se
         assert alone[1] / alone[0][0] == pytest.approx([0.35], abs=0.01)
 
 
-def test_a_summary_survives_its_file():
+def test_effect_information_is_restored_from_json():
     first = told(2.0)
     again = joint_compass.effects_from_json(first.to_json())
     assert again.forms == first.forms and np.array_equal(again.conditional[0].score, first.conditional[0].score)
@@ -124,7 +124,7 @@ def few_headings():
     return pairs, heading
 
 
-def test_a_short_record_gains_by_what_others_tell(few_headings):
+def test_a_short_record_gains_from_the_prior_of_others(few_headings):
     pairs, _ = few_headings
     alone = fit_deviation("exact", pairs)
     precision = np.diag([0.0, *([0.01**-2.0] * 4)])
@@ -135,7 +135,7 @@ def test_a_short_record_gains_by_what_others_tell(few_headings):
     assert np.array_equal(fit_from_json(beside.to_json() | {"warnings": ()}).prior.mean, TRUE)
 
 
-def test_a_long_record_keeps_its_own(few_headings):
+def test_a_vague_prior_does_not_change_a_long_record(few_headings):
     pairs, _ = sea.under_a_compass(TRUE, n=3000, seed=5)
     alone = fit_deviation("exact", pairs)
     vague = CoefficientPrior(np.array([0.0, 0.1, 0.1, 0.0, 0.0]), np.diag([0.0, *([0.5**-2.0] * 4)]))
@@ -143,7 +143,7 @@ def test_a_long_record_keeps_its_own(few_headings):
     assert np.abs(beside.coefficients - alone.coefficients).max() < 0.01
 
 
-def test_no_size_of_a_shared_effect_is_excluded_beforehand():
+def test_no_size_of_a_shared_effect_is_excluded_a_priori():
     members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
     (found,) = joint_effects.infer_shared(members, joint.ALARM).amplitudes
     assert found.kind.name == "tilt_uncompensated" and found.values[0] == pytest.approx(0.35, abs=0.05)

@@ -1,4 +1,4 @@
-"""Records, pairs and products as xarray datasets, and the product's front door."""
+"""Records, pairs and products as xarray datasets, and ``open_product``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import compasslib
 from compasslib.records import Labelled
 
 
-def test_a_product_opens_and_has_its_names_times_bins_and_units(tmp_path):
+def test_product_converts_to_xarray_with_dimensions_and_units(tmp_path):
     pytest.importorskip("xarray", reason="xarray is not installed")
     product = compasslib.open_product(write(tmp_path / "corrected.nc", make_product(50, 4)))
     data = product.to_xarray()
@@ -23,14 +23,14 @@ def test_a_product_opens_and_has_its_names_times_bins_and_units(tmp_path):
     for name, unit in (("heading_corrected_deg", "degrees"), ("east", "m s-1"), ("velocity_uncertainty", "m s-1")):
         assert data[name].units == unit
         assert data[name].values == pytest.approx(getattr(product, name), nan_ok=True)
-    # What was recorded stands beside what is corrected, not under its name.
+    # Recorded values have names of their own next to the corrected ones.
     assert data["east_recorded"].values == pytest.approx(product.east_recorded, nan_ok=True)
     assert data["heading_deg"].values == pytest.approx(product.record.heading_deg, nan_ok=True)
     assert data.attrs["direction_reference"] == "true"
     data.to_netcdf(tmp_path / "again.nc")
 
 
-def test_channels_of_a_record_and_series_of_pairs_are_variables(tmp_path):
+def test_channels_and_pairs_become_variables(tmp_path):
     xarray = pytest.importorskip("xarray", reason="xarray is not installed")
     seen, _ = pairs(n=30)
     data = seen.to_xarray()
@@ -43,7 +43,7 @@ def test_channels_of_a_record_and_series_of_pairs_are_variables(tmp_path):
     assert data["load"].units == "kN" and data["echo"].dims == ("time", "bin", "beam")
 
 
-def test_without_xarray_one_line_says_how_to_install_it(monkeypatch):
+def test_missing_xarray_is_reported_with_the_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     seen, _ = pairs(n=30)
     assert isinstance(seen, Labelled)

@@ -1,4 +1,4 @@
-"""Every row of the three papers: the page is that of the code, each row's code and test exist, numbers agree."""
+"""Table of the three papers: the page matches the code, each row's code and test exist, numbers agree."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ PROJECT = Path(__file__).resolve().parents[1]
 ROWS = [pytest.param(row, id=f"{row.place} {row.what[:30]}") for rows in papers.PAPERS.values() for row in rows]
 
 
-def test_the_page_is_that_which_the_code_makes():
+def test_page_matches_the_code():
     page = (PROJECT / "docs/background/papers.md").read_text()
     assert page == papers.page(), "make it anew: python benchmarks/papers.py > docs/background/papers.md"
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_a_row_is_in_the_software_and_agrees_with_what_is_printed_or_says_why_not(row):
+def test_row_names_existing_code_and_agrees_or_explains(row):
     assert bool(row.code) == bool(row.test) and (row.code or row.why)
     assert row.printed == row.ours or row.why
     if not row.code:

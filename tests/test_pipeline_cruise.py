@@ -1,4 +1,4 @@
-"""Whole runs through Snakemake: what cannot be read stops its mooring alone; recorded hashes decide."""
+"""Whole runs through Snakemake: unreadable input stops only its mooring; recorded hashes decide what is re-run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HOURS = 60
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """A cruise of two moorings and a calibration, and a mooring that is corrected by the calibration."""
+    """Process two moorings, a calibration, and a mooring that is corrected by the calibration."""
     folder = cruise(tmp_path_factory.mktemp("running") / "c", ("GOOD", "BAD", "CARRIED"), n=HOURS)
     (folder / "config/config.yaml").write_text("{fit: {method: von_appen}, diagnose: {enabled: false}}\n")
     change(folder / "config/moorings/CARRIED.yaml", fit={"method": "calibration", "name": "bench"})
@@ -50,8 +50,8 @@ def files(folder: Path) -> set[str]:
     return {name for name in made if not {"logs", "benchmarks"} & set(name.split("/"))}
 
 
-def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(copied):
-    """First run, a run with nothing changed, a run after both files were mended."""
+def test_unreadable_input_stops_only_its_mooring_until_repaired(copied):
+    """A first run, a run without changes, and a run after both files were repaired."""
     top, bench = copied / "raw/BAD/top.000", copied / "raw/cal/bench.csv"
     sound = {path: path.read_bytes() for path in (top, bench)}
     product = (copied / "results/GOOD/corrected.nc").read_bytes()
@@ -83,7 +83,7 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
     assert set(failed) == {"mooring BAD", "mooring CARRIED", "calibration bench"}
     assert failed["mooring BAD"]["error"] == table["BAD"]["warnings"]
     assert verify(copied)[0] == 0
-    # No half products and no older ones; what was read whole stays.
+    # No partial or older products remain; only results of readable input do.
     assert files(copied / "results/BAD") == {"work/deep.nc", "stopped.json"}
     assert files(copied / "results/calibrations/bench") == {"stopped.json"}
     assert not (copied / "results/CARRIED/corrected.nc").exists()
@@ -105,8 +105,8 @@ def test_what_cannot_be_read_stops_its_mooring_alone_and_mended_it_is_taken_up(c
     assert not list((copied / "results").rglob("stopped.json")) and (copied / "results/BAD/corrected.nc").exists()
 
 
-def test_a_killed_job_or_a_full_disk_makes_no_report_that_calls_a_mooring_unreadable(copied):
-    """A folder stands where a result is to be written: the input is sound."""
+def test_write_error_does_not_mark_a_mooring_as_stopped(copied):
+    """A folder blocks the path of a result, while the input is valid."""
     shutil.rmtree(copied / "results/BAD")
     (copied / "results/summary.csv").unlink()
     (copied / "results/BAD/work/.top.nc.blocked").mkdir(parents=True)
@@ -116,7 +116,7 @@ def test_a_killed_job_or_a_full_disk_makes_no_report_that_calls_a_mooring_unread
     assert not list((copied / "results").rglob("stopped.json"))
 
 
-def test_an_error_of_the_program_in_one_mooring_stops_that_one(copied, tmp_path):
+def test_program_error_stops_only_its_mooring(copied, tmp_path):
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     stage = project / "compasslib/stages/fit.py"
     stage.write_text(stage.read_text().replace("    there = ", "    1 / (mooring != 'BAD')\n    there = ", 1))
@@ -135,7 +135,7 @@ def flip(path: Path) -> None:
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
 
 
-def test_a_flipped_byte_between_two_stages_is_made_good_before_anything_reads_it(copied):
+def test_changed_intermediate_file_is_remade_before_use(copied):
     whole = {name: (copied / "results" / name).read_bytes() for name in files(copied / "results")}
     flip(copied / "results/GOOD/overlap.nc")
     assert ("overlap", "GOOD") in planned(copied) and ("read", "GOOD") not in planned(copied)
@@ -144,23 +144,23 @@ def test_a_flipped_byte_between_two_stages_is_made_good_before_anything_reads_it
 
 
 @pytest.mark.parametrize("gone", ["diagnosis.json", "work/top.nc", "wide/overlap.nc"])
-def test_a_result_that_was_deleted_is_made_again(copied, gone):
+def test_deleted_result_is_remade(copied, gone):
     (copied / "results/GOOD" / gone).unlink()
     assert {mooring for _, mooring in planned(copied)} == {"GOOD", ""}
 
 
-def test_a_changed_calibration_re_runs_no_mooring_that_it_does_not_correct(copied):
+def test_changed_calibration_reruns_only_its_own_moorings(copied):
     change(copied / "config/calibrations/bench.yaml", uncertainty={"graduation_deg": 0.5})
     assert {name for _, name in planned(copied)} == {"bench", "CARRIED", ""}
 
 
-def test_where_snakemakes_memory_was_lost_all_is_made_again(copied):
+def test_all_jobs_rerun_if_snakemake_metadata_are_lost(copied):
     assert planned(copied) == set()
     shutil.rmtree(copied / ".snakemake")
     assert {("read", "GOOD"), ("overlap", "BAD"), ("calibrate", "bench")} <= planned(copied)
 
 
-def test_a_dry_run_writes_and_deletes_nothing_beside_snakemakes_own(copied):
+def test_dry_run_changes_only_files_of_snakemake(copied):
     for name in ("results/GOOD/.hidden.1", ".snakemake/locks/0.input.lock"):
         (copied / name).write_text("x")
 
@@ -175,7 +175,7 @@ def test_a_dry_run_writes_and_deletes_nothing_beside_snakemakes_own(copied):
     assert state() == before
 
 
-def test_a_second_run_at_once_is_refused_in_one_line(copied):
+def test_concurrent_run_is_refused_in_one_line(copied):
     import fcntl
 
     (copied / "results/summary.csv").unlink()  # a run that has nothing to do needs no lock

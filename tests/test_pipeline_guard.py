@@ -1,4 +1,4 @@
-"""Nothing of a cruise folder is followed, swept or written over but what is provably the run's own."""
+"""Safeguards of a run: it follows no links, and deletes or overwrites only files that are provably its own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRUTH = "truth/EG1.csv"
 
 @pytest.fixture(autouse=True)
 def there(tmp_path, monkeypatch):
-    """An empty cruise folder beside another one's."""
+    """Create an empty cruise folder next to another cruise, and change into it."""
     for folder in ("cruise/.snakemake", "cruise/results/M1/logs", "other/config", "other/results", "scratch"):
         (tmp_path / folder).mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "cruise")
@@ -43,20 +43,20 @@ def test_a_link_where_results_are_written_is_refused(there, path):
         guard.refuse_links(["results/M1"])
 
 
-def test_a_cruise_whose_raw_files_and_settings_are_links_is_not_refused(there):
+def test_links_to_raw_files_and_settings_are_allowed(there):
     for name in ("raw", "config"):
         Path(name).symlink_to(there / "other")
     Path("results/latest").symlink_to("M1")
     guard.refuse_links(["results/M1", "results/M2", "results/calibrations/C1"])
 
 
-def test_results_may_be_a_link_to_a_folder_that_is_no_other_cruise_s(there):
+def test_results_may_link_to_a_folder_outside_any_cruise(there):
     Path("results").rename(there / "scratch/results")
     Path("results").symlink_to(there / "scratch/results")
     guard.refuse_links(["results/M1"])
 
 
-def test_only_what_was_half_written_here_is_swept(there):
+def test_only_own_incomplete_files_are_swept(there):
     kept = [".hidden", ".DS_Store.1", ".corrected.nc.99", "notes.txt", "0.input.lock"]
     half = f".corrected.nc.99{HALF_WRITTEN}"
     for name in (*kept, half):
@@ -70,7 +70,7 @@ def test_only_what_was_half_written_here_is_swept(there):
 
 
 def demonstration(files: dict[str, list[str]], *, on: bool = True) -> SimpleNamespace:
-    """Return what the guard looks at of a cruise."""
+    """Return a stand-in for a cruise with the attributes that the guard uses."""
     made = {
         name: SimpleNamespace(instruments={"top": SimpleNamespace(files=listed, pressure_files=[])})
         for name, listed in files.items()
@@ -84,7 +84,7 @@ def may_write() -> bool:
 
 
 def simulate(content: str = "simulated", stop_after: int = 3) -> None:
-    """Put the files in place, or be killed after some of them."""
+    """Write the simulated files, or only the first ``stop_after`` as if the job was killed."""
     for file in [*RAW, TRUTH]:
         Path(file).unlink(missing_ok=True)  # as Snakemake does before a job
     with stage.put("EG1", [*RAW, TRUTH][:stop_after]) as folder:
@@ -98,11 +98,11 @@ def put(file: str, content: str = "measured") -> None:
     Path(file).write_text(content)
 
 
-def test_nothing_is_simulated_where_it_is_no_demonstration():
+def test_nothing_is_simulated_outside_a_demonstration():
     assert guard.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
 
 
-def test_an_empty_place_and_the_simulations_own_files_may_be_written():
+def test_simulation_may_write_new_files_and_its_own():
     assert may_write()
     simulate()
     assert may_write() and Path(RAW[0]).read_text() == f"simulated{RAW[0]}"
@@ -110,13 +110,13 @@ def test_an_empty_place_and_the_simulations_own_files_may_be_written():
     assert may_write()
 
 
-def test_a_simulation_that_was_killed_half_way_knows_its_files_again():
+def test_killed_simulation_recognizes_its_files():
     simulate(stop_after=1)
     assert Path(RAW[0]).exists() and not Path(RAW[1]).exists()
     assert may_write()
 
 
-def test_files_written_before_there_was_a_memory_are_known_by_the_record_of_their_job(there):
+def test_simulated_files_are_recognized_by_their_job_record(there):
     for file in RAW:
         put(file)
     Path("results/EG1/logs").mkdir(parents=True)
@@ -125,28 +125,28 @@ def test_files_written_before_there_was_a_memory_are_known_by_the_record_of_thei
 
 
 @pytest.mark.parametrize("taken", [RAW[0], RAW[1], TRUTH])
-def test_a_measured_file_is_never_written_over(taken):
+def test_measured_file_is_never_overwritten(taken):
     put(taken)
     with pytest.raises(InputError, match=f"{taken}: expected what the simulation wrote, or nothing"):
         may_write()
 
 
-def test_a_file_of_its_own_that_was_changed_since_is_another():
+def test_edited_simulated_file_counts_as_measured():
     simulate()
     put(RAW[0], "edited")
-    assert not may_write()  # all files are there: they are read as they are
+    assert not may_write()  # all files exist and are read as they are
     Path(RAW[1]).unlink()
     with pytest.raises(InputError, match="measured files are never written over"):
         may_write()
 
 
-def test_measured_files_that_are_all_there_are_only_read():
+def test_complete_measured_files_are_only_read():
     for file in RAW:
         put(file)
     assert not may_write()
 
 
-def test_another_case_of_the_name_is_taken_for_the_file():
+def test_file_name_in_another_case_counts_as_the_file():
     put("raw/EG1/TOP.000")
     with pytest.raises(InputError, match=r"raw/EG1/top.000: expected what the simulation wrote"):
         may_write()
@@ -160,12 +160,12 @@ def test_nothing_is_simulated_through_a_link(there, link):
         may_write()
 
 
-def test_two_moorings_of_one_file_are_refused():
+def test_file_shared_by_two_moorings_is_refused():
     with pytest.raises(InputError, match=r"EG2.yaml: raw/EG1/top.000: expected a file of one simulated mooring"):
         guard.to_simulate(demonstration({"EG1": RAW, "EG2": RAW[:1]}))
 
 
-def test_a_file_that_was_not_asked_for_is_put_nowhere():
+def test_unrequested_simulated_file_is_not_written():
     put(RAW[1])
     with stage.put("EG1", RAW[:1]) as folder:
         for file in RAW:
@@ -175,7 +175,7 @@ def test_a_file_that_was_not_asked_for_is_put_nowhere():
     assert [path.name for path in Path("raw").iterdir()] == ["EG1"]
 
 
-def test_an_input_dated_in_the_future_is_refused_by_the_clock_that_dates_the_files(there):
+def test_input_dated_in_the_future_is_refused(there):
     put(RAW[0])
     now = guard.file_clock()
     assert os.stat(RAW[0]).st_mtime <= now and not list(Path(".snakemake").iterdir())
@@ -185,7 +185,7 @@ def test_an_input_dated_in_the_future_is_refused_by_the_clock_that_dates_the_fil
         guard.refuse_future(RAW, now)
 
 
-def test_the_first_place_without_the_right_to_write_is_refused(there, monkeypatch):
+def test_read_only_output_is_refused(there, monkeypatch):
     put("results/M1/work/top.nc")
     outputs = ["results/M1/work/top.nc", "results/M2/new/overlap.nc"]
     guard.refuse_read_only(outputs)

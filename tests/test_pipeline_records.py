@@ -1,4 +1,4 @@
-"""Recorded hashes decide: which jobs run again, what a job may read, what a stopped one leaves."""
+"""Job records: jobs to re-run by recorded hashes, inputs that may be read, and the inheritance of stops."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def record(rule: str, read: str, wrote: str) -> None:
 
 @pytest.fixture
 def chain(tmp_path, monkeypatch):
-    """A mooring of three jobs, each of which wrote what it had read and its name."""
+    """Create a mooring of three jobs, each of which wrote its input with its own name appended."""
     monkeypatch.chdir(tmp_path)
     for folder in ("raw", "results/M1/work", "results/M1/logs", ".snakemake"):
         Path(folder).mkdir(parents=True)
@@ -50,7 +50,7 @@ def stale() -> set[str]:
 
 
 def flip(path: str) -> None:
-    """Change one byte and set the times back, as far as anybody can."""
+    """Change one byte and restore the times of access and modification."""
     before = os.stat(path)
     content = bytearray(Path(path).read_bytes())
     content[0] ^= 1
@@ -59,19 +59,19 @@ def flip(path: str) -> None:
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
 
 
-def test_what_is_as_recorded_does_not_run_again_nor_is_it_hashed_again(chain, monkeypatch):
+def test_unchanged_files_are_neither_rerun_nor_rehashed(chain, monkeypatch):
     assert stale() == set()
     monkeypatch.setattr(provenance, "sha256", lambda path: pytest.fail("looked at again"))
     assert stale() == set()
 
 
-def test_a_flipped_byte_whose_time_was_set_back_is_seen_by_who_wrote_and_who_reads_it(chain):
+def test_changed_byte_with_restored_time_reruns_writer_and_reader(chain):
     stale()
     flip("results/M1/overlap.nc")
     assert stale() == {"overlap", "correct"}
 
 
-def test_a_raw_file_replaced_by_an_older_one_is_seen(chain):
+def test_raw_file_replaced_by_an_older_one_is_detected(chain):
     stale()
     Path("other").write_text("measured before")
     os.utime("other", (0, 0))
@@ -79,7 +79,7 @@ def test_a_raw_file_replaced_by_an_older_one_is_seen(chain):
     assert stale() == {"read"}
 
 
-def test_what_is_missing_and_a_record_that_is_damaged_or_of_an_earlier_version_run_again(chain):
+def test_missing_results_and_invalid_records_are_rerun(chain):
     Path("results/M1/overlap.nc").unlink()
     assert stale() == {"overlap", "correct"}
     Path(PATHS[2]).write_text("{half")
@@ -90,14 +90,14 @@ def test_what_is_missing_and_a_record_that_is_damaged_or_of_an_earlier_version_r
     assert stale() == {"read", "overlap", "correct"}
 
 
-def test_a_torn_line_of_the_memory_costs_a_second_look_and_no_more(chain):
+def test_damaged_hash_cache_only_costs_rehashing(chain):
     stale()
     whole = Path(records.HASHES).read_text()
     Path(records.HASHES).write_text(whole[: len(whole) // 2] + "\n\n1 2\n")
     assert stale() == set()
 
 
-def test_the_memory_does_not_grow_with_every_run(chain, monkeypatch):
+def test_hash_cache_does_not_grow_with_every_run(chain, monkeypatch):
     monkeypatch.setattr(records, "MANY", 0)
     for _ in range(20):
         records.write_hashes(records.read_hashes().known)
@@ -105,7 +105,7 @@ def test_the_memory_does_not_grow_with_every_run(chain, monkeypatch):
     assert len(Path(records.HASHES).read_text().splitlines()) <= 3 * len(records.read_hashes().known)
 
 
-def test_an_input_that_is_not_what_its_job_wrote_is_refused_in_one_line(chain):
+def test_input_changed_since_its_job_is_refused(chain):
     known = records.load(PATHS[1])["wrote"]
     records.check_inputs(provenance.hashes(["results/M1/overlap.nc", "raw/a"]), known)
     flip("results/M1/overlap.nc")
@@ -113,7 +113,7 @@ def test_an_input_that_is_not_what_its_job_wrote_is_refused_in_one_line(chain):
         records.check_inputs(provenance.hashes(["results/M1/overlap.nc"]), known)
 
 
-def test_a_file_that_changes_while_it_is_read_is_refused_and_one_touched_is_not(chain):
+def test_file_that_changes_while_read_is_refused(chain):
     before = records.sign(["raw/a"])
     os.utime("raw/a")
     records.check_unchanged(before)
@@ -122,7 +122,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused_and_one_touched_is_not(
         records.check_unchanged(before)
 
 
-def test_a_raw_file_that_is_gone_is_an_error_of_the_input_and_a_result_that_is_gone_is_not(chain):
+def test_missing_raw_file_is_an_input_error_unlike_a_result(chain):
     with pytest.raises(InputError, match="raw/b: expected a file that can be read") as caught:
         records.sign(["raw/b"])
     assert not isinstance(caught.value, TransientError)
@@ -137,7 +137,7 @@ def stop(kind: str, name: str) -> records.Record:
     return {"of": {kind: name}, "stopped": WHY, "wrote": {}}
 
 
-def test_a_stop_is_passed_on_and_names_the_calibration_that_it_comes_from():
+def test_stop_is_inherited_and_names_its_calibration():
     sound = {"of": {"mooring": "M1"}, "stopped": None, "wrote": {}}
     assert records.inherited([sound], "mooring", "M1") is None
     assert records.inherited([sound, stop("mooring", "M1")], "mooring", "M1") == WHY
@@ -151,7 +151,7 @@ def test_a_stop_is_passed_on_and_names_the_calibration_that_it_comes_from():
     }
 
 
-def test_a_compass_stops_with_the_last_of_its_records_and_the_cruise_never():
+def test_compass_stops_only_if_all_its_records_stopped():
     stops = [stop("mooring", "M1"), stop("calibration", "B")]
     sound = {"of": {"mooring": "M2"}, "stopped": None, "wrote": {}}
     assert records.inherited([*stops, sound], "compass", "C") is None
@@ -159,7 +159,7 @@ def test_a_compass_stops_with_the_last_of_its_records_and_the_cruise_never():
     assert records.inherited(stops, "", "") is None
 
 
-def test_results_as_recorded_but_dated_in_the_future_are_dated_anew_and_no_others(chain):
+def test_unchanged_results_dated_in_the_future_are_redated(chain):
     now = os.stat("raw/a").st_mtime + 60.0
     wrote = [place(made) for _, made in CHAIN.values()]
     for path in [*wrote, "raw/a"]:
@@ -174,7 +174,7 @@ def test_results_as_recorded_but_dated_in_the_future_are_dated_anew_and_no_other
 
 
 @pytest.mark.parametrize("earlier", [{}, {"said": [], "stopped": None}, {"said": 1, "stopped": None, "wrote": 2}])
-def test_a_job_whose_record_is_damaged_is_run_again(earlier):
+def test_job_with_an_incomplete_record_is_rerun(earlier):
     now = {"rule": "fit", "of": {}, "code": "a", "parameters": {}, "read": {}}
     assert not records.holds(earlier, now, [])
     assert records.holds(now | {"said": [], "stopped": None, "wrote": {}}, now, [])

@@ -1,4 +1,4 @@
-"""The figures: whole PNGs for every kind of mooring, the same bytes twice, no line across a cut, words for the rest."""
+"""Figures: complete and legible for every kind of mooring, reproducible byte by byte, without lines across a cut."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ DRAWN = ("deviation", "histograms", "progressive", "roses", "scatter", "sticks",
 
 @dataclass(frozen=True)
 class Mooring:
-    """What the figures of one mooring are drawn from."""
+    """Data from which the figures of one mooring are drawn."""
 
     pairs: Pairs
     fit: DeviationFit
@@ -87,7 +87,7 @@ class Mooring:
 
 
 def assessed(name: str, pairs: Pairs, fit: DeviationFit) -> moorings_together.AssessedMooring:
-    """Return what the figures of a cruise take; all pairs count as held out."""
+    """Return a mooring as the cruise figures take it, with all pairs treated as held out."""
     heading = np.full(len(pairs), np.nan)
     if fit.fitted:
         heading = nearest_root(correct_roots(fit, pairs.heading_deg), observed_heading(pairs))
@@ -97,7 +97,7 @@ def assessed(name: str, pairs: Pairs, fit: DeviationFit) -> moorings_together.As
 
 
 def overlaps(coefficients) -> Pairs:
-    """Return pairs in a current that turns, seen through a compass near iron and through none."""
+    """Simulate pairs in a turning current: upper velocities by a compass near iron, lower ones without deviation."""
     rng = np.random.default_rng(5)
     white = rng.normal(size=(5, SAMPLES))
     red = lfilter([0.22], [1.0, -0.975], white[:2])
@@ -123,7 +123,7 @@ def overlaps(coefficients) -> Pairs:
 
 
 def record(pairs: Pairs, samples: int = SAMPLES) -> Record:
-    """Return the compromised instrument's record of the same series."""
+    """Return the record of the affected instrument for the same series."""
     time_s, unknown = pairs.time_s[:samples], np.full(samples, np.nan)
     return Record(
         time_s=time_s,
@@ -144,7 +144,7 @@ def record(pairs: Pairs, samples: int = SAMPLES) -> Record:
 
 
 def exact_fit(coefficients, pairs: Pairs) -> DeviationFit:
-    """Return what the exact fit would find, without the seconds that it takes."""
+    """Build a fit of the exact model from known coefficients, as estimating them takes seconds."""
     habit = 1.0 + np.histogram(observed_heading(pairs), CELLS, (0.0, 360.0))[0]
     return DeviationFit(
         method="exact",
@@ -207,13 +207,13 @@ def moorings() -> dict[str, Mooring]:
 
 
 class Gallery:
-    """Draws each figure of each mooring once and keeps the page beside the file."""
+    """Cache that draws each figure of each mooring once and stores the file and its Figure."""
 
     def __init__(self, folder, moorings):
         self.folder, self.moorings, self.pages = folder, moorings, {}
 
     def show(self, kind: str, figure: str):
-        """Return the file and the page behind it."""
+        """Return the path of a figure and its Figure."""
         path = self.folder / kind / f"{figure}.png"
         if path not in self.pages:
             self.pages[path] = saved(lambda: self.moorings[kind].draw(figure, path))
@@ -221,7 +221,7 @@ class Gallery:
 
 
 def saved(draw) -> Figure:
-    """Return the figure that is saved while something is drawn."""
+    """Call ``draw`` and return the one Figure that it renders."""
     pages, save = [], FigureCanvasAgg.draw
 
     def keep(canvas, *arguments, **named):
@@ -245,12 +245,12 @@ def words(figure: Figure) -> str:
 
 
 def sentences(figure: Figure) -> list[str]:
-    """Return the texts that are more than a name, a label or a number: those belong into the caption."""
+    """Return the texts that end in a full stop: sentences belong in the caption."""
     return [text.get_text() for text in figure.findobj(Text) if text.get_visible() and text.get_text().endswith(".")]
 
 
 def boxes(figure: Figure):
-    """Return where the legends and each panel with its labels stand, pixels."""
+    """Return the bounding boxes of the legends and of each panel with its labels, pixels."""
     artists = [*figure.legends, *figure.axes]
     return [artist.get_tightbbox(figure.canvas.get_renderer()) for artist in artists]
 
@@ -261,7 +261,7 @@ def test_figure_is_whole_and_legible(kind, figure, gallery):
 
 
 def residuals(covariate: str, low: float, high: float) -> dict:
-    """Return a binned residual as diagnosis.json has it."""
+    """Return binned residuals in the form of diagnosis.json."""
     centre = np.linspace(low, high, 12)
     wave = 3.0 * np.sin(centre / (high - low) * 6.0)
     return {
@@ -273,7 +273,7 @@ def residuals(covariate: str, low: float, high: float) -> dict:
     }
 
 
-def test_a_diagnosis_is_whole_and_legible_and_its_axes_have_the_units_of_its_sentences(tmp_path):
+def test_diagnosis_figure_is_legible_with_units_on_its_axes(tmp_path):
     curves = [residuals("heading", 5, 355), residuals("time", START_S, START_S + 3e7), residuals("speed", 0.02, 0.5)]
     found = {"effect": "temperature", "side": "compass", "alternatives": ["compass_drift"], "text": "It follows it."}
     content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves, "not_testable": []}
@@ -287,8 +287,8 @@ def test_a_diagnosis_is_whole_and_legible_and_its_axes_have_the_units_of_its_sen
         assert any("eading (°)" in label for label in labels) and any(f"({unit})" in label for label in labels)
 
 
-def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
-    """Two composed effects have a panel each, their turn on the line of equality, and a row of held-out days."""
+def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
+    """Each of two composed effects has a panel with the line of equality and a row in the held-out panel."""
     turns = [residuals("turn_by_composed", -3.0, 3.0), residuals("turn_by_composed", -1.0, 1.0)]
     size = {"fitted_elsewhere": 2.6, "held_out": 2.4, "low": 1.5, "high": 3.3}
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001, "amplitude_deg": size}
@@ -319,7 +319,7 @@ def test_a_diagnosis_draws_each_effect_and_the_held_out_days(tmp_path):
     assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "on held-out days" in said
 
 
-def test_a_diagnosis_sets_the_slope_of_left_out_days_against_the_fitted_line(tmp_path):
+def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
     slope, placebo = {"value": 0.5, "low": -0.25, "high": 1.25}, {"n": 19, "rank_p": 0.15}
     size = {"fitted_elsewhere": 2.0, "held_out": 1.0, "low": -0.5, "high": 2.5}
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "amplitude_deg": size, "slope": slope, "placebo": placebo}
@@ -347,7 +347,7 @@ WORD = "Hydrographic_mooring_of_the_year_2007_with_a_name_that_has_no_gap_anywhe
 
 @pytest.mark.parametrize("name", ["sextantal", LONG, WORD])
 @pytest.mark.parametrize(("panels", "rows"), [(0, 1), (6, 14)])
-def test_panels_of_a_diagnosis_keep_their_size_whatever_the_names_are(tmp_path, name, panels, rows):
+def test_diagnosis_panels_keep_their_size_with_long_names(tmp_path, name, panels, rows):
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001}
     found = [{"effect": name, "side": "compass", "alternatives": [], "text": "", "heldout": proof}] * rows
     curves = [residuals(("heading", "speed", "time")[k % 3], 5.0, 355.0) | {"compared": name} for k in range(panels)]
@@ -360,10 +360,10 @@ def test_panels_of_a_diagnosis_keep_their_size_whatever_the_names_are(tmp_path, 
     assert all(high >= 0.8 * DPI for _, high in sizes[:panels]) and all(high >= 0.1 * DPI for _, high in sizes)
     renderer = page.canvas.get_renderer()
     for axes in page.axes[panels:]:
-        # The box of a text has a margin of a pixel or two around its letters.
+        # The extent of a text includes a margin of one or two pixels.
         names = [text.get_window_extent(renderer).padded(-1.0) for text in axes.get_yticklabels()]
         assert not any(a.overlaps(b) for a, b in pairwise(sorted(names, key=lambda box: box.y0)))
-    for axes in page.axes:  # matplotlib's own box of a panel with its labels leaves out how wide these are
+    for axes in page.axes:  # matplotlib's layout ignores the width of titles and axis labels
         for text in (axes.title, axes._left_title, axes.xaxis.label):
             box = text.get_window_extent(renderer)
             assert box.x0 >= 0.0 and box.x1 <= page.bbox.width + 1.0
@@ -378,7 +378,7 @@ def test_labels_without_room_are_an_error(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_warning_while_drawing_ends_a_process_that_a_test_starts():
+def test_drawing_warning_is_an_error_in_subprocesses():
     code = "import warnings as w; w.warn_explicit('collapsed', UserWarning, 'page.py', 1, 'compasslib.plots.page')"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert ended.returncode == 1 and b"UserWarning: collapsed" in ended.stderr
@@ -387,7 +387,7 @@ def test_a_warning_while_drawing_ends_a_process_that_a_test_starts():
 @pytest.mark.parametrize("covariate", ["heading", "time", "speed"])
 @pytest.mark.parametrize("draw", [diagnosis.draw_mooring, diagnosis.draw_calibration])
 def test_nothing_is_drawn_where_there_are_no_data(tmp_path, draw, covariate):
-    """Bins from 5 to 95 and from 265 to 355: neither band nor effect spans the 170 between."""
+    """Bins from 5 to 95 and from 265 to 355: neither the band nor the effect spans the gap of 170."""
     scale = {"heading": 1.0, "time": 86400.0, "speed": 0.01}[covariate]
     curve = residuals(covariate, 5.0, 355.0)
     curve["centre"] = (scale * np.r_[5.0:96.0:18.0, 265.0:356.0:18.0]).tolist()
@@ -402,13 +402,13 @@ def test_nothing_is_drawn_where_there_are_no_data(tmp_path, draw, covariate):
 
 
 @pytest.mark.parametrize("span_s", np.geomspace(2.0, 4e8, 60))
-def test_dates_of_records_of_any_length(span_s):
+def test_date_axis_has_two_to_seven_ticks(span_s):
     axes = Figure(figsize=(3.5, 2.0)).subplots()
     plots_page.dates(axes, (START_S, START_S + span_s))
     assert 2 <= len(axes.get_xticks()) <= 7
 
 
-def test_a_whole_turn_ends_in_360_and_any_other_in_its_heading():
+def test_heading_axis_is_labelled_in_compass_degrees():
     for limits, labels in (((0.0, 360.0), "0 90 180 270 360"), ((-180.0, 180.0), "180 270 0 90 180")):
         axes = Figure().subplots()
         plots_page.degrees(axes.xaxis, limits)
@@ -417,7 +417,7 @@ def test_a_whole_turn_ends_in_360_and_any_other_in_its_heading():
         assert shown == labels.split()
 
 
-def test_directions_are_counted_and_compared_in_their_panels(gallery):
+def test_scatter_titles_state_count_mean_and_rms(gallery):
     before, after = (axes.get_title("left") for axes in gallery.show("unfolded", "scatter")[1].axes[:2])
     product = gallery.moorings["unfolded"].product
     times = product.record.time_s
@@ -430,9 +430,9 @@ def test_directions_are_counted_and_compared_in_their_panels(gallery):
 
 
 def check_page(path, page):
-    """Hold a figure to what a column of print and a phone ask: size, letters, words for its axes, nothing clipped.
+    """Check that a figure suits a column of print and a phone: size, fonts, labelled axes, nothing clipped.
 
-    At 360 pixels of a phone its letters are 8 points of 3.5 inches: 10 pixels and more.
+    On a phone 360 pixels wide, its letters (at least 8 points at a width of 3.5 inches) are 10 pixels or larger.
     """
     pixels = imread(path)
     assert pixels.shape[1] == round(WIDTH_IN * DPI)
@@ -452,7 +452,7 @@ def check_page(path, page):
 
 
 @pytest.mark.parametrize("kind", ["unfolded", "folded", "published and folded"])
-def test_no_line_jumps_across_a_cut(kind, gallery):
+def test_no_curve_crosses_the_cut_of_an_axis(kind, gallery):
     _, page = gallery.show(kind, "deviation")
     lines = [line for axes in page.axes for line in axes.lines if line.get_linestyle() == "-"]
     curves = [line.get_xydata() for line in lines if len(line.get_xdata()) > 1000]
@@ -462,8 +462,8 @@ def test_no_line_jumps_across_a_cut(kind, gallery):
 
 @pytest.mark.parametrize("copies", [0, 2, 9])
 @pytest.mark.parametrize("figure", moorings_together.FIGURES)
-def test_figures_of_a_cruise_hold_few_moorings_with_their_names_and_many_without(figure, copies, tmp_path):
-    """Without any, with those that have pairs, and with more than can be named."""
+def test_cruise_figures_name_moorings_only_if_few(figure, copies, tmp_path):
+    """With no mooring, with a few, and with more than can be named."""
     kinds = ("unfolded", "folded", "published and folded", "too few pairs", "no fit and no pairs")
     cruise = [assessed(f"{kind} {k}", *KINDS[kind][:2]) for k in range(copies) for kind in kinds]
     page = saved(lambda: moorings_together.draw_figure(figure, tmp_path / "a.png", cruise))
@@ -477,8 +477,8 @@ def test_figures_of_a_cruise_hold_few_moorings_with_their_names_and_many_without
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 40])
-def test_the_array_as_configured_holds_few_moorings_with_their_names_and_many_without(count, tmp_path):
-    """Von Appen 2015, Fig. 2; every third stands far from the next, a profiler has no depth of its own."""
+def test_array_figure_names_moorings_only_if_few(count, tmp_path):
+    """Von Appen 2015, Fig. 2. Moorings in distant groups of three; a profiler has no nominal depth."""
     instruments = [{"depth_m": 100.0, "orientation": "up", "role": "affected"},
                    {"depth_m": None, "orientation": None, "role": "reference"}]  # fmt: skip
     rows = [{"name": f"M{k}", "latitude": 65.0 + 0.05 * k + k // 3, "longitude": -33.0 + 0.1 * k,
@@ -490,8 +490,8 @@ def test_the_array_as_configured_holds_few_moorings_with_their_names_and_many_wi
     assert all(box.x0 >= -1 and box.y0 >= -1 and box.x1 <= drawn.bbox.x1 + 1 for box in boxes(drawn))
 
 
-def test_the_synthetic_curves_and_angles_of_the_paper_are_drawn_as_printed(tmp_path):
-    """Von Appen 2015, Fig. 5: at 90 degrees B is the deviation; beyond 57.3 only the sluggish side is inverted."""
+def test_synthetic_curves_and_angles_match_the_published_figures(tmp_path):
+    """Von Appen 2015, Fig. 5: the deviation at 90° is B; for B above 57.3° only the sluggish side is inverted."""
     synthetic = saved(lambda: draw_synthetic_curves(tmp_path / "curves.png"))
     for line, b in zip(synthetic.axes[0].get_lines()[::2], SYNTHETIC_B_DEG, strict=True):
         assert np.interp(90.0, *np.transpose(line.get_xydata())) == pytest.approx(b, abs=0.01)
@@ -501,7 +501,7 @@ def test_the_synthetic_curves_and_angles_of_the_paper_are_drawn_as_printed(tmp_p
     assert all(name in sketch for name in ("α", "β", "γ", "δ", "magnetic north", "current"))
 
 
-def test_a_figure_is_a_pdf_too_with_the_same_bytes_each_time_and_clouds_as_pixels(moorings, tmp_path, monkeypatch):
+def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path, monkeypatch):
     monkeypatch.setattr(plots_page, "MAX_VECTORS", 500)
     for name in ("a", "b"):
         moorings["folded"].draw("deviation", tmp_path / f"{name}.pdf")
@@ -514,7 +514,7 @@ def test_a_figure_is_a_pdf_too_with_the_same_bytes_each_time_and_clouds_as_pixel
 
 
 @pytest.mark.parametrize("figure", DRAWN)
-def test_same_data_give_the_same_bytes_under_any_settings(figure, moorings, gallery, tmp_path):
+def test_figures_are_reproducible_under_any_rcparams(figure, moorings, gallery, tmp_path):
     first, _ = gallery.show("folded", figure)
     with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "savefig.bbox": "tight"}):
         before = dict(matplotlib.rcParams)
@@ -525,7 +525,7 @@ def test_same_data_give_the_same_bytes_under_any_settings(figure, moorings, gall
     assert b"tEXt" not in content and b"tIME" not in content
 
 
-def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
+def test_failed_save_keeps_the_previous_figure(moorings, monkeypatch, tmp_path):
     path = tmp_path / "deviation.png"
     path.write_bytes(b"older")
 
@@ -555,13 +555,13 @@ def test_failure_leaves_the_older_figure(moorings, monkeypatch, tmp_path):
         ("no sample", "progressive", "no data"),
     ],
 )
-def test_a_panel_without_data_says_so_in_a_word(kind, figure, word, gallery):
+def test_panel_without_data_says_so(kind, figure, word, gallery):
     _, page = gallery.show(kind, figure)
     assert word in words(page)
 
 
-def test_sticks_and_ways_are_the_mean_currents():
-    """One knot to the east for a day is 44 km; what is missing in one is in none of the ways."""
+def test_stick_and_progressive_vectors_are_mean_currents():
+    """One knot to the east for a day is 44 km; a gap in one series is omitted from both displacements."""
     time_s = START_S + 3600.0 * np.arange(96.0)
     east = np.full(96, 0.514444 + 0.0j)
     gap = np.where(np.arange(96) < 24, np.nan, 1j * east.real)
@@ -578,8 +578,8 @@ def test_sticks_and_ways_are_the_mean_currents():
     assert archive_currents.averaging_hours(np.array([0.0, 400 * 86400.0])) == 24.0
 
 
-def test_the_bin_that_is_shown_is_the_nearest_with_enough_samples(tmp_path, moorings):
-    """Of three bins, the nearest loses a fifth: the second is shown."""
+def test_displayed_bin_is_the_nearest_with_enough_samples(tmp_path, moorings):
+    """The nearest of three bins has a fifth of its samples flagged bad, so the second is shown."""
     one = moorings["unfolded"].product
     quality = np.ones((SAMPLES, 3), dtype=np.int8)
     quality[: SAMPLES // 5, 0] = BAD
@@ -607,7 +607,7 @@ IRON = st.tuples(*(st.floats(-low, low) for low in (0.3, 2.0, 2.0, 0.3, 0.3)))
 
 @given(IRON, ANGLES)
 @settings(max_examples=40, deadline=None)
-def test_curve_is_the_compass_over_one_turn(iron, begin):
+def test_deviation_curve_matches_the_compass_over_one_turn(iron, begin):
     for method, coefficients in (("exact", iron), ("von_appen", 60.0 * np.array(iron))):
         fit = DeviationFit(method, 0, coefficients=np.array(coefficients))
         curve = plots_curves.deviation_curve(fit, begin, [])
@@ -621,7 +621,7 @@ def test_curve_is_the_compass_over_one_turn(iron, begin):
         assert -180.0 <= np.median(curve.deviation_deg) < 180.0 + 1e-6
 
 
-def test_stretches_are_what_each_method_inverts():
+def test_curve_parts_match_the_inversion_of_each_method():
     small = plots_curves.deviation_curve(SMALL_FIT, 0.0, [])
     large = plots_curves.deviation_curve(LARGE_FIT, 0.0, [])
     assert set(small.stretch) == {INVERTED}
@@ -632,13 +632,13 @@ def test_stretches_are_what_each_method_inverts():
     kept = curve.stretch == INVERTED
     assert set(curve.stretch) == {INVERTED, GIVEN_UP}
     off = angles.difference(inverted, curve.heading_deg)[kept]
-    assert np.isnan(off).sum() <= 2  # the ends of the table may round to outside it
-    assert np.nanmax(np.abs(off)) < 0.5  # it is linear between nodes a quarter of a degree apart
+    assert np.isnan(off).sum() <= 2  # rounding may put the ends outside the table
+    assert np.nanmax(np.abs(off)) < 0.5  # the table is interpolated linearly every quarter of a degree
 
 
 @given(ANGLES, st.floats(5.0, 300.0), st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_circle_is_cut_where_it_is_empty(begin, width, seed):
+def test_circular_axis_is_cut_in_the_largest_gap(begin, width, seed):
     angle = begin + width * np.random.default_rng(seed).random(300)
     cut = plots_curves.emptiest(np.append(angle, np.nan))
     assert -180.0 <= cut < 180.0 and cut % 10.0 == 0.0
@@ -647,7 +647,7 @@ def test_circle_is_cut_where_it_is_empty(begin, width, seed):
 
 @given(ANGLES, ANGLES)
 @settings(max_examples=60, deadline=None)
-def test_angles_are_placed_without_being_changed(angle, reference):
+def test_wrapping_and_unwrapping_preserve_angles(angle, reference):
     placed, beside = plots_curves.placed(angle, reference), plots_curves.nearest_turn(angle, reference)
     assert reference <= placed <= reference + 360.0
     assert abs(beside - reference) <= 180.0
@@ -655,14 +655,14 @@ def test_angles_are_placed_without_being_changed(angle, reference):
         assert float(angles.difference(found, angle)) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_sectors_hold_all_angles_that_there_are():
+def test_sector_shares_ignore_missing_angles():
     shares = plots_curves.sectors([5.0, 365.0, np.nan, 355.0, 725.0], -10.0)
     assert shares.shape == (36,) and shares[0] == 25.0 and shares[1] == 75.0
     assert plots_curves.sectors([np.nan], 0.0).sum() == 0.0
     assert plots_curves.emptiest([]) == -180.0
 
 
-def test_directions_are_compared_at_the_pair_s_own_sample(moorings):
+def test_directions_are_compared_at_the_sample_of_each_pair(moorings):
     unfolded = moorings["unfolded"].product
     late = replace(SMALL, time_s=SMALL.time_s + np.where(np.arange(SAMPLES) < 3, 1800.0, 1e-4))
     lower, upper, after = directions_at_pairs(late, unfolded.record.time_s, unfolded.heading_corrected_deg)
@@ -670,13 +670,13 @@ def test_directions_are_compared_at_the_pair_s_own_sample(moorings):
     assert angles.rms(after - lower) < 0.9 * angles.rms(upper - lower)
 
 
-def test_strip_of_a_short_record_has_no_empty_slices():
+def test_timeline_of_a_short_record_has_no_empty_slices():
     time_s = KINDS["two days"][2].time_s
     assert np.histogram(time_s, timeseries.time_slices(time_s))[0][:-1].all()
     assert np.diff(timeseries.time_slices(SMALL.time_s))[0] <= 86400.0
 
 
-def test_kinds_of_headings():
+def test_samples_are_classified_by_heading_correction():
     six = corrected(record(SMALL, 6), SMALL_FIT, NONE)
     heading = six.heading_corrected_deg.copy()
     heading[3] = np.nan

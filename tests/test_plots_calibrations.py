@@ -1,4 +1,4 @@
-"""Figures of calibrations: whole PNGs for every outcome, the same bytes twice, texts that do not overlap."""
+"""Figures of calibrations: complete for every outcome, reproducible byte by byte, texts without overlap."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CASES = {
 
 
 def shown(made: Calibration) -> StoredCalibration:
-    """Return a calibration as its files give it back."""
+    """Return a calibration as read back from its files."""
     said = result.to_json("aqd $2", made, PLACE, {})
     return StoredCalibration(said, made.table or DeviationTable(*np.zeros((3, 0))), made.points)
 
@@ -51,7 +51,7 @@ def page(case: str) -> StoredCalibration:
 
 @pytest.fixture(scope="module")
 def show(tmp_path_factory):
-    """Draw a figure of an outcome once; return its file and the figure behind it."""
+    """Return a function that draws a figure of an outcome once and returns its path and Figure."""
     folder = tmp_path_factory.mktemp("figures")
 
     @cache
@@ -64,20 +64,20 @@ def show(tmp_path_factory):
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("figure", FIGURES)
-def test_every_figure_of_every_outcome_is_a_whole_page_whose_panels_keep_their_size(show, case, figure):
+def test_figures_of_every_outcome_are_complete_with_full_size_panels(show, case, figure):
     path, behind = show(case, figure)
     image = imread(path)
-    width_in = WIDE_IN if figure == "certificate" else WIDTH_IN  # a certificate is a page of its own
+    width_in = WIDE_IN if figure == "certificate" else WIDTH_IN  # a certificate fills a page
     assert image.shape[1] == round(width_in * DPI) and image[..., :3].std() > 0.02
     assert all(min(axes.bbox.size) >= 0.8 * DPI for axes in behind.axes)
     for axes in (axes for axes in behind.axes if axes.get_xlim() == (0.0, 360.0)):
-        # The locator gives ticks beyond the limits too.
+        # The locator also places ticks beyond the limits.
         labels = dict(zip(axes.get_xticks(), axes.get_xticklabels(), strict=True))
         assert labels[360.0].get_text() == "360"
 
 
 @pytest.mark.parametrize("figure", FIGURES)
-def test_a_figure_is_the_same_twice(show, tmp_path, figure):
+def test_figures_are_reproducible(show, tmp_path, figure):
     calibrations.draw_figure(figure, tmp_path / "again.png", page("whole"))
     assert (tmp_path / "again.png").read_bytes() == show("whole", figure)[0].read_bytes()
 
@@ -90,7 +90,7 @@ def test_a_figure_is_the_same_twice(show, tmp_path, figure):
         ("Name_of_a_mooring_that_has_no_gap_anywhere_2007", 14),
     ],
 )
-def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_called(tmp_path, name, count):
+def test_shared_compass_panels_keep_their_size_with_long_names(tmp_path, name, count):
     letters = dict.fromkeys("ABCDE", 0.05)
     field = {"horizontal_nT": 2e4, "vertical_nT": 4e4}
     names = [f"{name} {k}" for k in range(count)]
@@ -113,7 +113,7 @@ def test_panels_of_a_shared_compass_keep_their_size_whatever_its_records_are_cal
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(show, case):
+def test_certificate_texts_stay_on_the_page_without_overlap(show, case):
     _, figure = show(case, "certificate")
     figure.draw_without_rendering()
     boxes = [
@@ -127,7 +127,7 @@ def test_the_writing_of_a_certificate_stays_on_the_page_and_its_parts_apart(show
     assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
 
 
-def test_a_certificate_says_where_when_and_how_sure():
+def test_certificate_states_place_date_and_uncertainty():
     text = plots_certificate.writing(page("whole"))
     assert "date        2022-09-29" in text.about and "place       48.4000° S, 175.5000° W" in text.about
     assert len(text.table) == 13 and text.table[1].startswith("    0° ")
@@ -137,8 +137,8 @@ def test_a_certificate_says_where_when_and_how_sure():
     assert plots_certificate.writing(page("folded")).about[7] == "exact compass, ± standard"
 
 
-def test_a_kind_without_curves_still_has_its_figures(tmp_path):
-    """Another kind may give a table alone, or nothing but an offset."""
+def test_calibration_without_curves_still_has_figures(tmp_path):
+    """A calibration may yield a table without coefficients, or neither."""
     heading = ring(36)
     table = DeviationTable(heading, np.full(36, 2.0), np.full(36, 0.3))
     made = Calibration(kind="two_heads", model="offset", n=100, coverage=9, table=table)

@@ -1,4 +1,4 @@
-"""Formats and effects of other packages: that of docs/howto/plugins.md, built and run; names that are taken."""
+"""Formats and effects of other packages: that of docs/howto/plugins.md, built and run; name conflicts, exceptions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def blocks(language: str) -> list[str]:
 
 
 def install(folder: Path) -> Path:
-    """Build and install the package of the page, and return the folder to import it from."""
+    """Build and install the package of the page, and return the folder from which it is imported."""
     if PIP[0] is None:
         pytest.skip("pip is not there")
     source, there = folder / "source", folder / "site"
@@ -46,7 +46,7 @@ def install(folder: Path) -> Path:
 
 
 def as_tiltmeter(folder: Path) -> None:
-    """Write the trusted table of a mooring anew in the plug-in's format."""
+    """Rewrite the table of a mooring's reference instrument in the format of the plug-in."""
     table = np.genfromtxt(folder / "raw/M1/deep.csv", delimiter=",", names=True, dtype=None, encoding="ascii")
     east, north = table["u_cm_s"], table["v_cm_s"]
     speed, towards = np.hypot(east, north), np.degrees(np.arctan2(east, north)) % 360.0
@@ -57,7 +57,7 @@ def as_tiltmeter(folder: Path) -> None:
     change(path, instruments=instruments | yaml.safe_load(blocks("yaml")[0])["instruments"])
 
 
-def test_the_package_of_the_page_is_built_installed_and_runs_a_mooring(tmp_path):
+def test_documented_package_is_installed_and_runs_a_mooring(tmp_path):
     folder = cruise(tmp_path / "cruise", n=200)
     as_tiltmeter(folder)
     with pytest.raises(InputError, match=r"expected pd0, table, .* or nortek, found 'tiltmeter'"):
@@ -81,7 +81,7 @@ def test_the_package_of_the_page_is_built_installed_and_runs_a_mooring(tmp_path)
 
 
 def declare(folder: Path, monkeypatch, group: str, name: str, value: str, package: str = "tiltmeter") -> None:
-    """Put the metadata of a package on the path, as an installation leaves it."""
+    """Put the metadata of a package on the import path, as an installation does."""
     there = folder / f"{package}-0.1.dist-info"
     there.mkdir(parents=True)
     (there / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
@@ -109,9 +109,7 @@ def _forget():
         (plugins.EFFECTS, "clamp_creep", "tiltmeter:absent", "expected an importable plug-in, found AttributeError"),
     ],
 )
-def test_a_name_that_is_taken_and_a_plug_in_that_is_none_are_refused_in_one_line(
-    tmp_path, monkeypatch, group, name, value, words
-):
+def test_name_conflicts_and_invalid_plugins_are_refused(tmp_path, monkeypatch, group, name, value, words):
     declare(tmp_path, monkeypatch, group, name, value)
     with pytest.raises(InputError) as caught:
         readers.format_names() if group == plugins.READERS else all_effects()
@@ -122,7 +120,7 @@ ENDS = ["SystemExit(0)", "SystemExit", "ValueError('bad')", "GeneratorExit", "ty
 
 
 @pytest.mark.parametrize("error", ENDS)
-def test_whatever_a_plug_in_raises_at_its_import_or_while_it_reads_is_one_line(tmp_path, monkeypatch, error):
+def test_any_exception_of_a_plugin_is_reported_in_one_line(tmp_path, monkeypatch, error):
     declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
     (tmp_path / "tiltmeter.py").write_text(f"def read(paths):\n    raise {error}\n")
     with pytest.raises(InputError, match=r"^tiltmeter 0\.1: tiltmeter:read: expected a Record, found .*line 2\); mend"):
@@ -134,14 +132,14 @@ def test_whatever_a_plug_in_raises_at_its_import_or_while_it_reads_is_one_line(t
         readers.get_format("tiltmeter")
 
 
-def test_an_interrupt_from_the_keyboard_is_no_error_of_a_plug_in(tmp_path, monkeypatch):
+def test_keyboard_interrupt_is_no_error_of_a_plugin(tmp_path, monkeypatch):
     declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
     (tmp_path / "tiltmeter.py").write_text("raise KeyboardInterrupt\n")
     with pytest.raises(KeyboardInterrupt):
         readers.get_format("tiltmeter")
 
 
-def test_a_plug_in_that_ends_the_program_with_status_0_stops_its_mooring_with_another(tmp_path, monkeypatch):
+def test_plugin_that_exits_with_status_0_stops_its_mooring(tmp_path, monkeypatch):
     folder = cruise(tmp_path / "cruise", n=50)
     as_tiltmeter(folder)
     site = tmp_path / "site"
@@ -163,7 +161,7 @@ def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):
         readers.format_names()
 
 
-def test_an_effect_of_a_package_comes_after_the_catalogue_with_its_side_and_its_words(tmp_path, monkeypatch):
+def test_effect_of_a_plugin_is_appended_to_the_catalogue(tmp_path, monkeypatch):
     assert all_effects() == CATALOGUE
     declare(tmp_path, monkeypatch, plugins.EFFECTS, "clamp_creep", "tiltmeter:ClampCreep")
     *own, creep = all_effects()
@@ -172,7 +170,7 @@ def test_an_effect_of_a_package_comes_after_the_catalogue_with_its_side_and_its_
     assert meanings("clamp_creep") == {"deg_root_year": "turn in the first year"}
 
 
-def test_a_reader_s_keys_are_its_keyword_only_parameters_and_it_must_return_a_record(tmp_path, monkeypatch):
+def test_plugin_reader_takes_keyword_keys_and_returns_a_record(tmp_path, monkeypatch):
     declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
     found = readers.get_format("tiltmeter")
     assert found.keys == ("orientation",) and not found.takes_declination

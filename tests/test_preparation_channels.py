@@ -1,4 +1,4 @@
-"""Series that a user gives stand at the instrument's times, and nothing stands where they do not reach."""
+"""User-supplied series interpolated to the instrument's times, missing where they have no values."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def given(path, rows):
     return {"turbidity": {"files": [str(path)], "columns": {"time": "when", "value": "ntu"}, "unit": "NTU"}}
 
 
-def test_a_series_is_read_between_its_values_and_not_in_its_gaps(record, tmp_path):
+def test_series_is_interpolated_but_not_across_gaps(record, tmp_path):
     begin = record.time_s[0]
     rows = [(begin - 1800.0 * k, 2.0 * k) for k in (-1, -2, -3)] + [(begin + 9 * 1800.0, 18.0)]
     found = add_covariates(record, given(tmp_path / "t.csv", rows))
@@ -39,14 +39,14 @@ def test_a_series_is_read_between_its_values_and_not_in_its_gaps(record, tmp_pat
     assert again.warnings[-1] == "turbidity: the table was read as it is written: cells between semicolons"
 
 
-def test_a_series_of_another_year_is_refused_in_one_line(record, tmp_path):
+def test_series_outside_the_record_is_refused(record, tmp_path):
     rows = [(record.time_s[0] + 4e7 + 3600.0 * k, k) for k in range(5)]
     with pytest.raises(InputError, match=r"t\.csv: expected values of turbidity while .*found 2008-12-.*check times"):
         add_covariates(record, given(tmp_path / "t.csv", rows))
 
 
 def with_magnetometer(n=600, strength=lambda t: 1.0):
-    """Return a record under iron of its own: a field of 500 counts and a dip of 60 degrees, seen from all headings."""
+    """Simulate a record with a magnetometer near fixed iron: field 500 counts, dip 60 degrees, all headings."""
     rng = np.random.default_rng(3)
     record = replace(make_record(n), time_s=1189000000.0 + 3600.0 * np.arange(n))
     heading, pitch, roll = rng.uniform(0.0, 360.0, n), *rng.normal(0.0, 2.0, (2, n))
@@ -58,10 +58,10 @@ def with_magnetometer(n=600, strength=lambda t: 1.0):
     return replace(record, **tilts, channels=series, channel_units=dict.fromkeys(series, "count"))
 
 
-def test_the_instruments_magnetometer_tells_when_the_field_changed_and_not_where_it_pointed():
+def test_field_strength_is_derived_from_the_magnetometer():
     step = add_field_strength(with_magnetometer(strength=lambda t: np.where(t > np.median(t), 1.02, 1.0)))
     seen = step.channels["field_strength"]
-    assert np.mean(seen[300:]) - np.mean(seen[:300]) == pytest.approx(1.8, abs=0.3)  # of 2: a tenth of it is fixed iron
+    assert np.mean(seen[300:]) - np.mean(seen[:300]) == pytest.approx(1.8, abs=0.3)  # 2, less a tenth due to fixed iron
     assert f"saw the field's strength change by {np.std(seen):.2f} % rms" in step.warnings[-1]
     still = add_field_strength(with_magnetometer()).channels["field_strength"]
     assert np.std(still) < 0.3
@@ -69,7 +69,7 @@ def test_the_instruments_magnetometer_tells_when_the_field_changed_and_not_where
     assert "field_strength" in drivers and not set(MAGNETOMETER) & set(drivers)
 
 
-def test_a_record_without_a_magnetometer_or_with_one_of_zeros_stays_as_it_is(record):
+def test_record_without_magnetometer_data_is_unchanged(record):
     assert add_field_strength(record) is record
     dead = replace(with_magnetometer(), channels=dict.fromkeys(MAGNETOMETER, np.zeros(600)))
     assert add_field_strength(dead) is dead

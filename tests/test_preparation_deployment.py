@@ -1,4 +1,4 @@
-"""From export to deployment: clock, window, order, depth, flags."""
+"""Preparation of a deployment: clock, time window, order, depth and flags."""
 
 from dataclasses import replace
 
@@ -12,19 +12,19 @@ from compasslib.records import BAD, GOOD
 SETTINGS = {"start_s": 0.0, "end_s": 20 * HOUR, "water_depth": 500.0, "latitude": 65.0, "nominal_depth": 100.0}
 
 
-def test_clock_offset_and_drift_are_taken_out():
+def test_clock_offset_and_drift_are_removed():
     drifting = record(HOUR * np.arange(21) + 30.0 + np.linspace(0.0, 60.0, 21))
     begin = SETTINGS | {"start_s": -10.0}
     settled = apply_deployment(drifting, **begin, clock_offset_seconds=30.0, clock_drift_seconds=60.0)
     assert settled.time_s[:20] == pytest.approx(HOUR * np.arange(20), abs=1.0)
 
 
-def test_samples_outside_the_deployment_are_counted_and_left_out():
+def test_samples_outside_the_deployment_are_counted_and_dropped():
     settled = apply_deployment(record(HOUR * np.arange(-3, 30)), **SETTINGS)
     assert len(settled.time_s) == 21 and settled.counts["outside_deployment"] == 12
 
 
-def test_time_is_put_in_order_and_repeats_are_dropped_both_said():
+def test_times_are_sorted_and_repeats_dropped_with_warnings():
     settled = apply_deployment(record(HOUR * np.array([0, 1, 3, 2, 2, 4])), **SETTINGS)
     assert list(settled.time_s / HOUR) == [0, 1, 2, 3, 4]
     assert settled.counts["time_backwards"] == 1 and settled.counts["time_repeated"] == 1
@@ -52,11 +52,11 @@ def test_pressure_offset_is_subtracted():
     np.testing.assert_allclose(settled[0].pressure_dbar - settled[1].pressure_dbar, 10.0)
 
 
-def test_profiles_that_hold_nothing_inside_the_deployment_are_left_out():
+def test_profiles_without_data_in_the_deployment_are_dropped():
     given = record(HOUR * np.arange(-3, 9))
     shape = given.east.shape
     up, counts = np.full(shape, np.nan, np.float32), np.zeros((*shape, 4), np.uint8)
-    up[1], error = 0.1, np.full(shape, 0.02, np.float32)  # upward velocities before the deployment alone
+    up[1], error = 0.1, np.full(shape, 0.02, np.float32)  # upward velocities only before the deployment
     settled = apply_deployment(replace(given, profiles={"up": up, "error_velocity": error, "echo": counts}), **SETTINGS)
     assert list(settled.profiles) == ["error_velocity"] and settled.profiles["error_velocity"].shape[0] == 9
 
@@ -64,7 +64,7 @@ def test_profiles_that_hold_nothing_inside_the_deployment_are_left_out():
 def test_bins_above_the_surface_and_in_the_side_lobes_are_flagged():
     given = replace(record(HOUR * np.arange(3), ranges=(10.0, 88.0, 97.0, 110.0)), beam_angle_deg=20.0)
     settled = apply_deployment(given, **SETTINGS)
-    # cos 20 degrees of 100 m is 94 m, less half a bin
+    # The side-lobe limit is 100 m times cos 20 degrees, 94 m, less half a bin.
     assert settled.counts["side_lobe"] == 2 * 3 and settled.counts["beyond_boundary"] == 3
     assert list(settled.quality[0]) == [GOOD, BAD, BAD, BAD]
     down = apply_deployment(replace(given, looks_up=False), **(SETTINGS | {"water_depth": 205.0}))
@@ -77,7 +77,7 @@ def test_excluded_windows_are_flagged_not_deleted():
     assert (settled.quality[2:4] == BAD).all() and len(settled.time_s) == 10
 
 
-def test_impossible_speeds_and_tilts_are_flagged_and_said():
+def test_impossible_speeds_and_tilts_are_flagged_and_reported():
     given = record(HOUR * np.arange(4))
     east = given.east.copy()
     east[1] = 9.0
@@ -86,7 +86,7 @@ def test_impossible_speeds_and_tilts_are_flagged_and_said():
     assert len([said for said in settled.warnings if "velocities flagged" in said]) == 2
 
 
-def test_applied_declination_is_turned_back():
+def test_applied_declination_is_removed():
     given = record(HOUR * np.arange(3), east=0.0, north=0.2, heading=5.0)
     settled = apply_deployment(given, **SETTINGS, declination_applied=18.0)
     assert settled.heading_deg == pytest.approx(347.0)
@@ -98,7 +98,7 @@ def test_applied_declination_is_turned_back():
     assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
 
 
-def test_a_clock_that_was_set_back_leaves_out_what_follows_and_shuffles_nothing():
+def test_samples_after_a_clock_was_set_back_are_dropped():
     hours = np.concatenate([np.arange(12.0), np.arange(9.0)])
     given = replace(record(HOUR * hours), heading_deg=np.arange(21.0))
     settled = apply_deployment(given, **SETTINGS)
@@ -106,7 +106,7 @@ def test_a_clock_that_was_set_back_leaves_out_what_follows_and_shuffles_nothing(
     assert any("the clock was set back 1 times" in said for said in settled.warnings)
 
 
-def test_files_in_another_order_and_files_given_twice_are_no_set_clock():
+def test_unsorted_or_repeated_files_are_not_a_clock_step():
     parts = [np.arange(11.0, 16.0), np.arange(0.0, 8.0), np.arange(4.0, 8.0)]
     hours = np.concatenate(parts)
     settled = apply_deployment(replace(record(HOUR * hours), heading_deg=hours), **SETTINGS)
@@ -114,7 +114,7 @@ def test_files_in_another_order_and_files_given_twice_are_no_set_clock():
     assert settled.counts["clock_unsure"] == 0 and settled.counts["time_repeated"] == 4
 
 
-def test_two_downloads_that_overlap_are_one_record_without_a_word_and_other_values_are_said():
+def test_overlapping_downloads_are_merged_and_contradictions_reported():
     hours = np.concatenate([np.arange(0.0, 12.0), np.arange(8.0, 21.0)])
     twice = replace(record(HOUR * hours), heading_deg=10.0 * hours)
     settled = apply_deployment(twice, **SETTINGS)
@@ -126,7 +126,7 @@ def test_two_downloads_that_overlap_are_one_record_without_a_word_and_other_valu
     assert any("1 samples repeat a time" in said for said in settled.warnings)
 
 
-def test_profiles_of_files_sorted_by_name_fill_each_others_gaps():
+def test_files_sorted_by_name_are_merged_in_time():
     begins = [0.0, 100.0, 110.0, 20.0, 200.0]  # A1, A10, A11, A2, A20
     hours = np.concatenate([begin + 0.1 * np.arange(20) for begin in begins])
     settled = apply_deployment(record(HOUR * hours), **SETTINGS | {"end_s": 300 * HOUR})
@@ -135,7 +135,7 @@ def test_profiles_of_files_sorted_by_name_fill_each_others_gaps():
 
 @pytest.mark.parametrize("wrong", [-5000.0, 5000.0, 9e9])
 @pytest.mark.parametrize("at", [1, 10, 18])
-def test_a_single_wild_time_costs_its_sample(wrong, at):
+def test_single_erroneous_time_loses_its_sample(wrong, at):
     hours = np.arange(20.0)
     hours[at] += wrong
     settled = apply_deployment(record(HOUR * hours), **SETTINGS)
@@ -143,7 +143,7 @@ def test_a_single_wild_time_costs_its_sample(wrong, at):
     assert settled.counts["clock_unsure"] == 0
 
 
-def test_a_record_outside_its_deployment_or_without_samples_is_said():
+def test_record_outside_its_deployment_is_reported():
     settled = apply_deployment(record(HOUR * np.arange(5000, 5020)), **SETTINGS)
     assert len(settled.time_s) == 0 and "20 of 20 samples (1970-07-28 to 1970-07-29) lie outside" in settled.warnings[0]
     assert apply_deployment(record([]), **SETTINGS).warnings == ("there is no sample with a time",)
@@ -164,13 +164,13 @@ def turning(n: int = 60, seed: int = 1):
 LONG = SETTINGS | {"end_s": 60 * HOUR}
 
 
-def test_a_good_record_is_not_doubted():
+def test_good_record_has_no_flags_or_warnings():
     settled = apply_deployment(turning(), **LONG)
     assert settled.warnings == () and (settled.heading_quality == GOOD).all()
     assert not any(n for key, n in settled.counts.items() if key != "side_lobe")
 
 
-def test_a_compass_that_stands_still_for_hours_is_doubted_there_and_one_that_always_does_everywhere():
+def test_stuck_compass_is_flagged_while_it_is_stuck():
     given = turning()
     partly, always = given.heading_deg.copy(), np.full(60, 120.0)
     partly[20:40] = partly[20]
@@ -181,14 +181,14 @@ def test_a_compass_that_stands_still_for_hours_is_doubted_there_and_one_that_alw
     assert (settled.heading_quality == 3).all() and settled.counts["heading_frozen"] == 60
 
 
-def test_a_coarse_compass_in_slack_water_is_not_stuck():
+def test_coarse_compass_in_slack_water_is_not_stuck():
     given = turning()
     coarse = np.repeat(np.arange(0.0, 60.0, 10.0), 10) + 13.0  # repeats itself nine times in ten
     settled = apply_deployment(replace(given, heading_deg=coarse), **LONG)
     assert settled.counts["heading_stuck"] == 0
 
 
-def test_frozen_tilts_and_headings_within_five_degrees_are_counted_and_said():
+def test_frozen_tilts_and_narrow_headings_are_counted_and_reported():
     given = turning()
     stuck = replace(given, pitch_deg=np.full(60, 3.0), roll_deg=np.full(60, -2.0))
     settled = apply_deployment(replace(stuck, heading_deg=90.0 + given.heading_deg / 100.0), **LONG)
@@ -197,7 +197,7 @@ def test_frozen_tilts_and_headings_within_five_degrees_are_counted_and_said():
     assert any("all headings lie within 3." in said for said in settled.warnings)
 
 
-def test_velocities_that_freeze_and_depths_out_of_the_water_are_flagged():
+def test_frozen_velocities_and_impossible_depths_are_flagged():
     given = turning()
     east, depth = given.east.copy(), np.linspace(90.0, 110.0, 60)
     east[30:50], depth[5] = east[30], -400.0
@@ -206,6 +206,6 @@ def test_velocities_that_freeze_and_depths_out_of_the_water_are_flagged():
     assert settled.counts["impossible_depth"] == 3 and (settled.quality[5] == BAD).all()
 
 
-def test_a_depth_that_is_not_used_and_not_that_of_the_metadata_is_said():
+def test_unused_depth_contradicting_metadata_is_reported():
     settled = apply_deployment(replace(turning(), depth_m=np.full(60, 505.0)), **LONG)
     assert any("the file's depth of 505 m never varies and was not used" in said for said in settled.warnings)

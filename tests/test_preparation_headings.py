@@ -1,4 +1,4 @@
-"""Headings that were altered after the instrument had turned its velocities by them, and those that were not."""
+"""Detection of headings that were altered after the instrument had rotated its velocities by them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ N = 2000
 
 
 def moored(seed: int = 1) -> Record:
-    """An instrument that turns with the water, 130 degrees off it within some 30, for twelve weeks."""
+    """Simulate twelve weeks of an instrument that follows the flow at an offset of 130 degrees, within about 30."""
     rng = np.random.default_rng(seed)
     tide, eddies = np.exp(1j * np.arange(N) / 1.98), (red_noise(rng, N, 60, 0.1) for _ in range(2))
     flow = next(eddies) + 1j * next(eddies) + 0.08 * tide
@@ -40,7 +40,7 @@ def altered(some: slice, change) -> Record:
 MIDDLE = slice(800, 1200)
 EVERY_SIXTH = np.arange(N) // 6 * 6
 AVERAGED = angles.direction(*(np.convolve(x, np.ones(12) / 12, "same") for x in angles.sin_cos(moored().heading_deg)))
-WITHOUT_A_BIT = (np.rint(100 * moored().heading_deg).astype(int) & ~(1 << 12)) / 100  # of 40.96 degrees
+WITHOUT_A_BIT = (np.rint(100 * moored().heading_deg).astype(int) & ~(1 << 12)) / 100  # the bit of 40.96 degrees
 
 
 def running_mean(values):
@@ -48,7 +48,7 @@ def running_mean(values):
 
 
 def across_north(heading_deg):
-    """Replace those within 20 degrees of north by what an arithmetic mean of numbers either side gives."""
+    """Replace headings within 20 degrees of north by arithmetic means of numbers from both sides of it."""
     share = np.random.default_rng(1).uniform(size=N)
     return np.where(
         np.abs(angles.wrap180(heading_deg)) < 20.0, heading_deg + share * (180.0 - heading_deg), heading_deg
@@ -97,7 +97,7 @@ CUT = np.flatnonzero(moored().heading_deg <= 40.0)
         "clipped",
     ],
 )
-def test_altered_headings_are_flagged_and_the_log_says_how(record, words, some):
+def test_altered_headings_are_flagged_and_described(record, words, some):
     found = headings.flag_altered(record)
     assert any(words in warning for warning in found.warnings)
     assert (found.heading_quality[some] == PROBABLY_BAD).mean() > 0.7
@@ -106,28 +106,28 @@ def test_altered_headings_are_flagged_and_the_log_says_how(record, words, some):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_headings_as_recorded_keep_their_flags_whatever_iron_bends_them(seed):
+def test_unaltered_headings_keep_their_flags_despite_iron(seed):
     record = moored(seed)
     assert headings.flag_altered(record) is record
-    turned = 25.0 * np.sin(np.deg2rad(record.heading_deg))  # heading and earth velocities by one wrong compass
+    turned = 25.0 * np.sin(np.deg2rad(record.heading_deg))  # headings and earth velocities of the same wrong compass
     east, north = angles.turn(record.east, record.north, turned[:, None])
     bent = replace(record, heading_deg=angles.wrap360(record.heading_deg + turned), east=east, north=north)
     assert headings.flag_altered(bent) is bent
     direction = angles.direction(*(running_mean(x) for x in angles.sin_cos(record.heading_deg)))
     velocity = {name: np.apply_along_axis(running_mean, 0, getattr(record, name)) for name in ("east", "north")}
-    means = replace(record, heading_deg=direction, **velocity)  # of all, as some exports are
+    means = replace(record, heading_deg=direction, **velocity)  # all series averaged, as in some exports
     assert headings.flag_altered(means) is means
 
 
-def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes_keep_their_flags(monkeypatch):
+def test_fixed_frame_and_natural_delay_keep_their_flags(monkeypatch):
     record, rng = moored(), np.random.default_rng(2)
     still = np.where(np.arange(N) // 240 % 3 == 1, 40.0, 40.0 + rng.integers(-1, 2, N))
     assert headings.flag_altered(replace(record, heading_deg=still)).heading_quality.max() < PROBABLY_BAD
     noisy = replace(record, heading_deg=(40.0 + rng.normal(0.0, 0.3, N)).round(2))
     assert headings.flag_altered(noisy).heading_quality.max() < PROBABLY_BAD
-    sparse = take(record, np.arange(0, N, 6))  # too few a window to compare
+    sparse = take(record, np.arange(0, N, 6))  # too few samples per window
     assert headings.flag_altered(sparse) is sparse
-    for hours in (1, 2):  # a mooring may turn late all along
+    for hours in (1, 2):  # a mooring may always turn with a delay
         late = replace(record, heading_deg=np.roll(record.heading_deg, hours))
         assert headings.flag_altered(late) is late
     for hours in (-1, 8):
@@ -138,8 +138,8 @@ def test_a_frame_that_stands_still_and_an_instrument_that_follows_within_minutes
     assert headings.flag_altered(lead) is lead
 
 
-def test_an_instrument_that_hardly_follows_the_flow_is_not_mirrored():
-    """Mirrored headings kept to one side by 0.26 in one real record, those as recorded by 0.11."""
+def test_weakly_following_instrument_is_not_called_mirrored():
+    """In a real record the correlation with the flow was 0.26 for mirrored headings and 0.11 for recorded ones."""
     record, rng = moored(), np.random.default_rng(2)
     mirrored = angles.wrap360(-angles.direction(record.east[:, 0], record.north[:, 0]))
     heading = np.where(rng.random(N) < 0.28, mirrored, rng.uniform(0.0, 360.0, N)).round(2)
@@ -147,8 +147,8 @@ def test_an_instrument_that_hardly_follows_the_flow_is_not_mirrored():
     assert not any("mirrored" in said for said in warnings)
 
 
-def test_a_few_readings_astray_about_north_may_be_chance_where_others_are_astray_as_often(monkeypatch):
-    """As in a real record, where 11 of 30 stood against a quarter elsewhere."""
+def test_outliers_about_north_may_be_chance(monkeypatch):
+    """As in a real record, where 11 of 30 readings about north were outliers, and a quarter of those elsewhere."""
     steps = np.array(
         [
             (30.0 * k - 5.0, 30.0 * k + 180.0 * astray, 30.0 * k + 5.0)
@@ -165,18 +165,18 @@ def test_a_few_readings_astray_about_north_may_be_chance_where_others_are_astray
     assert not said and without
 
 
-def test_bursts_and_readings_far_apart_keep_their_flags():
+def test_bursts_and_sparse_readings_keep_their_flags():
     record, rng = moored(), np.random.default_rng(3)
     turning = replace(record, heading_deg=angles.wrap360(6.37 * np.arange(N) + rng.normal(0.0, 1.0, N)).round(2))
     bursts = take(turning, np.flatnonzero(np.arange(N) % 12 < 3))
     assert not any("put together" in said for said in headings.flag_altered(bursts).warnings)
-    # A sphere that turns as it likes, read every 6 hours.
+    # A freely turning sphere, read every 6 hours.
     apart = replace(record, time_s=6 * HOUR * np.arange(N), heading_deg=rng.uniform(0.0, 360.0, N).round(2))
     assert not any("in another order" in said for said in headings.flag_altered(apart).warnings)
 
 
-def test_a_spinning_sphere_near_strong_iron_is_not_mirrored():
-    """Its headings and the directions turned by them both crowd about one value, whichever way they are counted."""
+def test_spinning_sphere_near_iron_is_not_called_mirrored():
+    """Its headings and the directions rotated by them cluster about one value, counted in either sense."""
     record, rng, spun = moored(), np.random.default_rng(2), 25.37 * np.arange(N)
     recorded = compass.recorded_heading((0.0, -0.45, -0.6, 0.0, 0.0), angles.wrap360(spun))
     towards = 40.0 + rng.normal(0.0, 20.0, N) + recorded - spun
@@ -188,15 +188,15 @@ def test_a_spinning_sphere_near_strong_iron_is_not_mirrored():
 @pytest.mark.parametrize(
     ("turned_deg", "windows", "far"), [(79.0, 1, 0), (79.0, 2, 4), (120.0, 1, 3)], ids=["one", "two", "one by far"]
 )
-def test_one_window_that_is_turned_by_79_degrees_is_natural_and_two_in_a_row_are_not(turned_deg, windows, far):
-    """As one of the 553 of the demonstration cruise is; those beside a far one are flagged with it."""
+def test_rotated_windows_are_flagged_by_angle_and_number(turned_deg, windows, far):
+    """As one of the 553 windows of the demonstration cruise; neighbours of a far window are flagged with it."""
     number = np.repeat(np.arange(40), 100)
     inside = (number >= 20) & (number < 20 + windows)
     direction = np.where(inside, 0.54, 0.71) * angles.phasor(np.where(inside, turned_deg, 0.0))
     assert headings._far_windows(number, direction, np.ones(number.size)).sum() == far
 
 
-def test_a_real_compass_keeps_its_flags():
+def test_real_headings_keep_their_flags():
     files = sorted((SHARED / "pd0").glob("eh2_*.000"))
     if not files:
         pytest.skip(f"no {SHARED}/pd0/eh2_*")

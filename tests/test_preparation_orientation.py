@@ -1,4 +1,4 @@
-"""Which way a profiler looked, by the echo of surface and bottom: written echoes, and two genuine moored records."""
+"""Orientation of a profiler from the echo of surface and bottom: synthetic echoes and two genuine moored records."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SETTINGS = {
 
 
 def echo(*boundaries_m: float, faint: bool = False) -> bytes:
-    """Return the block of an echo that falls with range, with boundaries at some ranges, 40 dB above the water."""
+    """Encode an echo that decreases with range, with boundaries at the given ranges, 40 dB above the water."""
     away = BIN1_CM / 100.0 + CELL_CM / 100.0 * np.arange(CELLS)
     water = np.maximum(NOISE, 160.0 - (20.0 if faint else 1.0) * away)
     for boundary in boundaries_m:
@@ -36,7 +36,7 @@ def echo(*boundaries_m: float, faint: bool = False) -> bytes:
 
 
 def recorded(folder: Path, *blocks: bytes, n: int = 60, word: str = "up"):
-    """Return the record of a level profiler at 60 m, by the metadata's word."""
+    """Simulate the record of a level profiler at 60 m, with its orientation from the metadata."""
     each = [
         ensemble(
             [[100 + i, 50, 0, 0]] * CELLS,
@@ -60,12 +60,12 @@ def told(record) -> list[str]:
 
 
 @pytest.mark.parametrize(("word", "at"), [("up", DEPTH), ("down", BOTTOM - DEPTH)])
-def test_a_boundary_where_it_should_be_is_counted_and_nothing_is_said(tmp_path, word, at):
+def test_expected_boundary_is_counted_without_warning(tmp_path, word, at):
     record = recorded(tmp_path, echo(at), word=word)
     assert record.counts["echo_of_boundary"] == 60 and told(record) == [] and record.echo_range_m is None
 
 
-def test_the_other_boundary_is_said_with_both_distances(tmp_path):
+def test_opposite_boundary_is_reported_with_both_distances(tmp_path):
     record = recorded(tmp_path, echo(BOTTOM - DEPTH), word="up")
     assert record.counts["echo_of_other_boundary"] == 60
     assert told(record) == [
@@ -74,7 +74,7 @@ def test_the_other_boundary_is_said_with_both_distances(tmp_path):
     ]
 
 
-def test_water_heard_from_beyond_the_surface_is_said(tmp_path):
+def test_echo_from_beyond_the_surface_is_reported(tmp_path):
     record = recorded(tmp_path, echo(), word="up")
     assert record.counts["echo_without_boundary"] == 60
     assert told(record) == [
@@ -87,17 +87,17 @@ def test_water_heard_from_beyond_the_surface_is_said(tmp_path):
     ("blocks", "word"),
     [
         ((), "up"),  # no echo recorded
-        ((echo(faint=True),), "up"),  # nothing heard from as far as the surface
+        ((echo(faint=True),), "up"),  # echo too faint to reach the surface
         ((b"\x00\x03" + b"\x78" * 4 * CELLS,), "up"),  # one value throughout
-        ((echo(),), "down"),  # the bottom at 90 m, the water heard to 100 m: too near to tell
-        ((echo(30.0),), "up"),  # something at 30 m that is neither
+        ((echo(),), "down"),  # water heard to 100 m: too close to the bottom at 90 m
+        ((echo(30.0),), "up"),  # an echo at 30 m, from neither boundary
     ],
 )
-def test_nothing_is_said_where_nothing_can_be_told(tmp_path, blocks, word):
+def test_uninformative_echo_gives_no_warning(tmp_path, blocks, word):
     assert told(recorded(tmp_path, *blocks, word=word)) == []
 
 
-def test_few_samples_say_nothing(tmp_path):
+def test_few_samples_give_no_warning(tmp_path):
     assert told(recorded(tmp_path, echo(BOTTOM - DEPTH), n=20)) == []
 
 
@@ -105,7 +105,7 @@ def test_few_samples_say_nothing(tmp_path):
     ("name", "word", "depth", "bottom"),
     [("eh2_20060530_20060717_0007m.000", "down", 7.0, 45.5), ("03160000.000", "up", 41.5, 200.0)],
 )
-def test_genuine_records_show_their_boundary_and_which_way_they_looked(name, word, depth, bottom):
+def test_orientation_of_genuine_records_is_recognized(name, word, depth, bottom):
     path = SHARED / "pd0" / name
     if not path.exists():
         pytest.skip(f"{path} is not there")

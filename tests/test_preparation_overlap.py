@@ -40,26 +40,26 @@ def record(times, *, depth=100.0, ranges=(10.0, 14.0, 18.0), east=0.2, north=0.1
     )
 
 
-def test_grid_takes_the_phase_of_the_series_so_headings_are_never_mixed():
+def test_grid_adopts_the_phase_of_the_series():
     times = 1000.0 + HOUR * np.arange(10)
     assert list(grid_indices(times, step_s=HOUR, tolerance_s=1800.0)) == list(range(10))
 
 
-def test_grid_thins_fast_sampling_and_leaves_gaps_out():
+def test_grid_subsamples_and_omits_gaps():
     times = np.concatenate([600.0 * np.arange(60), 100000.0 + 600.0 * np.arange(6)])
     index = grid_indices(times, step_s=HOUR, tolerance_s=1800.0)
     assert list(times[index][:10]) == list(HOUR * np.arange(10))
-    assert len(index) == 13  # at a gap's edges the nearest sample stands for its node
+    assert len(index) == 13  # at the edges of a gap the nearest sample is used
 
 
-def test_interpolation_is_linear_in_short_gaps_nearest_in_long_ones_else_nan():
+def test_interpolation_is_linear_nearest_or_nan_by_gap():
     series, values = np.array([0.0, HOUR, 10 * HOUR]), np.array([0.0, 2.0, 8.0])
     at = np.array([HOUR / 2, 1.25 * HOUR, 5 * HOUR, 9.75 * HOUR])
     found = interpolate_series(series, values, at, tolerance_s=1800.0)
     assert found == pytest.approx([1.0, 2.0, np.nan, 8.0], nan_ok=True)
 
 
-def test_first_two_bins_of_the_upper_and_nearest_two_of_the_lower_are_averaged():
+def test_first_upper_and_nearest_lower_bins_are_averaged():
     upper = record(HOUR * np.arange(5), ranges=(4.0, 8.0, 12.0))
     lower = record(HOUR * np.arange(5) + 300.0, depth=130.0, ranges=(5.0, 15.0, 25.0, 35.0), up=True)
     lower = replace(lower, east=np.tile([0.1, 0.2, 0.3, 0.5], (5, 1)))
@@ -78,13 +78,13 @@ def test_pairs_are_less_than_20_minutes_and_20_metres_apart(minutes, depth, pair
     assert len(find_pairs(upper, [lower], NORTH_FIELD, PairRules())) == pairs
 
 
-def test_blow_down_is_followed_by_both():
+def test_blow_down_that_separates_the_instruments_prevents_pairs():
     depth = np.array([100.0, 180.0, 300.0, 180.0])
     upper, lower = record(HOUR * np.arange(4), depth=depth), record(HOUR * np.arange(4), depth=104.0, ranges=(0.0,))
     assert len(find_pairs(upper, [lower], NORTH_FIELD, PairRules())) == 1
 
 
-def test_a_profiler_is_averaged_near_the_sphere_only():
+def test_profiler_is_averaged_only_near_the_sphere():
     times = np.concatenate([12 * HOUR * k + np.arange(0.0, 600.0, 2.0) for k in range(3)])
     depth = np.tile(np.linspace(90.0, 390.0, 300), 3)
     lower = record(times, depth=depth, ranges=(0.0,), up=False)
@@ -93,7 +93,7 @@ def test_a_profiler_is_averaged_near_the_sphere_only():
     assert len(found) == 3 and np.abs(found.lower_depth_m - found.upper_depth_m).max() < 20.0
 
 
-def test_magnetic_directions_get_the_declination_and_true_ones_do_not():
+def test_declination_is_added_to_magnetic_directions_only():
     upper = record(HOUR * np.arange(3), east=0.0, north=0.2)
     lower = replace(record(HOUR * np.arange(3), ranges=(0.0,), east=0.0, north=0.2), direction_reference="true")
     found = find_pairs(upper, [lower], NORTH_FIELD, PairRules())
@@ -101,7 +101,7 @@ def test_magnetic_directions_get_the_declination_and_true_ones_do_not():
     assert np.rad2deg(np.arctan2(found.lower_east, found.lower_north)) == pytest.approx(0.0)
 
 
-def test_flagged_values_make_no_pairs_and_no_reference_makes_none():
+def test_no_pairs_from_flagged_values_or_without_reference():
     upper = record(HOUR * np.arange(3))
     lower = record(HOUR * np.arange(3), ranges=(0.0,), depth=90.0)
     bad = replace(lower, quality=np.full((3, 1), BAD, dtype=np.int8))
@@ -112,21 +112,21 @@ def test_flagged_values_make_no_pairs_and_no_reference_makes_none():
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("coefficients", [MILD, FOLDED])
-def test_pairs_of_a_compass_however_wrong_are_in_the_frame_that_is_told(coefficients, seed):
+def test_frame_check_passes_for_any_deviation(coefficients, seed):
     seen, _ = pairs(coefficients, seed=seed)
     assert check_pairs(seen, record([0.0]), [record([0.0])]).warnings == ()
 
 
 @pytest.mark.parametrize(("sign", "turns"), [(1, 1), (1, -1), (-1, 1), (-1, 2), (-1, 0)])
-def test_velocities_in_another_frame_than_told_are_refused(sign, turns):
-    """Ship's velocities told to be the earth's, or the reverse, or of an up-looker taken for a down-looker's."""
+def test_velocities_in_a_wrong_frame_are_refused(sign, turns):
+    """Ship coordinates declared as earth coordinates, or the reverse, or an up-looker declared as a down-looker."""
     seen, _ = pairs(MILD)
     upper = angles.turn(sign * seen.upper_east, seen.upper_north, turns * seen.heading_deg)
     with pytest.raises(InputError, match=r"only where they are (turned|mirrored).*; check coordinates"):
         check_pairs(replace(seen, upper_east=upper[0], upper_north=upper[1]), record([0.0]), [record([0.0])])
 
 
-def test_one_serial_number_in_the_files_of_both_is_refused():
+def test_equal_serial_numbers_are_refused():
     upper, lower = (replace(record([0.0]), serial_number=number) for number in ("8104", "7514"))
     seen, _ = pairs(MILD)
     assert len(check_pairs(seen, upper, [lower])) == len(seen)
@@ -135,7 +135,7 @@ def test_one_serial_number_in_the_files_of_both_is_refused():
 
 
 def instruments(n=6000, *, seed=3, cell_m=4.0) -> tuple[Record, Record]:
-    """Return an upper profiler of six bins in sheared water and a meter below it, hourly, each with its own noise."""
+    """Simulate an upper profiler of six bins in sheared water and a meter below it, hourly, with independent noise."""
     rng, seen = np.random.default_rng(seed), sea.pairs(n=n, seed=seed)[0]
     ranges = 4.0 + cell_m * np.arange(6)
     upper, lower = record(seen.time_s, ranges=ranges), record(seen.time_s, depth=105.0, ranges=(0.0,))
@@ -150,7 +150,7 @@ def late(lower: Record, hours) -> Record:
 
 
 @pytest.mark.parametrize("hours", [-744, -36, -12, 7, 13, 24, 120])
-def test_a_clock_that_is_hours_days_or_a_month_off_is_put_right_and_said(hours):
+def test_clock_offset_of_hours_to_a_month_is_corrected(hours):
     upper, lower = instruments()
     found = estimate_clock_offset(upper, [late(lower, hours)], PairRules())
     assert set(found.ahead_h) == {hours}
@@ -167,39 +167,39 @@ def test_a_clock_that_is_hours_days_or_a_month_off_is_put_right_and_said(hours):
 
 
 @pytest.mark.parametrize(("grows", "step"), [(20.0, 0.0), (0.0, 24.0), (0.0, -9.0)])
-def test_a_clock_that_drifts_by_many_hours_or_was_set_in_between_is_put_right(grows, step):
+def test_clock_drift_and_clock_step_are_corrected(grows, step):
     upper, lower = instruments()
     share = np.linspace(0.0, 1.0, len(lower.time_s))
     wrong = late(lower, grows * share + step * (share > 0.4))
     wrong = take(wrong, np.argsort(wrong.time_s, kind="stable"))
     found = estimate_clock_offset(upper, [wrong], PairRules())
     told = np.interp(upper.time_s, found.time_s, found.ahead_h) - grows * share - step * (share > 0.4)
-    # A drift within an hour, a setting within a day.
+    # A drift is followed to within an hour, a step is dated to within a day.
     assert np.mean(np.abs(told) <= 1.0) > 0.99 and len(found.warnings) == 1
 
 
-def test_ordinary_clocks_are_left_alone_and_a_few_hours_are_left_to_the_search():
+def test_small_clock_offsets_are_not_corrected():
     for seed in range(3):
         upper, lower = instruments(1500 * (seed + 1), seed=seed)
         for hours in (-0.4, 0.0, 0.4, 4.0):
             assert estimate_clock_offset(upper, [late(lower, hours)], PairRules()) == ClockOffset()
 
 
-def test_speeds_that_have_nothing_in_common_are_said_and_nothing_is_put_right():
+def test_uncorrelated_speeds_are_reported_without_correction():
     upper, other = instruments(seed=3)[0], instruments(seed=4)[1]
     found = estimate_clock_offset(upper, [other], PairRules())
     assert not any(found.ahead_h) and "uncorrelated" in found.uncorrelated
 
 
-def test_a_reference_that_stopped_after_two_weeks_is_of_the_same_water():
-    """Three weeks of eleven months agreed by 0.74 and were called uncorrelated, as the score counted all windows."""
+def test_short_reference_is_not_reported_as_uncorrelated():
+    """Three weeks in eleven months with a correlation of 0.74 were once rejected, as the score counted all windows."""
     upper, lower = instruments(6000)
     assert estimate_clock_offset(upper, [take(lower, np.arange(24 * 14))], PairRules()) == ClockOffset()
 
 
-def test_speeds_alike_but_for_their_fast_part_are_of_the_same_water():
+def test_speeds_correlated_only_at_low_frequency_are_accepted():
     rng, n = np.random.default_rng(6), 6000
-    slow = 0.2 + 0.1 * np.sin(np.arange(n) / 200.0)[:, None]  # weeks
+    slow = 0.2 + 0.1 * np.sin(np.arange(n) / 200.0)[:, None]  # varies over weeks
     upper, lower = (
         replace(one, east=slow + rng.normal(0.0, 0.02, (n, 1)) + 0.0 * one.east, north=0.0 * one.east)
         for one in instruments(n)
@@ -207,7 +207,7 @@ def test_speeds_alike_but_for_their_fast_part_are_of_the_same_water():
     assert not estimate_clock_offset(upper, [lower], PairRules()).uncorrelated
 
 
-def test_a_tide_alone_cannot_tell_its_own_periods_apart():
+def test_tide_alone_gives_no_clock_offset():
     upper, lower = instruments()
     tide = 0.3 * np.exp(2j * np.pi * upper.time_s / HOUR / 12.4206)
     noise = np.random.default_rng(1).normal(0.0, 0.01, (4, len(tide)))
@@ -253,14 +253,14 @@ def meter(upper: Record, current: np.ndarray, depth: float = 105.0) -> Record:
 
 
 @pytest.mark.parametrize("what", OWN)
-def test_the_compromised_instrument_s_own_record_is_no_trusted_one(what):
+def test_own_record_is_refused_as_reference(what):
     upper, _ = instruments(1500)
     trusted = [OWN[what](upper)]
     found = find_pairs(upper, trusted, NORTH_FIELD, PairRules(), estimate_clock_offset(upper, trusted, PairRules()))
     assert not len(found) and "one recording was given twice" in found.warnings[0]
 
 
-def test_two_instruments_and_a_deeper_cell_told_at_its_own_depth_are_two_recordings():
+def test_distinct_recordings_are_not_taken_for_copies():
     upper, lower = instruments(1500)
     deeper = meter(upper, velocity(upper)[:, 2:4].mean(axis=1).round(4), depth=100.0 - 14.0)
     near = meter(upper, u_near(upper) + np.random.default_rng(2).normal(0.0, 0.007, (1500, 2)) @ [1.0, 1.0j])
@@ -268,7 +268,7 @@ def test_two_instruments_and_a_deeper_cell_told_at_its_own_depth_are_two_recordi
         assert estimate_clock_offset(upper, [trusted], PairRules()).same_recording == ""
 
 
-def test_speeds_of_days_in_another_order_make_all_headings_doubtful():
+def test_shuffled_days_make_all_headings_doubtful():
     upper, lower = instruments(6000)
     days = np.random.default_rng(1).permutation(250)
     shuffled = (24 * days[:, None] + np.arange(24)).ravel()
@@ -279,7 +279,7 @@ def test_speeds_of_days_in_another_order_make_all_headings_doubtful():
 
 
 @pytest.mark.parametrize(("factor", "doubted"), [(0.01, True), (0.1, False), (1.0, False)])
-def test_speeds_of_a_wrong_unit_that_are_noise_make_all_headings_doubtful(factor, doubted):
+def test_reference_speeds_in_a_wrong_unit_are_reported(factor, doubted):
     upper, lower = instruments(1500)
     lower = replace(lower, east=factor * lower.east, north=factor * lower.north)
     found = find_pairs(upper, [lower], NORTH_FIELD, PairRules())
@@ -308,7 +308,7 @@ def every_other(velocity: np.ndarray, hours: int) -> np.ndarray:
     ],
     ids=["running mean", "interpolated", "high-passed", "held for two", "held for six", "as measured"],
 )
-def test_a_reference_that_was_filtered_or_held_is_told_by_its_variability(change, words):
+def test_filtered_or_repeated_reference_is_recognized(change, words):
     upper, lower = instruments(seed=5)
     flow = change(lower.east[:, 0] + 1j * lower.north[:, 0])
     east, north = (np.repeat(part[:, None], lower.east.shape[1], axis=1) for part in (flow.real, flow.imag))

@@ -1,4 +1,4 @@
-"""What parses and is impossible: every count and sentence of it reaches the record, the summary and the report."""
+"""Values that can be parsed but are impossible: counts and warnings in the record, the summary and the report."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def echoes(*row: float):
 
 
 def wake_locked(n: int = 60, seed: int = 4):
-    """A compass that follows the tide within some degrees, and the water past it."""
+    """Simulate a compass that follows the tide within some degrees, and the flow past it."""
     rng, hours = np.random.default_rng(seed), np.arange(n)
     heading = 150.0 + 60.0 * np.sin(hours / 30.0) + rng.normal(0.0, 4.0, n)
     given = one_record(HOUR * hours, heading=heading.round(2))
@@ -49,7 +49,7 @@ def wake_locked(n: int = 60, seed: int = 4):
 
 
 def wild(where, value, n: int = 60):
-    """Return the record with some headings replaced, which ones, and what they were."""
+    """Replace some headings; get the record, the mask of replaced ones and the original headings."""
     given = wake_locked(n)
     heading, at = given.heading_deg.copy(), np.zeros(n, dtype=bool)
     at[where] = True
@@ -57,7 +57,7 @@ def wild(where, value, n: int = 60):
     return replace(given, heading_deg=heading), at, given.heading_deg
 
 
-# What is done to a good record of 60 hours in 500 m of water, its instrument at 100 m: the count that tells of it.
+# Faulty versions of a good record of 60 hours at 100 m in 500 m of water, by their count, with the number expected.
 FAULTS = {
     "impossible_speed": (changed("east", (7, 1), 30.0), 1),
     "steep_tilt": (changed("pitch_deg", slice(5, 9), 90.0), 12),
@@ -86,25 +86,25 @@ def settled(fault: str):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_is_counted_and_said(fault):
+def test_every_fault_is_counted_and_reported(fault):
     record, number = settled(fault), FAULTS[fault][1]
     assert record.counts[fault] == number
     throughout = ("all the time", "never change", "all headings")
     assert any(word in said for said in record.warnings for word in (f"{number} ", *throughout)), record.warnings
 
 
-def test_no_count_of_the_deployment_is_without_its_fault():
-    quiet = {"side_lobe", "beyond_boundary", "excluded", "echo_of_boundary"}  # the sea's and the user's own
+def test_every_count_of_the_deployment_has_a_fault():
+    quiet = {"side_lobe", "beyond_boundary", "excluded", "echo_of_boundary"}  # no faults: natural, or set by the user
     assert set(apply_deployment(echoes(100.0, 110.0), **LONG).counts) == {*FAULTS, *quiet}
 
 
-def test_a_meter_that_shows_one_velocity_from_first_to_last_is_bad_and_still_water_is_not():
+def test_constant_velocity_is_bad_but_still_water_is_not():
     assert (settled("frozen_velocity").quality[1:] == BAD).all()
     still = replace(turning(), east=np.zeros((N, 3)), north=np.zeros((N, 3)))
     assert apply_deployment(still, **LONG).counts["frozen_velocity"] == 0
 
 
-def test_a_component_that_was_cut_at_a_limit_is_bad_there():
+def test_clipped_velocity_component_is_flagged():
     east = np.random.default_rng(4).normal(0.0, 0.1, (N, 3)).round(3)
     given = replace(turning(), north=0.1 * east)
     record = apply_deployment(replace(given, east=np.minimum(east, 0.08)), **LONG)
@@ -113,13 +113,13 @@ def test_a_component_that_was_cut_at_a_limit_is_bad_there():
     assert apply_deployment(replace(given, east=east), **LONG).counts["impossible_speed"] == 0
 
 
-def test_a_compass_that_only_trembles_is_stuck():
+def test_compass_with_minimal_variation_is_stuck():
     assert list(np.flatnonzero(settled("heading_stuck").heading_quality == PROBABLY_BAD)) == list(range(21, 40))
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.2])
 @pytest.mark.parametrize("value", [0.0, 327.68, 180.25])  # zero, 0x8000 read as unsigned, any other
-def test_a_fill_value_among_headings_is_flagged_whole_and_nothing_else(share, value):
+def test_fill_value_among_headings_is_flagged_exactly(share, value):
     n = 2000
     given, at, _ = wild(np.random.default_rng(7).random(n) < share, value, n)
     found = flag_quality(given, 500.0)
@@ -130,7 +130,7 @@ def test_a_fill_value_among_headings_is_flagged_whole_and_nothing_else(share, va
     assert (found.quality[at] > GOOD).all()
 
 
-def test_a_fill_value_in_runs_is_flagged_and_a_frame_that_stands_there_is_not():
+def test_runs_of_fill_values_are_flagged_unlike_fixed_headings():
     n = 2000
     given, at, _ = wild(np.isin(np.arange(n) // 8, (60, 122, 152)), 327.67, n)
     assert (flag_quality(given, 500.0).heading_quality[at] == BAD).all()
@@ -139,8 +139,8 @@ def test_a_fill_value_in_runs_is_flagged_and_a_frame_that_stands_there_is_not():
 
 
 @pytest.mark.parametrize(("share", "kept_deg"), [(0.01, 1.0), (0.05, 3.0), (0.2, 6.0)])
-def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
-    """What is left differs by less than the limit; it was 10, 23 and 47 degrees rms."""
+def test_random_headings_are_flagged_and_reported(share, kept_deg):
+    """The remaining error is below the limit; without flags it is 10, 23 and 47 degrees rms."""
     n, rng = 4000, np.random.default_rng(8)
     at = rng.random(n) < share
     given, at, true = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
@@ -152,8 +152,8 @@ def test_random_headings_are_flagged_said_and_not_used(share, kept_deg):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_headings_that_swing_widely_by_nature_keep_their_flags(seed):
-    """As where a profiler turns freely in slow water; 20 % of a real record were flagged."""
+def test_naturally_swinging_headings_keep_their_flags(seed):
+    """As for a profiler that turns freely in slow water; 20 % of a real record were once flagged."""
     n, rng = 4000, np.random.default_rng(seed)
     small = rng.laplace(0.0, 36.0, n) * rng.uniform(0.0, 1.0, n)  # steps of all sizes, as in that record
     steps = np.where(rng.random(n) < 0.5, rng.normal(0.0, 70.0, n), small)
@@ -162,7 +162,7 @@ def test_headings_that_swing_widely_by_nature_keep_their_flags(seed):
     assert (heading_outlier_flags(record, heading) > GOOD).mean() < 0.03
 
 
-def test_headings_of_the_compass_to_correct_are_counted_said_and_left_to_the_correction():
+def test_outliers_of_the_affected_compass_are_counted_but_kept():
     n, rng = 4000, np.random.default_rng(8)
     at = rng.random(n) < 0.01
     given, at, _ = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
@@ -176,7 +176,7 @@ def test_headings_of_the_compass_to_correct_are_counted_said_and_left_to_the_cor
     np.testing.assert_array_equal(paired[0].time_s, paired[1].time_s)
 
 
-def test_a_few_in_a_row_that_come_back_are_flagged():
+def test_short_runs_of_outliers_are_flagged():
     given, at, _ = wild(
         [40, 41, 42, 200, 201, 390, 391, 392, 393], [340.0, 341.0, 339.0, 10.0, 9.0, 5.0, 6.0, 7.0, 8.0], 600
     )
@@ -186,7 +186,7 @@ def test_a_few_in_a_row_that_come_back_are_flagged():
 
 
 @pytest.mark.parametrize("name", ["eh2", "03160000", "RDI_withBT", "adp_sentinel", "adp_12", "winriver02"])
-def test_genuine_compasses_hold_no_outlier(name):
+def test_genuine_headings_have_no_outliers(name):
     files = [path for path in (SHARED / "pd0").glob("*") if path.name.startswith(name) and path.suffix != ".csv"]
     if not files:
         pytest.skip(f"no {SHARED}/pd0/{name}*")
@@ -195,7 +195,7 @@ def test_genuine_compasses_hold_no_outlier(name):
     assert not any(found.counts[key] for key in ("heading_fill", "heading_wild", "heading_unsure"))
 
 
-def test_a_compass_that_turns_freely_or_is_coarse_is_left_alone():
+def test_freely_turning_or_coarse_compass_is_not_flagged():
     rng = np.random.default_rng(9)
     free = replace(wake_locked(2000), heading_deg=rng.uniform(0.0, 360.0, 2000).round(2))
     coarse = replace(wake_locked(2000), heading_deg=(wake_locked(2000).heading_deg / 5.0).round() * 5.0)
@@ -207,7 +207,7 @@ def test_a_compass_that_turns_freely_or_is_coarse_is_left_alone():
         assert (found.heading_quality == GOOD).all() and list(found.warnings) == said
 
 
-def test_what_was_recorded_on_deck_is_doubted_by_its_own_depth_and_a_profiler_is_not():
+def test_samples_on_deck_are_flagged_by_their_depth():
     n = 2000
     sound = replace(wake_locked(n), depth_m=100.0 + np.random.default_rng(3).uniform(0.0, 20.0, n))
     deck = np.arange(n) < 300
@@ -221,8 +221,8 @@ def test_what_was_recorded_on_deck_is_doubted_by_its_own_depth_and_a_profiler_is
     assert "out_of_water" not in flag_quality(profiling, 500.0).counts
 
 
-def test_clean_headings_near_strong_iron_keep_their_flag_through_the_chain(tmp_path):
-    """At 0.86 of the horizontal field this compass turns up to seven times as far as its sphere: 11 % were flagged."""
+def test_correct_headings_near_strong_iron_stay_good(tmp_path):
+    """Iron of 0.86 of the horizontal field amplifies turns up to sevenfold; 11 % of such headings were once flagged."""
     folder = cruise(tmp_path / "c", coefficients=(0.02, 0.43, 0.74, 0.02, -0.01), n=1200)
     (folder / "config/config.yaml").write_text("diagnose: {enabled: false}\n")
     made = chain.run(folder)
@@ -231,8 +231,8 @@ def test_clean_headings_near_strong_iron_keep_their_flag_through_the_chain(tmp_p
     assert (made["product"].velocity_quality <= GOOD).mean() > 0.999
 
 
-def test_all_of_it_reaches_summary_and_report(tmp_path):
-    """Each faulty record stands beside those of a small mooring, as one of its instruments."""
+def test_counts_and_warnings_reach_summary_and_report(tmp_path):
+    """Each faulty record is added to a small mooring as one of its instruments."""
     folder = cruise(tmp_path / "c", n=40)
     (folder / "config/config.yaml").write_text("{fit: {method: von_appen}, diagnose: {enabled: false}}\n")
     assert chain.run(folder)["error"] is None

@@ -1,4 +1,4 @@
-"""Several trusted instruments: held against each other by the water's own difference, and taken together."""
+"""Several reference instruments: comparison by the natural difference of the water, and combination."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def turned(flow, by_deg):
 
 
 def trio(seed, faults=None, predict=True):
-    """Return pairs with meters below, next to and above the sphere, each with directions off by some degrees."""
+    """Simulate pairs with meters below, next to and above the sphere, their directions wrong by ``faults`` degrees."""
     flow = layers(seed)
     top, _, heading = seen(MILD, flow, seed)
     zero, found = np.zeros(len(flow)), []
@@ -41,13 +41,13 @@ def trio(seed, faults=None, predict=True):
     return found, top, heading
 
 
-def test_one_trusted_instrument_is_as_ever():
+def test_single_reference_is_unchanged():
     (pairs, *_), _, _ = trio(1)
     assert join_references([pairs], ["low"]) is pairs
     assert combine_references(pairs) == pairs
 
 
-def test_pairs_of_all_stand_by_time_and_together_they_are_one_a_time_with_less_noise():
+def test_combined_references_reduce_the_heading_error():
     ratios = []
     for seed in (1, 2, 3):
         found, top, heading = trio(seed)
@@ -58,14 +58,14 @@ def test_pairs_of_all_stand_by_time_and_together_they_are_one_a_time_with_less_n
             mine = take(every, every.reference_index == k)
             np.testing.assert_array_equal(mine.lower_east, own.lower_east)
         one = combine_references(every)
-        seam = compare_at_seam(every, {"after": {"n": 0}})  # a time may stand there several times
+        seam = compare_at_seam(every, {"after": {"n": 0}})  # a time may occur more than once in ``every``
         assert seam == compare_at_seam(one, {"after": {"n": 0}}) and seam["speed_difference_sigma_m_s"] > 0.0
         assert len(one) == len(np.unique(every.time_s)) and one.reference_index is None
         ratios.append(error_deg(one, top, heading) / min(error_deg(pairs, top, heading) for pairs in found[:2]))
     assert np.median(ratios) < 0.8
 
 
-def test_together_where_one_has_gaps_and_turns_as_each_does():
+def test_combination_bridges_gaps_and_preserves_rotations():
     found, *_ = trio(4)
     found[1] = take(found[1], slice(0, 800))
     one = combine_references(join_references(found, NAMES))
@@ -81,12 +81,12 @@ def test_together_where_one_has_gaps_and_turns_as_each_does():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_those_that_agree_are_not_doubted(seed):
+def test_consistent_references_give_no_warning(seed):
     assert not join_references(trio(seed)[0], NAMES).warnings
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_of_three_the_one_that_disagrees_is_left_out_and_told(name):
+def test_outlier_of_three_references_is_excluded(name):
     found, top, heading = trio(5, {name: 12.0})
     every = join_references(found, NAMES)
     (said,) = every.warnings
@@ -95,27 +95,27 @@ def test_of_three_the_one_that_disagrees_is_left_out_and_told(name):
     assert error_deg(combine_references(every), top, heading) < 3.0
 
 
-def test_a_step_is_dated():
+def test_step_in_a_reference_is_dated():
     found, *_ = trio(6, {"mid": np.where(np.arange(3000) < 1800, 0.0, 15.0)})
     (said,) = join_references(found, NAMES).warnings
     assert "mid is left out" in said and "more from about" in said
 
 
-def test_of_two_that_disagree_the_first_stands_alone():
+def test_first_of_two_contradictory_references_is_used():
     found, *_ = trio(7, {"mid": -10.0})
     every = join_references(found[:2], NAMES[:2])
     assert "cannot be determined" in every.warnings[0] and set(every.reference_index) == {0}
     assert every.doubts[0][0] == pytest.approx(10.0, abs=3.0)
 
 
-def test_a_wrong_recording_given_twice_outvotes_no_other():
+def test_duplicate_recording_gets_no_second_vote():
     (right, wrong, _), *_ = trio(8, {"mid": 40.0})
     every = join_references([right, wrong, take(wrong, slice(0, 2000))], ("right", "wrong", "again"))
     assert "again is left out" in every.warnings[0] and "cannot be determined" in every.warnings[1]
     assert set(every.reference_index) == {0} and every.doubts[0][0] == pytest.approx(40.0, abs=4.0)
 
 
-def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
+def test_list_of_references_runs_through_the_pipeline(tmp_path):
     cruise = sea.cruise(tmp_path / "cruise", n=600)
     file = cruise / "config/moorings/M1.yaml"
     said = yaml.safe_load(file.read_text())
@@ -143,7 +143,7 @@ def test_a_list_runs_through_the_pipeline_and_stands_in_overlap_nc(tmp_path):
         process_mooring(cruise, "M1", tmp_path / "again")
 
 
-def test_references_that_contradict_each_other_make_all_headings_doubtful(tmp_path):
+def test_contradictory_references_make_all_headings_doubtful(tmp_path):
     cruise = sea.cruise(tmp_path / "cruise", n=1400)
     file, path = cruise / "config/moorings/M1.yaml", cruise / "raw/M1/deep.csv"
     frame = pd.read_csv(path)

@@ -1,4 +1,4 @@
-"""Thresholds of the tests that velocities pass, and the bits that tell which they failed."""
+"""Thresholds of the tests of velocities, and the bits that record which tests failed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHARES = np.array([80, 30, 20, 10, 60])  # percent good of each bin
 
 
 def record(**columns) -> Record:
-    """Return a sound profiler's record whose percent good, correlation, echo and error velocity differ by the bin."""
+    """Make a sound profiler record whose percent good, correlation, echo and error velocity differ between bins."""
     rng, series = np.random.default_rng(3), np.full(N, np.nan)
     percent = np.zeros((N, M, 4), dtype=np.int16)
     percent[..., 3] = SHARES
@@ -59,7 +59,7 @@ def bad_bins(flagged: Record) -> list[int]:
         ({"error_velocity": 0.08}, [1, 2, 3], "large_error_velocity"),
     ],
 )
-def test_a_threshold_flags_what_fails_it_and_its_bit_tells(thresholds, bad, test):
+def test_threshold_flags_velocities_and_sets_its_bit(thresholds, bad, test):
     flagged = flag_quality(record(), 500.0, thresholds=Thresholds(**thresholds))
     assert bad_bins(flagged) == bad
     value = {"low_percent_good": thresholds.get("percent_good", 25.0) > SHARES}.get(test)
@@ -72,7 +72,7 @@ def test_a_threshold_flags_what_fails_it_and_its_bit_tells(thresholds, bad, test
     assert ((flagged.tests[0] & MASKS[test] > 0) == value).all()
 
 
-def test_the_defaults_are_those_of_before_and_all_failed_tests_are_told_missing_velocities_none():
+def test_all_failed_tests_are_recorded_except_for_missing_velocities():
     east, pitch = record().east.copy(), record().pitch_deg.copy()
     east[3, 2], pitch[3] = 7.0, 50.0
     quality = record().quality.copy()
@@ -81,17 +81,17 @@ def test_the_defaults_are_those_of_before_and_all_failed_tests_are_told_missing_
     names = {name for name in TESTS if flagged.tests[3, 2] & MASKS[name]}
     assert names == {"low_percent_good", "impossible_speed", "steep_tilt"}
     assert flagged.tests[3, 4] == 0 and flagged.quality[3, 4] == MISSING
-    assert flagged.counts["impossible_speed"] == 0 and flagged.counts["steep_tilt"] == 2  # those that were good so far
+    assert flagged.counts["impossible_speed"] == 0 and flagged.counts["steep_tilt"] == 2  # of those good before
     lax = flag_quality(record(east=east, pitch_deg=pitch), 500.0, thresholds=Thresholds(speed=8.0, tilt_deg=60.0))
     assert not (lax.tests & (MASKS["impossible_speed"] | MASKS["steep_tilt"])).any()
 
 
-def test_flags_of_a_file_without_percent_good_are_the_file_s():
+def test_flags_of_the_file_are_kept_without_percent_good():
     flagged = flag_quality(record(profiles={}), 500.0, thresholds=Thresholds(percent_good=50.0, correlation=99.0))
     assert bad_bins(flagged) == [2, 3] and (flagged.tests[:, 2:4] == MASKS["flagged_in_file"]).all()
 
 
-def test_the_archive_tells_the_tests_with_masks_and_meanings(tmp_path):
+def test_archive_stores_tests_with_masks_and_meanings(tmp_path):
     product = make_product(30, 4)
     tests = np.zeros((30, 4), dtype=np.int16)
     tests[2, 1] = MASKS["side_lobe"] | MASKS["impossible_speed"]

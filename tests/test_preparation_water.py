@@ -1,4 +1,4 @@
-"""The water at the trusted depth: predicted from the profile alone; nothing of the compass goes in, or is lost."""
+"""Prediction of the velocity at the reference's depth from the profile alone, which preserves compass errors."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ ALL_NEAR = PairRules(max_metres=1000.0)
 
 
 def layers(seed: int, *, noise_m_s: float = 0.01, bins: int = BINS + 2) -> np.ndarray:
-    """Return currents of layers, (hours, bins) from the trusted one away: a common flow and smooth shears."""
+    """Simulate layered currents, (hours, bins), starting at the reference: a common flow and smooth shears."""
     rng = np.random.default_rng(seed)
     common = 0.1 + 0.15 * (red_from_rest(rng, HOURS, 30, 1.0) + 1j * red_from_rest(rng, HOURS, 30, 1.0))
     z = np.arange(bins)
@@ -59,7 +59,7 @@ def instrument(flow: np.ndarray, first_m: float, *, heading_deg: np.ndarray, dep
 
 
 def seen(coefficients, flow: np.ndarray, seed: int = 1) -> tuple[Record, Record, np.ndarray]:
-    """Return the affected profile as a compass near iron gives it, the trusted cell below, and the correct headings."""
+    """Simulate the affected profile of a compass near iron, the reference cell below, and the correct headings."""
     heading = angles.wrap360(np.cumsum(np.random.default_rng(seed).normal(0.0, 25.0, len(flow))))
     recorded = compass.recorded_heading(coefficients, heading)
     turned = flow[:, 2:] * np.exp(-1j * np.deg2rad(angles.difference(recorded, heading)))[:, None]
@@ -72,32 +72,32 @@ def errors(top: Record, trusted: Record, heading: np.ndarray, coefficients=MILD,
 
 
 def error_deg(pairs: Pairs, top: Record, heading: np.ndarray, coefficients=MILD) -> float:
-    """Return the error of headings by a fit that starts from the compass: the water is tested, and not the search."""
+    """Compute the rms heading error of a fit started at the true coefficients, to test the water and not the search."""
     near = DeviationFit("exact", 0, np.array(coefficients), heading_density=np.full(CELLS, 1.0 / CELLS))
     fit = fit_deviation("exact", pairs, near)
     found = nearest_root(compass.inverse(fit.coefficients, top.heading_deg), heading)
     return angles.rms(angles.difference(found, heading)[np.isfinite(found)])
 
 
-def test_weights_add_up_and_uniform_water_stays_as_it_is():
+def test_weights_sum_to_one_and_preserve_uniform_water():
     learnt = fit_structure(seen(MILD, layers(1))[0])
     for away in (np.array([8.0, 12.0, 16.0]), np.array([-4.0, 4.0, 8.0, 12.0]), np.array([40.0])):
         assert learnt.weights(away).sum() == pytest.approx(1.0)
     top, trusted, _ = seen(MILD, np.tile(layers(1)[:, :1], (1, BINS + 2)))
-    assert predict_water(top, trusted.bin_depth_m()[:, 0], 2) is None  # there is nothing to learn: the mean stays
+    assert predict_water(top, trusted.bin_depth_m()[:, 0], 2) is None  # no estimate: the mean of bins is used
     noisy = seen(MILD, layers(1)[:, :1] + 1e-4 * layers(2))[0]
     predicted = predict_water(noisy, trusted.bin_depth_m()[:, 0], 2)
     assert np.abs(predicted.velocity - (top.east[:, 0] + 1j * top.north[:, 0])).max() < 1e-3
 
 
-def test_at_the_depth_of_a_bin_it_is_that_bin_but_for_noise():
+def test_prediction_at_the_depth_of_a_bin_equals_it():
     top, _, _ = seen(MILD, layers(2, noise_m_s=1e-4))
     found = predict_water(top, top.bin_depth_m()[:, 3], 2)
     off = found.velocity - (top.east[:, 3] + 1j * top.north[:, 3])
     assert np.sqrt(np.mean(np.abs(off) ** 2)) < 0.1 * np.std(top.east[:, 4] - top.east[:, 3])
 
 
-def test_it_is_nearer_to_the_trusted_water_than_the_mean_of_bins_and_says_by_how_much():
+def test_prediction_beats_the_mean_and_states_its_error():
     flow = layers(3)
     top, trusted, _ = seen((0.0,) * 5, flow)
     found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
@@ -109,13 +109,13 @@ def test_it_is_nearer_to_the_trusted_water_than_the_mean_of_bins_and_says_by_how
 
 
 @pytest.mark.parametrize("coefficients", [MILD, FOLDED], ids=["mild", "folded"])
-def test_it_turns_as_the_profile_does_so_that_nothing_of_a_compass_is_swallowed(coefficients):
-    """Deviation, slip, drift and fold are turns of all bins alike: all of each comes through, not 95 % of it."""
+def test_prediction_rotates_with_the_profile(coefficients):
+    """Deviation, slip and drift rotate all bins alike and must be preserved completely."""
     flow = layers(4)
     plain, trusted, heading = seen((0.0,) * 5, flow)
     hours = np.arange(HOURS)
     turn = angles.difference(compass.recorded_heading(coefficients, heading), heading)
-    turn = turn + np.where(hours > 1200, 12.0, 0.0) + 5e-3 * hours  # a mount that slipped, a compass that drifts
+    turn = turn + np.where(hours > 1200, 12.0, 0.0) + 5e-3 * hours  # a slipped mount and a drifting compass
     by = np.exp(-1j * np.deg2rad(turn))[:, None]
     velocity = (plain.east + 1j * plain.north) * by
     turned = replace(plain, east=velocity.real, north=velocity.imag)
@@ -124,8 +124,8 @@ def test_it_turns_as_the_profile_does_so_that_nothing_of_a_compass_is_swallowed(
     assert np.abs(after - before * by[:, 0]).max() < 1e-9
 
 
-@pytest.mark.parametrize("shear", [0.0, 0.004 + 0.003j])  # m/s a cell, as a mean current that changes with depth
-def test_headings_are_nearer_to_the_truth_and_a_constant_shear_does_no_more_harm_than_before(shear):
+@pytest.mark.parametrize("shear", [0.0, 0.004 + 0.003j])  # m/s per bin, from a mean current that changes with depth
+def test_prediction_reduces_heading_errors_even_with_shear(shear):
     off = []
     for seed in range(5, 9):
         moored = seen(MILD, layers(seed) + shear * np.arange(BINS + 2), seed)
@@ -135,8 +135,8 @@ def test_headings_are_nearer_to_the_truth_and_a_constant_shear_does_no_more_harm
     assert after < 0.75 * before
 
 
-def test_water_that_turns_with_depth_for_good_is_followed_and_what_is_left_is_stated():
-    """As an Ekman spiral: each cell runs 3 degrees beside the next one. Without it nothing is taken off."""
+def test_persistent_veer_is_predicted_and_its_residual_stated():
+    """As in an Ekman spiral of 3 degrees per bin; water that does not veer is not rotated."""
     left, stated = [], []
     for seed in range(20, 28):
         for by_cell in (0.0, 3.0):
@@ -146,12 +146,12 @@ def test_water_that_turns_with_depth_for_good_is_followed_and_what_is_left_is_st
             turned = angles.argument(np.sum(found.velocity * np.conj(flow[:, 0] / np.abs(flow[:, 0]))))
             left.append(float(angles.wrap180(turned)))
             stated.append(found.veer_deg)
-    assert np.sqrt(np.mean(np.square(left))) < 1.0  # of 6 degrees
+    assert np.sqrt(np.mean(np.square(left))) < 1.0  # out of 6 degrees
     assert 0.5 < np.sqrt(np.mean(np.square(left)) / np.mean(np.square(stated))) < 2.0
 
 
 @pytest.mark.parametrize("bins", [5, 8])
-def test_a_profile_too_short_to_follow_the_turning_states_it(bins):
+def test_short_profile_states_its_possible_veer(bins):
     flow = layers(3, bins=bins + 2) * angles.phasor(4.0 * np.arange(bins + 2))
     top, trusted, _ = seen((0.0,) * 5, np.delete(np.column_stack([flow, flow[:, -1:]]), 1, axis=1))
     found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
@@ -159,18 +159,18 @@ def test_a_profile_too_short_to_follow_the_turning_states_it(bins):
 
 
 @pytest.mark.parametrize(("bins", "apart"), [(2, 1.0), (3, 1.0), (8, 1.0), (8, 2.0), (8, 0.5)])
-def test_the_mean_of_bins_states_how_far_it_may_be_turned(bins, apart):
-    """Wherever the reference stands, between two cells as well; water that does not turn is stated as hardly turned."""
+def test_mean_of_bins_states_its_possible_veer(bins, apart):
+    """At any depth of the reference, also between two bins; without veer the stated angle is small."""
     stated = []
     for by_cell in (0.0, 4.0):
         top, trusted, _ = seen((0.0,) * 5, layers(3, bins=bins + 2) * angles.phasor(by_cell * np.arange(bins + 2)))
-        away = (trusted.bin_depth_m() - top.bin_depth_m()[:, :1]) * apart / 2.0  # of two cells
+        away = (trusted.bin_depth_m() - top.bin_depth_m()[:, :1]) * apart / 2.0  # the reference is two bins away
         stated.append(mean_shear_sigma(top, top.bin_depth_m()[:, 0] + away[:, 0], 2))
     still, turning = stated
     assert still < 2.5 and 0.5 < turning / (4.0 * max(apart, 1.0)) < 3.0
 
 
-def test_a_turning_that_passes_180_degrees_is_followed_the_short_way():
+def test_veer_is_continuous_across_180_degrees():
     hours = np.arange(HOURS)
     turn = np.where(hours // (VEER_S / 3600.0) % 2 == 0, 170.0, 190.0)
     flow = 0.3 * np.exp(1j * np.deg2rad(turn[:, None] * np.arange(6)))
@@ -180,20 +180,20 @@ def test_a_turning_that_passes_180_degrees_is_followed_the_short_way():
     assert np.abs(turned).min() > 150.0
 
 
-def test_one_cell_cannot_tell_how_far_it_may_be_turned():
+def test_single_bin_gives_no_veer_estimate():
     top, trusted, _ = seen((0.0,) * 5, layers(3, bins=3))
     few = replace(top, **{name: getattr(top, name)[:, :1] for name in ("east", "north", "bin_range_m", "quality")})
     assert mean_shear_sigma(few, trusted.bin_depth_m()[:, 0], 2) == 0.0
 
 
-def test_bins_that_are_bad_are_left_out_and_without_a_profile_it_is_the_mean_of_the_bins():
+def test_bad_bins_are_excluded_and_short_profiles_averaged():
     top, trusted, _ = seen(MILD, layers(9))
     wild = np.where(np.arange(HOURS) % 3 == 0, 5.0, 0.0)[:, None] * (np.arange(BINS) == 2)
     quality = np.where(wild > 0, BAD, 1).astype(np.int8)
     spoilt = replace(top, east=top.east + wild, quality=quality)
     depth = trusted.bin_depth_m()[:, 0]
     clean, left_out = (predict_water(one, depth, 2).velocity for one in (top, spoilt))
-    assert np.sqrt(np.mean(np.abs(clean - left_out) ** 2)) < 0.015  # the turning is learnt without them
+    assert np.sqrt(np.mean(np.abs(clean - left_out) ** 2)) < 0.015  # the veer is estimated without them
     for some in (slice(0, 1), slice(0, 3)):
         few = replace(
             top,
@@ -204,8 +204,8 @@ def test_bins_that_are_bad_are_left_out_and_without_a_profile_it_is_the_mean_of_
         assert found[0].upper_east == pytest.approx(found[1].upper_east) and found[1].expected_m_s is None
 
 
-def test_on_a_real_profile_the_noise_across_the_flow_falls_and_so_does_the_error_of_headings():
-    """benchmarks/water.py has all depths, gaps and irons."""
+def test_prediction_reduces_heading_errors_of_a_real_profile():
+    """``benchmarks/water.py`` covers all depths, gaps and iron strengths."""
     path = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
     if not path.exists():
         pytest.skip(f"no real recording at {path}")
@@ -223,8 +223,8 @@ def test_on_a_real_profile_the_noise_across_the_flow_falls_and_so_does_the_error
     assert after < 0.75 * before
 
 
-def test_speeds_deny_a_prediction_that_is_further_from_the_trusted_water_and_no_other():
-    """As where a depth is wrong by tens of metres: the mean of the bins stays, and what is expected is not stated."""
+def test_worse_prediction_fails_the_speed_check():
+    """As for a depth wrong by tens of metres: the mean of the bins is used, and no expected error is stated."""
     flow = layers(11)
     time_s, rng = 1.19e9 + 3600.0 * np.arange(HOURS), np.random.default_rng(3)
     mean, trusted = flow[:, 2:4].mean(axis=1), flow[:, 0]
@@ -236,8 +236,8 @@ def test_speeds_deny_a_prediction_that_is_further_from_the_trusted_water_and_no_
     assert np.mean(equal) < 0.2
 
 
-def test_a_depth_that_is_stated_wrongly_is_said_with_the_depth_whose_speeds_agree():
-    """The trusted meter hangs beside the fourth bin, and is stated beside the eighth."""
+def test_wrong_reference_depth_is_reported_with_the_best_one():
+    """The reference is at the depth of the fourth bin, and is stated at that of the eighth."""
     flow = layers(12, noise_m_s=0.005)
     top, _, heading = seen(MILD, flow)
     right = float(top.bin_depth_m()[0, 3])

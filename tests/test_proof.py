@@ -1,4 +1,4 @@
-"""The sealed proof: locks that hold, seeds nobody chose, scores that mean something, and the same card for a seed."""
+"""The sealed proof: protected truths, seeds that cannot be chosen, meaningful scores, and reproducible scorecards."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ TRUTHS = [
 
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory):
-    """A proof of two short moorings, nothing else."""
+    """Run a proof of two short moorings, without the published ones and recordings."""
     folder = tmp_path_factory.mktemp("proof")
     assert command.main(asked(folder)) == 0
     return folder
@@ -65,9 +65,9 @@ def asked(folder: Path) -> list[str]:
     ]
 
 
-def test_a_cut_run_goes_on_and_the_same_seed_gives_the_same_card(proof):
+def test_interrupted_run_resumes_with_the_same_scorecard(proof):
     before = {file: (proof / "out" / file).read_bytes() for file in FILES}
-    for kept in ("results/P002", "locked/P002.json"):  # as a kill in the midst of drawing and running would
+    for kept in ("results/P002", "locked/P002.json"):  # as if killed while drawing and running
         path = proof / "work" / kept
         subprocess.run(["rm", "-r", path], check=True)
     (proof / "work/sealed").unlink()
@@ -78,11 +78,11 @@ def test_a_cut_run_goes_on_and_the_same_seed_gives_the_same_card(proof):
     assert all(row["oracle_deg"] < 1.0 < row["recorded_deg"] for row in card["moorings"])
     assert card["seal"]["engine"] == standing.engine() and card["seal"]["seed_of"] == "chosen by hand"
     quiet = [row for row in card["moorings"] if row["kind"] == "null"]
-    # Nothing to take out: the same fit made again, from where it ended.
+    # No effect to remove: the fit is repeated from its own optimum.
     assert all(row["sampled_deg"] == pytest.approx(row["before_deg"], abs=0.03) for row in quiet)
 
 
-def test_another_proof_does_not_go_on_in_a_folder(proof, capsys):
+def test_folder_of_another_proof_is_refused(proof, capsys):
     assert command.main([*asked(proof), "--hours", "1400"]) == 1
     assert "holds another proof" in capsys.readouterr().err
 
@@ -105,7 +105,7 @@ def changed(path: Path, before: str, after: str) -> str:
         ("work/results/P002/diagnosis.json", '"verdict"', r"the pipeline left: results/P002/diagnosis\.json"),
     ],
 )
-def test_a_changed_truth_and_an_edited_verdict_are_refused(proof, path, key, match):
+def test_changed_truth_or_result_is_refused(proof, path, key, match):
     text = changed(proof / path, key, key + " ")
     with pytest.raises(seal.Broken, match=match):
         scored(proof)
@@ -113,7 +113,7 @@ def test_a_changed_truth_and_an_edited_verdict_are_refused(proof, path, key, mat
     scored(proof)
 
 
-def test_a_changed_list_and_an_absent_file_are_refused(tmp_path):
+def test_changed_seal_or_missing_file_is_refused(tmp_path):
     folder = tmp_path / "locked"
     folder.mkdir()
     (folder / "a").write_text("one")
@@ -128,7 +128,7 @@ def test_a_changed_list_and_an_absent_file_are_refused(tmp_path):
         seal.check(tmp_path / "seal.json", folder, "changed")
 
 
-def test_families_are_those_that_were_sealed(tmp_path):
+def test_families_match_their_sealed_hash(tmp_path):
     assert standing.families() in (standing.PROJECT / "benchmarks/proof/families.sha256").read_text()
     there = tmp_path / standing.SEALED
     there.parent.mkdir(parents=True)
@@ -138,7 +138,7 @@ def test_families_are_those_that_were_sealed(tmp_path):
         standing.families(tmp_path)
 
 
-def test_a_seed_comes_of_commit_and_families_and_of_nothing_else(monkeypatch):
+def test_seed_depends_only_on_commit_and_families(monkeypatch):
     monkeypatch.setattr(standing, "commit", lambda revision: "c" * 40)
     monkeypatch.setattr(standing, "families", lambda: "f" * 64)
     printed = subprocess.run(
@@ -148,14 +148,14 @@ def test_a_seed_comes_of_commit_and_families_and_of_nothing_else(monkeypatch):
     assert str(standing.seed("HEAD")) in standing.explained("HEAD")
 
 
-def test_readme_says_when_the_card_that_it_leads_to_is_of_an_older_engine():
+def test_readme_states_whether_its_scorecard_is_outdated():
     readme = (standing.PROJECT / "README.md").read_text()
     name = re.search(r"docs/proof/([\w-]+)/scorecard\.md", readme)[1]
     told = next(line for line in standing.cards() if line.startswith(f"{name}: "))
     assert ("of an older engine" in " ".join(readme.split())) == ("of an older engine" in told), told
 
 
-def test_the_engine_has_one_hash_that_any_of_its_files_changes(tmp_path):
+def test_engine_hash_changes_with_any_engine_file(tmp_path):
     for room in standing.ENGINE:
         (tmp_path / "compasslib" / room).mkdir(parents=True)
         (tmp_path / "compasslib" / room / "one.py").write_text(room)
@@ -167,7 +167,7 @@ def test_the_engine_has_one_hash_that_any_of_its_files_changes(tmp_path):
     assert standing.engine(tmp_path) != before
 
 
-def test_a_perfect_tool_scores_perfectly_and_who_does_not_look_badly():
+def test_perfect_tool_scores_one_and_blind_tools_low():
     diagnoses = {str(k): said(("heeling",)) for k in range(len(TRUTHS))}
     truths = {str(k): one for k, one in enumerate(TRUTHS)}
     mean = {name: one["all"] for name, one in tally.points(truths, diagnoses).items()}
@@ -209,23 +209,23 @@ def test_a_perfect_tool_scores_perfectly_and_who_does_not_look_badly():
         (truth("insufficient"), said(("heeling",)), "wrong name", 0.0),
     ],
 )
-def test_verdicts_are_judged(true, diagnosis, outcome, points):
+def test_outcomes_and_points_of_verdicts(true, diagnosis, outcome, points):
     assert score.judge(true, diagnosis) == outcome
     assert score.points(true, diagnosis) == pytest.approx(points)
 
 
-def test_the_whole_catalogue_is_whole():
+def test_scored_catalogue_contains_every_effect():
     assert {one.name for one in CATALOGUE} <= set(score.CATALOGUE)
 
 
-def test_who_lists_everything_loses_on_real_recordings_too():
+def test_listing_all_effects_scores_low_on_real_recordings():
     for one in (*recordings.MOORINGS, *recordings.CALIBRATIONS):
         true = recordings.truth_of(one)
         assert score.points(true, score.perfect(true)) == 1.0
         assert score.points(true, score.said(list(score.CATALOGUE))) < 0.1
 
 
-def test_probabilities_that_come_true_score_better_than_the_base_rate():
+def test_calibrated_probabilities_beat_the_base_rate():
     rng = np.random.default_rng(1)
     stated = rng.uniform(size=400)
     came = (rng.uniform(size=400) < stated).astype(float)
@@ -244,7 +244,7 @@ def test_probabilities_that_come_true_score_better_than_the_base_rate():
     assert tally.probabilities(swapped)[tally.NAMED]["brier"]["better"][1] < 0.0
 
 
-def test_a_stated_name_counts_as_right_where_what_was_planted_is_said_by_it():
+def test_stated_name_is_right_if_it_matches_the_truth():
     finding = said(("heeling", "temperature", "octantal"))
     finding["findings"][0] |= {"probability": 0.6, "alternatives_probability": {"temperature": 0.3, "octantal": 0.1}}
     assert score.names(truth("single", "temperature"), finding) == [[0.3, 1.0], [0.6, 0.0], [0.1, 0.0]]
@@ -254,7 +254,7 @@ def test_a_stated_name_counts_as_right_where_what_was_planted_is_said_by_it():
     assert score.at_fault(truth("null"), finding) == [0.75, 0.0]
 
 
-def test_a_stated_driver_is_right_where_what_was_planted_depends_on_it():
+def test_stated_driver_is_right_if_the_truth_depends_on_it():
     driven = {"effect": "composed", "alternatives": [], "side": "compass", "level": "driver", "level_probability": 0.97}
     for planted, driver, right in (
         (truth("single", "heeling"), "roll", True),
@@ -270,11 +270,11 @@ def test_a_stated_driver_is_right_where_what_was_planted_depends_on_it():
 
 
 @pytest.mark.parametrize("family", (*families.NAMED, *families.STRANGE), ids=lambda family: family.name)
-def test_of_every_family_it_is_known_on_what_it_depends(family):
+def test_drivers_of_every_family_are_known(family):
     assert score.drivers({"name": family.name, "right": list(family.right)})
 
 
-def test_targets_are_missed_where_their_interval_excludes_them(capsys):
+def test_target_is_missed_if_its_interval_excludes_it(capsys):
     assert targets.interval(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)  # tables of Clopper and Pearson
     assert targets.interval(3, 10) == pytest.approx((0.0667, 0.6525), abs=1e-4)
     few, many = ([True] * n + [False] * (9 * n) for n in (1, 30))
@@ -289,7 +289,7 @@ def test_targets_are_missed_where_their_interval_excludes_them(capsys):
     assert "| many | 10.0 % of 300 (6.8–14.0) | ≤ 2 %, MISSED |" in capsys.readouterr().out
 
 
-# The world.
+# Simulated moorings.
 
 
 @pytest.fixture(scope="module")
@@ -302,16 +302,16 @@ def plain(here):
     return compass.Meter(np.eye(3), np.zeros(3))
 
 
-def test_a_plain_compass_reads_the_heading_and_iron_leaves_nothing_that_five_coefficients_do_not_say(here, plain):
+def test_plain_compass_is_exact_and_five_coefficients_fit_iron(here, plain):
     assert np.abs(scene.wrap(compass.read(here, plain, ()).recorded_deg - here.heading_deg)).max() < 1e-6
     meter = compass.build(np.random.default_rng(2), here, 0.4)
     assert np.hypot(*meter.hard_nt[:2]) == pytest.approx(0.4 * here.horizontal_nt.mean())
     assert np.abs(scene.wrap(compass.read(here, meter, ()).recorded_deg - here.heading_deg)).max() > 10.0
-    assert np.std(compass.ideal(here, meter, ())) < 0.35  # below what is worth a name
+    assert np.std(compass.ideal(here, meter, ())) < 0.35  # below the size at which an effect is named
 
 
 @pytest.mark.parametrize("family", (*families.NAMED, *families.STRANGE), ids=lambda one: one.name)
-def test_every_family_is_planted_as_large_as_wanted_or_as_is_believed(here, plain, family):
+def test_every_family_is_planted_with_the_requested_size(here, plain, family):
     made = compass.plant(here, plain, family, 2.0, np.random.default_rng(3))
     if family.sized and made.size < family.most:
         assert made.visible_deg == pytest.approx(2.0, rel=0.1)
@@ -321,7 +321,7 @@ def test_every_family_is_planted_as_large_as_wanted_or_as_is_believed(here, plai
     assert nothing == pytest.approx(0.0, abs=1e-9)
 
 
-def test_veer_turns_the_water_and_an_early_clock_finds_later_water(here, plain):
+def test_veer_and_clock_offset_change_the_water(here, plain):
     veer = Acts(veer_deg=10.0 * np.sin(np.arange(here.time_s.size)))
     assert compass.visible_deg(here, plain, veer) == pytest.approx(10.0 / np.sqrt(2.0), rel=0.1)
     assert compass.visible_deg(here, plain, Acts(ahead_s=np.full(here.time_s.size, 3600.0))) > 1.0
@@ -329,7 +329,7 @@ def test_veer_turns_the_water_and_an_early_clock_finds_later_water(here, plain):
     assert later.flow == pytest.approx(0.5 * (here.flow[1:] + here.flow[:-1]))
 
 
-def test_made_water_shears_the_more_the_farther(here):
+def test_simulated_shear_grows_with_distance(here):
     apart = [np.sqrt(np.mean(np.abs(here.near - here.flow[:, k]) ** 2)) for k in (1, 3, 7)]
     assert apart[0] < apart[1] < apart[2] and 0.005 < apart[0] < 0.1
     series = seas.matern(np.random.default_rng(1), here.time_s, 24 * 3600.0)
@@ -343,25 +343,25 @@ def profile(count: int = 2000) -> scene.Scene:
     return replace(made, flow=flow, real=True)
 
 
-def test_a_record_is_cut_made_longer_and_mirrored_with_its_own_statistics():
+def test_cut_extended_and_mirrored_records_keep_their_statistics():
     one = records.Described("own", {"gaps": [1]}, Path())
     base = profile()
     cut = records.cut(np.random.default_rng(1), one, base)
     assert cut.lower.size == base.time_s.size and np.isnan(cut.flow).any()
-    for k in range(2):  # both ways
+    for k in range(2):  # by random phases and by permuted segments
         long = records.longer(np.random.default_rng(k), cut, seas.Weather(hours=5000))
         assert long.flow.shape[1] == cut.flow.shape[1] and np.isfinite(long.flow).all()
-        assert len(np.unique(long.flow[:, 0])) == len(long.flow)  # no water comes twice
+        assert len(np.unique(long.flow[:, 0])) == len(long.flow)  # no sample of the water is repeated
         assert len(long.flow) == 5000 if len(long.flow) > len(cut.flow) else 0.95 * len(cut.flow) < len(long.flow)
         off = [np.sqrt(np.nanmean(np.abs(x.lower - x.near) ** 2)) for x in (cut, long)]
-        assert off[1] == pytest.approx(off[0], rel=0.5)  # of stretches chosen by chance
+        assert off[1] == pytest.approx(off[0], rel=0.5)  # segments are chosen at random
     glass = records._mirrored(base)
     port = scene.wrap(scene.towards(glass.near) - glass.declination_deg - glass.heading_deg)
     starboard = scene.wrap(scene.towards(base.flow[:, -1]) - base.declination_deg - base.heading_deg)
     assert np.nanmax(np.abs(scene.wrap(port + starboard))) < 1e-6
 
 
-def test_a_user_adds_a_record_by_a_file(tmp_path):
+def test_record_can_be_added_by_a_yaml_file(tmp_path):
     (tmp_path / "proof").mkdir()
     (tmp_path / "proof/mine.yaml").write_text(
         "format: table\nfiles: mine.csv\nlatitude: 50\nlongitude: -20\nwater_depth: 900\ndepth: 90\nlooks_up: true\n"
@@ -378,7 +378,7 @@ def test_a_user_adds_a_record_by_a_file(tmp_path):
     assert whole.flow.shape == (744, 1) and np.abs(cut.lower[3:-3] - 0.5 * (cut.near[:-6] + cut.near[6:])).max() < 1e-6
 
 
-def test_a_proof_is_drawn_in_the_promised_shares():
+def test_moorings_are_drawn_in_the_stated_shares():
     there = {"eh2": False, "papa": False, "aqd": True}
     drawn = draw.draw(1, (200, 100), 8800, there)
     made, real = ([one.kind for one in drawn if one.real is which] for which in (False, True))
@@ -389,12 +389,12 @@ def test_a_proof_is_drawn_in_the_promised_shares():
     sizes = [size for one in drawn if one.kind == "single" for _, size in one.wanted]
     assert min(sizes) >= 0.8 and max(sizes) <= 4.5
     waters = [{one.water for one in drawn if one.real is real} for real in (False, True)]
-    assert waters == [{"made", "eh2", "papa"}, {"eh2", "papa", "aqd"}]  # what only stands in is never made longer
+    assert waters == [{"made", "eh2", "papa"}, {"eh2", "papa", "aqd"}]  # stand-in references are never extended
     assert draw.draw(1, (200, 100), 8800, there) == drawn != draw.draw(2, (200, 100), 8800, there)
     assert {one.kind for one in draw.draw(1, (9, 3), 8800, there, kind="undecidable")} == {"undecidable"}
 
 
-def test_a_reading_is_turned_back_by_the_coefficients_that_made_it():
+def test_reading_is_inverted_by_its_own_coefficients():
     letters = dict(zip("ABCDE", (0.02, 0.3, -0.2, 0.03, 0.01), strict=True))
     heading = np.arange(0.0, 360.0, 7.0)
     w = np.exp(1j * np.deg2rad(heading))
@@ -403,14 +403,14 @@ def test_a_reading_is_turned_back_by_the_coefficients_that_made_it():
     assert np.abs(measure.turn(found, heading)).max() < 1e-6
 
 
-def test_the_world_knows_no_engine_and_the_scorer_only_files():
+def test_proof_imports_only_permitted_library_modules():
     folder = Path(command.__file__).parent
     knowing = {
         "world": ("compasslib.demo", "compasslib.readers"),
         "steps": ("tests.world.draw",),
         "run": ("compasslib.pipeline.process",),
         "figures": ("compasslib.plots.page",),
-        "bounds": ("compasslib",),  # fits of the library, by definition its own
+        "bounds": ("compasslib",),  # its fits are those of the library by definition
     }
     for path in folder.rglob("*.py"):
         place = "world" if path.parent.name == "world" else path.stem
@@ -419,7 +419,7 @@ def test_the_world_knows_no_engine_and_the_scorer_only_files():
 
 
 def imported(path: Path) -> set[str]:
-    """Return the modules of the library that a file imports."""
+    """List the modules of the library that a file imports."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("compasslib"):
@@ -430,13 +430,13 @@ def imported(path: Path) -> set[str]:
     return found
 
 
-def test_recordings_say_why_they_are_not_there(tmp_path):
+def test_absence_of_recordings_is_explained(tmp_path):
     lines = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path)}
     assert "absent" in lines["E0"]["said"] and "absent" in lines["signature500"]["said"]
     assert "it was not run" in lines["eight_headings"]["said"]
 
 
-def test_a_recording_is_put_through_the_workflow(tmp_path):
-    recordings.run(tmp_path, tmp_path / "no data", cores=1)  # of all but one the file is absent
+def test_recording_is_run_through_the_workflow(tmp_path):
+    recordings.run(tmp_path, tmp_path / "no data", cores=1)  # the files of all recordings but one are absent
     made = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path / "no data")}["eight_headings"]
     assert made["outcome"] == "right" and made["points"][score.OWN] == 1.0, made["said"]

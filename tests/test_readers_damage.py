@@ -1,7 +1,7 @@
-"""The matrix of damage: every reader under every fault, on written files and, where they are there, on genuine ones.
+"""Matrix of faults: every reader under every fault, on synthetic files and, where available, on genuine ones.
 
-R: what comes out is right, less what the damage took. X: refused in one line. PD0 and Nortek give only what was
-recorded; the others too, unless a byte was changed inside a row.
+R: the result is correct except for what the fault destroyed. X: refused in one line. PD0 and Nortek give only recorded
+values; the others too, unless a byte inside a row was changed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def flipped(data: bytes) -> bytes:
 
 
 def pieces(data: bytes) -> list[bytes]:
-    """Return what a file is made of: ensembles, lines, or mere bytes."""
+    """Split a file into ensembles, lines or bytes."""
     if data[:2] == b"\x7f\x7f":
         length = int.from_bytes(data[2:4], "little") + 2
         return [data[k : k + length] for k in range(0, len(data), length)]
@@ -63,7 +63,7 @@ def pieces(data: bytes) -> list[bytes]:
 
 
 def wrong_length(data: bytes) -> bytes:
-    """A count of bytes or of records that says too much, in the second unit of the file."""
+    """Set the length of the second PD0 ensemble too large; overwrite the first two bytes of other formats."""
     second = len(pieces(data)[0]) + 2 if data[:2] == b"\x7f\x7f" else 0
     return data[:second] + b"\xff\x7f" + data[second + 2 :]
 
@@ -84,7 +84,7 @@ FAULTS: dict[str, Callable[[bytes], bytes]] = {
     "text": lambda data: TEXT,
     "packed": lambda data: b"\x1f\x8b\x08\x00" + JUNK,
 }
-# Written files: which fault each reader sees through (R) and which it refuses (X).
+# Outcome for synthetic files: R read in spite of the fault, X refused.
 KINDS = (
     *("pd0", "table", "acm_table", "mmp text", "mmp binary", "nmea0183", "iaga2002"),
     *("netcdf", "rdi_text", "pd12", "nortek", "ad2cp"),
@@ -105,15 +105,15 @@ MATRIX = {
     "text":            "X X X X X X X X X X X X",
     "packed":          "X X X X X X X X X X X X",
 }  # fmt: skip
-SUMMED = ("pd0", "nortek", "ad2cp")  # formats with checksums
+SUMMED = ("pd0", "nortek", "ad2cp")  # their checksums exclude rows that were not recorded
 TOUCHED = ("a flipped byte", "a wrong length", "missing bytes", "junk inside")  # may change a row without a checksum
 
-BY_ORDER = ("mmp text", "nmea0183")  # other scans come first in their profile, other headings next to their courses
+BY_ORDER = ("mmp text", "nmea0183")  # order determines the scan dropped from a profile and the pairing of headings
 
 
 @pytest.fixture(scope="module")
 def kinds(tmp_path_factory) -> dict[str, fuzz.Kind]:
-    """A whole file of each kind, and what its reader takes for rows."""
+    """An intact file of each kind, with the function that extracts its rows."""
     made = fuzz.kinds(tmp_path_factory.mktemp("kinds"))
     made["nmea0183"] = replace(made["nmea0183"], rows=COURSE)
     made["iaga2002"] = replace(made["iaga2002"], rows=FIELD)
@@ -129,13 +129,13 @@ def _rows(*names: str) -> Callable[[object], set[tuple[float, ...]]]:
     return rows
 
 
-SCAN = _rows("heading_deg", "pitch_deg", "roll_deg")  # velocities within two seconds of a gap lose their swing less
+SCAN = _rows("heading_deg", "pitch_deg", "roll_deg")  # velocities: the swing correction changes near gaps
 COURSE = _rows("time_s", "heading_deg", "course_deg", "speed_kn")
 FIELD = _rows("time_s", "declination_deg", "horizontal_nT")
 
 
 def tried(kind: fuzz.Kind, data: bytes, folder: Path) -> set[tuple[float, ...]] | None:
-    """Return the rows that came out, None where the file was refused in one line; the later stages are run too."""
+    """Extract the rows of damaged data, run through the later stages; None if refused in one line."""
     path = folder / "damaged"
     path.write_bytes(data)
     try:
@@ -146,17 +146,17 @@ def tried(kind: fuzz.Kind, data: bytes, folder: Path) -> set[tuple[float, ...]] 
 
 
 def held(name: str, fault: str, whole: set[tuple[float, ...]], found: set[tuple[float, ...]]) -> None:
-    """What came out was recorded, and is most of it."""
+    """Assert that the rows were recorded and are at least 40 % of all."""
     assert len(found) >= 0.4 * len(whole), len(found)
     if fault == "reversed" and name in BY_ORDER:
         return
     if name in SUMMED or fault not in TOUCHED:
         assert found <= whole
     else:
-        assert len(found - whole) <= 2  # the row that was hit; in NMEA, a course that takes its neighbour's heading
+        assert len(found - whole) <= 2  # the damaged row; in NMEA also a course paired with the next heading
 
 
-def test_no_format_is_left_out():
+def test_matrix_covers_every_format():
     known = {"mmp text": "mmp_acm", "mmp binary": "mmp_acm", "ad2cp": "nortek"}
     assert {*FORMATS} <= {known.get(name, name) for name in KINDS}
 
@@ -176,7 +176,7 @@ def test_every_reader_under_every_fault(kinds, tmp_path, name):
 
 @pytest.mark.parametrize("name", ["pd0", "mmp text", "mmp binary", "nmea0183", "iaga2002", "nortek", "ad2cp"])
 @pytest.mark.parametrize("fault", ["junk in front", "junk inside", "junk at the end", "a tail of FF", "a tail of 00"])
-def test_what_was_passed_over_is_counted_and_said(kinds, tmp_path, name, fault):
+def test_skipped_bytes_are_counted_and_reported(kinds, tmp_path, name, fault):
     if MATRIX[fault].split()[KINDS.index(name)] == "X":
         return
     (tmp_path / "damaged").write_bytes(FAULTS[fault](kinds[name].whole))
@@ -186,9 +186,9 @@ def test_what_was_passed_over_is_counted_and_said(kinds, tmp_path, name, fault):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_a_file_of_each_other_kind_is_refused(kinds, tmp_path, name):
+def test_files_of_other_formats_are_refused(kinds, tmp_path, name):
     pairs = [("mmp text", "mmp binary"), ("nortek", "ad2cp")]
-    alike = {one: other for pair in pairs for one, other in (pair, pair[::-1])}  # one reader, which tells them apart
+    alike = {one: other for pair in pairs for one, other in (pair, pair[::-1])}  # one reader distinguishes the two
     for other in KINDS:
         if other not in (name, alike.get(name)):
             assert tried(kinds[name], kinds[other].whole, tmp_path) is None, other
@@ -198,7 +198,7 @@ BINARY = ("pd0", "nortek", "ad2cp", "mmp binary")
 
 
 def escaped(data: bytes) -> bytes:
-    """What a controller of inductive modems sends for a file's bytes."""
+    """Escape bytes as a controller of inductive modems does."""
     return data.replace(b"\x18", b"\x18\x58").replace(b"\x2b", b"\x18\x6b")
 
 
@@ -215,8 +215,8 @@ def of_record(name: str, data: bytes, folder: Path) -> Record:
 
 
 @pytest.mark.parametrize("name", BINARY)
-def test_escapes_of_a_modem_are_undone_for_every_binary_format(kinds, tmp_path, name):
-    """Of a file between others' frames too, and cut inside a pair."""
+def test_modem_escapes_are_undone_for_every_binary_format(kinds, tmp_path, name):
+    """Including a file between frames of other instruments, and one truncated inside an escape pair."""
     whole = kinds[name].whole
     assert whole.count(b"\x18") + whole.count(b"\x2b") > 4
     expected = _array(of_record(name, whole, tmp_path))
@@ -231,16 +231,16 @@ def _array(record: Record) -> np.ndarray:
     return np.column_stack([record.time_s, record.heading_deg, record.pitch_deg, record.east, record.north])
 
 
-def test_pairs_in_a_clean_file_are_no_escapes(tmp_path):
-    """A heading of 274.16 degrees is 18 6B in a file, and 225.52 degrees 18 58."""
+def test_escape_pairs_in_a_clean_file_are_data(tmp_path):
+    """A heading of 274.16 degrees is stored as 18 6B, one of 225.52 degrees as 18 58."""
     for heading in (27416, 22552):
         parts = [pd0_encoder.ensemble([[1, 2, 3, 4]], number=k + 1, heading=heading) for k in range(9)]
         record = of_record("pd0", b"".join(parts), tmp_path)
         assert record.heading_deg.tolist() == [heading / 100] * 9 and record.warnings == ()
 
 
-def test_profiles_of_several_frames_and_instruments_come_back(kinds, tmp_path):
-    """Frames that are damaged cost their scans; a profile in two frames, or sent twice, is read once."""
+def test_profiles_split_over_modem_frames_are_joined(kinds, tmp_path):
+    """A damaged frame loses its scans; a profile in two frames, or sent twice, is read once."""
     whole = kinds["mmp binary"].whole
     first, second = whole[: len(whole) // 2], whole[len(whole) // 2 :]
     expected = _array(of_record("mmp binary", whole, tmp_path))
@@ -254,8 +254,8 @@ def test_profiles_of_several_frames_and_instruments_come_back(kinds, tmp_path):
     assert 29 <= len(found) < len(expected) and {*map(tuple, found[-29:])} <= {*map(tuple, expected)}
 
 
-def test_a_genuine_files_escapes_and_frames_are_undone(tmp_path):
-    """Three profiles, of 39, 42 and 36 scans by the lengths of their frames; the first scan of each is aliased."""
+def test_escapes_and_frames_of_a_genuine_file_are_undone(tmp_path):
+    """Three profiles of 39, 42 and 36 scans by their frame lengths; the first scan of each is aliased and dropped."""
     record = of_record("mmp binary", real("wild/acm_sio_escapes.dat").read_bytes(), tmp_path)
     assert len(record.time_s) == 38 + 41 + 35 and record.counts["damaged_rows"] == 0
     assert np.abs(np.hypot(record.east, record.north)).max() < 0.2
@@ -269,7 +269,7 @@ CHECKED = ("pd0", "pd12", "nortek", "ad2cp", "mmp binary", "mmp text", "nmea0183
 
 
 def spoilt(name: str, data: bytes, share: float) -> bytes:
-    """A file in which two bytes are wrong in a share of the records, spread over it."""
+    """Damage two bytes in a share of the records, evenly spread over the file."""
     starts, inside = {
         "pd0": (rb"\x7f\x7f", 40), "pd12": (rb"n\x7f", 40), "nortek": (rb"\xa5\x20", 40),
         "ad2cp": (rb"\xa5\x0a\x16", 40),
@@ -284,7 +284,7 @@ def spoilt(name: str, data: bytes, share: float) -> bytes:
 
 
 @pytest.mark.parametrize("name", CHECKED)
-def test_a_file_of_which_over_half_is_damaged_is_refused(kinds, tmp_path, name):
+def test_file_with_mostly_damaged_records_is_refused(kinds, tmp_path, name):
     data = kinds[name].whole
     path = tmp_path / "damaged"
     path.write_bytes(spoilt(name, data, 0.7))
@@ -297,8 +297,8 @@ def test_a_file_of_which_over_half_is_damaged_is_refused(kinds, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", [name for name in CHECKED if name not in ("mmp binary", "mmp text")])
-def test_other_bytes_between_records_are_no_damage(kinds, tmp_path, name):
-    """Chance pairs of marks, other instruments' lines and headers; five times as much as there are records."""
+def test_foreign_bytes_between_records_are_not_damage(kinds, tmp_path, name):
+    """Random bytes with record markers, five times the data, or lines of other instruments do not hide any record."""
     rng = np.random.default_rng(8)
     data = kinds[name].whole
     if name in ("nmea0183", "iaga2002"):
@@ -320,8 +320,8 @@ def test_other_bytes_between_records_are_no_damage(kinds, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["nmea0183", "iaga2002"])
-def test_cut_at_every_byte_of_its_last_rows(kinds, tmp_path, name):
-    """The other readers' own tests cut them at every byte."""
+def test_truncation_at_any_byte_of_the_last_rows(kinds, tmp_path, name):
+    """Files of most other formats are truncated in the tests of their readers."""
     data = kinds[name].whole
     whole = tried(kinds[name], data, tmp_path)
     for cut in range(1, 130):
@@ -346,7 +346,7 @@ def test_genuine_files_under_every_fault(tmp_path, name):
 
 
 def genuine(name: str, path: Path) -> fuzz.Kind:
-    """Return the first part of a genuine file, cut as a full disk would cut it."""
+    """Get the first part of a genuine file, truncated as by a full disk."""
     readers = {
         "pd0": (fuzz._pd0, fuzz._good),
         "pd12": (fuzz._pd12, fuzz._good),
@@ -363,8 +363,8 @@ def genuine(name: str, path: Path) -> fuzz.Kind:
 @pytest.mark.parametrize(
     ("name", "packed"), [("table", True), ("table", False), ("iaga2002", True), ("nmea0183", False)]
 )
-def test_a_text_larger_than_the_bound_is_refused_before_memory_is_taken(kinds, tmp_path, monkeypatch, name, packed):
-    """The bound itself is 256 MB: 3 MB of gzip may be 1 GB of lines; here 60 MB stand for them."""
+def test_too_large_text_is_refused_before_allocation(kinds, tmp_path, monkeypatch, name, packed):
+    """The real limit is 256 MB; here it is 1 MB, exceeded by 60 MB of gzipped lines or 3 MB of plain ones."""
     data = kinds[name].whole + b"\n" * (files.MEGABYTE - len(kinds[name].whole))
     path = tmp_path / "large.csv"
     path.write_bytes(gzip.compress(data) if packed else data)
@@ -381,7 +381,7 @@ def test_a_text_larger_than_the_bound_is_refused_before_memory_is_taken(kinds, t
 
 
 @pytest.mark.parametrize("name", ["pd0", "pd12"])
-def test_one_profile_of_many_cells_does_not_widen_all_others_without_bound(tmp_path, monkeypatch, name):
+def test_one_profile_of_many_bins_cannot_widen_all_others(tmp_path, monkeypatch, name):
     monkeypatch.setattr(files, "LARGEST_ARRAYS", files.MEGABYTE // 4)
     if name == "pd0":
         parts = [pd0_encoder.ensemble([[1, 2, 3, 4]], number=k + 1) for k in range(400)]

@@ -1,4 +1,4 @@
-"""What a file is by its first bytes, and the one line in which a reader names a wrong one."""
+"""Detection of the file type from the first bytes, and one-line refusals of files of the wrong type."""
 
 import gzip
 import io
@@ -62,7 +62,7 @@ WRITTEN = [
 
 
 @pytest.mark.parametrize(("content", "name"), WRITTEN, ids=[name for _, name in WRITTEN])
-def test_a_wrong_file_is_named_in_one_line(tmp_path, content, name):
+def test_file_of_wrong_type_is_named_in_one_line(tmp_path, content, name):
     path = tmp_path / "top.000"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
@@ -82,8 +82,8 @@ STAMPS = ("2013/07/24 01:26:16.123 ", "[2013-07-24 01:26:16] ", "01:26:16;", "20
 
 @pytest.mark.parametrize("form", SENT)
 @pytest.mark.parametrize("between", ["", " "])
-def test_hexadecimal_text_behind_time_stamps_is_named_with_what_to_do(tmp_path, form, between):
-    """The names are those of what the digits stand for, in lines of any length."""
+def test_hexadecimal_text_after_timestamps_is_refused_with_advice(tmp_path, form, between):
+    """The message names the encoded format, whatever the length of the lines."""
     data, name = SENT[form]
     for k, stamp in enumerate((*STAMPS, "")):
         lines = [
@@ -99,7 +99,7 @@ def test_hexadecimal_text_behind_time_stamps_is_named_with_what_to_do(tmp_path, 
             assert str(caught.value).endswith(f"(xxd -r -p) and write format: {form}")
 
 
-def test_scans_behind_a_loggers_time_stamps_are_named(tmp_path):
+def test_scans_after_logger_timestamps_are_refused(tmp_path):
     row = "  09-04-2007 12:00:15   228.67    -0.87    -2.34   -0.0818   -0.4171    0.2452    -12.38     17.99      8.52"
     for stamp in ("2013/07/24 01:26:16.123 ", "2013-07-24T01:26:16Z,", "[2013-07-24 01:26:16]"):
         (tmp_path / "sent").write_text(f"{stamp}{row}    -3.41\r\n" * 30)
@@ -109,11 +109,11 @@ def test_scans_behind_a_loggers_time_stamps_are_named(tmp_path):
             read("mmp_acm", [tmp_path / "sent"], {"pressure_files": ()})
 
 
-def test_a_file_of_a_modems_frames_is_known():
+def test_file_of_modem_frames_is_recognized():
     assert detect_kind(real("wild/acm_sio_escapes.dat")).form == "mmp_acm"
 
 
-def test_files_that_libraries_write_are_known(tmp_path):
+def test_files_written_by_libraries_are_recognized(tmp_path):
     Dataset(tmp_path / "a.nc", "w").close()
     Dataset(tmp_path / "b.nc", "w", format="NETCDF3_CLASSIC").close()
     savemat(tmp_path / "c.mat", {"u": np.zeros(3)})
@@ -121,7 +121,7 @@ def test_files_that_libraries_write_are_known(tmp_path):
     assert named == ["a netCDF-4 or HDF5 file", "a netCDF file", "a MATLAB file"]
 
 
-def test_every_reader_says_what_the_file_is_and_what_to_write(tmp_path):
+def test_every_reader_names_the_file_type_and_advice(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(TABLE)
     with pytest.raises(InputError, match="expected an RDI PD0 file, found a text table; write format: table"):
@@ -137,7 +137,7 @@ def test_every_reader_says_what_the_file_is_and_what_to_write(tmp_path):
         calibrations.calibrate("platform", [path], {})
 
 
-def test_the_readers_own_words_stay_where_the_format_is_right_or_unknown(tmp_path):
+def test_reader_message_is_kept_for_matching_or_unknown_type(tmp_path):
     path = tmp_path / "x"
     for content in (b"", b"\x7f\x7f\xae\x02\x00\x06" * 90, bytes(range(255, 0, -1)) * 9):
         path.write_bytes(content)
@@ -145,7 +145,7 @@ def test_the_readers_own_words_stay_where_the_format_is_right_or_unknown(tmp_pat
             read("pd0", [path], {})
 
 
-def test_a_binary_file_that_was_copied_as_text_is_said(tmp_path):
+def test_binary_file_copied_as_text_is_reported(tmp_path):
     path = tmp_path / "x"
     path.write_bytes((b"\x7f\x7f\xae\x02\x00\x06\n" * 90).replace(b"\n", b"\r\n"))
     with pytest.raises(InputError, match="found one copied as text: a carriage return stands before every line feed"):
@@ -175,27 +175,27 @@ BEFORE = {
 
 @pytest.mark.parametrize("form", RECORDS)
 @pytest.mark.parametrize("junk", BEFORE)
-def test_bytes_before_the_first_record_hide_nothing(tmp_path, form, junk):
+def test_format_is_recognized_after_leading_junk(tmp_path, form, junk):
     path = tmp_path / "x"
     path.write_bytes(BEFORE[junk] + RECORDS[form])
     assert detect_kind(path).form == {"ad2cp": "nortek"}.get(form, form)
 
 
-def test_bytes_without_a_whole_record_are_not_known(tmp_path):
+def test_random_bytes_are_not_recognized(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(np.random.default_rng(0).integers(0, 256, 2**20, dtype=np.uint8).tobytes())
     assert detect_kind(path) is None
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
-def test_a_table_in_utf_16_is_known_without_its_mark(tmp_path, encoding):
+def test_utf_16_table_is_recognized(tmp_path, encoding):
     path = tmp_path / "x"
     path.write_bytes((TABLE * 9).decode().encode(encoding))
     assert detect_kind(path).form == "table"
 
 
 @pytest.mark.parametrize("row", ["Sep 04 2007 12:00,1.0,2.0", "'2007-09-04',1.0,2.0", "M1;04.09.2007 12:00;1,0;2,0"])
-def test_a_table_is_known_by_its_rows_below_any_preamble(tmp_path, row):
+def test_table_is_recognized_below_a_preamble(tmp_path, row):
     path = tmp_path / "x"
     path.write_text("\n".join(["A line about the instrument"] * 8 + ["time,u,v"] + [row] * 12))
     assert detect_kind(path).form == "table"
@@ -214,7 +214,7 @@ GENUINE = {
 
 
 @pytest.mark.parametrize("name", GENUINE)
-def test_genuine_files_are_known(name):
+def test_genuine_files_are_recognized(name):
     if not (SHARED / name).exists():
         pytest.skip(f"{SHARED / name} is not there")
     assert detect_kind(SHARED / name).form == GENUINE[name]

@@ -15,22 +15,22 @@ from compasslib.readers import iaga2002
 
 REAL = SHARED / "observatory"
 DAY = series(1)
-ROUNDED_DEG = 2e-5  # hundredths of a nanotesla across 17,000
+ROUNDED_DEG = 2e-5  # values are rounded to 0.01 nT, with a horizontal field of 17,000 nT
 
 
 @pytest.mark.parametrize("letters", ["XYZF", "FXYZ", "HDZF", "DHZF", "DHIF", "DIHF"])
 def test_every_order_of_components_gives_the_same_field(tmp_path, letters):
     found = iaga2002.read([write(tmp_path / "a.hor", DAY, letters)])
-    # D is written to a hundredth of a minute of arc.
+    # D is written in minutes of arc with two decimals.
     assert np.abs(found.declination_deg - DAY.declination_deg).max() < ROUNDED_DEG + 0.005 / 60.0
     assert np.allclose(found.horizontal_nT, DAY.horizontal_nT, atol=0.02)
-    # An inclination to a hundredth of a minute holds the vertical to 0.05 nT.
+    # An inclination rounded to 0.01 minutes of arc gives the vertical component to 0.05 nT.
     assert np.allclose(found.vertical_nT, DAY.vertical_nT, atol=0.1)
     assert np.array_equal(found.time_s, DAY.time_s)
     assert (found.station, found.latitude, found.longitude, found.elevation_m) == ("Made", 55.3, 356.8, 100.0)
 
 
-def test_missing_values_are_not_numbers(tmp_path):
+def test_missing_values_become_nan(tmp_path):
     lines = rows(DAY, "XYZF")
     lines[3] = lines[3].replace(lines[3].split()[4], "99999.00")
     lines[5] = lines[5].replace(lines[5].split()[3], "88888.00")
@@ -40,7 +40,7 @@ def test_missing_values_are_not_numbers(tmp_path):
     assert found.counts["missing"] == 2 and "2 rows have no declination" in found.warnings
 
 
-def test_files_of_different_orders_join_in_time_and_repeats_count_once(tmp_path):
+def test_files_are_joined_in_time_and_repeats_count_once(tmp_path):
     two = series(2)
     half = replace(
         two, **{k: getattr(two, k)[24:] for k in ("time_s", "declination_deg", "horizontal_nT", "vertical_nT")}
@@ -64,7 +64,7 @@ def test_files_of_different_orders_join_in_time_and_repeats_count_once(tmp_path)
     ],
     ids=["day of year", "30 February", "hour 25", "cut short", "letter in a number", "bytes"],
 )
-def test_a_damaged_row_is_counted_and_left_out(tmp_path, bad):
+def test_damaged_row_is_counted_and_dropped(tmp_path, bad):
     lines = rows(DAY, "XYZF")
     (tmp_path / "a.hor").write_text("\n".join([*header("XYZF"), *lines[:5], bad, *lines[6:]]))
     found = iaga2002.read([tmp_path / "a.hor"])
@@ -73,7 +73,7 @@ def test_a_damaged_row_is_counted_and_left_out(tmp_path, bad):
 
 
 def edited(tmp_path, made, letters, edit):
-    """Write a series whose numbers a function changes, (k, four) array in place."""
+    """Write a series after a function has changed its numbers, (k, 4), in place."""
     lines = rows(made, letters)
     cells = np.array([[float(cell) for cell in line.split()[3:]] for line in lines])
     edit(cells)
@@ -84,7 +84,7 @@ def edited(tmp_path, made, letters, edit):
 
 @pytest.mark.parametrize("filler", [-9999.0, 9999.0, 999999.0, 0.0, 999.9, -32768.0, 7777.0])
 @pytest.mark.parametrize(("letters", "column"), [("DHZF", 0), ("XYZF", 1), ("XYZF", 0)])
-def test_other_fillers_than_those_of_the_format_are_missing_too(tmp_path, filler, letters, column):
+def test_nonstandard_fill_values_are_missing(tmp_path, filler, letters, column):
     made, missing = series(20), np.random.default_rng(1).random(480) < 0.2
 
     def fill(cells):
@@ -95,8 +95,8 @@ def test_other_fillers_than_those_of_the_format_are_missing_too(tmp_path, filler
     assert f"{missing.sum()} rows have no declination" in found.warnings
 
 
-def test_a_field_that_passes_through_a_filler_keeps_it(tmp_path):
-    """Y goes through 0 and X through 9999 in the ordinary course of some places."""
+def test_field_passing_through_a_fill_value_keeps_it(tmp_path):
+    """At some places Y passes through 0 or X through 9999 naturally."""
     made = series(60)
     turned = replace(made, declination_deg=made.declination_deg - made.declination_deg.mean())
 
@@ -108,7 +108,7 @@ def test_a_field_that_passes_through_a_filler_keeps_it(tmp_path):
     assert found.counts["fillers"] == 0 and np.isfinite(found.declination_deg).all()
 
 
-def test_a_declination_that_stands_still_is_missing(tmp_path):
+def test_constant_declination_is_missing(tmp_path):
     def still(cells):
         cells[100:160, 0] = cells[100, 0]
 
@@ -137,20 +137,20 @@ def tenfold(column):
     ],
     ids=["Y tenfold", "X tenfold", "H a tenth", "D in seconds"],
 )
-def test_components_that_contradict_each_other_are_refused(tmp_path, letters, edit, said):
+def test_contradictory_components_are_refused(tmp_path, letters, edit, said):
     path = edited(tmp_path, series(3), letters, edit)
     with pytest.raises(InputError, match=said):
         iaga2002.read([path])
 
 
 @pytest.mark.parametrize(("letters", "about_zero"), [("HDZF", (1,)), ("DHZF", (0, 1)), ("XYZF", (0, 1, 2))])
-def test_a_variation_without_baseline_gets_the_same_sentence_with_f_and_without(tmp_path, letters, about_zero):
-    """It serves as a covariate, whose level does not count, and as no declination."""
+def test_variation_without_baseline_is_refused_as_declination(tmp_path, letters, about_zero):
+    """It can be used as a covariate, whose offset is irrelevant, but not as a declination."""
 
     def varying(cells):
         for column in about_zero:
             cells[:, column] -= np.round(np.median(cells[:, column]))
-        cells[:, 3] += 600.0  # a pillar of its own
+        cells[:, 3] += 600.0  # F measured at another pillar
 
     said = []
     for columns in (letters, letters[:3] + "G"):
@@ -162,13 +162,13 @@ def test_a_variation_without_baseline_gets_the_same_sentence_with_f_and_without(
     assert said[0] == said[1] and "a variation about zero: the baseline is missing" in said[0]
 
 
-def test_a_genuine_variation_without_baseline_is_called_one():
+def test_genuine_variation_without_baseline_is_refused():
     found = iaga2002.read([real("wild/iaga_variation_hdzf.min")])
     with pytest.raises(InputError, match="a variation about zero: the baseline is missing"):
         declination.check_field(found, (found.latitude, found.longitude))
 
 
-def test_what_a_file_says_against_itself_is_said(tmp_path):
+def test_contradictions_within_files_are_reported(tmp_path):
     other = write(tmp_path / "b.hor", replace(DAY, declination_deg=DAY.declination_deg + 1.0))
     found = iaga2002.read([write(tmp_path / "a.hor", DAY), other])
     assert "24 rows repeat an instant with another declination: two versions of the data are mixed" in found.warnings
@@ -186,7 +186,7 @@ def message(tmp_path, *texts) -> str:
     return str(error.value).replace(str(tmp_path), "")
 
 
-def test_what_cannot_be_used_is_refused_in_one_line(tmp_path):
+def test_unusable_files_are_refused_in_one_line(tmp_path):
     whole = "\n".join([*header("XYZF"), *rows(DAY, "XYZF")])
     begins = "a header that begins with Format IAGA-2002 and ends with a line DATE"
     advice = "give IAGA-2002 files of one observatory"
@@ -204,13 +204,13 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path):
     )
 
 
-def test_an_absent_file_is_said(tmp_path):
+def test_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"a\.min: expected a readable file, found No such file"):
         iaga2002.read([tmp_path / "a.min"])
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no observatory files in ../shared/data")
-def test_the_files_of_eskdalemuir():
+def test_real_files_of_eskdalemuir_are_read():
     day = iaga2002.read([REAL / "esk20030610dmin.min"])
     assert (len(day), day.station, day.definitive, day.latitude, day.elevation_m) == (
         1440,

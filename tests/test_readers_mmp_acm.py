@@ -1,4 +1,4 @@
-"""The 3D-ACM reader: real files, known answers, every variant, damaged files, a simulated mooring's truth."""
+"""The 3D-ACM reader: real files, known solutions, file variants, damaged files and a simulated mooring."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def read(*paths: Path, pressure: tuple[Path, ...] = (), offset: float = 0.0) -> 
 
 
 def logged(sizes: tuple[int, ...] = (40, 40, 40), *, first_number: int = 1, rate: int = 2) -> profiler.Scans:
-    """Profiles twelve hours apart, every scan with values of its own that obey the logger's rule."""
+    """Simulate profiles twelve hours apart whose distinct scans are consistent with the logger's heading algorithm."""
     rng = np.random.default_rng(len(sizes))
     profile = np.repeat(np.arange(len(sizes)), sizes)
     place = np.concatenate([np.arange(size) for size in sizes])
@@ -66,7 +66,7 @@ def is_row(line: str) -> bool:
 
 
 def variant(text: str, *, comma: bool, header: bool) -> str:
-    """The same file as the unpacker writes it with other settings."""
+    """Rewrite a file as the unpacker writes it with other settings."""
     lines = text.replace("\r\n", "\n").split("\n")
     if comma:
         cells = [line.split() for line in lines]
@@ -77,7 +77,7 @@ def variant(text: str, *, comma: bool, header: bool) -> str:
 
 
 def without_clock(text: str) -> str:
-    """The nine numbers of an early instrument."""
+    """Reduce each row to the nine numbers that an early instrument logs."""
     return "\n".join(" ".join(line.split()[3:]) if is_row(line) else line for line in text.splitlines()) + "\n"
 
 
@@ -86,7 +86,7 @@ def stamp(time_s: float) -> str:
 
 
 def engineering(number: int, on_s: float, dbar: list[float], *, comma: bool = False, header: bool = True) -> str:
-    """An E file: ten seconds a row from two minutes after switching on."""
+    """Compose an E file with rows every ten seconds from two minutes after switch-on."""
     times = [on_s + 120 + 10 * k for k in range(len(dbar))]
     form = "{},{},{:.1f},{:.3f},0.00,142" if comma else "{}{:7d}{:7.1f}{:10.3f}{:16.2f}{:10d}"
     rows = [form.format(stamp(t), 150, 11.3, p, 351.27, 53) for t, p in zip(times, dbar, strict=True)]
@@ -126,7 +126,7 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
 
 
 def rows_of(record: Record) -> set[tuple[float, ...]]:
-    """What tells a scan of ``logged`` from any other; where one is lost another of its second may move within it."""
+    """Get rows that identify the scans of ``logged``; times in whole seconds, as a lost scan shifts its neighbours."""
     columns = (np.floor(record.time_s), record.heading_deg, record.pitch_deg, record.roll_deg)
     return set(zip(*(np.round(column, 3).tolist() for column in columns), strict=True))
 
@@ -138,7 +138,7 @@ def accounted(record: Record) -> int:
 # Real files ----------------------------------------------------------------------------------------------------------
 
 
-def test_the_real_ascii_and_binary_file_agree():
+def test_real_ascii_and_binary_files_agree():
     text, binary = read(real(TEXT)), read(real(BINARY))
     for record in (text, binary):
         assert record.counts["aliased_dropped"] == 1
@@ -146,9 +146,9 @@ def test_the_real_ascii_and_binary_file_agree():
         assert accounted(record) == 17917
         assert set(record.quality.ravel()) == set(record.heading_quality) == {GOOD}
     assert (text.time_s == binary.time_s).all()
-    # Two decimals of a degree.
+    # Headings have two decimals in the text file.
     assert np.abs(angles.difference(text.heading_deg, binary.heading_deg)).max() < 0.006
-    # Two decimals of cm/s on two paths, and the swing's rate from rounded headings.
+    # Path velocities have two decimals (cm/s), and the swing rate comes from rounded headings.
     assert np.hypot(text.east - binary.east, text.north - binary.north).max() < 3e-4
     assert np.abs(text.pitch_deg - binary.pitch_deg).max() < 0.006
     assert np.abs(text.roll_deg - binary.roll_deg).max() < 0.006
@@ -157,12 +157,12 @@ def test_the_real_ascii_and_binary_file_agree():
 def test_real_scans_are_half_a_second_apart():
     record = read(real(BINARY))
     assert np.unique(np.diff(record.time_s)).tolist() == [0.5]
-    # The first second holds one scan only.
+    # The first second contains one scan only, which is aliased and dropped.
     assert record.time_s[0] == np.datetime64("2018-06-10T04:00:18").astype("datetime64[s]").astype(int)
 
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
-def test_the_loggers_rule_gives_the_recorded_heading(name):
+def test_logger_algorithm_reproduces_the_recorded_heading(name):
     values = mmp_scans.read_scans([real(name)]).values[1:]
     heading = acm.logged_heading(values[:, 3:6], values[:, 1], values[:, 2])
     assert angles.rms(angles.difference(heading, values[:, 0])) < 0.05
@@ -170,7 +170,7 @@ def test_the_loggers_rule_gives_the_recorded_heading(name):
 
 @pytest.mark.parametrize("comma", [False, True])
 @pytest.mark.parametrize("header", [False, True])
-def test_the_four_variants_of_the_real_file_are_the_same(tmp_path, comma, header):
+def test_variants_of_the_real_file_are_read_identically(tmp_path, comma, header):
     text = real(TEXT).read_text(encoding="latin-1")
     other = read(written(tmp_path, "A0000001.TXT", variant(text, comma=comma, header=header)))
     same_record(other, read(real(TEXT)))
@@ -182,12 +182,12 @@ def same_record(one: Record, other: Record) -> None:
     assert one.counts == other.counts
 
 
-def test_the_swing_is_smaller_in_the_real_record_when_it_is_taken_out():
+def test_removing_the_swing_reduces_variance_in_a_real_record():
     scans = mmp_scans.read_scans([real(BINARY)])
     heading, (_, y) = scans.values[1:, 0], acm.instrument_axes(scans.values[1:, 6:] / 100.0)
     rate = acm.swing_rate(heading, np.full(len(y), 2.0), np.ones(len(y) - 1, dtype=bool))
     quieter = acm.remove_swing(y, rate)
-    # Two minutes: longer than a swing, shorter than the change of the current with depth.
+    # A moving average over two minutes: longer than a swing, shorter than changes of the current with depth.
     before, after = (np.std(v - np.convolve(v, np.ones(241) / 241, "same")) for v in (y, quieter))
     assert after < 0.93 * before
 
@@ -195,7 +195,7 @@ def test_the_swing_is_smaller_in_the_real_record_when_it_is_taken_out():
 # Geometry ------------------------------------------------------------------------------------------------------------
 
 
-def test_paths_to_earth_gives_the_known_answers():
+def test_path_to_earth_transformation_reproduces_known_solutions():
     cases = json.loads(real("vectors.json").read_text())["acm_paths_to_earth"]
     assert len(cases) == 12
     for case in cases:
@@ -211,7 +211,7 @@ def test_paths_to_earth_gives_the_known_answers():
     strength=st.floats(0.05, 1.0),
 )
 @settings(deadline=None, derandomize=True)
-def test_the_loggers_rule_undoes_tilt(heading, tilts, strength):
+def test_logger_algorithm_compensates_tilt(heading, tilts, strength):
     (sx, cx), (sy, cy) = (angles.sin_cos(tilt) for tilt in tilts)
     sine, cosine = angles.sin_cos(heading)
     field = np.array([[(strength * cosine - 0.9 * sx) / cx, (strength * sine - 0.9 * sy) / cy, -0.9]])
@@ -219,14 +219,14 @@ def test_the_loggers_rule_undoes_tilt(heading, tilts, strength):
     assert abs(angles.difference(found, heading)[0]) < 1e-9
 
 
-def test_a_field_without_level_part_has_no_heading():
+def test_heading_is_nan_without_a_horizontal_field():
     field = np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, -1.0]])
     assert np.isnan(acm.logged_heading(field, np.zeros(2), np.zeros(2))).all()
 
 
 @given(amplitude=st.floats(1, 30), period=st.floats(30, 120), rate=st.sampled_from([0.5, 1.0, 2.0, 4.0]))
 @settings(deadline=None, derandomize=True)
-def test_a_meter_that_swings_in_still_water_measures_nothing(amplitude, period, rate):
+def test_swing_in_still_water_is_removed(amplitude, period, rate):
     time = np.arange(0, 300, 1 / rate)
     phase = 2 * np.pi * time / period
     turning = amplitude * 2 * np.pi / period * np.cos(phase)
@@ -234,11 +234,11 @@ def test_a_meter_that_swings_in_still_water_measures_nothing(amplitude, period, 
     joined = np.ones(len(time) - 1, dtype=bool)
     found = acm.swing_rate(amplitude * np.sin(phase) + 355.0, np.full(len(time), rate), joined)
     inner = np.s_[int(2 * rate) : -int(2 * rate)]
-    # Over four seconds the mean of the swing's rate is less than its middle by sinc: 3 % at 30 s, more at the ends.
+    # Averaging over four seconds underestimates the peak swing rate by a sinc factor: 3 % at a period of 30 s.
     assert np.abs(acm.remove_swing(y, found))[inner].max() < 0.031 * np.abs(y).max()
 
 
-def test_no_swing_is_taken_out_across_a_gap_or_between_rare_scans():
+def test_swing_rate_is_zero_across_gaps_and_at_low_rates():
     heading = np.array([0.0, 10.0, 20.0, 200.0, 210.0, 220.0])
     joined = np.array([True, True, False, True, True])
     assert acm.swing_rate(heading, np.ones(6), joined) == pytest.approx(np.full(6, 10.0))
@@ -247,10 +247,10 @@ def test_no_swing_is_taken_out_across_a_gap_or_between_rare_scans():
     assert acm.swing_rate(heading[:1], np.ones(1), np.zeros(0, dtype=bool)).tolist() == [0.0]
 
 
-# Files of our own ----------------------------------------------------------------------------------------------------
+# Simulated files -----------------------------------------------------------------------------------------------------
 
 
-def test_profiles_in_one_file_or_in_many_text_or_binary_are_the_same(tmp_path):
+def test_profiles_in_one_or_many_files_are_read_identically(tmp_path):
     scans = logged((40, 25, 61))
     text = text_file(tmp_path, scans)
     single = []
@@ -272,7 +272,7 @@ def test_profiles_in_one_file_or_in_many_text_or_binary_are_the_same(tmp_path):
 
 
 @pytest.mark.parametrize("comma", [False, True])
-def test_rows_without_header_lines_are_parted_where_the_clock_pauses(tmp_path, comma):
+def test_rows_without_header_are_split_at_clock_gaps(tmp_path, comma):
     path = text_file(tmp_path, logged())
     bare = variant(path.read_text(), comma=comma, header=False)
     assert read(written(tmp_path, "bare.txt", bare)).counts["aliased_dropped"] == 3
@@ -295,18 +295,18 @@ def test_exceptions_and_profiles_without_scans_are_tolerated(tmp_path):
     assert any(w.startswith("2 files hold no scan") for w in record.warnings)
 
 
-def test_a_decimated_file_is_read_by_its_clock_and_left_with_its_swing(tmp_path):
+def test_decimated_file_keeps_its_swing(tmp_path):
     scans = logged((40,))
     rare = profiler.Scans(scans.number, scans.size, scans.on_s, scans.off_s, ON_S + 25 * np.arange(40), scans.values)
     record = read(text_file(tmp_path, rare))
     assert any("shows 0.04 scans a second where the file says 2" in w for w in record.warnings)
     paths = np.round(scans.values[1:, 6:], 2) / 100.0
     east, north = acm.to_earth(*acm.instrument_axes(paths), record.heading_deg)
-    # Two decimals of cm/s; a swing would be centimetres a second.
+    # The difference is rounding to two decimals of cm/s; a swing would change velocities by centimetres per second.
     assert np.hypot(record.east[:, 0] - east, record.north[:, 0] - north).max() < 2e-4
 
 
-def test_a_heading_of_the_full_circle_is_north(tmp_path):
+def test_heading_of_360_degrees_becomes_zero(tmp_path):
     path = text_file(tmp_path, logged((5,)))
     lines = path.read_text().split("\n")
     rows = [k for k, line in enumerate(lines) if is_row(line)]
@@ -317,14 +317,14 @@ def test_a_heading_of_the_full_circle_is_north(tmp_path):
 # Scans without a clock -----------------------------------------------------------------------------------------------
 
 
-def test_scans_without_a_clock_of_the_real_file_get_its_times(tmp_path):
+def test_times_of_unclocked_real_scans_are_reconstructed(tmp_path):
     text = real(TEXT).read_text(encoding="latin-1")
     bare = written(tmp_path, "A0000001.TXT", without_clock(variant(text, comma=False, header=False)))
     on_s = np.datetime64("2018-06-10T04:00:02").astype(int)
     e_file = written(tmp_path, "E0000001.TXT", engineering(1, on_s, np.linspace(2558, 171, 880).tolist()))
     record, clocked = read(bare, pressure=(e_file,), offset=15.5), read(real(TEXT))
     assert np.abs(record.time_s - clocked.time_s).max() < 0.01
-    # The rule's own error, and where it is largest beside a swing.
+    # Tolerance: error of the computed heading, which affects velocities most during a swing.
     assert angles.rms(angles.difference(record.heading_deg, clocked.heading_deg)) < 0.05
     assert np.hypot(record.east - clocked.east, record.north - clocked.north).max() < 2e-3
     assert record.counts["headings_by_rule"] == record.counts["scans"] == 17916
@@ -333,7 +333,7 @@ def test_scans_without_a_clock_of_the_real_file_get_its_times(tmp_path):
 
 
 def bare_profiles(folder: Path, scans: profiler.Scans, *, said: bool) -> list[Path]:
-    """One file a profile without a clock; the lines of switching on and off are left out where not said."""
+    """Write one file without clock per profile, without the switch-on and switch-off lines unless ``said``."""
     paths = []
     for k, number in enumerate(scans.number):
         own = np.repeat(np.arange(len(scans.number)), scans.size) == k
@@ -344,7 +344,7 @@ def bare_profiles(folder: Path, scans: profiler.Scans, *, said: bool) -> list[Pa
     return paths
 
 
-def test_profile_starts_come_from_the_meters_own_lines_then_from_the_file_of_the_same_number(tmp_path):
+def test_profile_starts_come_from_own_header_or_matching_e_file(tmp_path):
     scans = logged()
     times = set(np.round(read(text_file(tmp_path, scans)).time_s, 3))
     own = read(*bare_profiles(tmp_path, scans, said=True), offset=15.0)
@@ -362,7 +362,7 @@ def test_profile_starts_come_from_the_meters_own_lines_then_from_the_file_of_the
     assert any(w.startswith("40 scans were left out") for w in fewer.warnings)
 
 
-def test_a_table_numbers_profiles_or_gives_them_in_order(tmp_path):
+def test_table_matches_profiles_by_number_or_order(tmp_path):
     scans = logged()
     expected = rows_of(read(*bare_profiles(tmp_path, scans, said=True), offset=15.0))
     files = bare_profiles(tmp_path, scans, said=False)
@@ -376,7 +376,7 @@ def test_a_table_numbers_profiles_or_gives_them_in_order(tmp_path):
         assert any("were matched in order" in w for w in record.warnings) == (table == plain)
 
 
-def test_without_a_sample_rate_the_switching_times_tell_it_or_it_is_assumed(tmp_path):
+def test_missing_sample_rate_is_inferred_or_assumed(tmp_path):
     scans = logged((121, 121))
     said = [
         path.read_text().replace("Sample rate: 2.0000 Hz", "") for path in bare_profiles(tmp_path, scans, said=True)
@@ -395,7 +395,7 @@ def test_without_a_sample_rate_the_switching_times_tell_it_or_it_is_assumed(tmp_
     assert any("no file states the sample rate of 2 profiles: 2 Hz was assumed" in w for w in assumed.warnings)
 
 
-def test_scans_whose_time_nothing_tells_are_refused(tmp_path):
+def test_scans_without_any_time_information_are_refused(tmp_path):
     files = bare_profiles(tmp_path, logged(), said=False)
     expected = (
         "pressure_files: expected the profiler's engineering (E) files with the starts of the profiles, as scans carry "
@@ -406,7 +406,7 @@ def test_scans_whose_time_nothing_tells_are_refused(tmp_path):
     assert str(error.value) == expected
 
 
-def test_an_offset_that_has_no_effect_is_told(tmp_path):
+def test_start_offset_without_effect_is_reported(tmp_path):
     record = read(text_file(tmp_path, logged()), offset=7.0)
     assert any(w.startswith("start_offset_seconds has no effect") for w in record.warnings)
 
@@ -416,18 +416,18 @@ def test_an_offset_that_has_no_effect_is_told(tmp_path):
 
 @pytest.mark.parametrize("comma", [False, True])
 @pytest.mark.parametrize("header", [False, True])
-def test_engineering_files_in_four_variants(tmp_path, comma, header):
+def test_engineering_files_are_read_in_four_variants(tmp_path, comma, header):
     dbar = [0.0, 0.0, 500.0, 497.5, 495.0]
     path = written(tmp_path, "E0000007.TXT", engineering(7, ON_S, dbar, comma=comma, header=header))
     found = mmp_pressure.read_companions([path])
-    # Zeros stand for readings that were not there yet.
+    # Zeros precede the first reading.
     assert found.time_s.tolist() == [ON_S + 140.0, ON_S + 150.0, ON_S + 160.0]
     assert found.pressure_dbar.tolist() == [500.0, 497.5, 495.0]
     start, first_row = found.starts[0], ON_S + 120.0
     assert (start.number, start.on_s) == (7, float(ON_S) if header else first_row)
 
 
-def test_the_oldest_engineering_rows_have_a_stamp_of_six_numbers(tmp_path):
+def test_timestamp_of_six_numbers_in_old_engineering_files(tmp_path):
     rows = ["09 05 2007 13 46 40 150 11.3 500.00 -24.1", "09 05 2007 13 46 50 152 11.3 497.50 -24.3"]
     found = mmp_pressure.read_companions([written(tmp_path, "E0000007.TXT", "\n".join(rows) + "\n")])
     assert found.pressure_dbar.tolist() == [500.0, 497.5]
@@ -435,7 +435,7 @@ def test_the_oldest_engineering_rows_have_a_stamp_of_six_numbers(tmp_path):
     assert found.starts[0].number == 7
 
 
-def test_a_ctd_file_is_laid_between_its_switching_times_and_gives_way_to_an_engineering_file(tmp_path):
+def test_ctd_file_is_timed_and_yields_to_engineering_file(tmp_path):
     dbar = np.linspace(500, 400, 400).tolist()
     c_file = written(tmp_path, "C0000007.TXT", ctd(7, ON_S, ON_S + 400, dbar))
     alone = mmp_pressure.read_companions([c_file])
@@ -449,7 +449,7 @@ def test_a_ctd_file_is_laid_between_its_switching_times_and_gives_way_to_an_engi
     assert [start.number for start in both.starts] == [7]
 
 
-def test_a_table_is_known_by_its_header(tmp_path):
+def test_table_columns_are_identified_by_their_header(tmp_path):
     rows = ["2007-09-05 13:46:40,500,x", "", "2007-09-05T13:46:50Z,,x", "2007-09-05T13:47:00.5,495.5,"]
     table = "\n".join(['\ufeff"Date_Time", Pressure ,other', *rows]) + "\n"
     found = mmp_pressure.read_companions([written(tmp_path, "p.csv", table)])
@@ -457,7 +457,7 @@ def test_a_table_is_known_by_its_header(tmp_path):
     assert found.pressure_dbar.tolist() == [500.0, 495.5]
 
 
-def test_pressure_is_interpolated_only_where_samples_are_near(tmp_path):
+def test_pressure_is_not_interpolated_across_long_gaps(tmp_path):
     table = "time,pressure\n" + "".join(f"{np.datetime64(ON_S + t, 's')},{100 + t}\n" for t in (0, 10, 20, 400, 410))
     found = mmp_pressure.read_companions([written(tmp_path, "p.csv", table)])
     at = found.at(ON_S + np.array([-1.0, 0.0, 5.0, 20.0, 21.0, 399.0, 405.0, 410.0, 411.0, np.nan]))
@@ -465,7 +465,7 @@ def test_pressure_is_interpolated_only_where_samples_are_near(tmp_path):
     assert at[[1, 2, 3, 6, 7]].tolist() == [100.0, 105.0, 120.0, 505.0, 510.0]
 
 
-def test_scans_without_pressure_are_counted_and_those_far_from_any_are_not_to_be_used(tmp_path):
+def test_scans_far_from_any_pressure_are_flagged(tmp_path):
     scans = logged((40, 40, 40))
     on = scans.on_s
     table = "time,pressure\n" + "".join(
@@ -489,7 +489,7 @@ def test_without_pressure_files_the_depth_is_unknown(tmp_path):
     same_record(nothing, record)
 
 
-def test_direction_comes_from_the_pressure_then_from_the_number(tmp_path):
+def test_profile_direction_comes_from_pressure_else_from_number(tmp_path):
     scans = logged((40, 40, 40))
     path = text_file(tmp_path, scans)
     by_number = read(path).counts
@@ -508,7 +508,7 @@ def test_direction_comes_from_the_pressure_then_from_the_number(tmp_path):
         (b"\0\1\2\3" * 100, "a binary file"),
     ],
 )
-def test_a_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
+def test_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
     path = written(tmp_path, "p.csv", content)
     with pytest.raises(InputError) as error:
         mmp_pressure.read_companions([path])
@@ -532,14 +532,14 @@ def test_a_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
         ("2007-09-05,deep", "line 2, pressure: expected a number or nothing, found 'deep'; mend or remove the line"),
     ],
 )
-def test_a_table_that_cannot_be_read_is_refused_with_its_row(tmp_path, content, expected):
+def test_unreadable_table_is_refused_with_its_line_number(tmp_path, content, expected):
     path = written(tmp_path, "p.csv", f"time,pressure\n{content}\n")
     with pytest.raises(InputError) as error:
         mmp_pressure.read_companions([path])
     assert str(error.value).startswith(f"{path}: {expected}")
 
 
-def test_a_ctd_file_without_times_is_refused(tmp_path):
+def test_ctd_file_without_times_is_refused(tmp_path):
     path = written(tmp_path, "C0000007.TXT", ctd(7, 0, 0, [1.0, 2.0, 3.0], times=False))
     with pytest.raises(InputError, match=r"unpack with header lines, or give the engineering \(E\) files"):
         mmp_pressure.read_companions([path])
@@ -549,7 +549,7 @@ def test_a_ctd_file_without_times_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["text", "binary"])
-def test_a_file_cut_anywhere_loses_its_end_and_nothing_else(tmp_path, form):
+def test_truncated_file_loses_only_its_end(tmp_path, form):
     whole = (text_file if form == "text" else binary_file)(tmp_path, logged((12, 12)))
     data, truth = whole.read_bytes(), rows_of(read(whole))
     rng = np.random.default_rng(5)
@@ -565,8 +565,8 @@ def test_a_file_cut_anywhere_loses_its_end_and_nothing_else(tmp_path, form):
 
 
 @pytest.mark.parametrize("filler", [b"\0", b"\xff"])
-def test_a_scan_cut_by_a_full_disk_and_filled_up_is_none(tmp_path, filler):
-    """Cut at every byte of a record; fillers for the rest of it, for a little more, for a block."""
+def test_truncated_scan_with_filler_is_dropped(tmp_path, filler):
+    """Cut a record at each byte and fill up the record, five more bytes, or a disk block."""
     path = binary_file(tmp_path, logged((40,)))
     whole, known = path.read_bytes(), rows_of(read(path))
     end = len(whole) - 8 - 20 * ROW
@@ -577,7 +577,7 @@ def test_a_scan_cut_by_a_full_disk_and_filled_up_is_none(tmp_path, filler):
 
 
 @pytest.mark.parametrize("keep", ["2.", "2.1", "-", ""])
-def test_a_last_number_cut_short_is_never_taken_for_a_number(tmp_path, keep):
+def test_truncated_last_number_is_not_used(tmp_path, keep):
     text = text_file(tmp_path, logged((30,))).read_text()
     rows = [k for k, line in enumerate(text.split("\n")) if is_row(line)]
     lines = text.split("\n")[: rows[-1] + 1]
@@ -595,13 +595,13 @@ def sound(tmp_path_factory):
 
 
 def foreign(record: Record, truth: Record) -> int:
-    """How many scans are in no way those of the sound file."""
+    """Count scans that do not occur in the sound file."""
     return len(rows_of(record) - rows_of(truth))
 
 
 @FEW
 @given(at=st.floats(0, 1, exclude_max=True), octet=st.integers(0, 255), form=st.sampled_from(["text", "binary"]))
-def test_a_flipped_byte_costs_a_scan_or_changes_one(sound, at, octet, form):
+def test_flipped_byte_affects_at_most_one_scan(sound, at, octet, form):
     folder, files = sound
     data, truth = files[form]
     flipped = bytearray(data)
@@ -609,11 +609,11 @@ def test_a_flipped_byte_costs_a_scan_or_changes_one(sound, at, octet, form):
     record = read(written(folder, "flipped", bytes(flipped)))
     assert foreign(record, truth) <= 1
     assert len(record.time_s) >= 84
-    # Two rows without a line end between them are one damaged row.
+    # Two rows without a line break between them count as one damaged row.
     assert 89 <= accounted(record) <= 91
 
 
-def test_a_damaged_header_does_not_cost_its_profile(sound):
+def test_profile_with_damaged_header_is_recovered(sound):
     folder, files = sound
     data, truth = files["binary"]
     block = 4 + HEAD + 30 * ROW + 8
@@ -626,7 +626,7 @@ def test_a_damaged_header_does_not_cost_its_profile(sound):
             assert record.counts["profiles"] == 3
 
 
-def test_a_profile_whose_header_is_gone_is_counted_as_damaged(sound):
+def test_profile_with_erased_header_is_counted_as_damaged(sound):
     folder, files = sound
     data, truth = files["binary"]
     block = 4 + HEAD + 30 * ROW + 8
@@ -638,7 +638,7 @@ def test_a_profile_whose_header_is_gone_is_counted_as_damaged(sound):
     assert any("damaged rows were left out" in w for w in record.warnings)
 
 
-def test_a_clock_that_jumps_for_one_scan_is_damaged(tmp_path):
+def test_scan_with_a_misplaced_time_is_dropped(tmp_path):
     path = text_file(tmp_path, logged((30,)))
     text = path.read_text()
     moved = text.replace("13:47:00", "18:47:00", 1)
@@ -663,7 +663,7 @@ def test_a_clock_that_jumps_for_one_scan_is_damaged(tmp_path):
         ("-0.9700", "    nan"),
     ],
 )
-def test_a_row_that_is_not_one_is_left_out(tmp_path, old, new):
+def test_malformed_row_is_dropped(tmp_path, old, new):
     lines = text_file(tmp_path, logged((30,))).read_text().split("\n")
     row = [k for k, line in enumerate(lines) if is_row(line)][4]
     assert old in lines[row]
@@ -673,7 +673,7 @@ def test_a_row_that_is_not_one_is_left_out(tmp_path, old, new):
     assert foreign(record, read(tmp_path / "acm.txt")) == 0
 
 
-def test_numbers_of_uneven_decimals_are_no_damage(tmp_path):
+def test_numbers_with_varying_decimals_are_accepted(tmp_path):
     rng = np.random.default_rng(3)
     rows = [" ".join(f"{x:g}" for x in rng.uniform(-1, 1, 9).round(4)) for _ in range(300)]
     parsed = mmp_rows.parse("\n".join(rows).encode(), lambda form: form == (False, 9))
@@ -681,7 +681,7 @@ def test_numbers_of_uneven_decimals_are_no_damage(tmp_path):
     assert parsed.values.tolist() == [[float(x) for x in row.split()] for row in rows]
 
 
-def test_the_result_does_not_depend_on_how_much_is_read_at_a_time(tmp_path, monkeypatch):
+def test_result_does_not_depend_on_the_chunk_size(tmp_path, monkeypatch):
     data = text_file(tmp_path, logged()).read_bytes()
     wanted = mmp_scans.STAMPED.__eq__
     whole = mmp_rows.parse(data, wanted)
@@ -705,7 +705,7 @@ EXPECTED = "expected unpacked ASCII or binary scans of a Falmouth 3D-ACM"
         (engineering(1, ON_S, [1.0, 2.0]), "found none (2 damaged rows);"),
     ],
 )
-def test_a_file_of_another_kind_is_refused(tmp_path, content, found):
+def test_file_of_another_format_is_refused(tmp_path, content, found):
     path = written(tmp_path, "a.txt", content)
     with pytest.raises(InputError) as error:
         read(path)
@@ -714,7 +714,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path, content, found):
     assert "\n" not in message
 
 
-def test_a_meter_whose_compass_is_dead_has_no_heading_and_no_current(tmp_path):
+def test_dead_compass_gives_no_heading_and_no_current(tmp_path):
     text = without_clock(text_file(tmp_path, logged((9,))).read_text())
     rows = [line.split() for line in text.splitlines()]
     dead = [" ".join([*r[:2], *["0.0000"] * 3, *r[5:]] if len(r) == 9 and "." in r[0] else r) for r in rows]
@@ -742,7 +742,7 @@ def mooring(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["acm.txt", "acm.dat"])
-def test_a_simulated_moorings_currents_and_depths_come_back(mooring, name):
+def test_currents_and_depths_of_a_simulated_mooring_are_recovered(mooring, name):
     folder, world, schedule, scans = mooring
     record = read(folder / name, pressure=(folder / "engineering.csv",))
     assert record.counts["profiles"] == record.counts["aliased_dropped"] == len(schedule.number)
@@ -756,7 +756,7 @@ def test_a_simulated_moorings_currents_and_depths_come_back(mooring, name):
     truth = water.velocity(world.currents, record.time_s, record.pressure_dbar / 1.009)
     east, north = angles.turn(record.east[:, 0], record.north[:, 0], world.field.at(record.time_s)[0])
     missed = east + 1j * north - truth
-    # 0.35 degrees of compass, half a centimetre a second of each path, a metre of depth.
+    # Errors: compass 0.35 degrees, each path 0.5 cm/s, depth 1 m.
     assert np.sqrt(np.mean(np.abs(missed) ** 2)) < 0.03
     assert abs(missed.mean()) < 0.005
 
@@ -770,7 +770,7 @@ def depths(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 # Where the reader is called ------------------------------------------------------------------------------------------
 
 
-def test_the_table_of_formats_leads_here(tmp_path):
+def test_reader_is_registered_for_its_format_names(tmp_path):
     path = text_file(tmp_path, logged())
     table = written(
         tmp_path, "p.csv", f"time,pressure\n{np.datetime64(ON_S, 's')},5\n{np.datetime64(ON_S + 50, 's')},6\n"
@@ -782,7 +782,7 @@ def test_the_table_of_formats_leads_here(tmp_path):
     assert readers.read("acm_table", [plain], columns).east.tolist() == [[0.1]]
 
 
-def test_the_workflow_gives_companion_files_apart_from_the_raw_ones(tmp_path):
+def test_workflow_separates_companion_files_from_raw_files(tmp_path):
     (tmp_path / "config" / "moorings").mkdir(parents=True)
     (tmp_path / "config" / "config.yaml").write_text("moorings: config/moorings\n")
     for name in ("top.000", "A1.TXT", "A2.TXT", "E1.TXT"):

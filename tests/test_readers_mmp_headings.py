@@ -1,4 +1,4 @@
-"""An ACM's logged headings against its own magnetometer: the logger's rule, planted faults, a real log."""
+"""Logged headings of an ACM against its magnetometer: the logger's algorithm, planted faults and a real log."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def about(record) -> list[str]:
     return [said for said in record.warnings if "HX HY HZ" in said]
 
 
-def test_a_sound_log_is_not_doubted(tmp_path):
+def test_consistent_headings_are_not_flagged(tmp_path):
     record = read(changed(tmp_path, lambda values: None))
     assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
 
 
-def test_headings_that_stand_off_are_flagged_with_their_currents(tmp_path):
+def test_deviating_headings_are_flagged_with_their_currents(tmp_path):
     def change(values):
         values[[5, 12, 40], 0] += (9.0, -60.0, 180.0)
 
@@ -45,7 +45,7 @@ def test_headings_that_stand_off_are_flagged_with_their_currents(tmp_path):
     assert about(record) == [said]
 
 
-def test_headings_that_were_not_levelled_are_explained_by_the_tilts(tmp_path):
+def test_headings_without_tilt_correction_are_accepted(tmp_path):
     def change(values):
         values[:, 0] = np.rad2deg(np.arctan2(values[:, 4], values[:, 3]))
 
@@ -53,7 +53,7 @@ def test_headings_that_were_not_levelled_are_explained_by_the_tilts(tmp_path):
     assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
 
 
-def test_a_constant_is_told_and_nothing_is_flagged(tmp_path):
+def test_constant_offset_is_reported_without_flags(tmp_path):
     def change(values):
         values[:, 0] -= 23.6
 
@@ -65,7 +65,7 @@ def test_a_constant_is_told_and_nothing_is_flagged(tmp_path):
     ]
 
 
-def test_two_that_have_nothing_in_common_are_said_and_neither_is_believed_more(tmp_path):
+def test_headings_unrelated_to_the_magnetometer_are_reported(tmp_path):
     def change(values):
         values[:, 3:6] = np.random.default_rng(3).normal(size=(60, 3))
 
@@ -75,12 +75,12 @@ def test_two_that_have_nothing_in_common_are_said_and_neither_is_believed_more(t
 
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
-def test_the_real_log_follows_its_magnetometer_and_a_planted_fault_is_found(name):
+def test_real_log_agrees_and_a_planted_fault_is_found(name):
     values = mmp_scans.read_scans([real(name)]).values
     heading = values[:, 0].copy()
     sound = compare_headings(heading, values[:, 3:6], values[:, 1:3])
     assert sound.known == 17917 and not sound.off.any() and sound.warnings() == []
-    assert abs(sound.constant_deg) < 0.05  # the last digit of field and heading
-    heading[3000:3100] = heading[2999]  # a compass that hangs for 50 s while the meter turns by up to 12.6 degrees
+    assert abs(sound.constant_deg) < 0.05  # rounding of field and heading
+    heading[3000:3100] = heading[2999]  # a compass stuck for 50 s while the meter turns by up to 12.6 degrees
     found = compare_headings(heading, values[:, 3:6], values[:, 1:3])
-    assert 75 < found.off[3000:3100].sum() == found.off.sum()  # 77 scans stand more than 2.2 degrees from there
+    assert 75 < found.off[3000:3100].sum() == found.off.sum()  # 77 scans differ from it by more than 2.2 degrees

@@ -1,4 +1,4 @@
-"""The netCDF reader: layouts of others, dolfyn's own files against the PD0 reader, our product, north, units, flags."""
+"""The netCDF reader: layouts of other software, dolfyn against the PD0 reader, the product, north, units, flags."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def refused(path: Path, **settings: Any) -> str:
 
 @contextlib.contextmanager
 def layout(tmp_path: Path, name: str) -> Iterator[netCDF4.Dataset]:
-    """Give a file of a layout, to be changed."""
+    """Yield a file of a layout, open for modification."""
     path = tmp_path / "a.nc"
     layouts.write(path, name)
     with netCDF4.Dataset(path, "a") as nc:
@@ -54,10 +54,10 @@ def close(found: np.ndarray, expected: np.ndarray, tolerance: float = 1e-6) -> N
 
 
 @pytest.mark.parametrize("name", ["imos_magnetic", "imos_true", "epic", "stglib"])
-def test_what_was_measured_comes_back_from_each_layout(tmp_path, name):
+def test_record_is_recovered_from_each_layout(tmp_path, name):
     truth = layouts.write(tmp_path / "a.nc", name)
     record = read(tmp_path / "a.nc")
-    close(record.time_s, truth.time_s, 1e-4)  # days in float64
+    close(record.time_s, truth.time_s, 1e-4)  # time is stored as days in float64
     close(record.east, truth.east)
     close(record.north, truth.north)
     close(record.bin_range_m, np.broadcast_to(truth.range_m, truth.east.shape))
@@ -72,7 +72,7 @@ def test_what_was_measured_comes_back_from_each_layout(tmp_path, name):
     assert record.quality[0, -1] == MISSING and record.heading_quality[1] == MISSING
 
 
-def test_oceansites_is_from_true_north_and_its_flags_and_depths_count(tmp_path):
+def test_oceansites_north_flags_and_depths_are_used(tmp_path):
     truth = layouts.write(tmp_path / "a.nc", "oceansites")
     record = read(tmp_path / "a.nc", direction_reference="true")
     east, north, _ = truth.true()
@@ -81,12 +81,12 @@ def test_oceansites_is_from_true_north_and_its_flags_and_depths_count(tmp_path):
     assert (record.quality[3, 2], record.quality[4, 2], record.quality[5, 2]) == (BAD, PROBABLY_GOOD, GOOD)
     close(record.bin_depth_m(), np.broadcast_to(100.0 - truth.range_m, east.shape), 1e-5)
     assert record.looks_up and record.direction_reference == "true" and np.isnan(record.heading_deg).all()
-    assert not any("Headings" in line for line in record.warnings)  # it has none to leave out
+    assert not any("Headings" in line for line in record.warnings)  # the file has no headings that could be dropped
 
 
 @pytest.mark.parametrize("name", ["RDI_withBT.000", "03160000.000", "adp_12.000"])
-def test_what_mhkit_writes_is_what_the_pd0_reader_reads(tmp_path, name, monkeypatch):
-    monkeypatch.setattr(currents, "MOST_TURNED", 0.0)  # dolfyn does not map the cells of tilted beams
+def test_mhkit_files_agree_with_the_pd0_reader(tmp_path, name, monkeypatch):
+    monkeypatch.setattr(currents, "MOST_TURNED", 0.0)  # dolfyn does not map the bins of tilted beams
     dolfyn = pytest.importorskip("mhkit.dolfyn")
     raw = SHARED / "pd0" / name
     if not raw.exists():
@@ -112,7 +112,7 @@ def test_what_mhkit_writes_is_what_the_pd0_reader_reads(tmp_path, name, monkeypa
         assert n >= 99 and (record.looks_up, record.beam_angle_deg) == (own.looks_up, own.beam_angle_deg)
         assert record.serial_number == own.serial_number
         assert (record.manufacturer, record.model) == (data.attrs["inst_make"], data.attrs["inst_model"])
-        known = np.isfinite(record.east)  # dolfyn does not solve for currents from three beams
+        known = np.isfinite(record.east)  # dolfyn has no three-beam solution
         close(record.east[known], own.east[:n][known], 1e-5)
         close(record.north[known], own.north[:n][known], 1e-5)
         close(record.profiles["up"][known], own.profiles["up"][:n][known], 1e-5)
@@ -123,11 +123,11 @@ def test_what_mhkit_writes_is_what_the_pd0_reader_reads(tmp_path, name, monkeypa
         assert np.nanmax(np.abs(angles.difference(record.heading_deg, own.heading_deg[:n]))) < 1e-4
         for field in ("time_s", "pitch_deg", "roll_deg", "depth_m", "temperature_c", "bin_range_m"):
             close(getattr(record, field), getattr(own, field)[:n], 1e-4)
-        told = np.isfinite(record.pressure_dbar)  # MHKiT writes one below that of air as 4294967 dbar
+        told = np.isfinite(record.pressure_dbar)  # MHKiT writes pressures below that of air as 4294967 dbar
         close(record.pressure_dbar[told], own.pressure_dbar[:n][told], 1e-4)
 
 
-def test_our_own_product_comes_back_as_the_record_it_was_made_of(tmp_path):
+def test_own_product_is_read_back_as_its_record(tmp_path):
     product = make_product(60, 4, **measured(60, 4))
     write(tmp_path / "a.nc", product)
     record, own = read(tmp_path / "a.nc"), product.record
@@ -146,7 +146,7 @@ def test_our_own_product_comes_back_as_the_record_it_was_made_of(tmp_path):
     close(kept.east, product.east, 2e-6)
 
 
-def test_counts_of_each_beam_are_found_by_imos_names_and_what_is_not_clear_is_left_out(tmp_path):
+def test_imos_beam_counts_are_read_and_unclear_variables_dropped(tmp_path):
     layouts.write(tmp_path / "a.nc", "imos_magnetic")
     counts = np.arange(N * M * 4).reshape(N, M, 4) % 200
     counts[5, 2, 1] = -1
@@ -161,7 +161,7 @@ def test_counts_of_each_beam_are_found_by_imos_names_and_what_is_not_clear_is_le
     np.testing.assert_array_equal(record.profiles["echo"], counts)
 
 
-NORTHS = [  # layout, attributes dropped, settings, and what the line names, or how the velocities come out turned
+NORTHS = [  # layout, attributes deleted, settings, text of the refusal or rotation of the velocities in degrees
     ("oceansites", (), {}, "direction_reference: true"),
     ("oceansites", (), {"declination_applied": DECLINATION}, 0.0),
     ("imos_magnetic", (), {"direction_reference": "true"}, "direction_reference: magnetic"),
@@ -176,7 +176,7 @@ NORTHS = [  # layout, attributes dropped, settings, and what the line names, or 
 
 
 @pytest.mark.parametrize(("name", "without", "settings", "expected"), NORTHS)
-def test_the_north_is_told_or_refused(tmp_path, name, without, settings, expected):
+def test_north_reference_is_determined_or_refused(tmp_path, name, without, settings, expected):
     with layout(tmp_path, name) as nc:
         for attribute in without:
             nc.delncattr(attribute)
@@ -191,14 +191,14 @@ def test_the_north_is_told_or_refused(tmp_path, name, without, settings, expecte
     assert (record.direction_reference == "true") == (settings.get("direction_reference") == "true")
 
 
-def test_a_declination_without_a_word_whether_it_was_applied_is_refused(tmp_path):
+def test_declination_is_refused_unless_its_application_is_stated(tmp_path):
     with layout(tmp_path, "epic") as nc:
         nc.delncattr("magnetic_variation_applied")
         nc.magnetic_variation = DECLINATION
     assert "write declination_applied: -17.4 where the directions hold it, 0 where" in refused(tmp_path / "a.nc")
 
 
-def test_headings_by_an_untold_declination_are_left_out_and_it_is_said(tmp_path):
+def test_headings_with_unknown_declination_are_dropped_and_reported(tmp_path):
     with layout(tmp_path, "stglib") as nc:
         nc.delncattr("history")
     record = read(tmp_path / "a.nc", direction_reference="true")
@@ -207,7 +207,7 @@ def test_headings_by_an_untold_declination_are_left_out_and_it_is_said(tmp_path)
 
 
 @pytest.mark.parametrize(("units", "factor"), [("m/s", 1.0), ("cm s-1", 100.0), ("mm/s", 1000.0)])
-def test_speeds_are_taken_by_their_units_in_any_order_of_dimensions(tmp_path, units, factor):
+def test_velocity_units_and_order_of_dimensions_are_handled(tmp_path, units, factor):
     truth = layouts.truth()
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
         layouts.dimensions(nc, station=1, range=layouts.M, time=layouts.N)
@@ -217,14 +217,14 @@ def test_speeds_are_taken_by_their_units_in_any_order_of_dimensions(tmp_path, un
             layouts.put(nc, name, ("range", "station", "time"), factor * values[:, ::-1], -9e9, units=units)
     assert "orientation: up or down" in refused(tmp_path / "a.nc")
     record = read(tmp_path / "a.nc", orientation="down")
-    close(record.east, truth.east)  # the nearest bin comes first, whatever the file's order
+    close(record.east, truth.east)  # bins are sorted by range, whatever their order in the file
     close(record.bin_range_m[0], truth.range_m)
     with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
         nc["UCUR_MAG"].units = "knots"
     assert "units such as" in refused(tmp_path / "a.nc", orientation="down")
 
 
-def test_packed_values_and_those_out_of_range_are_unpacked_and_missing(tmp_path):
+def test_packed_values_are_unpacked_and_those_out_of_range_missing(tmp_path):
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
         layouts.dimensions(nc, time=4)
         layouts.put(nc, "time", ("time",), np.arange(4.0), units="hours since 2007-09-04")
@@ -250,7 +250,7 @@ def test_packed_values_and_those_out_of_range_are_unpacked_and_missing(tmp_path)
         ({}, [GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING]),
     ],
 )  # fmt: skip
-def test_flags_are_taken_by_their_meanings(tmp_path, attributes, flags):
+def test_flags_are_mapped_by_their_meanings(tmp_path, attributes, flags):
     with layout(tmp_path, "imos_magnetic") as nc:
         for name in ("UCUR_MAG_quality_control", "VCUR_MAG_quality_control"):
             nc[name].delncattr("flag_values")
@@ -262,7 +262,7 @@ def test_flags_are_taken_by_their_meanings(tmp_path, attributes, flags):
     assert any("what its flags mean" in line for line in record.warnings) == (not attributes)
 
 
-def test_the_column_map_counts_before_names(tmp_path):
+def test_column_map_takes_precedence_over_names(tmp_path):
     truth = layouts.truth()
     with layout(tmp_path, "imos_magnetic") as nc:
         nc.renameVariable("UCUR_MAG", "along")
@@ -274,7 +274,7 @@ def test_the_column_map_counts_before_names(tmp_path):
     assert np.isfinite(record.heading_deg).sum() == layouts.N - 1
 
 
-def test_standard_names_count_before_names_that_look_right_and_two_are_asked_about(tmp_path):
+def test_standard_names_take_precedence_and_duplicates_are_refused(tmp_path):
     truth = layouts.truth()
     with layout(tmp_path, "stglib") as nc:
         nc.renameVariable("u_1205", "along")
@@ -285,7 +285,7 @@ def test_standard_names_count_before_names_that_look_right_and_two_are_asked_abo
     assert "columns: {east: along}" in refused(tmp_path / "a.nc")
 
 
-def test_a_point_meter_has_one_bin_and_its_depth(tmp_path):
+def test_point_current_meter_has_one_bin_and_its_depth(tmp_path):
     truth = layouts.truth()
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
         layouts.dimensions(nc, TIME=layouts.N, DEPTH=1)
@@ -298,7 +298,7 @@ def test_a_point_meter_has_one_bin_and_its_depth(tmp_path):
     assert not record.bin_range_m.any() and (record.depth_m == 120.0).all()
 
 
-def test_two_files_are_joined_in_order_of_time_and_other_bins_are_refused(tmp_path):
+def test_files_are_joined_in_time_and_different_bins_refused(tmp_path):
     truth = layouts.write(tmp_path / "a.nc", "imos_magnetic")
     with layout(tmp_path, "imos_magnetic") as nc:
         nc["TIME"][:] = nc["TIME"][:] + 10.0
@@ -311,7 +311,7 @@ def test_two_files_are_joined_in_order_of_time_and_other_bins_are_refused(tmp_pa
         read(tmp_path / "a.nc", tmp_path / "c.nc")
 
 
-def test_what_cannot_be_read_is_refused_in_a_line_that_says_what_to_do(tmp_path):
+def test_unreadable_files_are_refused_with_advice(tmp_path):
     path = tmp_path / "a.nc"
     path.write_bytes(b"not a netCDF file at all")
     assert "expected a netCDF file, found a text" in refused(path)
@@ -341,7 +341,7 @@ def test_orientation_is_checked_against_the_file(tmp_path):
     )
 
 
-def test_the_absolute_pressure_of_imos_loses_the_atmosphere(tmp_path):
+def test_atmosphere_is_subtracted_from_absolute_imos_pressure(tmp_path):
     with layout(tmp_path, "imos_magnetic") as nc:
         nc.renameVariable("PRES_REL", "PRES")
         nc["PRES"].standard_name = "sea_water_pressure"
@@ -349,13 +349,13 @@ def test_the_absolute_pressure_of_imos_loses_the_atmosphere(tmp_path):
     close(record.pressure_dbar, layouts.truth().pressure_dbar - 10.1325)
 
 
-def test_drawn_layouts_are_read_as_they_were_drawn_and_as_a_plain_reading_has_them(tmp_path):
+def test_random_layouts_are_read_as_generated(tmp_path):
     found = [lines for _, lines in drawn_layouts.layouts(47, 20, tmp_path)]
     assert found == [[]] * 20
 
 
 TRUE_UP = {"direction_reference": "true", "orientation": "up"}
-WILD = [  # file, settings, and what the refusal or a warning names, and how many velocities have which flag
+WILD = [  # file, settings, text of the refusal or of a warning, number of velocities with each flag
     ("netcdf_flag_words_good", TRUE_UP, "UCUR_QC: the meaning of the flags low_percent_good (8 samples), side_lobe",
      {0: 8, 1: 8, 3: 32}),
     ("netcdf_flag_words_good", TRUE_UP | {"flags": {"bad": ["compass_error", "side_lobe", "sensor_broken", "2"]}}, "",
@@ -372,7 +372,7 @@ WILD = [  # file, settings, and what the refusal or a warning names, and how man
 
 
 @pytest.mark.parametrize(("name", "settings", "said", "flags"), WILD)
-def test_files_of_others_that_were_misread(name, settings, said, flags):
+def test_formerly_misread_files_of_other_software(name, settings, said, flags):
     path = real(f"wild/{name}.nc")
     if flags is None:
         assert said in refused(path, **settings)
@@ -385,14 +385,14 @@ def test_files_of_others_that_were_misread(name, settings, said, flags):
     )
 
 
-def test_an_averaged_series_of_mhkit_has_its_own_headings_and_the_offset_of_cf_counts():
+def test_mhkit_average_headings_and_cf_time_offset_are_read():
     record = read(real("wild/mhkit_vel_avg.nc"))
     assert np.isfinite(record.heading_deg).all() and record.bin_range_m[0, 0] == pytest.approx(6.0, abs=4.0)
     time = read(real("wild/netcdf_time_offset_one_digit.nc"), **TRUE_UP).time_s[0]
     assert np.datetime64(int(time), "s") == np.datetime64("1992-10-08T21:15:42")
 
 
-def test_single_pings_and_their_means_in_one_file_are_told_apart(tmp_path):
+def test_single_pings_and_averages_are_read_separately(tmp_path):
     truth = layouts.truth()
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
         nc.setncatts({"coord_sys": "earth", "orientation": "up", "beam_angle": 20.0})
@@ -419,7 +419,7 @@ def test_single_pings_and_their_means_in_one_file_are_told_apart(tmp_path):
 @pytest.mark.parametrize(
     "word", ["compass_error", "not_bad", "low_percent_good", "no_good", "passed_by", "goodness", "badly_missing"]
 )
-def test_a_word_that_holds_a_known_one_is_not_known(word):
+def test_flag_word_containing_a_known_word_is_unknown(word):
     assert flag_of("1", word, {}) is None and {flag_of("1", known.upper(), {}) for known in MEANINGS} == {
         0,
         1,
@@ -430,7 +430,7 @@ def test_a_word_that_holds_a_known_one_is_not_known(word):
     }
 
 
-MASKS = [  # attributes, value and its flag; what is named
+MASKS = [  # attributes, expected flag of each value, text that names an unknown value
     ({"flag_masks": [1, 2, 4], "flag_meanings": "suspect fail side_lobe"},
      {0: 0, 1: 3, 2: 4, 3: 4, 4: 3, 6: 4, 8: 3}, "side_lobe ("),
     ({"flag_masks": [1, 2], "flag_meanings": "good fail"}, {0: 3, 1: 1, 2: 4, 3: 4}, " 0 ("),
@@ -448,7 +448,7 @@ MASKS = [  # attributes, value and its flag; what is named
 
 
 @pytest.mark.parametrize(("attributes", "expected", "named"), MASKS)
-def test_flags_are_read_in_each_form_of_cf_and_what_is_unknown_is_named(tmp_path, attributes, expected, named):
+def test_all_cf_flag_forms_are_read_and_unknown_flags_named(tmp_path, attributes, expected, named):
     with layout(tmp_path, "stglib") as nc:
         quality = nc.createVariable("u_1205_QC", "i1", ("time",))
         quality.setncatts({key: np.array(v, "i1") if isinstance(v, list) else v for key, v in attributes.items()})
@@ -460,7 +460,7 @@ def test_flags_are_read_in_each_form_of_cf_and_what_is_unknown_is_named(tmp_path
     assert bool(said) == bool(named) and named in " ".join(said) and all("flags: {" in line for line in said)
 
 
-def test_flags_of_time_of_tests_and_of_other_series_count_and_those_of_nothing_are_said(tmp_path):
+def test_flags_of_all_variables_apply_and_orphans_are_reported(tmp_path):
     words = {"flag_values": np.array([1, 4], "i1"), "flag_meanings": "good_data bad_data"}
     with layout(tmp_path, "stglib") as nc:
         layouts.dimensions(nc, test=3)
@@ -492,7 +492,7 @@ def test_flags_of_time_of_tests_and_of_other_series_count_and_those_of_nothing_a
     assert (read(tmp_path / "a.nc").quality[1:] == BAD).all()
 
 
-ORIGINS = [  # what stands behind "since", calendar, and UTC
+ORIGINS = [  # text after "since", calendar, UTC
     ("1992-10-8 15:15:42.5 -6:00", "standard", "1992-10-08T21:15:42.5"),
     ("1970-01-01 0", "standard", "1970-01-01"),
     ("1992/10/8", "standard", "1992-10-08"),
@@ -513,7 +513,7 @@ ORIGINS = [  # what stands behind "since", calendar, and UTC
 
 
 @pytest.mark.parametrize(("text", "calendar", "utc"), ORIGINS)
-def test_the_origin_of_a_unit_of_time_is_read_whole_or_not_at_all(text, calendar, utc):
+def test_time_origin_is_parsed_completely_or_refused(text, calendar, utc):
     if utc is None:
         with pytest.raises(Unreadable):
             parse_origin(text, calendar)
@@ -521,13 +521,13 @@ def test_the_origin_of_a_unit_of_time_is_read_whole_or_not_at_all(text, calendar
         assert parse_origin(text, calendar) == np.datetime64(utc, "ms").astype(np.int64) / 1e3
 
 
-def test_a_zone_by_name_is_refused_in_a_line_that_names_the_units(tmp_path):
+def test_named_time_zone_is_refused(tmp_path):
     with layout(tmp_path, "imos_magnetic") as nc:
         nc["TIME"].units = "days since 1950-01-01 00:00:00 EST"
     assert "TIME: units: expected a date, a time of day and an offset from UTC" in refused(tmp_path / "a.nc")
 
 
-def test_rows_of_several_cells_are_no_point_meter(tmp_path):
+def test_rows_of_several_bins_are_not_read_as_point_meter(tmp_path):
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
         layouts.dimensions(nc, OBSERVATION=N)
         layouts.put(nc, "TIME", ("OBSERVATION",), np.arange(N) // 3 * 3600.0, units="seconds since 2007-09-04")
@@ -548,7 +548,7 @@ def test_rows_of_several_cells_are_no_point_meter(tmp_path):
 @pytest.mark.parametrize(
     ("attribute", "value"), [("heading_alignment", np.int16(4500)), ("heading_misalign_deg", 45.0)]
 )
-def test_a_heading_alignment_that_stands_in_a_file_is_asked_about(tmp_path, attribute, value):
+def test_heading_alignment_in_a_file_requires_a_setting(tmp_path, attribute, value):
     plain = layouts.write(tmp_path / "a.nc", "imos_magnetic")
     assert "expected one that is not 0" in refused(tmp_path / "a.nc", heading_alignment=45.0)
     with layout(tmp_path, "imos_magnetic") as nc:
@@ -560,7 +560,7 @@ def test_a_heading_alignment_that_stands_in_a_file_is_asked_about(tmp_path, attr
         close(record.east, plain.east)
 
 
-def test_headings_and_velocities_may_hold_different_declinations(tmp_path):
+def test_headings_and_velocities_may_contain_different_declinations(tmp_path):
     truth = layouts.write(tmp_path / "a.nc", "epic")
     record = read(tmp_path / "a.nc", declination_applied={"heading": 3.0, "velocity": DECLINATION})
     close(record.east, truth.east)
@@ -568,7 +568,7 @@ def test_headings_and_velocities_may_hold_different_declinations(tmp_path):
     close(off[np.isfinite(off)], np.full(N - 1, DECLINATION - 3.0), 1e-4)
     assert (record.heading_bias_deg, record.velocity_bias_deg) == (3.0, DECLINATION)
     with layout(tmp_path, "imos_true") as nc:
-        nc["HEADING"].compass_correction_applied = 0.0  # the file says so; the mooring file knows better
+        nc["HEADING"].compass_correction_applied = 0.0  # the mooring file takes precedence over the attribute
     for stated, inside in (({"heading": 3.0, "velocity": DECLINATION}, 3.0), (DECLINATION, 0.0)):
         record = read(tmp_path / "a.nc", declination_applied=stated)
         off = angles.difference(record.heading_deg, truth.heading_deg)
@@ -586,8 +586,8 @@ def test_headings_and_velocities_may_hold_different_declinations(tmp_path):
 
 @pytest.mark.parametrize("of", ["velocity", "flags", "labels"])
 @pytest.mark.parametrize("unlimited", [False, True])
-def test_what_a_file_declares_is_held_against_its_size_before_memory_is_taken(tmp_path, of, unlimited):
-    """15 GiB and more in some kB: variables that nobody wrote, compressed and in chunks, fixed and unlimited."""
+def test_declared_size_is_checked_before_allocation(tmp_path, of, unlimited):
+    """Small files declare GiB in compressed, chunked variables that were never written, fixed or unlimited."""
     path = tmp_path / "a.nc"
     with netCDF4.Dataset(path, "w") as nc:
         nc.createDimension("time", None if unlimited else 2000)
@@ -610,7 +610,7 @@ def test_what_a_file_declares_is_held_against_its_size_before_memory_is_taken(tm
     assert "copy what was measured" in said
 
 
-def test_a_chunk_that_would_be_unpacked_whole_is_held_against_the_size_too(tmp_path):
+def test_declared_chunk_size_is_checked_before_allocation(tmp_path):
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
         nc.createDimension("time", None)
         time = nc.createVariable("time", "i1", ("time",), zlib=True, chunksizes=(2**30,))

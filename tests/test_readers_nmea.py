@@ -1,4 +1,4 @@
-"""NMEA 0183 logs: a real one, sentences damaged in every way, other sentences, clocks, junk between."""
+"""NMEA 0183 logs: a real one, damaged sentences, other sentence types, clocks and junk."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def log(tmp_path, content, **how) -> nmea.NmeaLog:
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="no ../shared/data")
-def test_real_log_gives_all_its_pairs():
+def test_all_pairs_of_a_real_log_are_read():
     read = nmea.read([REAL])
     assert len(read.time_s) == 1088
     assert np.sum(read.speed_kn > 2.0) == 715
@@ -63,7 +63,7 @@ def test_real_log_survives_bytes_flipped_at_random(tmp_path):
     assert len(known) > 0.99 * len(read.time_s)
 
 
-def test_pairs_hold_what_was_sent(tmp_path):
+def test_pairs_contain_the_encoded_values(tmp_path):
     read = log(tmp_path, lines())
     assert read.heading_deg.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
     assert read.course_deg.tolist() == [12.5, 22.5, 32.5, 42.5, 52.5, 62.5]
@@ -72,7 +72,7 @@ def test_pairs_hold_what_was_sent(tmp_path):
     assert read.warnings == ()
 
 
-def test_each_damage_costs_one_sentence(tmp_path):
+def test_each_fault_loses_one_sentence(tmp_path):
     whole = lines()
     wrong_sum, cut, bare = whole[3][:-1] + "0", whole[5][:20], whole[7].split("*")[0]
     assert wrong_sum != whole[3]
@@ -82,7 +82,7 @@ def test_each_damage_costs_one_sentence(tmp_path):
     assert "3 damaged sentences" in read.warnings[0]
 
 
-def test_junk_and_unknown_sentences_are_passed_over(tmp_path):
+def test_junk_and_unknown_sentences_are_skipped(tmp_path):
     odd = [b"\xff\xfe\x00 noise", b"\\s:GP0001*31\\", sentence("PSRF103,00,01").encode(), sentence("XXQQQ,1").encode()]
     stamped = [b"12:00:01 " + x.encode() for x in lines()]
     read = log(tmp_path, b"\n".join([*odd, b"", *stamped, *odd]))
@@ -90,7 +90,7 @@ def test_junk_and_unknown_sentences_are_passed_over(tmp_path):
     assert read.counts["other"] == 2
 
 
-def test_void_positions_and_blank_courses_do_not_count(tmp_path):
+def test_void_positions_and_blank_courses_are_dropped(tmp_path):
     blank = sentence("GPRMC,190409,A,0854.979,S,14006.028,W,5.0,,031110,10,E,A")
     nowhere = sentence("GPRMC,9x0409,A,0854.979,S,14006.028,W,5.0,12,031110,10,E,A")
     read = log(tmp_path, [*lines(), rmc(8, 99.0, status="V"), blank, nowhere])
@@ -99,24 +99,24 @@ def test_void_positions_and_blank_courses_do_not_count(tmp_path):
 
 
 @pytest.mark.parametrize("body", ["HCHDG", "HCHDG,", "HCHDG,x", "GPRMC,190400", "GPRMC,190400,A", "GPRMC,,A,,,,,,,,,"])
-def test_short_sentences_with_a_right_checksum_cost_themselves(tmp_path, body):
+def test_incomplete_sentences_with_valid_checksum_are_dropped(tmp_path, body):
     read = log(tmp_path, [*lines()[:6], sentence(body), *lines()[6:]])
     assert len(read.time_s) == 6
 
 
-def test_a_log_that_was_joined_to_itself_counts_once(tmp_path):
+def test_log_appended_to_itself_counts_once(tmp_path):
     read = log(tmp_path, [*lines(), *lines()])
     assert len(read.time_s) == 6 and read.counts["repeated"] == 6
     assert "6 courses that stand in the log already, after its clock went back" in read.warnings[0]
 
 
-def test_a_heading_far_in_time_is_not_paired(tmp_path):
+def test_course_far_from_any_heading_is_not_paired(tmp_path):
     read = log(tmp_path, [*lines(), rmc(30, 100.0), rmc(31, 100.0)])
     assert len(read.time_s) == 6
     assert read.counts["unpaired"] == 2
 
 
-def test_other_sentences_serve_where_named(tmp_path):
+def test_other_sentence_types_are_used_if_selected(tmp_path):
     content = []
     for k in range(4):
         content += [sentence(f"HCHDM,{k + 1}.0,M"), sentence(f"GPVTG,{k + 15}.0,T,,M,6.0,N,11.1,K,A"), rmc(k, 99.0)]
@@ -129,7 +129,7 @@ def test_other_sentences_serve_where_named(tmp_path):
     assert np.all(np.diff(read.time_s) >= 0.0)
 
 
-def test_west_variation_is_negative_and_own_deviation_is_told(tmp_path):
+def test_west_variation_is_negative_and_deviation_is_reported(tmp_path):
     content = [x.replace(",10,E", ",10,W") for x in (y.split("*")[0][1:] for y in lines())]
     read = log(tmp_path, [sentence(x.replace(".0,,,", ".0,2.0,E,")) for x in content])
     assert set(read.variation_deg) == {-10.0}
@@ -137,17 +137,17 @@ def test_west_variation_is_negative_and_own_deviation_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"no sentences here\n", rmc(1, 5.0).encode()])
-def test_a_file_without_pairs_is_refused(tmp_path, content):
+def test_file_without_pairs_is_refused(tmp_path, content):
     with pytest.raises(InputError, match="expected sentences HDG and RMC with a right checksum, found 0 HDG"):
         log(tmp_path, content)
 
 
-def test_an_absent_file_is_an_error(tmp_path):
+def test_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="expected a readable file, found No such file"):
         nmea.read([tmp_path / "nowhere.nmea"])
 
 
-def test_a_fix_far_from_all_others_is_no_place_and_its_course_stays(tmp_path):
+def test_outlying_position_is_dropped_and_its_course_kept(tmp_path):
     astray = rmc(0, 12.5).split("*")[0][1:].replace("14006.028,W", "02006.028,E")
     content = lines()
     content[1] = sentence(astray)
@@ -161,7 +161,7 @@ def test_a_fix_far_from_all_others_is_no_place_and_its_course_stays(tmp_path):
     ("old", "new"),
     [("0854.979,S", "9954.979,S"), ("14006.028,W", "19906.028,W"), (",12.5,", ",412.5,"), (",5.0,", ",-5,")],
 )
-def test_what_no_fix_can_be_is_left_out_and_counted(tmp_path, old, new):
+def test_impossible_values_are_dropped_and_counted(tmp_path, old, new):
     content = lines()
     content[1] = sentence(rmc(0, 12.5).split("*")[0][1:].replace(old, new))
     read = log(tmp_path, content)
@@ -169,6 +169,6 @@ def test_what_no_fix_can_be_is_left_out_and_counted(tmp_path, old, new):
     assert "1 numbers that no heading, course, speed or place can be" in read.warnings[0]
 
 
-def test_a_heading_beyond_the_circle_is_left_out(tmp_path):
+def test_heading_above_360_degrees_is_dropped(tmp_path):
     read = log(tmp_path, [sentence("HCHDG,655.0,,,10,E"), *lines()])
     assert read.counts["impossible"] == 1 and read.heading_deg.max() == 50.0

@@ -1,4 +1,4 @@
-"""Nortek's formats: a genuine Aquadopp against an independent reading, written files against mhkit, and damage."""
+"""Nortek formats: a genuine Aquadopp against an independent reading, encoded files against mhkit, and damage."""
 
 from __future__ import annotations
 
@@ -54,19 +54,19 @@ def refused(folder: Path, data: bytes, **keys) -> str:
 
 
 def by_mhkit(path: Path):
-    """Return mhkit's dataset turned to the earth; it prints, and leaves an index beside the file."""
+    """Read a file with mhkit and rotate it to earth coordinates; mhkit prints, and leaves an index file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from mhkit import dolfyn
 
         found = dolfyn.read(str(path), userdata=False)
-        if found.coord_sys != "earth" and found.inst_model != "Aquadopp":  # which it has no rotation for
+        if found.coord_sys != "earth" and found.inst_model != "Aquadopp":  # mhkit has no rotation for it
             dolfyn.rotate2(found, "earth", inplace=True)
     return found
 
 
 def xform(sample: Sample, down: bool) -> np.ndarray:
-    """Return the matrix from x, y, z to east, north and up, as Nortek's Xform.m writes it."""
+    """Compute the matrix from x, y, z to east, north, up, as in Nortek's Xform.m."""
     hh, pp, rr = np.deg2rad([sample.heading - 90.0, sample.pitch, sample.roll])
     h = np.array([[np.cos(hh), np.sin(hh), 0], [-np.sin(hh), np.cos(hh), 0], [0, 0, 1]])
     p = np.array(
@@ -80,12 +80,12 @@ def xform(sample: Sample, down: bool) -> np.ndarray:
 
 
 def turned(sample: Sample, down: bool) -> np.ndarray:
-    """Return east and north of x, y, z, (2, cells)."""
+    """Rotate x, y, z to east and north, (2, cells)."""
     return (xform(sample, down) @ sample.velocity)[:2]
 
 
 @pytest.mark.skipif(not GENUINE.exists(), reason=f"{GENUINE} is not there")
-def test_a_genuine_aquadopp_is_read_as_by_an_independent_reader_and_every_byte_is_accounted_for():
+def test_genuine_aquadopp_agrees_with_an_independent_reader():
     record, known = nortek.read([GENUINE], serial_number="9330"), np.load(GENUINE.with_suffix(".npz"))
     assert (record.time_s == known["time"].astype("M8[s]").astype(float)).all()
     for theirs, ours in FIELDS.items():
@@ -94,7 +94,7 @@ def test_a_genuine_aquadopp_is_read_as_by_an_independent_reader_and_every_byte_i
     found = find_packets(GENUINE)
     assert int((found.end - found.start).sum()) == GENUINE.stat().st_size == record.counts["bytes_total"]
     assert record.counts["diagnostic_samples"] == 20080 and record.counts["bytes_skipped"] == 0
-    assert ((record.quality[:, 0] == BAD) == (known["status"] & 0x0C > 0)).all()  # on deck, tilted beyond the sensor
+    assert ((record.quality[:, 0] == BAD) == (known["status"] & 0x0C > 0)).all()  # tilted out of range on deck
     assert (record.manufacturer, record.serial_number) == ("Nortek", "AQD 9330") and record.looks_up
     assert record.warnings == (
         "Each sample is the mean of 120 s from its time on: its middle is 60 s later; clock_offset_seconds: -60 moves "
@@ -105,9 +105,9 @@ def test_a_genuine_aquadopp_is_read_as_by_an_independent_reader_and_every_byte_i
 @pytest.mark.parametrize("coordinates", [ENU, XYZ, BEAM])
 @pytest.mark.parametrize("down", [False, True])
 def test_profiles_agree_with_mhkit_in_all_coordinates(tmp_path, coordinates, down):
-    """Two aside: of an older down-looker mhkit leaves y and z as they are, and it does not turn an Aquadopp."""
+    """Except older down-lookers, whose y and z mhkit does not invert, and Aquadopps, which it does not rotate."""
     four, three = drawn(4, down=down), drawn(down=down)
-    if coordinates == BEAM:  # of tilted beams mhkit combines the same cells, whatever their depths
+    if coordinates == BEAM:  # mhkit does not map the bins of tilted beams
         four, three = ([replace(sample, pitch=0.0, roll=0.0) for sample in each] for each in (four, three))
     files = {
         "meter.ad2cp": of_signature(four, coordinates),
@@ -119,7 +119,7 @@ def test_profiles_agree_with_mhkit_in_all_coordinates(tmp_path, coordinates, dow
         tag = "_avg" if name.endswith("ad2cp") else ""
         assert len(record.time_s) == 30 and record.looks_up is not down
         at = np.searchsorted(record.time_s, theirs[f"time{tag}"].values.astype("i8") / 1e9)
-        assert len(at) >= 29  # mhkit loses the first of an older file
+        assert len(at) >= 29  # mhkit drops the first sample of an older file
         assert np.abs(record.bin_range_m[0] - theirs[f"range{tag}"].values).max() < 1e-6
         for field, ours in {"heading": record.heading_deg, "pitch": record.pitch_deg, "roll": record.roll_deg}.items():
             assert np.abs(ours[at] - theirs[f"{field}{tag}"].values).max() < 1e-4  # float32
@@ -127,7 +127,7 @@ def test_profiles_agree_with_mhkit_in_all_coordinates(tmp_path, coordinates, dow
             velocity = theirs[f"vel{tag}"].values
             assert np.abs(record.east[at] - velocity[0].T).max() < 5e-6
             assert np.abs(record.north[at] - velocity[1].T).max() < 5e-6
-            up = velocity[2:].mean(axis=0) if tag else velocity[2]  # the Signature's two
+            up = velocity[2:].mean(axis=0) if tag else velocity[2]  # a Signature has two vertical velocities
             assert np.abs(record.profiles["up"][at] - up.T).max() < 5e-6
         half_decibels = 2.0 if tag else 1.0
         amplitude = half_decibels * theirs[f"amp{tag}"].values.transpose(2, 1, 0)
@@ -139,8 +139,8 @@ def test_profiles_agree_with_mhkit_in_all_coordinates(tmp_path, coordinates, dow
 
 
 @pytest.mark.parametrize("down", [False, True])
-def test_axes_and_beams_are_turned_as_nortek_writes_it(tmp_path, down):
-    """Of a current that is linear in depth nothing is left of the tilt; cells that no beam reaches are missing."""
+def test_axes_and_beams_are_rotated_as_by_nortek(tmp_path, down):
+    """A current linear in depth is recovered despite the tilt, except in bins that the beams do not reach."""
     samples = drawn(down=down)
     expected = np.array([turned(sample, down) for sample in samples])
     record = read(tmp_path, of_older(samples, XYZ))
@@ -164,14 +164,14 @@ def test_axes_and_beams_are_turned_as_nortek_writes_it(tmp_path, down):
         assert np.abs(off[known]).max() < 4e-3  # beams are rounded to mm/s
 
 
-def test_the_yaml_s_orientation_counts_and_what_disagrees_is_said(tmp_path):
+def test_orientation_of_the_metadata_takes_precedence(tmp_path):
     samples = drawn()
     record = read(tmp_path, of_older(samples, XYZ), orientation="down")
     assert not record.looks_up and np.abs(record.east[3] - turned(samples[3], True)[0]).max() < 1e-12
     assert "30 of 30 samples say that it looked up; down counts." in record.warnings
 
 
-def test_a_declination_that_was_set_is_taken_out_unless_the_metadata_know_better(tmp_path):
+def test_declination_setting_is_removed_unless_metadata_override(tmp_path):
     samples = drawn(4)
     plain = read(tmp_path, of_signature(samples, ENU))
     for stated, said in ((None, "declination of 12.5 degrees that was set"), (3.0, "the file tells 12.5")):
@@ -183,7 +183,7 @@ def test_a_declination_that_was_set_is_taken_out_unless_the_metadata_know_better
         assert np.allclose(back, plain.north + 1j * plain.east)
 
 
-def test_headings_and_earth_velocities_may_hold_different_declinations(tmp_path):
+def test_headings_and_velocities_may_contain_different_declinations(tmp_path):
     samples = drawn(4)
     plain = read(tmp_path, of_signature(samples, ENU))
     record = read(
@@ -193,7 +193,7 @@ def test_headings_and_earth_velocities_may_hold_different_declinations(tmp_path)
     assert (record.heading_bias_deg, record.velocity_bias_deg) == (3.0, 0.0)
 
 
-def test_what_the_instrument_itself_doubts_is_flagged(tmp_path):
+def test_error_codes_and_low_correlation_are_flagged(tmp_path):
     samples = drawn(3, n=4)
     samples[1] = replace(samples[1], extra={"error": 0x01})  # compass
     samples[2] = replace(samples[2], extra={"error": 0x02})  # measurement
@@ -208,7 +208,7 @@ def test_what_the_instrument_itself_doubts_is_flagged(tmp_path):
 
 
 @pytest.mark.parametrize("make", [of_older, lambda samples: of_signature(samples, ENU)])
-def test_a_file_cut_or_with_a_changed_byte_anywhere_loses_one_sample_and_says_it(tmp_path, make):
+def test_truncation_or_flipped_byte_loses_one_sample(tmp_path, make):
     samples = drawn(3 if make is of_older else 4, n=12)
     data = make(samples)
     whole = read(tmp_path, data)
@@ -227,7 +227,7 @@ def test_a_file_cut_or_with_a_changed_byte_anywhere_loses_one_sample_and_says_it
             assert len(kept.time_s) == (at - head) // length
 
 
-def test_a_hole_is_counted_by_the_times_and_junk_is_passed_over(tmp_path):
+def test_lost_samples_are_counted_and_junk_is_skipped(tmp_path):
     data = of_older(drawn(n=40))
     length = len(of_older(drawn(n=40))) - len(of_older(drawn(n=40)[:-1]))
     hole = read(tmp_path, data[: -20 * length - 7] + data[-10 * length :])
@@ -237,7 +237,7 @@ def test_a_hole_is_counted_by_the_times_and_junk_is_passed_over(tmp_path):
     assert len(whole.time_s) == 40 and whole.counts["bytes_skipped"] == len(junk) and whole.counts["lost"] == 0
 
 
-def test_other_kinds_of_record_are_passed_over_and_said(tmp_path):
+def test_other_record_types_are_skipped_and_reported(tmp_path):
     samples = drawn(4, n=10)
     bursts = [encoder.signature(replace(s, velocity=s.velocity[:, :2]), BEAM, 0x15) for s in samples]
     data = of_signature(samples) + b"".join(bursts) + encoder.packet(0x1C, bytes(401))  # odd: an echo sounder's
@@ -253,7 +253,7 @@ def test_other_kinds_of_record_are_passed_over_and_said(tmp_path):
     assert found.east.shape == (10, 1) and found.counts["diagnostic_samples"] == 10
 
 
-def test_two_files_are_one_record_in_order_of_time_where_they_belong_together(tmp_path):
+def test_matching_files_are_joined_in_time_order(tmp_path):
     samples = drawn()
     parts = {"b.wpr": of_older(samples[:10]), "a.wpr": of_older(samples[10:]), "c.wpr": of_older(drawn(cells=4))}
     for name, data in parts.items():
@@ -264,7 +264,7 @@ def test_two_files_are_one_record_in_order_of_time_where_they_belong_together(tm
         nortek.read([tmp_path / "a.wpr", tmp_path / "c.wpr"])
 
 
-def test_what_cannot_be_used_is_refused_in_one_line(tmp_path):
+def test_unusable_files_are_refused_in_one_line(tmp_path):
     good = drawn(n=3)
     vector = encoder.configuration(ENU, 1, serial="VEC 1") + encoder.record(0x11, bytes(22))
     side = [replace(s, extra={"orientation": 0}) for s in drawn(4, n=3)]
@@ -288,7 +288,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path):
     assert read(tmp_path, of_signature(side), orientation="up").looks_up
 
 
-def test_a_damaged_clock_costs_its_sample(tmp_path):
+def test_sample_with_damaged_clock_is_dropped(tmp_path):
     samples = drawn(n=5)
     wrong = encoder.older(samples[2])[4:-2]
     data = of_older(samples[:2]) + encoder.record(0x20, b"\xff" + wrong[1:]) + b"".join(map(encoder.older, samples[3:]))
@@ -298,8 +298,8 @@ def test_a_damaged_clock_costs_its_sample(tmp_path):
 
 @pytest.mark.parametrize(("apart_min", "said"), [(6.0, 1), (5.99, 1), (1 / 60, 0), (3.0, 0)])
 @pytest.mark.parametrize("name", ["meter.ad2cp", "meter.wpr"])
-def test_only_samples_an_average_apart_are_called_averages(tmp_path, name, apart_min, said):
-    """A Signature writes the single pings of its averages in records of the same kind."""
+def test_averages_are_recognized_by_the_sampling_interval(tmp_path, name, apart_min, said):
+    """A Signature stores the single pings of its averages in records of the same type."""
     samples = drawn(4 if name == "meter.ad2cp" else 3, minutes=apart_min)
     if name == "meter.ad2cp":
         data = encoder.text(average_s=360) + b"".join(encoder.signature(sample, ENU) for sample in samples)
@@ -308,17 +308,17 @@ def test_only_samples_an_average_apart_are_called_averages(tmp_path, name, apart
     assert sum("the mean of 360 s" in line for line in read(tmp_path, data, name).warnings) == said
 
 
-def test_genuine_single_pings_of_averages_are_not_called_averages():
+def test_genuine_single_pings_are_not_reported_as_averages():
     record = nortek.read([real("wild/sig100_raw_avg_8.ad2cp")])
     assert np.allclose(np.diff(record.time_s), 1.0, atol=1e-3) and record.warnings == ()
 
 
 @pytest.mark.parametrize(("beams", "said"), [(2, "found 2 beams, which are level"), (1, "found 1 beam;")])
-def test_level_beams_are_named(tmp_path, beams, said):
+def test_files_without_three_slanted_beams_are_refused(tmp_path, beams, said):
     data = of_older([replace(s, velocity=s.velocity[:beams]) for s in drawn(cells=30)], beams=beams)
     assert said in refused(tmp_path, data) and "expected 3 slanted beams" in refused(tmp_path, data)
 
 
-def test_a_genuine_awac_of_two_level_beams_is_named():
+def test_genuine_awac_with_two_horizontal_beams_is_refused():
     with pytest.raises(InputError, match=r"expected 3 slanted beams, found 2 beams, .* write format: table"):
         nortek.read([real("wild/h_awac_two_beams.wpr")])

@@ -1,4 +1,4 @@
-"""The PD0 reader: known answers, real files against another reader, and files damaged in every way."""
+"""The PD0 reader: known solutions, real files compared with another reader, and damaged files of every kind."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ EX = {BEAM: 0b00111, INSTRUMENT: 0b01111, SHIP: 0b10111, EARTH: 0b11111}
 
 
 def series(count: int, **choices: Any) -> list[bytes]:
-    """Ensembles one after the other, an hour apart, headings 10 degrees apart."""
+    """Encode ``count`` hourly ensembles with headings 10 degrees apart."""
     return [
         ensemble(
             PROFILE,
@@ -71,7 +71,7 @@ def read(*paths: Path, **choices: Any) -> Record:
 
 
 def framed(path: Path, chunk_bytes: int = frames.CHUNK_BYTES) -> tuple[list[int], list[frames.Skipped]]:
-    """Where the good ensembles begin, and what was skipped; together they must be the file, in order."""
+    """Get offsets of intact ensembles and the skipped ranges; assert that together they cover the file in order."""
     starts: list[int] = []
     skipped: list[frames.Skipped] = []
     spans: list[tuple[int, int]] = []
@@ -94,22 +94,22 @@ def same(a: Ensembles, b: Ensembles) -> bool:
     return all(np.array_equal(getattr(a, f.name), getattr(b, f.name), equal_nan=True) for f in fields(Ensembles))
 
 
-# ---------------------------------------------------------------------------------------------- known answers
+# -------------------------------------------------------------------------------------------- known solutions
 
 
-def test_beams_to_earth_reproduces_the_known_answers() -> None:
+def test_beam_to_earth_transformation_reproduces_known_solutions() -> None:
     cases = json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]
     assert len(cases) == 16
     for case in cases:
         x, y, z, error = currents.beams_to_instrument(np.array([case["beams"]]), case["beam_angle"])
         tilts = np.array([case["heading"]]), np.array([case["tilt1"]]), np.array([case["tilt2"]])
         earth = currents.instrument_to_earth((x, y, z), *tilts, case["facing"] == "up")
-        # The answers are given to six decimals.
+        # The known solutions have six decimals.
         np.testing.assert_allclose(np.ravel(earth), case["east_north_up"], atol=1e-6)
         np.testing.assert_allclose(error, case["error"], atol=1e-6)
 
 
-def test_a_file_of_beams_gives_the_known_answers(tmp_path: Path) -> None:
+def test_file_in_beam_coordinates_reproduces_known_solutions(tmp_path: Path) -> None:
     for i, case in enumerate(json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]):
         beams = [round(1000 * b) for b in case["beams"]]
         angles_ = {name: round(100 * case[name]) for name in ("heading", "tilt1", "tilt2")}
@@ -127,9 +127,7 @@ def test_a_file_of_beams_gives_the_known_answers(tmp_path: Path) -> None:
     angle=st.sampled_from([15.0, 20.0, 25.0, 30.0]),
 )
 @settings(derandomize=True, max_examples=50)
-def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
-    beams: list[float], lost: int, angle: float
-) -> None:
+def test_three_beam_solution_is_exact_for_zero_error_velocity(beams: list[float], lost: int, angle: float) -> None:
     beams[3] = beams[0] + beams[1] - beams[2]
     whole = np.array([beams])
     holed = whole.copy()
@@ -141,14 +139,14 @@ def test_three_beams_give_the_same_where_the_error_velocity_is_zero(
         np.testing.assert_allclose(a, b, atol=1e-12)
 
 
-def test_two_missing_beams_stay_missing() -> None:
+def test_two_missing_beams_are_not_filled() -> None:
     beams, where = currents.fill_missing_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
     assert not where.any() and np.isnan(beams[0, :2]).all()
 
 
 @pytest.mark.parametrize("up", [True, False])
-def test_beams_of_a_tilted_instrument_are_mapped_to_the_depths_of_a_level_one(up: bool, tmp_path: Path) -> None:
-    """Of a current that is linear in depth nothing is left of the tilt; cells that no beam reaches are missing."""
+def test_bin_mapping_removes_tilt_from_linear_shear(up: bool, tmp_path: Path) -> None:
+    """A current linear in depth is recovered despite the tilt, except in bins that the beams do not reach."""
     setup = adcp.Setup(300, up, 12, 4.0, 1.76, 6.0, 60, "beam", 1)
     tilts, shear = ((12.0, -7.0), (-5.0, 11.0), (0.0, 0.0)), 0.004 - 0.002j
 
@@ -171,13 +169,13 @@ def test_beams_of_a_tilted_instrument_are_mapped_to_the_depths_of_a_level_one(up
         np.testing.assert_allclose((record.east + 1j * record.north)[0][known], wanted[known], atol=0.004)
 
 
-def test_a_concave_head_turns_its_horizontal_axes() -> None:
+def test_concave_head_reverses_the_horizontal_axes() -> None:
     beams = np.array([0.3, -0.1, 0.2, 0.5])
     convex, concave = (currents.beams_to_instrument(beams, 20.0, head) for head in (True, False))
     np.testing.assert_allclose(concave, np.multiply(convex, [-1, -1, 1, 1]))
 
 
-def test_the_hanging_pitch_sensor() -> None:
+def test_true_pitch_from_recorded_tilts() -> None:
     np.testing.assert_allclose(
         currents.true_pitch([10.0, -20.0, 5.0], [0.0, 60.0, 180.0]), [10.0, -10.3141, -5.0], atol=1e-4
     )
@@ -187,7 +185,7 @@ def test_the_hanging_pitch_sensor() -> None:
 
 
 @pytest.mark.parametrize(("name", "count"), GOOD_ENSEMBLES.items())
-def test_real_files_are_read_whole(name: str, count: int) -> None:
+def test_real_files_are_read_completely(name: str, count: int) -> None:
     path = real(f"pd0/{name}")
     starts, skipped = framed(path)
     assert len(starts) == count
@@ -198,7 +196,7 @@ def test_real_files_are_read_whole(name: str, count: int) -> None:
     assert record.counts["bytes_total"] == path.stat().st_size
 
 
-def test_eh2_says_what_is_damaged_and_which_way_it_looked() -> None:
+def test_eh2_reports_damage_and_orientation() -> None:
     record = read(real(f"pd0/{EH2}"), orientation="down")
     expected = {"damaged": 32, "lost": 20, "bytes_skipped": 30287, "orientation_disagrees": 7, "configurations": 1}
     assert {name: record.counts[name] for name in expected} == expected
@@ -209,24 +207,24 @@ def test_eh2_says_what_is_damaged_and_which_way_it_looked() -> None:
     assert "by the ensemble numbers 20 ensembles are lost" in text
     assert "bytes 769872 to 771583 (checksum)" in text
     assert "bytes 2276464 to 2276606 (length runs past the end of the file)" in text
-    assert "looked up" not in text  # seven on deck: counted, and no warning
+    assert "looked up" not in text  # seven ensembles recorded on deck are counted without a warning
     assert str(np.datetime64(int(record.time_s[0]), "s")) == "2006-05-30T06:00:00"
 
 
-def test_sentinel_v_reads_with_its_four_slanted_beams() -> None:
+def test_sentinel_v_is_read_from_its_four_slanted_beams() -> None:
     ensembles = pd0.decode(real("pd0/adp_sentinel_v.pd0"))
     assert ensembles.velocity.shape == (444, 95, 4) and set(ensembles.beam_angle_deg) == {25.0}
     assert np.isfinite(read(real("pd0/adp_sentinel_v.pd0")).east).all()
 
 
-def test_heading_bias_of_a_real_file_is_taken_out() -> None:
+def test_heading_bias_of_a_real_file_is_removed() -> None:
     path = real("pd0/adp_12.000")
     record, ensembles = read(path), pd0.decode(path)
     np.testing.assert_allclose(angles.difference(record.heading_deg, ensembles.heading_deg), 18.1)
 
 
 def by_mhkit(path: Path) -> Any:
-    """What mhkit makes of a file; None where it fails."""
+    """Read a file with mhkit; None if mhkit fails."""
     reader = pytest.importorskip("mhkit.dolfyn").read
     logging.disable(logging.CRITICAL)
     try:
@@ -237,14 +235,14 @@ def by_mhkit(path: Path) -> Any:
         return None
     finally:
         logging.disable(logging.NOTSET)
-        gc.collect()  # it leaves the file open when it fails
+        gc.collect()  # mhkit leaves the file open when it fails
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
 @pytest.mark.parametrize("name", GOOD_ENSEMBLES)
-def test_mhkit_reads_the_same(name: str, tmp_path: Path) -> None:
+def test_mhkit_decodes_the_same_values(name: str, tmp_path: Path) -> None:
     path = real(f"pd0/{name}")
-    # The good ensembles alone, evenly taken: of a flipped byte, as in eh2, mhkit gives the file up.
+    # Compare a subset of intact ensembles only: mhkit rejects a whole file for one flipped byte, as in eh2.
     good = [row.tobytes() for chunk in frames.iter_chunks(path) for run in chunk.runs for row in run.rows]
     every = max(1, len(good) // 300)
     theirs = by_mhkit(written(tmp_path, *good[::every]))
@@ -252,10 +250,10 @@ def test_mhkit_reads_the_same(name: str, tmp_path: Path) -> None:
         pytest.skip(f"mhkit cannot read {name}, not even its good ensembles alone")
     decoded, count = pd0.decode(path), theirs.sizes["time"]
     ours = select(decoded, np.arange(0, len(decoded), every))
-    # It drops the last ensemble of a file that ends with one.
+    # mhkit drops the last ensemble if the file ends with it.
     assert count in (len(ours), len(ours) - 1)
     np.testing.assert_allclose(theirs.time.values.astype("M8[ns]").astype(float) / 1e9, ours.time_s[:count], atol=1e-3)
-    # mhkit keeps single precision.
+    # mhkit stores single precision.
     pairs = {"heading": ours.heading_deg, "pitch": ours.tilt1_deg, "roll": ours.tilt2_deg, "temp": ours.temperature_c}
     for key, value in pairs.items():
         np.testing.assert_allclose(theirs[key].values, value[:count], rtol=1e-6, atol=1e-6)
@@ -266,7 +264,7 @@ def test_mhkit_reads_the_same(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", range(1, len(ensemble(PROFILE))))
-def test_truncation_at_every_byte_costs_one_ensemble(cut: int, tmp_path: Path) -> None:
+def test_truncation_at_any_byte_loses_one_ensemble(cut: int, tmp_path: Path) -> None:
     parts = series(3)
     starts, skipped = framed(written(tmp_path, *parts[:2], parts[2][:cut]))
     assert starts == [0, len(parts[0])]
@@ -276,7 +274,7 @@ def test_truncation_at_every_byte_costs_one_ensemble(cut: int, tmp_path: Path) -
 
 @given(place=st.integers(0, 6 * len(ensemble(PROFILE)) - 1), flip=st.integers(1, 255))
 @settings(derandomize=True, max_examples=120, deadline=None)
-def test_a_flipped_byte_costs_one_ensemble(place: int, flip: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_flipped_byte_loses_one_ensemble(place: int, flip: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     parts = series(6)
     data = bytearray(b"".join(parts))
     data[place] ^= flip
@@ -292,12 +290,12 @@ def test_a_flipped_byte_costs_one_ensemble(place: int, flip: int, tmp_path_facto
 
 
 def velocity_of(count: int) -> NDArray[np.float64]:
-    """The profile in m/s, so many times."""
+    """Get the profile in m/s, repeated ``count`` times: (count, 3, 4)."""
     rows = np.where(np.array(PROFILE) == MISSING, np.nan, np.array(PROFILE) / 1000.0)
     return np.broadcast_to(rows, (count, 3, 4))
 
 
-def test_junk_in_front_inside_and_behind(tmp_path: Path) -> None:
+def test_junk_before_between_and_after_ensembles_is_skipped(tmp_path: Path) -> None:
     parts = series(3)
     path = written(tmp_path, b"ADCP\r\n", parts[0], b"\x7f\x7f\x00lost", parts[1], b"\0", parts[2], b"\xff" * 500)
     starts, skipped = framed(path)
@@ -311,7 +309,7 @@ def test_junk_in_front_inside_and_behind(tmp_path: Path) -> None:
     assert "skipped bytes 0 to 5 (junk before the first ensemble)" in " ".join(read(path).warnings)
 
 
-def test_random_damage_never_stops_the_reader_and_every_byte_is_accounted_for(tmp_path: Path) -> None:
+def test_every_byte_is_accounted_for_under_random_damage(tmp_path: Path) -> None:
     rng = random.Random(20070904)
     clean = b"".join(series(12, percent_good=[[10, 0, 0, 80]] * 3))
     for i in range(60):
@@ -335,18 +333,18 @@ def test_random_damage_never_stops_the_reader_and_every_byte_is_accounted_for(tm
 
 
 @pytest.mark.parametrize("filler", [b"\x7f", b"\xff", b"\x00", b"\x7f\x7f\x46\x00\x00\x01\x08\x00"])
-def test_hostile_fillers_take_no_longer_than_their_length(filler: bytes, tmp_path: Path) -> None:
+def test_malicious_filler_is_scanned_in_linear_time(filler: bytes, tmp_path: Path) -> None:
     path = written(tmp_path, filler * (2_000_000 // len(filler)))
     begun = time.process_time()
     starts, skipped = framed(path)
-    # Linear: a fifth of a second for 2 MB where every byte is a candidate; quadratic would take many minutes.
+    # Linear cost: 0.2 s for 2 MB in which every byte is a candidate; quadratic cost would take many minutes.
     assert time.process_time() - begun < 8.0
     assert starts == [] and len(skipped) == 1
     with pytest.raises(InputError, match="expected PD0 ensembles"):
         read(path)
 
 
-def test_alternating_layouts_and_damage_stay_linear(tmp_path: Path) -> None:
+def test_alternating_layouts_and_damage_are_read_in_linear_time(tmp_path: Path) -> None:
     short, long, broken = ensemble(PROFILE[:1]), ensemble(PROFILE), ensemble(PROFILE)[:-1] + b"\0"
     path = written(tmp_path, (short + long + broken) * 1000)
     begun = time.process_time()
@@ -359,7 +357,7 @@ def test_alternating_layouts_and_damage_stay_linear(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("chunk_bytes", [1, 7, 64, 333, 5000])
-def test_chunks_change_nothing(chunk_bytes: int, tmp_path: Path) -> None:
+def test_chunk_size_does_not_change_the_result(chunk_bytes: int, tmp_path: Path) -> None:
     parts = series(5, percent_good=[[10, 0, 0, 80]] * 3)
     wrong = bytearray(parts[1])
     wrong[40] ^= 1
@@ -370,8 +368,8 @@ def test_chunks_change_nothing(chunk_bytes: int, tmp_path: Path) -> None:
     assert same(pd0.decode(path, chunk_bytes), pd0.decode(path))
 
 
-def test_chunks_may_end_anywhere(tmp_path: Path) -> None:
-    """Also a few bytes behind an ensemble, where the mark of the next is not yet whole."""
+def test_chunks_may_end_at_any_byte(tmp_path: Path) -> None:
+    """Including a few bytes past an ensemble, where the marker of the next one is incomplete."""
     parts = series(8)
     path = written(tmp_path, parts[0], b"\0\0\0", *parts[1:4], b"\x7f", *parts[4:])
     whole = framed(path)
@@ -379,15 +377,15 @@ def test_chunks_may_end_anywhere(tmp_path: Path) -> None:
         assert framed(path, chunk_bytes) == whole
 
 
-def test_lost_ensembles_are_counted_by_number_where_bytes_were_skipped(tmp_path: Path) -> None:
+def test_lost_ensembles_are_counted_only_across_skipped_bytes(tmp_path: Path) -> None:
     numbered = [ensemble(PROFILE, number=number) for number in (5, 6, 9, 20, 1, 2)]
     junk = b"\0" * 9
-    # 7 and 8 are lost; 10 to 19 were never written here, and after 20 the numbers begin anew.
+    # 7 and 8 are lost; 10 to 19 were never recorded, as no bytes were skipped; after 20 the numbering restarts.
     path = written(tmp_path, *numbered[:2], junk, *numbered[2:4], junk, *numbered[4:], junk)
     assert read(path).counts["lost"] == 2
 
 
-def test_an_ensemble_without_leaders_is_none(tmp_path: Path) -> None:
+def test_ensemble_without_both_leaders_is_rejected(tmp_path: Path) -> None:
     no_fixed = assemble([variable_leader(), b"\x00\x01" + bytes(60)])
     short = assemble([fixed_leader(cells=1, length=30), variable_leader(), b"\x00\x01" + bytes(8)])
     no_variable = assemble([fixed_leader(cells=1), b"\x00\x01" + bytes(80)])
@@ -396,7 +394,7 @@ def test_an_ensemble_without_leaders_is_none(tmp_path: Path) -> None:
     assert [each.damaged for each in skipped] == [0]
 
 
-def test_ensembles_without_velocity_are_counted_and_left_out(tmp_path: Path) -> None:
+def test_ensembles_without_velocity_are_counted_and_dropped(tmp_path: Path) -> None:
     bare = assemble([fixed_leader(cells=3), variable_leader()])
     lying = assemble([fixed_leader(cells=200), variable_leader(), b"\x00\x01" + bytes(24)])
     record = read(written(tmp_path, *series(2), bare, lying, bare))
@@ -406,14 +404,14 @@ def test_ensembles_without_velocity_are_counted_and_left_out(tmp_path: Path) -> 
         read(written(tmp_path, bare, bare))
 
 
-# ------------------------------------------------------------------------------------------ files that are none
+# -------------------------------------------------------------------------------------- files without ensembles
 
 
 @pytest.mark.parametrize(
     ("content", "found"),
     [(b"", "an empty file"), (b"date,heading\n2007-09-04,12\n", "a file that begins with b'date,heading\\n200'")],
 )
-def test_a_file_without_ensembles_is_refused_in_one_line(content: bytes, found: str, tmp_path: Path) -> None:
+def test_file_without_ensembles_is_refused_in_one_line(content: bytes, found: str, tmp_path: Path) -> None:
     path = written(tmp_path, content)
     for reader in (read, pd0.decode):
         with pytest.raises(InputError) as caught:
@@ -422,7 +420,7 @@ def test_a_file_without_ensembles_is_refused_in_one_line(content: bytes, found: 
         assert str(caught.value) == f"{path}: expected PD0 ensembles (7F 7F) with velocities, found {found}; {advice}"
 
 
-def test_a_folder_a_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
+def test_directory_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected a PD0 file that can be read, found Is a directory; check"):
         read(tmp_path)
     with pytest.raises(InputError, match=r"none\.000: expected .* found No such file or directory; check the path"):
@@ -436,7 +434,7 @@ def test_a_folder_a_missing_file_and_no_file_are_refused(tmp_path: Path) -> None
 # --------------------------------------------------------------------------------------------------- fields
 
 
-def test_every_field_comes_out_as_it_went_in(tmp_path: Path) -> None:
+def test_every_field_is_decoded_as_encoded(tmp_path: Path) -> None:
     good = [[10, 0, 5, 80], [5, 3, 2, 10], [0, 0, 0, 0]]
     fixed = {"bin1_cm": 423, "cell_cm": 250, "up": True}
     path = written(tmp_path, ensemble(PROFILE, fixed=fixed, percent_good=good, heading=35999, tilt1=1000, tilt2=6000))
@@ -453,7 +451,7 @@ def test_every_field_comes_out_as_it_went_in(tmp_path: Path) -> None:
     assert (record.pressure_dbar[0], record.depth_m[0], record.temperature_c[0]) == (101.0, 100.0, 4.5)
     assert (record.supply_voltage[0], record.heading_quality[0], record.looks_up) == (150.0, 1, True)
     near = {name: column[0] for name, column in record.channels.items()}
-    assert near["transmit_current"] == 90.0 and near["heading_spread"] == 2.0 and np.isnan(near["echo"])  # no block
+    assert near["transmit_current"] == 90.0 and near["heading_spread"] == 2.0 and np.isnan(near["echo"])  # absent
     assert record.direction_reference == "magnetic" and record.warnings == ()
     assert record.time_s[0] == datetime.fromisoformat("2007-09-04T12:00+00:00").timestamp()
     assert ensembles.frequency_khz[0] == 300.0
@@ -464,7 +462,7 @@ def test_without_a_depth_sensor_pressure_is_missing(tmp_path: Path) -> None:
     assert np.isnan(record.pressure_dbar[0])
 
 
-def test_short_leaders_of_old_firmware(tmp_path: Path) -> None:
+def test_short_leaders_of_old_firmware_are_read(tmp_path: Path) -> None:
     path = written(
         tmp_path, ensemble(PROFILE, fixed={"length": 42}, length=42, century=19, when=(99, 1, 2, 3, 4, 5, 6))
     )
@@ -479,7 +477,7 @@ def test_short_leaders_of_old_firmware(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("century", "year", "expected"), [(20, 7, 2007), (19, 99, 1999), (0, 7, 2007), (0, 79, 2079), (0, 80, 1980)]
 )
-def test_century_clock_and_the_pivot_of_two_digits(century: int, year: int, expected: int, tmp_path: Path) -> None:
+def test_century_clock_and_pivot_of_two_digit_years(century: int, year: int, expected: int, tmp_path: Path) -> None:
     record = read(written(tmp_path, ensemble(PROFILE, century=century, when=(year, 2, 28, 23, 59, 59, 99))))
     assert record.time_s[0] == datetime.fromisoformat(f"{expected}-02-28T23:59:59.990+00:00").timestamp()
 
@@ -493,19 +491,19 @@ def test_century_clock_and_the_pivot_of_two_digits(century: int, year: int, expe
     ],
 )
 @pytest.mark.parametrize("century", [0, 20])
-def test_impossible_dates_are_counted_and_left_out(clock: tuple[int, ...], century: int, tmp_path: Path) -> None:
+def test_impossible_dates_are_counted_and_dropped(clock: tuple[int, ...], century: int, tmp_path: Path) -> None:
     wrong = ensemble(PROFILE, when=clock, century=century)
     record = read(written(tmp_path, *series(2), wrong, *series(1)))
     assert record.counts["bad_dates"] == 1 and record.counts["ensembles"] == 3
     assert "a.000: 1 good ensembles have an impossible date and were left out." in record.warnings
 
 
-def test_numbers_go_on_past_65535(tmp_path: Path) -> None:
+def test_ensemble_numbers_continue_past_65535(tmp_path: Path) -> None:
     path = written(tmp_path, *(ensemble(PROFILE, number=number) for number in (65535, 65536, 65537, 200_000)))
     assert pd0.decode(path).number.tolist() == [65535, 65536, 65537, 200_000]
 
 
-def test_an_impossible_heading_is_missing_and_flagged(tmp_path: Path) -> None:
+def test_impossible_heading_becomes_missing_and_flagged(tmp_path: Path) -> None:
     parts = [ensemble(PROFILE, heading=heading, fixed={"ex": EX[INSTRUMENT]}) for heading in (35999, 36000, 65535)]
     record = read(written(tmp_path, *parts))
     assert np.isnan(record.heading_deg).tolist() == [False, True, True]
@@ -514,28 +512,28 @@ def test_an_impossible_heading_is_missing_and_flagged(tmp_path: Path) -> None:
     assert "2 of 3 ensembles have no valid heading." in record.warnings
 
 
-def test_percent_good_that_nobody_filled_says_nothing(tmp_path: Path) -> None:
+def test_percent_good_of_zeros_throughout_a_file_is_ignored(tmp_path: Path) -> None:
     zeros = [[0, 0, 0, 0]] * 3
     empty = written(tmp_path, *series(2, percent_good=zeros), name="empty.000")
     assert read(empty).quality.tolist() == [[1, 1, 9]] * 2
     filled = written(tmp_path, *series(1, percent_good=zeros), *series(1, percent_good=[[0, 0, 0, 90]] * 3))
     assert read(filled).quality.tolist() == [[4, 4, 9], [1, 1, 9]]
-    # Each file for itself.
+    # Each file is assessed separately.
     assert read(empty, filled).quality.tolist() == [[1, 1, 9]] * 2 + [[4, 4, 9], [1, 1, 9]]
 
 
-def test_counts_that_some_ensembles_lack_are_missing_there(tmp_path: Path) -> None:
+def test_counts_absent_from_some_ensembles_are_missing_there(tmp_path: Path) -> None:
     first = ensemble(PROFILE, percent_good=[[0, 1, 2, 97]] * len(PROFILE), number=1)
     later = ensemble(PROFILE[:-1], number=2, when=START + timedelta(hours=1))
     profiles = read(written(tmp_path, first, later)).profiles
     assert profiles["percent_good"][0].tolist() == [[0, 1, 2, 97]] * len(PROFILE)
-    assert (profiles["percent_good"][1] == -1).all() and "echo" not in profiles  # a block that no ensemble has
+    assert (profiles["percent_good"][1] == -1).all() and "echo" not in profiles  # no ensemble has an echo block
     assert (profiles["correlation"][1, :-1] == [70, 71, 72, 73]).all() and (profiles["correlation"][1, -1] == -1).all()
     whole = read(written(tmp_path, first, name="whole.000")).profiles
     assert whole["percent_good"].dtype == whole["correlation"].dtype == np.uint8
 
 
-def test_percent_good_of_beams_is_the_smallest_of_those_used(tmp_path: Path) -> None:
+def test_percent_good_is_the_minimum_of_the_beams_used(tmp_path: Path) -> None:
     beams, good = (
         [[1, 2, 3, 4], [1, 2, 3, 4], [1, 2, 3, MISSING]],
         [[90, 90, 90, 25], [90, 24, 90, 90], [90, 90, 90, 0]],
@@ -544,7 +542,7 @@ def test_percent_good_of_beams_is_the_smallest_of_those_used(tmp_path: Path) -> 
     assert record.quality.tolist() == [[1, 4, 1]] and record.counts["three_beam"] == 1
 
 
-PARTS, EACH = [5, 0, 2, 93], [97, 96, 98, 95]  # percent good of all pings, and of each beam
+PARTS, EACH = [5, 0, 2, 93], [97, 96, 98, 95]  # percent good: shares of all pings, or one value per beam
 
 
 @pytest.mark.parametrize(
@@ -556,7 +554,7 @@ PARTS, EACH = [5, 0, 2, 93], [97, 96, 98, 95]  # percent good of all pings, and 
         (INSTRUMENT, EACH, "as in instrument coordinates, found columns of one beam each"),
     ],
 )
-def test_coordinates_that_percent_good_contradicts_are_refused(
+def test_coordinates_contradicted_by_percent_good_are_refused(
     told: int, percent: list[int], found: str, tmp_path: Path
 ) -> None:
     beams = [[[327, -294, -265, 241]] * 3] * 40
@@ -571,8 +569,8 @@ def test_coordinates_that_percent_good_contradicts_are_refused(
 
 @pytest.mark.parametrize("towards", range(0, 360, 15))
 @pytest.mark.parametrize("told", [EARTH, SHIP, INSTRUMENT])
-def test_percent_good_filled_with_100_is_no_proof_of_beams(towards: int, told: int, tmp_path: Path) -> None:
-    """A current of one direction, most of all to NW and SE, where east + north is about 0 in the whole record."""
+def test_percent_good_of_100_does_not_imply_beam_coordinates(towards: int, told: int, tmp_path: Path) -> None:
+    """Any constant direction, in particular NW and SE, where east + north is about 0 in the whole record."""
     rng = np.random.default_rng(towards)
     speed = rng.uniform(50.0, 600.0, (60, 3))
     level = [speed * getattr(np, of)(np.deg2rad(towards)) for of in ("sin", "cos")]
@@ -582,7 +580,7 @@ def test_percent_good_filled_with_100_is_no_proof_of_beams(towards: int, told: i
 
 
 @pytest.mark.parametrize("filled", [[25] * 4, [0, 0, 0, 100], [100, 0, 0, 0]])
-def test_beams_whose_percent_good_a_converter_filled_are_read(filled: list[int], tmp_path: Path) -> None:
+def test_beams_with_constant_percent_good_of_a_converter_are_read(filled: list[int], tmp_path: Path) -> None:
     parts = [ensemble([[327, -294, -265, 241]] * 3, fixed={"ex": EX[BEAM]}, percent_good=[filled] * 3)] * 40
     assert np.isfinite(read(written(tmp_path, *parts)).east).all()
     earth = [ensemble([[327, 294, -5, 11]] * 3, fixed={"ex": EX[BEAM]}, percent_good=[[0, 0, 0, 100]] * 3)] * 40
@@ -598,7 +596,7 @@ def test_beams_whose_percent_good_a_converter_filled_are_read(filled: list[int],
     [(60, (1, 0, 0), 1800), (120, (0, 1, 0), 60), (180, (0, 1, 50), 135), (50, (0, 1, 0), 0), (90, (1, 0, 0), 0)],
     ids=["an hour", "two minutes", "four and a half", "under two minutes", "longer than the ensembles are apart"],
 )
-def test_times_that_begin_a_long_average_are_said(
+def test_timestamps_at_the_start_of_long_averages_are_reported(
     pings: int, between: tuple[int, ...], half: int, tmp_path: Path
 ) -> None:
     fixed = {"pings": pings, "between_pings": between}
@@ -609,7 +607,7 @@ def test_times_that_begin_a_long_average_are_said(
     assert read(written(tmp_path, *series(30, fixed=fixed))).warnings == (said,) * (half > 0)
 
 
-def test_a_genuine_layout_of_hourly_means_is_said_to_begin_them() -> None:
+def test_hourly_means_of_a_real_layout_are_reported() -> None:
     assert (
         "the mean of 3600 s from its time on: its middle is 1800 s" in read(real("wild/pd0_hour_means.000")).warnings[0]
     )
@@ -618,7 +616,7 @@ def test_a_genuine_layout_of_hourly_means_is_said_to_begin_them() -> None:
 # ------------------------------------------------------------------------------- configurations and coordinates
 
 
-def test_two_configurations_in_one_file(tmp_path: Path) -> None:
+def test_two_configurations_in_one_file_are_read(tmp_path: Path) -> None:
     first = series(2)
     second = series(2, fixed={"cell_cm": 400, "bin1_cm": 600, "ex": EX[BEAM]})
     third = ensemble([[1, 2, 3, 4]] * 5, fixed={"cell_cm": 100, "bin1_cm": 300})
@@ -632,7 +630,7 @@ def test_two_configurations_in_one_file(tmp_path: Path) -> None:
 
 
 def hourly(count: int, *, first: int = 1, skip_h: float = 0.0, **keys: object) -> list[bytes]:
-    """Return ensembles an hour apart."""
+    """Encode hourly ensembles."""
     times = [START + timedelta(hours=i + skip_h) for i in range(count)]
     return [ensemble(PROFILE, number=first + i, when=when, **keys) for i, when in enumerate(times)]
 
@@ -646,8 +644,8 @@ def test_two_instruments_in_one_file_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("field", ["serial", "board"])
-def test_files_of_two_numbers_are_refused_and_a_few_strange_ones_flagged(field: str, tmp_path: Path) -> None:
-    """The same instrument in all its settings, but for the number of itself or of its processor's board."""
+def test_files_of_two_instruments_are_refused_and_few_ensembles_flagged(field: str, tmp_path: Path) -> None:
+    """The two instruments have equal settings but different serial numbers or CPU board numbers."""
     one, other = (
         {"fixed": {field: number}} for number in ((8104, 7514) if field == "serial" else (b"a" * 8, b"b" * 8))
     )
@@ -666,13 +664,13 @@ NUMBERS = [(8104, 8104), (8104, "08104"), (8104, "WH8104"), (8104, "SN 8104"), (
 
 
 @pytest.mark.parametrize(("file", "told"), [*NUMBERS, (8104, "unknown"), (8104, None), (0, 7514), (2**32 - 1, 7514)])
-def test_a_serial_number_that_agrees_or_is_not_told_is_taken(file: int, told: object, tmp_path: Path) -> None:
+def test_matching_or_unknown_serial_number_is_accepted(file: int, told: object, tmp_path: Path) -> None:
     path = written(tmp_path, *hourly(5, fixed={"serial": file}))
     record = read(path, serial_number=None if told is None else str(told))
     assert record.serial_number == ("8104" if file == 8104 else "") and record.warnings == ()
 
 
-def test_another_serial_number_than_the_metadata_tell_is_refused(tmp_path: Path) -> None:
+def test_serial_number_contradicting_the_metadata_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, *hourly(5, fixed={"serial": 7514}))
     with pytest.raises(InputError) as caught:
         read(path, serial_number="SN 8104")
@@ -682,8 +680,8 @@ def test_another_serial_number_than_the_metadata_tell_is_refused(tmp_path: Path)
     )
 
 
-def test_a_leader_too_short_for_a_serial_number_and_bytes_that_always_change_tell_none(tmp_path: Path) -> None:
-    """Behind 53 bytes the variable leader follows, where the serial number of a longer leader would stand."""
+def test_short_leader_and_varying_bytes_give_no_serial_number(tmp_path: Path) -> None:
+    """After a leader of 53 bytes, the next block occupies the bytes of a longer leader's serial number."""
     short = [ensemble(PROFILE, number=i + 1, fixed={"serial": 5 + i, "length": 53}) for i in range(200)]
     noise = [ensemble(PROFILE, number=i + 1, fixed={"serial": 5 + i, "board": bytes([i] * 8)}) for i in range(200)]
     for parts in (short, noise):
@@ -692,12 +690,12 @@ def test_a_leader_too_short_for_a_serial_number_and_bytes_that_always_change_tel
 
 
 @pytest.mark.parametrize(("name", "number"), [("03160000.000", "3160"), ("adp_sentinel_v.pd0", "125")])
-def test_real_files_tell_their_serial_number(name: str, number: str) -> None:
+def test_serial_number_of_real_files_is_read(name: str, number: str) -> None:
     assert read(real(f"pd0/{name}")).serial_number == number
 
 
 def of_five(columns: int, beams: int) -> bytes:
-    """Return an ensemble of three cells in which each block has this many columns."""
+    """Encode an ensemble of three bins whose velocity and correlation blocks have this many columns."""
     blocks = [fixed_leader(cells=3, beams=beams), variable_leader()]
     blocks += [b"\x00\x01" + bytes(6 * columns), b"\x00\x02" + bytes(3 * columns)]
     return assemble(blocks)
@@ -708,25 +706,23 @@ def of_five(columns: int, beams: int) -> bytes:
     [
         (5, 5, "found others, perhaps of five beams, in 9 of 9 ensembles"),
         (5, 4, "found others, perhaps of five beams"),
-        (8, 4, "found others, perhaps of five beams"),  # twice as many cells as the leader tells
+        (8, 4, "found others, perhaps of five beams"),  # twice as many bins as the leader states
         (4, 5, "expected 4 beams, found 5 in 9 ensembles"),
         (4, 3, "expected 4 beams, found 3 in 9 ensembles"),
     ],
 )
-def test_other_columns_than_those_of_four_beams_are_refused(
-    columns: int, beams: int, found: str, tmp_path: Path
-) -> None:
+def test_files_without_four_beams_are_refused(columns: int, beams: int, found: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=found):
         read(written(tmp_path, *[of_five(columns, beams)] * 9))
 
 
-def test_few_ensembles_of_other_columns_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_few_ensembles_of_other_layout_are_dropped_and_counted(tmp_path: Path) -> None:
     record = read(written(tmp_path, *series(200), of_five(5, 5)))
     assert len(record.time_s) == 200 and record.counts["not_of_four_beams"] == 1
     assert any("1 good ensembles hold other columns than those of four beams" in line for line in record.warnings)
 
 
-def test_two_recordings_sample_by_sample_are_refused(tmp_path: Path) -> None:
+def test_two_interleaved_recordings_are_refused(tmp_path: Path) -> None:
     pairs = zip(hourly(50), hourly(50, first=700, skip_h=0.5), strict=True)
     with pytest.raises(
         InputError, match="expected ensemble numbers that rise with time, found numbers that fall back 49"
@@ -734,23 +730,23 @@ def test_two_recordings_sample_by_sample_are_refused(tmp_path: Path) -> None:
         read(written(tmp_path, *(each for pair in pairs for each in pair)))
 
 
-def test_a_recording_that_begins_anew_is_no_mixture(tmp_path: Path) -> None:
+def test_restarted_recording_is_not_taken_for_interleaved(tmp_path: Path) -> None:
     record = read(written(tmp_path, *hourly(30), *hourly(30, skip_h=60)))
     assert len(record.time_s) == 60 and not record.counts["after_clock_jump"]
 
 
-def test_a_clock_that_jumps_ahead_flags_what_follows(tmp_path: Path) -> None:
+def test_samples_after_a_clock_jump_are_flagged(tmp_path: Path) -> None:
     record = read(written(tmp_path, *hourly(30), *hourly(30, first=31, skip_h=230)))
     assert record.counts["after_clock_jump"] == 30 and (record.heading_quality == [1] * 30 + [3] * 30).all()
     assert (record.quality[30:] >= 3).all() and any("jumps ahead by days" in line for line in record.warnings)
 
 
-def test_bursts_with_long_pauses_are_no_jumps(tmp_path: Path) -> None:
+def test_bursts_with_long_pauses_are_not_clock_jumps(tmp_path: Path) -> None:
     bursts = [hourly(5, first=1 + 5 * k, skip_h=150.0 * k) for k in range(6)]
     assert read(written(tmp_path, *(each for burst in bursts for each in burst))).counts["after_clock_jump"] == 0
 
 
-def test_all_coordinates_agree_ensemble_by_ensemble(tmp_path: Path) -> None:
+def test_all_coordinate_systems_give_the_same_velocity(tmp_path: Path) -> None:
     heading, tilt1, tilt2 = 123.0, 5.0, -8.0
     beams = np.array([[327, 494, -465, -241]])
     x, y, z, error = currents.beams_to_instrument(beams / 1000.0, 20.0)
@@ -767,7 +763,7 @@ def test_all_coordinates_agree_ensemble_by_ensemble(tmp_path: Path) -> None:
     parts = [ensemble(np.rint(rows[c]).astype(int).tolist(), fixed={"ex": EX[c]}, **where) for c in rows]
     level = ensemble(np.rint(rows[INSTRUMENT]).astype(int).tolist(), fixed={"ex": 0b10011}, **where)
     record = read(written(tmp_path, *parts, level))
-    # Recorded to a millimetre a second.
+    # Velocities are recorded in mm/s.
     np.testing.assert_allclose(record.east[:, 0], east[0], atol=1.5e-3)
     np.testing.assert_allclose(record.north[:, 0], north[0], atol=1.5e-3)
     assert record.counts["configurations"] == 4
@@ -775,8 +771,8 @@ def test_all_coordinates_agree_ensemble_by_ensemble(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("coordinates", [BEAM, INSTRUMENT, SHIP, EARTH])
-def test_heading_bias_is_taken_out_of_headings_and_earth_velocities(coordinates: int, tmp_path: Path) -> None:
-    """A bias adds to the heading; in earth coordinates the instrument has turned its velocities by it as well."""
+def test_heading_bias_is_removed_from_headings_and_earth_velocities(coordinates: int, tmp_path: Path) -> None:
+    """EB is added to the heading; velocities in earth coordinates are rotated by it as well."""
     rows = np.array([[300, 400, 10, 0], [-200, 100, 0, 20]])
     plain = read(written(tmp_path, ensemble(rows.tolist(), fixed={"ex": EX[coordinates]}, heading=35000)))
     if coordinates == EARTH:
@@ -790,7 +786,7 @@ def test_heading_bias_is_taken_out_of_headings_and_earth_velocities(coordinates:
     assert biased.warnings == ("The file's heading bias EB of 20 degrees was taken out of the headings.",)
 
 
-def test_declination_applied_is_used_in_place_of_the_bias(tmp_path: Path) -> None:
+def test_declination_applied_replaces_the_heading_bias(tmp_path: Path) -> None:
     path = written(tmp_path, ensemble(PROFILE, fixed={"eb": 2000}, heading=1000))
     record = read(path, declination_applied=-15.0)
     assert record.heading_deg.tolist() == [25.0]
@@ -803,11 +799,11 @@ def test_declination_applied_is_used_in_place_of_the_bias(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("coordinates", [BEAM, EARTH])
-def test_headings_and_earth_velocities_may_hold_different_declinations(coordinates: int, tmp_path: Path) -> None:
+def test_headings_and_velocities_may_contain_different_declinations(coordinates: int, tmp_path: Path) -> None:
     path = written(tmp_path, ensemble(PROFILE, fixed={"ex": EX[coordinates], "eb": 2000}, heading=1000))
     whole, apart = (read(path, declination_applied=said) for said in (20.0, {"heading": 20.0, "velocity": 0.0}))
     assert apart.heading_deg.tolist() == whole.heading_deg.tolist() == [350.0]
-    if coordinates == BEAM:  # the headings turn them
+    if coordinates == BEAM:  # rotated by the headings on reading
         np.testing.assert_array_equal(apart.east, whole.east)
         assert apart.velocity_bias_deg == 20.0
         with pytest.raises(InputError, match="velocity: 0, as velocities are not in earth coordinates"):
@@ -818,7 +814,7 @@ def test_headings_and_earth_velocities_may_hold_different_declinations(coordinat
         assert "{heading: 20, velocity: 0} degrees was taken out of the headings" in apart.warnings[0]
 
 
-def test_heading_alignment_is_refused_unless_it_is_told_how_to_take_it(tmp_path: Path) -> None:
+def test_heading_alignment_is_refused_without_a_setting(tmp_path: Path) -> None:
     path = written(tmp_path, ensemble(PROFILE, fixed={"ea": 4500, "ex": EX[INSTRUMENT]}, heading=35000))
     with pytest.raises(InputError) as caught:
         read(path)
@@ -833,7 +829,7 @@ def test_heading_alignment_is_refused_unless_it_is_told_how_to_take_it(tmp_path:
     assert "heading alignment EA is 45 degrees" in added.warnings[0]
 
 
-def test_headings_in_another_unit_are_refused_and_a_damaged_one_is_missing(tmp_path: Path) -> None:
+def test_headings_in_other_units_are_refused(tmp_path: Path) -> None:
     def file(*headings: int) -> Path:
         return written(tmp_path, *(ensemble(PROFILE, number=k + 1, heading=each) for k, each in enumerate(headings)))
 
@@ -845,9 +841,7 @@ def test_headings_in_another_unit_are_refused_and_a_damaged_one_is_missing(tmp_p
 
 
 @pytest.mark.parametrize("written_ea", [(0, 0), (4500, 0), (4500, 3000)])
-def test_a_heading_alignment_that_the_file_does_not_bear_out_is_refused(
-    written_ea: tuple[int, int], tmp_path: Path
-) -> None:
+def test_heading_alignment_contradicting_the_file_is_refused(written_ea: tuple[int, int], tmp_path: Path) -> None:
     path = written(tmp_path, *(ensemble(PROFILE, fixed={"ea": ea}) for ea in written_ea))
     with pytest.raises(
         InputError, match=r"expected one that is not 0, as heading_alignment is 45, found .*; delete head"
@@ -856,7 +850,7 @@ def test_a_heading_alignment_that_the_file_does_not_bear_out_is_refused(
     assert read(path, heading_alignment=0.0).heading_deg.tolist() == [0.0, 0.0]
 
 
-def test_the_metadata_decide_which_way_is_up(tmp_path: Path) -> None:
+def test_orientation_of_the_metadata_takes_precedence(tmp_path: Path) -> None:
     beams = [[327, 494, -465, -241]]
     parts = [ensemble(beams, fixed={"ex": EX[BEAM], "up": i == 1}, heading=3000, tilt1=300) for i in range(3)]
     path = written(tmp_path, *parts)
@@ -869,7 +863,7 @@ def test_the_metadata_decide_which_way_is_up(tmp_path: Path) -> None:
     assert up.warnings == ("2 of 3 ensembles say that they looked down; up counts, as the metadata do.",)
 
 
-def test_files_that_begin_together_follow_each_other_in_the_order_given(tmp_path: Path) -> None:
+def test_files_with_equal_start_keep_the_given_order(tmp_path: Path) -> None:
     a, b = written(tmp_path, *series(2), name="a.000"), written(tmp_path, *series(3), b"tail", name="b.000")
     record, reports = pd0.read_with_reports([b, a], currents.Settings())
     assert np.diff(record.time_s).tolist() == [3600.0, 3600.0, -7200.0, 3600.0]
@@ -879,7 +873,7 @@ def test_files_that_begin_together_follow_each_other_in_the_order_given(tmp_path
     ]
 
 
-def test_files_are_taken_in_the_order_of_their_times(tmp_path: Path) -> None:
+def test_files_are_sorted_by_time(tmp_path: Path) -> None:
     whole = series(5)
     a, b = written(tmp_path, *whole[:2], name="a.000"), written(tmp_path, *whole[2:], name="b.000")
     one, other = read(a, b), read(b, a)
@@ -888,7 +882,7 @@ def test_files_are_taken_in_the_order_of_their_times(tmp_path: Path) -> None:
     np.testing.assert_array_equal(other.heading_deg, one.heading_deg)
 
 
-def test_nothing_is_written_beside_the_raw_file(tmp_path: Path) -> None:
+def test_raw_file_and_its_directory_stay_unchanged(tmp_path: Path) -> None:
     path = written(tmp_path, *series(2))
     before = path.read_bytes()
     read(path)

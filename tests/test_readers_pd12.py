@@ -1,4 +1,4 @@
-"""The PD12 reader: ensembles as they were encoded, in frames with escapes, damaged, and a genuine file's."""
+"""The PD12 reader: encoded ensembles, modem frames with escapes, damage, and a genuine file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from compasslib import angles, readers
 from compasslib.errors import InputError
 from compasslib.records import MISSING, Record
 
-START = datetime(2013, 7, 24, 1, 26, 16, tzinfo=UTC)  # 24 is 18 in hexadecimal, which is escaped
+START = datetime(2013, 7, 24, 1, 26, 16, tzinfo=UTC)  # day 24 is byte 18h, which modems escape
 RNG = np.random.default_rng(3)
 PROFILES = RNG.integers(-500, 500, (80, 3, 4))
 PAPA = SHARED / "moored/papa_node59p1.dat"
@@ -35,7 +35,7 @@ def read(path: Path, *parts: bytes, **settings: Any) -> Record:
 
 
 @pytest.mark.parametrize("wrapped", [framed, lambda ensembles: framed(ensembles, escape=False), b"".join])
-def test_ensembles_come_back_from_any_frame(tmp_path, wrapped):
+def test_ensembles_are_decoded_from_any_frame(tmp_path, wrapped):
     record = read(tmp_path / "a.dat", wrapped(series()))
     np.testing.assert_array_equal(np.stack([record.east, record.north], axis=2), PROFILES[..., :2] / 1000.0)
     for k, name in ((2, "up"), (3, "error_velocity")):
@@ -56,10 +56,10 @@ def test_missing_velocities_and_later_first_bins(tmp_path):
     assert record.quality[1].tolist()[::2] == [MISSING, MISSING]
     np.testing.assert_allclose(
         record.bin_range_m[:, 0], [24.7, 34.7]
-    )  # every second bin is sent: one later is half a step
+    )  # every second bin is sent: starting one bin later adds half the spacing to all ranges
 
 
-def test_what_is_lost_is_counted_and_said(tmp_path):
+def test_lost_and_damaged_ensembles_are_counted_and_reported(tmp_path):
     parts = series()
     bad = bytearray(parts[5])
     bad[40] ^= 1
@@ -83,7 +83,7 @@ def test_what_is_lost_is_counted_and_said(tmp_path):
 
 
 @pytest.mark.parametrize("cut", range(1, 60, 7))
-def test_a_file_cut_anywhere_gives_what_was_whole(tmp_path, cut):
+def test_truncated_file_gives_its_intact_ensembles(tmp_path, cut):
     whole = framed(series())
     record = read(tmp_path / "a.dat", whole[:-cut])
     np.testing.assert_array_equal(record.east, PROFILES[: len(record.east), :, 0] / 1000.0)
@@ -98,20 +98,20 @@ def test_a_file_cut_anywhere_gives_what_was_whole(tmp_path, cut):
         (b"", "an empty file"),
     ],
 )
-def test_what_holds_none_is_refused(tmp_path, data, line):
+def test_file_without_ensembles_is_refused(tmp_path, data, line):
     with pytest.raises(InputError, match=line):
         read(tmp_path / "a.dat", data)
 
 
-def test_fewer_components_are_refused(tmp_path):
+def test_ensemble_with_fewer_components_is_refused(tmp_path):
     body = bytearray(ensemble(1, START, 0.0, [[0] * 4])[:-4])  # without its last component
     body[2], body[31] = body[2] - 2, 0x2E
     with pytest.raises(InputError, match="command PO 1111"):
         read(tmp_path / "a.dat", bytes(body) + (sum(body) & 0xFFFF).to_bytes(2, "little"))
 
 
-def test_a_genuine_file_against_an_independent_reading_and_its_raw_bytes(tmp_path):
-    """The other reading knew no escapes: it has 854 of the ensembles, and all of them are equal here."""
+def test_genuine_file_agrees_with_an_independent_reading(tmp_path):
+    """The independent reader did not undo escapes; the 854 ensembles that it found are equal here."""
     if not PAPA.exists():
         pytest.skip(f"{PAPA} is not there")
     data, other = PAPA.read_bytes(), np.load(PAPA.with_suffix(".npz"))
@@ -124,5 +124,5 @@ def test_a_genuine_file_against_an_independent_reading_and_its_raw_bytes(tmp_pat
     np.testing.assert_allclose(record.pressure_dbar[at], other["pressure"], atol=1e-9)
     counts = record.counts
     assert (len(at), counts["ensembles"], counts["escaped"]) == (854, 2528, 1695)
-    marks = data.count(b"\x6e\x7f\x02\x01")  # of ensembles of 258 bytes; one mark more is chance or a damaged length
+    marks = data.count(b"\x6e\x7f\x02\x01")  # length 258 bytes; one more mark is chance or has a damaged length
     assert counts["ensembles"] + counts["repeated"] + counts["damaged"] == marks + 1

@@ -1,4 +1,4 @@
-"""WinADCP's text exports: any selection of columns comes back, and what is no such export is refused."""
+"""WinADCP text exports: any selection of columns is read, and other files are refused."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def refused(path: Path, text: str, orientation: str | None = None) -> str:
 
 
 @pytest.mark.parametrize("names", [("Eas", "Nor"), ("Mag", "Dir")])
-def test_an_export_comes_back(tmp_path, names):
+def test_export_is_read_as_written(tmp_path, names):
     record = read(tmp_path / "a.txt", export(names))
     expected = CURRENTS / 1000.0
     expected[:, 1, -1] = np.nan
@@ -42,7 +42,7 @@ def test_an_export_comes_back(tmp_path, names):
 
 
 def with_rows(change: Callable[[list[str]], list[str]]) -> str:
-    """Return an export whose rows, headers included, were changed."""
+    """Apply a function to the rows of an export, headers included."""
     return "\r\n".join(
         "\t".join(change(r)) if len(r := line.split("\t")) > 20 else line for line in export().split("\r\n")
     )
@@ -57,7 +57,7 @@ def test_columns_are_found_by_name_and_blank_cells_are_missing(tmp_path):
     assert read(tmp_path / "a.txt", export().replace("\t-32768", "\t")).counts["velocities_missing"] == 1
 
 
-def test_the_orientation_is_the_files_or_asked_for(tmp_path):
+def test_orientation_comes_from_the_file_or_is_required(tmp_path):
     assert not read(tmp_path / "a.txt", export(orientation="Down")).looks_up
     assert "orientation: up or down" in refused(tmp_path / "a.txt", export(orientation=None))
     assert read(tmp_path / "a.txt", export(orientation=None), "up").looks_up
@@ -74,24 +74,24 @@ def test_the_orientation_is_the_files_or_asked_for(tmp_path):
         ("\t", "   ", "WinADCP"),
     ],
 )
-def test_what_is_wrong_is_told_in_a_line(tmp_path, old, new, line):
+def test_invalid_export_is_refused_in_one_line(tmp_path, old, new, line):
     assert line in refused(tmp_path / "a.txt", export().replace(old, new))
 
 
-def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path):
+def test_truncated_last_line_is_dropped_and_reported(tmp_path):
     record = read(tmp_path / "a.txt", export()[:-40])
     assert len(record.time_s) == ROWS - 1 and record.counts["rows_cut"] == 1
     assert any("cut short" in line for line in record.warnings)
 
 
-def test_times_that_begin_a_long_average_are_said(tmp_path):
-    """120 pings, 5 s apart, an hour from ensemble to ensemble; a minute apart they would not fit."""
+def test_timestamps_at_the_start_of_long_averages_are_reported(tmp_path):
+    """Hourly ensembles of 120 pings; pings one minute apart would not fit into an hour."""
     for apart, half in (("00:05.00", 300), ("00:01.00", 60), ("00:00.50", 0), ("01:00.00", 0)):
         warnings = read(tmp_path / "a.txt", export().replace("00:05.00", apart)).warnings
         assert any(f"its middle is {half} s later" in line for line in warnings) == (half > 0), apart
 
 
-def test_winrivers_output_is_named(tmp_path):
+def test_winriver_output_is_refused_by_name(tmp_path):
     leader = "a note\nanother\n50 25 10 40 1 100 5\n13 7 24 1 26 16 5 1 1 -1.5 0.1 90.3 3.6\n"
     assert "ASCII output of WinRiver" in refused(tmp_path / "a.txt", leader)
     assert "format: pd0" in refused(tmp_path / "a.txt", "time,east,north\n")

@@ -1,4 +1,4 @@
-"""Tables: column roles, units, bins, covariates, forms that people have, and one line for what cannot be read."""
+"""The table reader: column roles, units, bins, covariates, usual variants of tables, and one-line refusals."""
 
 import tracemalloc
 from pathlib import Path
@@ -29,18 +29,18 @@ def test_roles_scale_missing_values_and_extra_columns(tmp_path):
     assert {key: n for key, n in record.counts.items() if n} == {"rows": 2, "velocities_missing": 1}
 
 
-def test_speed_with_direction_and_forward_port_with_heading(tmp_path):
+def test_polar_and_body_frame_velocities_are_converted(tmp_path):
     polar = table(tmp_path, "t,s,d\n2007-09-04,0.5,90\n")
     record = read("table", polar, {"columns": {"time": "t", "speed": "s", "direction": "d"}})
     assert (record.east[0, 0], record.north[0, 0]) == pytest.approx((0.5, 0.0))
     body = table(tmp_path, "t,x,y,h\n2007-09-04,0.2,0.1,90\n")
     columns = {"time": "t", "x": "x", "y": "y", "heading": "h", "tilt_x": None}
     record = read("table", body, {"columns": columns})
-    assert (record.east[0, 0], record.north[0, 0]) == pytest.approx((0.2, 0.1))  # east of it is forward, port is north
+    assert (record.east[0, 0], record.north[0, 0]) == pytest.approx((0.2, 0.1))  # forward is east and port is north
     assert record.heading_deg[0] == 90.0
 
 
-def test_rows_of_one_time_are_bins(tmp_path):
+def test_rows_with_equal_times_are_bins(tmp_path):
     text = "t,z,u,v\n2007-09-04T00:00,10,1,1\n2007-09-04T00:00,14,2,2\n2007-09-04T01:00,11,3,3\n"
     record = read("table", table(tmp_path, text), {"columns": ROLES})
     assert record.east.shape == (2, 2) and np.isnan(record.east[1, 1])
@@ -57,13 +57,13 @@ def test_rows_of_one_time_are_bins(tmp_path):
         ("t,z,u,v\n2007-09-04,1,1\n", "line 2, v: expected a number or nothing, found a line of 3 cells"),
     ],
 )
-def test_what_cannot_be_read_is_said_in_one_line(tmp_path, text, message):
+def test_unreadable_table_is_refused_in_one_line(tmp_path, text, message):
     with pytest.raises(InputError) as caught:
         read("table", table(tmp_path, text), {"columns": ROLES})
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_binary_and_missing_files_are_said(tmp_path):
+def test_binary_and_missing_files_are_refused(tmp_path):
     for path, content in ((tmp_path / "b.csv", b"\xff\xfe\x00\x01"), (tmp_path / "none.csv", None)):
         if content:
             path.write_bytes(content)
@@ -83,7 +83,7 @@ ROWS = "t,z,u,v\n" + "".join(f"2007-09-04T0{i}:00:00Z,100.5,{i}1.25,-{i}.75\n" f
         (("ok", "side lobe", "ok"), {"good": ["ok"], "bad": ["side_lobe"]}, [1, 4, 1], ""),
     ],
 )
-def test_flags_in_a_column_are_taken_by_known_words_or_the_key(tmp_path, cells, flags, expected, said):
+def test_flag_column_is_mapped_by_words_or_settings(tmp_path, cells, flags, expected, said):
     text = "t,u,v,q\n" + "".join(f"2007-09-04T0{k}:00:00Z,1,2,{cell}\n" for k, cell in enumerate(cells))
     columns = {"time": "t", "east": "u", "north": "v", "flag": "q"}
     record = read("table", table(tmp_path, text), {"columns": columns, "flags": flags})
@@ -91,12 +91,12 @@ def test_flags_in_a_column_are_taken_by_known_words_or_the_key(tmp_path, cells, 
     assert (said in " ".join(record.warnings)) and ("not known" in " ".join(record.warnings)) == bool(said)
 
 
-def test_a_table_cut_anywhere_loses_its_last_row_and_nothing_else(tmp_path):
+def test_truncated_table_loses_only_its_last_row(tmp_path):
     whole = read("table", table(tmp_path, ROWS), {"columns": ROLES})
-    for cut in range(ROWS.index("\n2007-09-04T01") + 1, len(ROWS)):  # one row alone does not tell its decimals
+    for cut in range(ROWS.index("\n2007-09-04T01") + 1, len(ROWS)):  # one row does not determine the decimals
         record = read("table", table(tmp_path, ROWS[:cut]), {"columns": ROLES})
         n, started = len(record.time_s), ROWS[:cut].rstrip("\n").count("\n")
-        # Without its end a line is whole only where no digit is missing.
+        # A line without its line break is complete only if no digit is missing.
         assert n == started - (ROWS[cut - 1] != "\n" and ROWS[cut] != "\n"), cut
         assert record.counts["rows"] == n + record.counts["rows_cut"]
         for name in ("time_s", "east", "north"):
@@ -117,25 +117,25 @@ def test_a_table_cut_anywhere_loses_its_last_row_and_nothing_else(tmp_path):
         ("\0\0\0", "line 7, t: expected an ISO time"),
     ],
 )
-def test_a_line_that_could_be_taken_for_data_is_refused(tmp_path, line, message):
+def test_malformed_line_is_refused_with_its_number(tmp_path, line, message):
     with pytest.raises(InputError) as caught:
         read("table", table(tmp_path, f"{ROWS}{line}\n"), {"columns": ROLES})
     assert message in str(caught.value)
 
 
-def test_a_tail_of_ff_is_refused_in_one_line(tmp_path):
+def test_trailing_ff_bytes_are_refused(tmp_path):
     path = tmp_path / "deep.csv"
     path.write_bytes(ROWS.encode() + b"\xff" * 100)
     with pytest.raises(InputError, match="expected a readable CSV file in UTF-8"):
         read("table", [path], {"columns": ROLES})
 
 
-def test_a_header_twice_is_refused(tmp_path):
+def test_duplicate_column_header_is_refused(tmp_path):
     with pytest.raises(InputError, match="column 'u'"):
         read("table", table(tmp_path, ROWS.replace("t,z,u,v", "t,z,u,u")), {"columns": ROLES})
 
 
-def test_rows_there_twice_count_once_and_those_that_contradict_each_other_not_at_all(tmp_path):
+def test_duplicate_rows_count_once_and_contradictory_rows_are_dropped(tmp_path):
     again, other = ROWS.splitlines()[2], ROWS.splitlines()[4].replace("31.25", "9.25")
     record = read("table", table(tmp_path, f"{ROWS}{again}\n{other}\n"), {"columns": ROLES})
     assert record.east.shape == (4, 1)
@@ -144,28 +144,28 @@ def test_rows_there_twice_count_once_and_those_that_contradict_each_other_not_at
 
 
 @pytest.mark.parametrize("filler", ["999", "-99.9", "9999.0", "-999"])
-def test_fillers_of_nines_are_no_speeds(tmp_path, filler):
+def test_fill_values_of_nines_are_missing(tmp_path, filler):
     rows = ROWS + "".join(f"2007-09-05T0{i}:00:00Z,100.5,{filler},{filler}\n" for i in range(3))
     record = read("table", table(tmp_path, rows), {"columns": ROLES})
     assert record.counts["fillers"] == 3 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
 
 
-def test_headings_in_another_unit_are_all_doubtful(tmp_path):
-    """Of gradians only those beyond 360 were dropped, and the others stayed good."""
+def test_headings_in_another_unit_are_all_flagged(tmp_path):
+    """Headings in gradians are all flagged, not only those above 360."""
     rows = (f"2007-09-{k // 24 + 1:02d}T{k % 24:02d}:00:00Z,0.2,0.1,{(7.3 * k) % 400:.1f}" for k in range(300))
     body = table(tmp_path, "\n".join(["t,x,y,h", *rows, ""]))
     record = read("table", body, {"columns": {"time": "t", "x": "x", "y": "y", "heading": "h"}})
     assert (record.heading_quality >= PROBABLY_BAD).all() and "not in degrees" in " ".join(record.warnings)
 
 
-def test_a_heading_that_is_no_angle_is_missing_and_so_is_its_current(tmp_path):
+def test_impossible_heading_and_its_current_become_missing(tmp_path):
     body = table(tmp_path, "t,x,y,h\n2007-09-04,0.2,0.1,-90\n2007-09-05,0.2,0.1,9999\n")
     record = read("table", body, {"columns": {"time": "t", "x": "x", "y": "y", "heading": "h"}})
     assert record.heading_deg[0] == 270.0 and np.isnan(record.heading_deg[1]) and np.isnan(record.east[1, 0])
     assert record.counts["directions_impossible"] == 1
 
 
-def test_signs_and_blanks_of_typesetters_and_headers_of_further_pages_are_read(tmp_path):
+def test_typographic_signs_and_repeated_headers_are_read(tmp_path):
     text = "t,z,u,v\n2007-09-04\u00a000:00,1,\u22125,1\nt,z,u,v\n2007-09-04 01:00,1,5,1\n"
     path = tmp_path / "deep.csv"
     path.write_text(text, encoding="utf-8")
@@ -184,13 +184,13 @@ def test_signs_and_blanks_of_typesetters_and_headers_of_further_pages_are_read(t
         ("1.234,5", "export numbers without marks between thousands"),
     ],
 )
-def test_only_a_word_or_a_number_of_no_measurement_may_count_as_missing(tmp_path, cell, advice):
+def test_advice_for_unreadable_cells_depends_on_their_content(tmp_path, cell, advice):
     with pytest.raises(InputError) as caught:
         read("table", table(tmp_path, f't,z,u,v\n2007-09-04,1,"{cell}",1\n2007-09-05,1,1.5,1\n'), {"columns": ROLES})
     assert str(caught.value).endswith(advice)
 
 
-def test_a_time_with_its_offset_from_utc_is_taken_by_it(tmp_path):
+def test_utc_offset_of_times_is_applied(tmp_path):
     rows = ["2007-09-04T02:00:00+02:00", "2007-09-03T20:30-0430", "2007-09-04T02:00:00Z"]
     record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in rows)), {"columns": ROLES})
     assert list(record.time_s - 1188864000.0) == [0.0, 3600.0, 7200.0]
@@ -198,8 +198,8 @@ def test_a_time_with_its_offset_from_utc_is_taken_by_it(tmp_path):
 
 @pytest.mark.parametrize("spacing", ["even", "with gaps"])
 @pytest.mark.parametrize("order", ["newest first", "no order", "level by level"])
-def test_rows_in_another_order_are_the_same_record(tmp_path, order, spacing):
-    """Where the times are even once they are sorted nothing can have been misread in them, and no warning is due."""
+def test_order_of_rows_does_not_change_the_record(tmp_path, order, spacing):
+    """No warning is given for evenly spaced sorted times, as none of them can have been misread."""
     stamps = np.arange("2007-09-04T00", "2007-09-06T00", dtype="datetime64[h]")
     stamps = stamps[:24] if spacing == "even" else stamps[np.r_[0:12, 36:48]]
     rows = [f"{t}:00,{z},{k},{z}" for k, t in enumerate(stamps) for z in (10, 14)]
@@ -217,7 +217,7 @@ def test_rows_in_another_order_are_the_same_record(tmp_path, order, spacing):
     assert warned == (order == "no order" and spacing == "with gaps")
 
 
-def test_a_few_steps_back_are_a_clock_and_stay_in_the_order_of_the_file(tmp_path):
+def test_few_backward_steps_keep_the_order_of_the_file(tmp_path):
     stamps = [f"2007-09-{d:02d}T00:00" for d in (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 2)]
     record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in stamps)), {"columns": ROLES})
     assert np.diff(record.time_s)[-1] < 0.0
@@ -226,8 +226,8 @@ def test_a_few_steps_back_are_a_clock_and_stay_in_the_order_of_the_file(tmp_path
 LONG = {"time": "t", "depth": "z", "east": "u", "north": "v"}
 
 
-def test_a_line_without_end_is_refused_at_once_and_a_cell_of_any_length_is_one_short_line(tmp_path):
-    """A file of zeros of 1.5 GB, which takes no room on the disk, took 4.5 GB of memory."""
+def test_endless_line_is_refused_and_long_cell_is_abbreviated(tmp_path):
+    """A sparse file of 1.5 GB of zeros, which once took 4.5 GB of memory, is refused with little memory."""
     path = tmp_path / "a.csv"
     with path.open("wb") as stream:
         stream.write(b"t,z,u,v\n")
@@ -251,19 +251,19 @@ def _hours(east, north) -> str:
 
 
 @pytest.mark.parametrize("value", [-32.768, 0.0, -9.99, 12.5])
-def test_a_value_that_one_component_jumps_to_is_a_fill_value(tmp_path, value):
+def test_overfrequent_value_of_one_component_is_a_fill_value(tmp_path, value):
     rng = np.random.default_rng(2)
     east, north = np.round(rng.normal(5.0, 15.0, (2, 3000)), 1)
     hit = rng.random(3000) < 0.02
     text = _hours(np.where(hit, value, east), north)
     record = read("table", table(tmp_path, text), {"columns": ROLES})
-    own = int(np.sum(~hit & (east == value)))  # which nothing tells from a fill value
+    own = int(np.sum(~hit & (east == value)))  # indistinguishable from fill values
     assert record.counts["fill_values"] == hit.sum() + own
     assert np.isnan(record.east[hit]).all() and "far more often" in record.warnings[0]
 
 
 @pytest.mark.parametrize("digits", [0, 1, 2])
-def test_rounded_currents_and_stalled_rotors_hold_no_fill_value(tmp_path, digits):
+def test_rounded_currents_and_stalled_rotors_are_not_fill_values(tmp_path, digits):
     rng = np.random.default_rng(3)
     tide = 12.0 * np.cos(2.0 * np.pi * np.arange(3000) / 12.42)
     east, north = np.round(tide + rng.normal(0.0, 3.0, 3000), digits), np.round(rng.normal(0.0, 5.0, 3000), digits)
@@ -287,7 +287,7 @@ def test_rounded_currents_and_stalled_rotors_hold_no_fill_value(tmp_path, digits
         ("t,u,v", '=" {}",{},{}'),
     ],
 )
-def test_times_between_quotation_marks_are_read(tmp_path, header, row):
+def test_quoted_times_are_read(tmp_path, header, row):
     lines = [header, *(row.format(f"2007-09-04 {h:02d}:00:00", h / 10, -h / 10) for h in range(24))]
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     record = read("table", [tmp_path / "a.csv"], {"columns": {"time": "t", "east": "u", "north": "v"}})
@@ -295,7 +295,7 @@ def test_times_between_quotation_marks_are_read(tmp_path, header, row):
     np.testing.assert_array_equal(record.east[:, 0], np.arange(24) / 10)
 
 
-def test_quotation_marks_of_a_time_format_count(tmp_path):
+def test_quotation_marks_in_a_time_format_are_optional(tmp_path):
     (tmp_path / "a.csv").write_text("t,u,v\n" + "".join(f"'04.09.07 {h:02d}',1.0,2.0\n" for h in range(24)))
     columns = {"time": "t", "east": "u", "north": "v"}
     for form in ("'%d.%m.%y %H'", "%d.%m.%y %H"):
@@ -305,7 +305,7 @@ def test_quotation_marks_of_a_time_format_count(tmp_path):
 
 @pytest.mark.parametrize("separator", [",", " ", "\t"])
 @pytest.mark.parametrize(("mark", "end"), [("'", "'"), ('"', '"'), ('="', '"')])
-def test_times_and_headers_in_quotation_marks_are_read(tmp_path, separator, mark, end):
+def test_quoted_times_and_headers_are_read(tmp_path, separator, mark, end):
     path = tmp_path / "a.csv"
     rows = [["t", "u", "v"], ["2007-09-04 00:00:00", "1", "2"], ["2007-09-04 01:00:00", "3", "4"]]
     lines = [separator.join([f"{mark}{first}{end}", *others]) for first, *others in rows]
@@ -314,7 +314,7 @@ def test_times_and_headers_in_quotation_marks_are_read(tmp_path, separator, mark
     assert np.diff(found.time_s).tolist() == [3600.0] and found.east[:, 0].tolist() == [1.0, 3.0]
 
 
-def test_a_covariate_is_its_rows_in_the_order_of_time_without_gaps_and_contradictions(tmp_path):
+def test_covariate_is_sorted_without_gaps_and_contradictions(tmp_path):
     hours = {"03": 3, "01": 1, "02": 2, "04": ""}
     text = "at,A\n" + "".join(f"2007-09-04T{hour}:00Z,{value}\n" for hour, value in hours.items())
     (tmp_path / "a.csv").write_text(text)
@@ -324,7 +324,7 @@ def test_a_covariate_is_its_rows_in_the_order_of_time_without_gaps_and_contradic
     assert ((time_s - 1188864000.0) / 3600.0).tolist() == [1.0, 3.0] and value.tolist() == [1.0, 3.0]
 
 
-def test_a_covariate_without_a_value_is_refused(tmp_path):
+def test_covariate_without_values_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("at,A\n2007-09-04T01:00Z,\n")
     with pytest.raises(InputError, match="expected rows with a time and a value, found none"):
         read_series({"files": [str(tmp_path / "a.csv")], "columns": {"time": "at", "value": "A"}})
@@ -336,7 +336,7 @@ EACH = [("table", name) for name in FORMS] + [(OTHERS[k % len(OTHERS)], name) fo
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)
-def test_a_table_is_read_right_or_refused_by_the_key_that_settles_it(tmp_path, kind, name):
+def test_table_is_read_correctly_or_refused_with_advice(tmp_path, kind, name):
     found, key = tables.outcome(Path(tmp_path, "table.csv"), FORMS[name], kind), tables.settled_by(FORMS[name])
     assert (found.startswith("refused") and key in found) if key else found == "right"
 
@@ -366,7 +366,7 @@ ODD += ("0.12345678901234567", "999999999999999999", "2007-09-31T00:00:00Z", "20
 
 
 def damaged_table(rng: np.random.Generator) -> bytes:
-    """Draw a table of plain rows in one of some forms, with up to three pieces put in, left out or exchanged."""
+    """Draw a table of plain rows in one of several formats, with up to three insertions, deletions or replacements."""
     cell, form = rng.choice([",", ";", "\t"]), rng.choice(["%sT%02d:00:00Z", "%s %02d:00", "%sT%02d:00:00.50"])
     rows = [[form % ("2007-09-04", k), *(f"{x:.{rng.integers(5)}f}" for x in rng.normal(0, 99, 3))] for k in range(24)]
     end = rng.choice(["\n", "\r\n"])
@@ -377,7 +377,7 @@ def damaged_table(rng: np.random.Generator) -> bytes:
     return text.encode()
 
 
-def test_plain_rows_are_read_as_line_by_line_and_all_others_left_to_that(tmp_path, monkeypatch):
+def test_fast_parser_agrees_with_line_by_line_parser(tmp_path, monkeypatch):
     monkeypatch.setattr(delimited, "HEAD_LINES", 6)
     monkeypatch.setattr(plain, "BLOCK", 200)
     rng, fast, taken = np.random.default_rng(1), delimited._read_plain, []

@@ -1,4 +1,4 @@
-"""The whole chain under damage: mistakes that parse, killed runs, hostile cruise folders."""
+"""The whole chain under damage: mistakes in valid files, killed runs, hostile cruise folders."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ Spoil = Callable[[Path], object]
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
-    """A cruise of 17 days."""
+    """Write a cruise of 17 days without faults."""
     folder = cruise(tmp_path_factory.mktemp("sound") / "c", n=HOURS)
-    # The fast fit and no search, which costs most of the time: damage comes before both.
+    # The fast method and no search, to save time: the faults act before either.
     (folder / "config/config.yaml").write_text("{fit: {method: von_appen}, diagnose: {enabled: false}}\n")
     return folder
 
@@ -52,7 +52,7 @@ def spoilt(sound: Path, folder: Path, spoil: Spoil) -> Path:
 
 
 def said(**keys: object) -> Spoil:
-    """Change keys of the mooring; ``deep__columns__scale`` is a key below keys."""
+    """Return a function that sets keys of the mooring file; ``deep__columns__scale`` is a nested key."""
 
     def spoil(folder: Path) -> None:
         content = yaml.safe_load((folder / YAML).read_text())
@@ -67,7 +67,7 @@ def said(**keys: object) -> Spoil:
 
 
 def table(change: Callable[[int, list[str]], list[str]]) -> Spoil:
-    """Change the cells of the trusted instrument's rows."""
+    """Return a function that changes the rows of the reference instrument's table."""
 
     def spoil(folder: Path) -> None:
         head, *rows = (folder / DEEP).read_text().splitlines()
@@ -84,7 +84,7 @@ def ensembles(folder: Path) -> list[bytes]:
 
 
 def rewritten(ensemble: bytes, block: int, at: int, content: bytes) -> bytes:
-    """Return an ensemble with bytes of a block replaced and the checksum right again."""
+    """Replace bytes of a block of an ensemble and update its checksum."""
     changed = bytearray(ensemble)
     begin = struct.unpack_from("<H", changed, 6 + 2 * block)[0] + at
     changed[begin : begin + len(content)] = content
@@ -125,7 +125,7 @@ def unrelated(folder: Path) -> None:
 
 
 def longitude_without_sign(folder: Path) -> None:
-    """The trusted instrument's directions are true; IGRF has 23.6 degrees west there, 14 east at the wrong place."""
+    """With true reference directions, drop the sign of the longitude: declination 12.5° E instead of 23.6° W."""
 
     def true(i: int, row: list[str]) -> list[str]:
         turned = angles.turn(float(row[2]), float(row[3]), -23.6)
@@ -136,13 +136,13 @@ def longitude_without_sign(folder: Path) -> None:
 
 
 def three_beams(folder: Path) -> None:
-    """No cell has an error velocity: the instrument solved each from three beams."""
+    """Remove all error velocities, as in solutions from three beams."""
     for cell in range(4):
         profiles(2, 2 + 8 * cell + 6, struct.pack("<h", -32768))(folder)
 
 
 def percent_good(folder: Path) -> None:
-    """Every ping was solved, and rejected."""
+    """Add percent-good blocks in which every ping has more than one bad beam."""
     blocks = [_blocks(each) for each in ensembles(folder)]
     (folder / TOP).write_bytes(b"".join(assemble([*each, b"\x00\x04" + bytes([0, 0, 100, 0]) * 4]) for each in blocks))
 
@@ -182,7 +182,7 @@ def pipe(folder: Path) -> None:
     os.mkfifo(folder / TOP)
 
 
-# What is done, what the summary or the one line must say.
+# Each fault, and the text expected in the warnings of the summary or in the one-line error.
 FAULTS: dict[str, tuple[Spoil, str]] = {
     "instruments swapped": (said(compromised="deep", reference="top"), "affected instrument has no usable heading"),
     "files swapped": (said(top__files=str(DEEP)), "expected an RDI PD0 file, found a text table; write format: table"),
@@ -272,7 +272,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_mistake_that_parses_is_said(sound, tmp_path, fault):
+def test_mistake_in_a_valid_file_is_reported(sound, tmp_path, fault):
     spoil, expected = FAULTS[fault]
     found = chain.run(spoilt(sound, tmp_path, spoil))
     line = found["error"] or found["warnings"]
@@ -290,37 +290,37 @@ HARMLESS = {
 
 @pytest.fixture(scope="module")
 def whole(sound, tmp_path_factory):
-    """What the chain says of the sound cruise."""
+    """Run the chain on the cruise without faults."""
     return chain.run(spoilt(sound, tmp_path_factory.mktemp("whole"), lambda folder: None))
 
 
 @pytest.mark.parametrize("what", HARMLESS)
-def test_what_takes_nothing_away_leaves_the_product_as_it_was(sound, whole, tmp_path, what):
+def test_harmless_changes_leave_the_product_unchanged(sound, whole, tmp_path, what):
     whole, other = whole["product"], chain.run(spoilt(sound, tmp_path, HARMLESS[what]))["product"]
     assert np.array_equal(whole.heading_corrected_deg, other.heading_corrected_deg)
     assert np.array_equal(whole.east, other.east) and np.array_equal(whole.velocity_quality, other.velocity_quality)
 
 
-def test_what_is_denied_by_held_out_pairs_is_flagged_and_its_uncertainty_says_nothing_is_known(sound, tmp_path):
+def test_correction_refuted_by_held_out_pairs_is_flagged(sound, tmp_path):
     product = chain.run(spoilt(sound, tmp_path, unrelated))["product"]
     corrected = np.isfinite(product.heading_corrected_deg)
     assert (product.heading_corrected_quality[corrected] == 3).all()
     assert (product.heading_uncertainty_deg[corrected] > 100.0).all() and (product.velocity_quality >= 3).all()
 
 
-def test_after_a_clock_was_set_back_the_product_is_that_of_the_samples_before(sound, whole, tmp_path):
+def test_samples_after_a_clock_reset_are_left_out(sound, whole, tmp_path):
     whole = whole["product"].record
     half = chain.run(spoilt(sound, tmp_path, FAULTS["clock set back in mid record"][0]))["product"].record
     assert len(half.time_s) == 250
     assert np.array_equal(half.heading_deg, whole.heading_deg[:250]) and np.array_equal(half.east, whole.east[:250])
 
 
-def test_a_sound_cruise_is_not_warned_of(whole):
+def test_cruise_without_faults_has_no_warnings(whole):
     left = [w for w in whole["warnings"].split(" | ") if "search was switched off" not in w and "tilt sensor" not in w]
     assert left == [] and whole["share_corrected"] == 1.0
 
 
-def test_a_link_out_of_the_cruise_is_the_users_own_and_a_loop_of_links_ends(sound, tmp_path):
+def test_links_out_of_the_cruise_are_allowed_and_loops_end(sound, tmp_path):
     folder = spoilt(sound, tmp_path, said(top__files="raw/**/*.000"))
     outside = shutil.move(folder / TOP, tmp_path / "elsewhere.000")
     (folder / TOP).symlink_to(outside)
@@ -331,7 +331,7 @@ def test_a_link_out_of_the_cruise_is_the_users_own_and_a_loop_of_links_ends(soun
     assert time.process_time() - begun < 5.0
 
 
-def test_files_named_for_a_shell_are_only_names(sound, tmp_path):
+def test_shell_metacharacters_in_file_names_are_harmless(sound, tmp_path):
     name = "raw/M1/$(touch pwned); `touch pwned` & 'x' *.000"
     folder = spoilt(sound, tmp_path, lambda there: shutil.move(there / TOP, there / name))
     said(top__files=name)(folder)
@@ -341,14 +341,14 @@ def test_files_named_for_a_shell_are_only_names(sound, tmp_path):
 
 
 @pytest.mark.parametrize("count", [255, 1])
-def test_a_huge_count_in_a_header_costs_no_memory(sound, tmp_path, count):
-    """255 cells or one where there are four: such an ensemble has no velocities that are understood."""
+def test_wrong_cell_count_in_a_header_is_refused(sound, tmp_path, count):
+    """With 255 cells or one instead of four, the velocities of an ensemble cannot be decoded."""
     folder = spoilt(sound, tmp_path, profiles(0, 9, bytes([count])))
     found = chain.run(folder)
     assert "raw/M1/top.000: expected" in found["error"]
 
 
-def test_no_code_of_a_cruise_folder_is_run_wherever_the_run_is_started(sound, tmp_path):
+def test_no_code_of_a_cruise_folder_is_executed(sound, tmp_path):
     folder = spoilt(sound, tmp_path, lambda there: None)
     bomb = f"open({str(tmp_path / 'pwned')!r}, 'w')\n"
     modules = ("netCDF4.py", "gsw.py", "scipy.py", "pandas.py")
@@ -368,13 +368,13 @@ def test_a_profile_in_a_cruise_folder_is_refused(sound, tmp_path, name):
     assert f"{name}: expected no profile of Snakemake in a cruise folder" in ran.stdout + ran.stderr
 
 
-def test_a_killed_run_is_taken_up_and_ends_as_one_that_was_not(sound, tmp_path):
-    """Benchmarks and logs, which hold times, apart. ``benchmarks/interruptions.py`` kills at 100 random moments."""
+def test_killed_run_resumes_to_identical_results(sound, tmp_path):
+    """Except benchmarks and logs, which contain times. ``benchmarks/interruptions.py`` kills 100 times at random."""
     killed, whole = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
     raw = hashes(killed / "raw")
     wanted = "results/M1/overlap.nc"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-    record = "results/M1/logs/overlap.json"  # what Snakemake itself knows of it
+    record = "results/M1/logs/overlap.json"  # the output that Snakemake tracks
     running = subprocess.Popen([*command(killed), "--cores", "1", record], env=environment(), cwd=killed, **quiet)
     while not list((killed / "results/M1/work").glob("*.nc")) and running.poll() is None:
         time.sleep(0.02)
@@ -389,7 +389,7 @@ def test_a_killed_run_is_taken_up_and_ends_as_one_that_was_not(sound, tmp_path):
 
 
 def mounted(folder: Path, *options: str) -> bool:
-    """Mount a small file system, where that is allowed."""
+    """Mount a file system if permitted, and return whether that succeeded."""
     if not (hasattr(os, "geteuid") and os.geteuid() == 0 and shutil.which("mount")):
         return False
     folder.mkdir(parents=True, exist_ok=True)
@@ -397,7 +397,7 @@ def mounted(folder: Path, *options: str) -> bool:
 
 
 @pytest.mark.parametrize("option", ["size=16k", "ro"])
-def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_half_written(sound, tmp_path, option):
+def test_unwritable_results_folder_is_reported_in_one_line(sound, tmp_path, option):
     folder = spoilt(sound, tmp_path, lambda there: None)
     if not mounted(folder / "results/M1/work", "-t", "tmpfs", "-o", option, "tmpfs"):
         pytest.skip("no right to mount a tmpfs")
@@ -411,10 +411,8 @@ def test_a_results_folder_without_room_or_rights_is_one_line_and_leaves_nothing_
 
 
 @pytest.mark.parametrize(("room", "file"), [("200k", "work/deep.nc"), ("280k", "overlap.nc"), ("450k", "corrected.nc")])
-def test_a_disk_that_fills_up_at_any_stage_is_one_line_and_with_room_the_results_are_the_same(
-    sound, tmp_path, room, file
-):
-    """The raw files stand on a file system that is read only."""
+def test_full_disk_is_reported_and_the_run_can_be_resumed(sound, tmp_path, room, file):
+    """The raw files are on a read-only file system."""
     folder, undisturbed = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
     results, raw = folder / "results/M1", folder / "raw"
     if not mounted(results, "-t", "tmpfs", "-o", f"size={room}", "tmpfs"):
@@ -431,7 +429,7 @@ def test_a_disk_that_fills_up_at_any_stage_is_one_line_and_with_room_the_results
         subprocess.run(["umount", "--lazy", str(raw)], check=False)
 
 
-def test_read_only_results_are_one_line_before_any_work(sound, tmp_path):
+def test_read_only_results_are_refused_before_processing(sound, tmp_path):
     folder = spoilt(sound, tmp_path, lambda there: None)
     if not mounted(folder / "results", "-t", "tmpfs", "-o", "ro", "tmpfs"):
         pytest.skip("no right to mount a tmpfs")
@@ -444,7 +442,7 @@ def test_read_only_results_are_one_line_before_any_work(sound, tmp_path):
     assert "Traceback" not in ran.stderr and not list((folder / ".snakemake/scripts").glob("*"))
 
 
-def test_results_dated_in_the_future_wedge_nothing_and_raw_files_are_refused_in_one_line(sound, tmp_path):
+def test_results_dated_in_the_future_are_redated_raw_files_refused(sound, tmp_path):
     folder = spoilt(sound, tmp_path, lambda there: None)
     wanted, future = ("results/M1/overlap.nc",), time.time() + 1e6
     assert snakemake(folder, *wanted).returncode == 0
@@ -466,10 +464,10 @@ def test_results_dated_in_the_future_wedge_nothing_and_raw_files_are_refused_in_
     assert (folder / TOP).stat().st_mtime > time.time()
 
 
-def test_a_killed_job_is_named_with_the_likely_cause_and_what_to_do(sound, tmp_path):
+def test_killed_job_is_reported_with_likely_cause_and_advice(sound, tmp_path):
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     stage = project / "compasslib/stages/read.py"
-    # Its parameters are those of the stage; the process ends itself as the kernel ends one that takes too much memory.
+    # The replaced stage kills its own process, as the kernel does when memory runs out.
     stage.write_text(stage.read_text() + "\n\ndef read(*_, **__):\n    import os\n\n    os.kill(os.getpid(), 9)\n")
     ran = snakemake(spoilt(sound, tmp_path, lambda there: None), "results/M1/work/top.nc", project=project)
     said = ran.stderr.splitlines()
@@ -487,9 +485,7 @@ ENDINGS = [
 
 
 @pytest.mark.parametrize(("error", "words", "stops"), ENDINGS)
-def test_a_job_that_runs_out_of_memory_or_is_ended_from_within_fails_in_one_line(
-    tmp_path, monkeypatch, capsys, error, words, stops
-):
+def test_job_ended_by_memory_interrupt_or_exit_fails_in_one_line(tmp_path, monkeypatch, capsys, error, words, stops):
     parts = {part: Namedlist() for part in ("input", "output", "params")}
     log = [str(tmp_path / "logs/fit.log")]
     here = SimpleNamespace(rule="fit", log=log, wildcards=Namedlist(fromdict={"mooring": "M1"}), **parts)
@@ -509,14 +505,14 @@ def test_a_job_that_runs_out_of_memory_or_is_ended_from_within_fails_in_one_line
 
 
 @pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])
-def test_a_raw_file_that_may_not_be_read_is_one_line(sound, tmp_path, path, expected):
+def test_unreadable_raw_file_is_reported_in_one_line(sound, tmp_path, path, expected):
     folder = spoilt(sound, tmp_path, lambda there: (there / path).chmod(0))
     said = chain.run(folder)["error"] if not os.access(folder / path, os.R_OK) else without_rights(folder)
     assert "Permission denied" in said and "\n" not in said.strip()
 
 
 def without_rights(folder: Path) -> str:
-    """Return what the chain says where the superuser has given up the right to read everything."""
+    """Return the error of the chain when run by the superuser without the right to read all files."""
     give_up = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
     if not shutil.which("setpriv") or subprocess.run([*give_up, "true"], check=False).returncode:
         pytest.skip("this user may read everything")
@@ -527,7 +523,7 @@ def without_rights(folder: Path) -> str:
     ).stdout
 
 
-def test_the_table_of_faults_names_tests_that_exist():
+def test_readme_names_existing_tests():
     text = (PROJECT / "tests/README.md").read_text()
     named = set(re.findall(r"`(test_\w+\.py)::(test_\w+)`", text))
     assert len(named) > 30
@@ -535,6 +531,6 @@ def test_the_table_of_faults_names_tests_that_exist():
         assert f"def {test}(" in (PROJECT / "tests" / file).read_text(), (file, test)
 
 
-def test_what_agrees_less_after_the_correction_is_flagged(sound, tmp_path):
+def test_correction_that_worsens_the_agreement_is_flagged(sound, tmp_path):
     product = chain.run(spoilt(sound, tmp_path, FAULTS["a compass that hangs within three degrees"][0]))["product"]
     assert (product.heading_corrected_quality[np.isfinite(product.heading_corrected_deg)] >= 3).all()

@@ -1,4 +1,4 @@
-"""The report: one page without a network, escaped, in order, with the numbers of the results; then in a browser."""
+"""Report: one self-contained page, escaped, ordered and consistent with the results, also in a browser."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ OUTSIDE = r"(?:src|href|action|poster|srcset)\s*=\s*[\"']?\s*(?:https?:)?//|url\
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """A processed cruise: a mooring, one without a trusted instrument, two calibrations; markup in every attribute."""
+    """Process a mooring, one without a reference instrument and two calibrations, with markup in attributes."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=600)
     shutil.copy(folder / "config/moorings/M1.yaml", folder / "config/moorings/A.yaml")
     change(folder / "config/moorings/A.yaml", name=ALONE, reference=None)
@@ -68,7 +68,7 @@ def document(done):
 
 
 def filled(kind, text: str):
-    """Return a part of the report whose every text is this one."""
+    """Return a part of the report with this text in every text field."""
     by_type = {
         "str": text,
         "tuple[str, ...]": (text, text),
@@ -105,7 +105,7 @@ def written(path: Path, sections) -> page.Document:
 
 
 def test_every_text_is_escaped(tmp_path):
-    """Every text of every part is hostile; the page has no script, and says the text as it is."""
+    """With markup in every text of every part, the page has no script and shows the text verbatim."""
     made = written(tmp_path / "r.html", [hostile()])
     assert not made.all("script") and not [one for one in made.all("img") if "onerror" in one.attributes]
     assert not [one for one in made.elements if any(name.startswith("on") for name in one.attributes)]
@@ -116,8 +116,8 @@ def test_every_text_is_escaped(tmp_path):
     assert all(one.attributes["alt"].startswith(HOSTILE) for one in made.all("img"))
 
 
-def test_every_part_of_the_report_is_covered_by_the_hostile_one():
-    """A new text field that ``filled`` does not know would go untested."""
+def test_every_text_field_is_covered_by_the_escaping_test():
+    """A new text field that ``filled`` does not fill would remain untested."""
     known = {"str", "tuple[str, ...]", "tuple[tuple[str, str], ...]", "tuple[tuple[str, ...], ...]"}
     other = {
         *("int", "ReportTable | None", "tuple[ReportedFinding, ...]", "tuple[ReportTable, ...]", "tuple[Figure, ...]"),
@@ -133,7 +133,7 @@ def test_attributes_names_and_warnings_of_a_cruise_are_escaped(done, document):
     assert any("<b>1</b>" in one.text for one in document.all("dd"))
 
 
-def test_it_is_whole_and_asks_for_nothing_from_outside(done, document):
+def test_page_loads_nothing_external(done, document):
     text = (done / "results/report.html").read_text()
     assert not re.search(OUTSIDE, re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]*", "", text))
     assert not document.all("script", "iframe", "object", "embed", "audio", "video", "base", "form")
@@ -149,7 +149,7 @@ def test_it_is_whole_and_asks_for_nothing_from_outside(done, document):
     assert len(ids) == len(set(ids))
 
 
-def test_every_link_leads_somewhere(done, document):
+def test_every_link_has_a_target(done, document):
     ids = {one.attributes.get("id") for one in document.elements}
     links = [one.attributes["href"] for one in document.all("a")]
     assert len(links) > 40
@@ -158,7 +158,7 @@ def test_every_link_leads_somewhere(done, document):
         assert there, link
 
 
-def test_headings_are_in_order_and_tables_are_named(document):
+def test_headings_are_nested_and_tables_have_captions(document):
     levels = [int(one.name[1]) for one in document.all("h1", "h2", "h3", "h4", "h5", "h6")]
     assert levels[0] == 1 and levels.count(1) == 1
     assert all(below - above <= 1 for above, below in pairwise(levels))
@@ -168,19 +168,19 @@ def test_headings_are_in_order_and_tables_are_named(document):
     assert skip.attributes["href"] == "#main" and document.all("html")[0].attributes["lang"] == "en"
 
 
-def test_every_figure_says_what_it_shows(done, document):
-    """All but the certificates are pictures; words for what they show stand below them, no two alike."""
+def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
+    """All but the certificates are embedded, with distinct alternative texts; at most two captions agree."""
     pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
     assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - len(
         explanation.OF_PAIRS
-    )  # ALONE has no pair
+    )  # ALONE has no pairs
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
     assert all(len(caption) > 50 for caption in captions) and len(set(captions)) >= len(captions) - 1
 
 
-def test_the_page_begins_with_the_answer(done, document):
-    """One sentence a mooring and calibration, with its numbers; currents come before all else of a mooring."""
+def test_page_begins_with_one_sentence_per_result(done, document):
+    """One sentence per mooring and calibration with its numbers; a mooring begins with advice and its currents."""
     answers = [one.text for one in document.all("li") if one.inside[-1] == "ul" and "section" in one.inside][:4]
     assert [text.split()[0] for text in answers] == [ALONE, "M1", "bench", "few"]
     diagnosis = json.loads((done / "results/M1/diagnosis.json").read_text())
@@ -194,7 +194,7 @@ def test_the_page_begins_with_the_answer(done, document):
     assert after[after.index(f"M1 {diagnosis['verdict']}") + 1 :][:2] == ["What to do", "Currents before and after"]
 
 
-def test_a_compass_without_deviation_is_said_first_and_no_deviation_beside_it(done):
+def test_absent_deviation_is_stated_without_a_deviation_value(done):
     results = sections.read_mooring("M1", done / "results", {"warnings": ""})
     assert "the compass deviated by up to" in explanation.summary_sentences(results)[0]
     without = results.fit | {"applied": results.fit["applied"] | {"no_deviation_probability": 0.8}}
@@ -202,18 +202,18 @@ def test_a_compass_without_deviation_is_said_first_and_no_deviation_beside_it(do
     assert said.startswith("No deviation is shown; headings are left as recorded") and "deviated" not in said
 
 
-def test_there_is_one_number_for_after(done, document):
-    """The agreement on held-out pairs, said as that; the residual of the fit and of all pairs stand nowhere."""
+def test_only_the_held_out_agreement_is_reported(done, document):
+    """The rms after correction is that of the held-out pairs; the residual of the fit is not shown."""
     assessed, fit = (json.loads((done / f"results/M1/{name}.json").read_text()) for name in ("assessment", "deviation"))
     text = (done / "results/report.html").read_text().split('id="mooring-M1"')[1].split('id="calibrations"')[0]
     low, high = assessed["after"]["interval_95"]["rms_deg"]
     after = f"{words.degrees(assessed['after']['rms_deg'])} ({words.number(low)} to {words.number(high)})"
-    assert f"{after} rms after" in text and text.count(after) == 2  # the sentence and its table
+    assert f"{after} rms after" in text and text.count(after) == 2  # in the sentence and in its table
     others = {float(x.replace(words.MINUS, "-")) for x in re.findall(r"([\d.]+)[^\d<]{0,12}°[^<]{0,3} rms", text)}
     assert not {round(fit["residual_rms_deg"], 1)} & (others - {round(assessed["after"]["rms_deg"], 2)})
 
 
-def test_the_numbers_are_those_of_the_results(done, document):
+def test_numbers_agree_with_the_results(done, document):
     rows = {row["name"]: row for row in csv.DictReader((done / "results/summary.csv").read_text().splitlines())}
     shown = [one.text for one in document.all("td", "th")]
     at = shown.index("M1")
@@ -225,8 +225,8 @@ def test_the_numbers_are_those_of_the_results(done, document):
     assert rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
 
 
-def test_the_same_results_give_the_same_bytes(done, monkeypatch):
-    """Anew through Snakemake, with SOURCE_DATE_EPOCH as the tests set it."""
+def test_report_is_reproducible(done, monkeypatch):
+    """Made again by Snakemake, with SOURCE_DATE_EPOCH as set for the tests."""
     path = done / "results/report.html"
     first = path.read_bytes()
     path.unlink()
@@ -237,7 +237,7 @@ def test_the_same_results_give_the_same_bytes(done, monkeypatch):
     assert again.date == "2008-01-10T21:20:00Z"
 
 
-def test_a_cruise_of_calibrations_only(done, tmp_path):
+def test_report_of_a_cruise_of_calibrations_only(done, tmp_path):
     only = report.gather(done / "results", attributes={}, moorings={}, calibrations=["bench", "few"])
     report.write(tmp_path / "r.html", only)
     made = page.read(tmp_path / "r.html")
@@ -246,7 +246,7 @@ def test_a_cruise_of_calibrations_only(done, tmp_path):
 
 
 def diagnosis(verdict: str, *findings: Found, **more) -> dict:
-    """Return a diagnosis.json as the search writes it."""
+    """Return the content of diagnosis.json as the search writes it."""
     return Diagnosis(verdict, findings, not_testable=(("stuck_tilt", "no other sensor"),), **more).to_json()
 
 
@@ -258,7 +258,7 @@ def heeling(*alternatives: str) -> Found:
     return Found("heeling", "compass", alternatives, where, when_s, parameters, 3.14, proof, "It heels.", applied=True)
 
 
-def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
+def test_finding_is_reported_with_alternatives_and_held_out_proof():
     (told,) = explanation.report_findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
     facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
     assert (told.title, told.text, facts["Alternatives"]) == (
@@ -272,7 +272,7 @@ def test_what_was_found_is_said_with_its_alternatives_parameters_and_proof():
     assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
 
 
-def test_of_many_alternatives_the_first_are_listed_and_observations_that_say_something():
+def test_long_lists_of_alternatives_and_observations_are_shortened():
     names = ["tilt_uncompensated", "temperature", "pressure", "hard_iron_step", "hard_iron_drift", "compass_drift"]
     for more, last in (([], "(compass drift)"), (["compass_lag"], "2 others, listed in diagnosis.json")):
         (told,) = explanation.report_findings(diagnosis("ambiguous", heeling(*names, *more)), product=True)
@@ -283,7 +283,7 @@ def test_of_many_alternatives_the_first_are_listed_and_observations_that_say_som
     assert words.observations("; ".join([*empty, "a or e: a swing"])) == ["a or e: a swing"]
 
 
-def test_what_stays_unexplained_is_said_and_what_would_decide():
+def test_unexplained_mismatch_and_decisive_observations_are_reported():
     where = CovariateRange("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
     left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
     told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
@@ -300,7 +300,7 @@ def test_what_stays_unexplained_is_said_and_what_would_decide():
     )
 
 
-def test_every_effect_stands_in_the_answer_as_a_clause_of_physics_and_its_name_in_brackets():
+def test_every_effect_is_described_with_its_name_in_brackets():
     for effect in SIDES:
         (clause,) = explanation.candidate_names({"effect": effect, "alternatives": []})
         begun, name = clause.rstrip(")").split(" (")
@@ -317,8 +317,8 @@ def test_every_effect_stands_in_the_answer_as_a_clause_of_physics_and_its_name_i
     ]
 
 
-def test_what_cannot_be_tested_stands_in_one_sentence_with_its_reasons():
-    """Two effects for the same reason together; an effect of two forms once, and in part where a form was tried."""
+def test_untestable_effects_are_listed_with_their_reasons():
+    """Effects of the same reason are grouped, forms of one effect joined, partly testable effects listed apart."""
     closed = [
         {"effect": "heading_slip", "why": "too short"},
         {"effect": "current_veer", "why": "the depth does not vary"},
@@ -337,7 +337,7 @@ def test_what_cannot_be_tested_stands_in_one_sentence_with_its_reasons():
     )
 
 
-def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
+def test_tried_effects_have_a_row_in_the_table():
     tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "probability": 0.012}]
     (table,) = explanation.hypotheses_table({"hypotheses": tried})
     assert table.rows == (("current veer", "12.3", "0.50° rms", "0.01"),)
@@ -345,7 +345,7 @@ def test_every_effect_that_was_tried_has_its_row_where_the_search_lists_them():
 
 
 def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.Calibration:
-    """Calibrate by a small simulated log of that kind."""
+    """Run a calibration of a kind on a small simulated log."""
     rng, course = np.random.default_rng(1), np.arange(0.0, 360.0, 10.0)
     if kind == "magnetometer":
         x, y, z = iron.readings(rng, iron.some(rng), iron.tumble(rng, 600)).T
@@ -381,13 +381,13 @@ def test_every_kind_of_calibration_has_its_section(tmp_path, kind):
     assert made.why == "" and section_of(kind, made, tmp_path).summary
 
 
-def test_too_few_tilts_have_their_section(tmp_path):
+def test_refused_tilt_calibration_has_its_section(tmp_path):
     made = made_of("tilt", tmp_path, tilt_deg=np.r_[0.0:2.0])
     assert "2 coefficients need at least 3" in " ".join(section_of("tilt", made, tmp_path).summary)
 
 
-def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
-    """A kind with words and figures of its own, and a diagnosis beside it."""
+def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
+    """A kind with its own texts and figures, together with a diagnosis."""
     made = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=14.0)), {})
     there = tmp_path / "calibrations/heads"
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
@@ -404,8 +404,8 @@ def test_two_heads_and_a_diagnosis_have_their_section(tmp_path):
     assert section.cells[-2] == "explained" and "Corrected in the product" not in dict(section.findings[0].facts)
 
 
-def test_a_large_fleet_has_small_pictures_of_its_currents(done, tmp_path, monkeypatch):
-    """Small ones lead to the whole ones, and all other figures are linked; a mooring more costs kilobytes."""
+def test_large_fleet_has_thumbnails_of_its_currents(done, tmp_path, monkeypatch):
+    """Thumbnails link to the full figures, other figures are only linked; each mooring adds less than 60 kB."""
     monkeypatch.setattr(report, "MAX_SECTIONS", 3)
     sites = {"M1": {"latitude": 60.0, "longitude": 5.0, "water_depth_m": 500.0, "start": "2007-09-04T00:00:00Z"}}
     sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {}, "roles": ["top", "deep"]}
@@ -419,14 +419,14 @@ def test_a_large_fleet_has_small_pictures_of_its_currents(done, tmp_path, monkey
     assert (tmp_path / "21.html").stat().st_size - (tmp_path / "1.html").stat().st_size < 20 * 60_000
 
 
-def test_a_mooring_that_was_stopped_has_its_reason_where_the_answers_stand(tmp_path):
+def test_stopped_mooring_is_listed_among_the_results(tmp_path):
     made = written(
         tmp_path / "r.html", [stopped_section("mooring", "M", "raw/top.000: expected a PD0 file", ("", "Verdict"))]
     )
     assert "M stopped No results" in " ".join(made.all("li")[0].text.split())
 
 
-def test_a_damaged_figure_is_one_line(done, tmp_path):
+def test_damaged_figure_is_reported_in_one_line(done, tmp_path):
     folder = tmp_path / "M1/figures"
     folder.mkdir(parents=True)
     whole = (done / "results/M1/figures/scatter.png").read_bytes()
@@ -439,8 +439,8 @@ def test_a_damaged_figure_is_one_line(done, tmp_path):
     st.lists(st.tuples(st.floats(-85.0, 85.0), st.floats(-4.0, 4.0)), min_size=1, max_size=40), st.floats(-180.0, 360.0)
 )
 @settings(max_examples=40, deadline=None)
-def test_the_map_holds_every_mooring_also_across_the_date_line(places, meridian):
-    """A degree to the east is as wide as it is there, names lie over nothing, and longitudes may be 0 to 360."""
+def test_map_contains_every_mooring_across_the_date_line(places, meridian):
+    """Marks lie within the map, labels do not overlap, and longitudes may be shifted by 360 degrees."""
     drawn = chart.chart([chart.Station(f"M{k}", lat, meridian + lon) for k, (lat, lon) in enumerate(places)])
     x, y, wide, high = drawn.box
     assert all(x <= one.x <= x + wide and y <= one.y <= y + high for one in drawn.marks)
@@ -452,7 +452,7 @@ def test_the_map_holds_every_mooring_also_across_the_date_line(places, meridian)
     assert all(-180.0 <= float(tick.text.split("°")[0]) <= 180.0 for tick in drawn.across)
 
 
-def test_the_map_draws_mean_currents_to_one_scale():
+def test_map_draws_mean_currents_to_one_scale():
     stations = [
         chart.Station("A", 60.0, 5.0, True, 0.1 + 0.0j, -0.2j),
         chart.Station("B", 60.2, 5.0, False, complex("nan"), complex("nan")),
@@ -467,7 +467,7 @@ def test_the_map_draws_mean_currents_to_one_scale():
     assert chart.chart([]) is None
 
 
-def test_embedded_figures_are_pictures_of_their_own_size(done, document):
+def test_embedded_figures_state_their_own_size(done, document):
     picture = document.all("img")[0]
     data = base64.b64decode(picture.attributes["src"].split(",")[1])
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
@@ -505,14 +505,14 @@ def test_embedded_figures_are_pictures_of_their_own_size(done, document):
         (words.parameter("range_deg", "degrees"), "range"),
     ],
 )
-def test_words(said, expected):
+def test_numbers_and_words_are_formatted(said, expected):
     assert said.replace(words.SPACE, " ") == expected
 
 
 # In a real browser.
 
 needs_browser = pytest.mark.skipif(browser.program() is None, reason="no Chromium here (Debian's package chromium)")
-# Sibling boxes that share more than a pixel, and what sticks out of the window outside a box that scrolls by itself.
+# Sibling boxes that overlap by more than a pixel, and elements that exceed the window outside a scrolling box.
 OVERLAPS = """(() => {
   const found = [], said = one => one.outerHTML.slice(0, 80), box = one => one.getBoundingClientRect();
   const block = one => !["inline", "none", "contents"].includes(getComputedStyle(one).display) && box(one).height > 0;
@@ -556,7 +556,7 @@ def chromium(tmp_path_factory):
 @needs_browser
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", WIDTHS)
-def test_it_loads_alone_and_fits_its_window(done, chromium, width, scheme):
+def test_page_loads_alone_and_fits_the_window(done, chromium, width, scheme):
     path = done / "results/report.html"
     chromium.open(path, width, scheme=scheme)
     asked = [event["request"]["url"] for event in chromium.happened("Network.requestWillBeSent")]
@@ -572,15 +572,15 @@ def test_it_loads_alone_and_fits_its_window(done, chromium, width, scheme):
 
 
 @needs_browser
-def test_text_stands_out_from_its_ground(done, chromium):
-    """WCAG 2 AA asks for a contrast of 4.5; in both schemes, links and soft text too."""
+def test_text_contrast_satisfies_wcag(done, chromium):
+    """WCAG 2 AA requires a contrast of 4.5, here in both colour schemes, also for links and muted text."""
     for scheme in ("light", "dark"):
         chromium.open(done / "results/report.html", 1400, scheme=scheme)
         assert chromium.ask(CONTRAST) >= 4.5, scheme
 
 
 @needs_browser
-def test_the_keyboard_reaches_the_results_and_shows_where_it_is(done, chromium):
+def test_keyboard_reaches_the_results_with_visible_focus(done, chromium):
     chromium.open(done / "results/report.html", 1400)
     chromium.press("Tab")
     assert chromium.ask("document.activeElement.innerText") == "Skip to the results"
@@ -600,8 +600,8 @@ def test_the_keyboard_reaches_the_results_and_shows_where_it_is(done, chromium):
 
 
 @needs_browser
-def test_a_screen_reader_is_given_names_in_order(done, chromium):
-    """Every figure, table and region has a name, as the browser's accessibility tree has it."""
+def test_accessibility_tree_has_names(done, chromium):
+    """Every figure, table and region has a name in the browser's accessibility tree."""
     chromium.open(done / "results/report.html", 1400)
     nodes = chromium.send("Accessibility.getFullAXTree")["nodes"]
     named = [(n["role"]["value"], n.get("name", {}).get("value", "")) for n in nodes if not n["ignored"]]
@@ -611,7 +611,7 @@ def test_a_screen_reader_is_given_names_in_order(done, chromium):
 
 
 @needs_browser
-def test_on_paper_everything_is_open_and_nothing_is_a_control(done, chromium):
+def test_print_layout_opens_details_and_hides_controls(done, chromium):
     chromium.open(done / "results/report.html", 1400)
     chromium.send("Emulation.setEmulatedMedia", media="print")
     assert chromium.ask("[...document.querySelectorAll('details')].every(d => d.lastElementChild.offsetHeight > 0)")

@@ -1,4 +1,4 @@
-"""The simulated sea: independent, repeatable, its files genuine in form and its statistics those of the array."""
+"""The simulated sea: independent and repeatable, with genuine file formats and the statistics of the array."""
 
 from __future__ import annotations
 
@@ -53,20 +53,20 @@ def truth(cruise, name):
 
 
 @pytest.mark.parametrize("name", ["EG2", "EG6"])
-def test_the_same_seed_gives_the_same_bytes_with_or_without_the_other_moorings(cruise, tmp_path, name):
+def test_same_seed_gives_the_same_files(cruise, tmp_path, name):
     demonstration.write_mooring(name, tmp_path / "raw", tmp_path / "truth.csv", SEED)
     for file in demonstration.raw_files(name):
         assert (tmp_path / "raw" / file).read_bytes() == (cruise / "raw" / file).read_bytes(), file
     assert (tmp_path / "truth.csv").read_bytes() == (cruise / "truth" / f"{name}.csv").read_bytes()
 
 
-def test_another_seed_gives_another_sea(cruise, tmp_path):
+def test_another_seed_gives_another_simulation(cruise, tmp_path):
     demonstration.write_mooring("EG2", tmp_path / "raw", tmp_path / "truth.csv", SEED + 1)
     assert (tmp_path / "truth.csv").read_bytes() != (cruise / "truth" / "EG2.csv").read_bytes()
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_configuration_of_the_cruise_says_the_same_as_the_simulation(name):
+def test_configuration_matches_the_simulation(name):
     mooring = yaml.safe_load((HERE.parent / "config" / "moorings" / f"{name}.yaml").read_text())
     spec = demonstration.spec_of(name)
     assert (mooring["latitude"], mooring["longitude"]) == pytest.approx(
@@ -80,7 +80,7 @@ def test_the_configuration_of_the_cruise_says_the_same_as_the_simulation(name):
     assert mooring["end"].timestamp() == RECOVERED_S
 
 
-def test_the_compass_gives_the_known_answers():
+def test_compass_reproduces_known_solutions():
     if not VECTORS.exists():
         pytest.skip(f"{VECTORS} is absent")
     for known in json.loads(VECTORS.read_text())["compass_with_tilt"]:
@@ -90,14 +90,14 @@ def test_the_compass_gives_the_known_answers():
             tilt_deg=([known["pitch"]], [known["roll"]]),
             iron=compass.Iron(tuple(known["hard_nT"]), tuple(map(tuple, known["soft"]))),
         )
-        assert wrap(recorded - known["recorded"]) == pytest.approx(0.0, abs=1e-6)  # the vectors' six decimals
+        assert wrap(recorded - known["recorded"]) == pytest.approx(0.0, abs=1e-6)  # the known values have six decimals
 
 
 @pytest.mark.parametrize(
     ("name", "strength"),
     [("EG1", 0.35), ("EG2", 0.1), ("EG3", 0.55), ("EG4", 1.3), ("EG5", 0.75), ("EG6", 1.5), ("EG7", 0.45)],
 )
-def test_the_iron_is_as_strong_as_it_is_meant_to_be(name, strength):
+def test_iron_has_the_intended_strength(name, strength):
     iron, (horizontal, vertical) = demonstration.spec_of(name).iron, (11_985.0, 52_078.0)
     soft = np.array(iron.soft)
     scale = 1 + (soft[0, 0] + soft[1, 1] - 2) / 2
@@ -106,14 +106,14 @@ def test_the_iron_is_as_strong_as_it_is_meant_to_be(name, strength):
 
 
 @pytest.mark.parametrize("name", ["EG1", "EG4", "EG6"])
-def test_the_sphere_tilts_as_the_paper_says(worlds, name):
+def test_sphere_tilts_as_published(worlds, name):
     tilt = np.hypot(worlds[name].motion.pitch_deg, worlds[name].motion.roll_deg)
     assert 4.0 < np.median(tilt) < 6.0
     assert np.percentile(tilt, 1) > 2.5
     assert tilt.max() < 10.0
 
 
-def test_the_currents_blow_the_deep_moorings_down(worlds):
+def test_deep_moorings_are_blown_down(worlds):
     depth = {name: world.motion.sphere_depth_m for name, world in worlds.items()}
     assert 400.0 < depth["EG6"].max() < 600.0
     assert depth["EG4"].max() > 250.0
@@ -121,7 +121,7 @@ def test_the_currents_blow_the_deep_moorings_down(worlds):
     assert all(abs(np.percentile(d, 2) - 100.0) < 2.0 for d in depth.values())
 
 
-def test_the_flow_is_that_of_the_slope(worlds):
+def test_mean_flow_follows_the_slope(worlds):
     for world in worlds.values():
         stance = demonstration.top_stance(world)
         flow = adcp.near_bins(world.spec.top.setup, stance, world.currents)[stance.in_water]
@@ -130,7 +130,7 @@ def test_the_flow_is_that_of_the_slope(worlds):
         assert np.abs(flow).max() < 2.0
 
 
-def test_layers_part_with_distance_within_hours_and_over_months(worlds):
+def test_velocity_differences_grow_with_vertical_distance(worlds):
     apart = {}
     for metres in (4.0, 14.0, 40.0):
         differences = []
@@ -147,10 +147,10 @@ def test_layers_part_with_distance_within_hours_and_over_months(worlds):
     slow = np.sqrt(np.mean(np.abs(np.concatenate(monthly)) ** 2) / 2.0)
     assert 0.15 * sizes[14.0] < slow < 0.5 * sizes[14.0]
     rms = [np.sqrt(np.mean(np.abs(x[6:] - x[:-6]) ** 2) / np.mean(np.abs(x) ** 2) / 2.0) for x in apart[14.0]]
-    assert 0.5 < np.mean(rms) < 1.2  # half a tide later much of it is another
+    assert 0.5 < np.mean(rms) < 1.2  # half a tidal cycle later much of it has changed
 
 
-def test_headings_are_locked_to_the_wake_but_go_round(worlds):
+def test_headings_follow_the_wake_but_cover_the_circle(worlds):
     for name, widest in (("EG4", 35.0), ("EG6", 45.0)):
         heading = worlds[name].motion.heading_deg
         assert 12.0 < np.std(wrap(heading - middle(heading))) < widest
@@ -158,7 +158,7 @@ def test_headings_are_locked_to_the_wake_but_go_round(worlds):
     assert occupied.size >= 34
 
 
-def test_the_strong_iron_keeps_the_recorded_headings_of_eg4_within_110_degrees(worlds):
+def test_strong_iron_confines_the_recorded_headings_of_eg4(worlds):
     stance = demonstration.top_stance(worlds["EG4"])
     recorded = stance.recorded_deg[stance.in_water]
     away = wrap(recorded - middle(recorded))
@@ -171,7 +171,7 @@ def test_the_strong_iron_keeps_the_recorded_headings_of_eg4_within_110_degrees(w
     ("file", "clock", "setup"),
     [("EG3/top.000", "00:00", (True, 300.0, True, BEAM)), ("EG4/deep.000", "00:02", (False, 75.0, True, EARTH))],
 )
-def test_every_ensemble_is_whole_and_has_its_number(cruise, file, clock, setup):
+def test_every_ensemble_is_valid_and_numbered(cruise, file, clock, setup):
     found, size = decode(cruise / "raw" / file), (cruise / "raw" / file).stat().st_size
     assert np.array_equal(found.offset, size // len(found) * np.arange(len(found))) and size % len(found) == 0
     assert np.array_equal(np.diff(found.number), np.ones(len(found) - 1))
@@ -180,7 +180,7 @@ def test_every_ensemble_is_whole_and_has_its_number(cruise, file, clock, setup):
     assert tuple(column[100] for column in said) == setup
 
 
-def test_ensemble_numbers_beyond_sixteen_bits_are_carried():
+def test_ensemble_numbers_exceed_sixteen_bits():
     spec = demonstration.spec_of("EG7")
     world = demonstration.make_world(spec, SEED)
     stance = demonstration.top_stance(world)
@@ -190,7 +190,7 @@ def test_ensemble_numbers_beyond_sixteen_bits_are_carried():
     assert number[-1] == 60001 + len(octets) - 1 > 65535
 
 
-def test_mhkit_reads_what_was_written(cruise):
+def test_mhkit_reads_the_simulated_files(cruise):
     dolfyn = pytest.importorskip("mhkit.dolfyn")
     path = cruise / "raw" / "EG2" / "top.000"
     with warnings.catch_warnings():
@@ -205,7 +205,7 @@ def test_mhkit_reads_what_was_written(cruise):
     assert np.allclose(theirs, ours.velocity[:200], atol=0.001, equal_nan=True)
 
 
-def test_a_recording_in_earth_coordinates_is_turned_by_its_own_compass(cruise):
+def test_earth_coordinates_contain_the_compass_error(cruise):
     seconds, true = truth(cruise, "EG2")
     found = decode(cruise / "raw" / "EG2" / "top.000")
     wet = slice(24, 24 + len(seconds))
@@ -215,7 +215,7 @@ def test_a_recording_in_earth_coordinates_is_turned_by_its_own_compass(cruise):
     assert_is_the_current(corrected, true, bias=0.002, scatter=0.02)
 
 
-def test_a_recording_in_beam_coordinates_knows_nothing_of_the_compass(cruise):
+def test_beam_coordinates_are_independent_of_the_compass(cruise):
     seconds, true = truth(cruise, "EG3")
     found = decode(cruise / "raw" / "EG3" / "top.000")
     wet = slice(24, 24 + len(seconds))
@@ -234,7 +234,7 @@ def assert_is_the_current(found, true, *, bias, scatter):
     assert wrong.std() < scatter
 
 
-def test_hours_on_deck_have_no_velocity(cruise):
+def test_samples_on_deck_have_no_velocity(cruise):
     found = decode(cruise / "raw" / "EG2" / "top.000")
     assert np.isnan(found.velocity[:24]).all()
     assert np.isnan(found.velocity[-24:]).all()
@@ -250,8 +250,8 @@ def engineering(cruise):
     return seconds, rows["pressure_dbar"]
 
 
-def test_the_profiler_is_stuck_at_times_and_its_climb_shows_in_the_path_outside_the_wake(cruise, engineering):
-    """That currents and depths come back stands in test_readers_mmp_acm.py."""
+def test_profiler_sticks_and_its_climb_rate_is_measured(cruise, engineering):
+    """``test_readers_mmp_acm.py`` tests that currents and depths are recovered."""
     scans = mmp_scans.read_scans([cruise / "raw/EG5/acm.txt"])
     assert len(scans.blocks) == 792 and scans.damaged == 792 // 97
     sound = scans.place > 0
@@ -274,8 +274,8 @@ def test_files_stay_small_enough(cruise):
         assert size < 32e6, name
 
 
-def test_water_stays_where_it_is_when_samples_are_missing():
-    """Real records have gaps: the reference's water of a sample is that of its own time, not of its number."""
+def test_missing_samples_do_not_shift_the_reference_flow():
+    """With gaps, as in real records, the reference's flow belongs to the time of a sample and not to its index."""
     whole = pairs.make(3, wide=True, n=400)
     kept = np.flatnonzero(np.arange(400) % 7 != 3)
     some = {name: x[..., kept] for name, x in vars(whole).items() if np.ndim(x) and np.shape(x)[-1] == 400}

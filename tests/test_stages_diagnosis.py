@@ -1,4 +1,4 @@
-"""Physics that the fit leaves out, found through the stages from raw tables to corrected.nc."""
+"""Unmodelled effects, identified and corrected through the stages from raw tables to corrected.nc."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def write(path: Path, **columns: np.ndarray) -> str:
 
 
 def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> None:
-    """Write one mooring: an instrument that recorded in its own frame, and the trusted one below it."""
+    """Write the files of a mooring: an instrument that recorded in its own frame, and the reference below it."""
     pairs = drawn.pairs
     time = np.datetime_as_string(pairs.time_s.astype("datetime64[s]"), unit="s")
     water = (pairs.upper_east + 1j * pairs.upper_north) * np.conj(angles.phasor(90.0 - pairs.heading_deg))
@@ -76,7 +76,7 @@ def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> Non
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """One record with two effects left out, processed with the search on, on without consequence, and off."""
+    """One record with two planted effects, processed with findings applied, not applied, and the search disabled."""
     folder = tmp_path_factory.mktemp("diagnosis")
     drawn = world.planted(world.make(4, wide=True, n=HOURS), {"sextantal": 3.0, "temperature": 3.0})
     for name, diagnose in OPTIONS.items():
@@ -92,14 +92,14 @@ def read(folder: Path, name: str, file: str) -> dict:
 
 
 def error(folder: Path, name: str, drawn: world.Drawn) -> tuple[float, float]:
-    """Return the rms of the corrected heading's error, and the share of it within the stated 95 %."""
+    """Compute the rms error of the corrected headings and the coverage of their 95 % intervals."""
     with netCDF4.Dataset(folder / "results" / name / "corrected.nc") as file:
         off = angles.difference(file["HEADING_CORRECTED"][:].filled(np.nan), drawn.heading)
         sigma = file["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)
     return angles.rms(off), float(np.mean(np.abs(off) < 1.96 * sigma))
 
 
-def test_what_was_left_out_is_named_and_corrected(done):
+def test_planted_effects_are_identified_and_corrected(done):
     folder, drawn = done
     found = read(folder, "FOUND", "diagnosis.json")
     assert {one["effect"] for one in found["findings"]} == {"sextantal", "temperature"}
@@ -111,13 +111,13 @@ def test_what_was_left_out_is_named_and_corrected(done):
         assert "sextantal" in file.effects and "with" in file.history
 
 
-def test_the_agreement_on_held_out_days_gains(done):
+def test_agreement_on_held_out_days_improves(done):
     folder, _ = done
     with_them, without = (read(folder, name, "assessment.json")["after"]["rms_deg"] for name in ("FOUND", "LEFT"))
     assert with_them < without
 
 
-def test_findings_without_consequence_and_no_search(done):
+def test_findings_can_be_left_unapplied_and_the_search_disabled(done):
     folder, _ = done
     left, off = read(folder, "LEFT", "diagnosis.json"), read(folder, "OFF", "diagnosis.json")
     assert left["findings"] and not any(one["applied"] for one in left["findings"])
@@ -130,7 +130,7 @@ def test_findings_without_consequence_and_no_search(done):
 
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_contract_holds_with_a_diagnosis(done, name):
-    """Its checks of what a diagnosis changes; figures and report, which it asks for besides, are not made here."""
+    """Run only the checks that concern a diagnosis; figures and report, which are required too, are not made here."""
     if not CONTRACT.exists():
         pytest.skip("no ../shared/tools")
     contract, misses = runpy.run_path(str(CONTRACT)), []

@@ -1,4 +1,4 @@
-"""One mooring without Snakemake: the workflow's bytes, and whole or not at all."""
+"""Processing of one mooring without Snakemake: the same bytes as the workflow, complete or none."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from compasslib.pipeline.plan import Stage
 from compasslib.pipeline.settings import Wildcards
 from compasslib.stages import correct
 
-OF_THE_RUN = ("logs",)  # who wrote what
+OF_THE_RUN = ("logs",)  # differ between runs
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
 
 
 @pytest.fixture(scope="module")
 def processed(tmp_path_factory) -> Path:
-    """A cruise that the workflow has run: M1 by its pairs, M2 by a calibration, and its pairs deny it."""
+    """Cruise processed by the workflow: M1 with a fit to its pairs, M2 with a calibration that its pairs refute."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1", "M2"), n=600)
     (folder / "config/calibrations").mkdir()
     (folder / "config/calibrations/bench.yaml").write_text(yaml.safe_dump(BENCH))
     rows = [f"{heading},{heading + 4.0 * (heading % 90 - 45) / 45}" for heading in range(0, 360, 15)]
     (folder / "raw/bench.csv").write_text("\n".join(["reference_deg,recorded_deg", *rows]))
     change(folder / "config/moorings/M2.yaml", fit={"method": "calibration", "name": "bench"})
-    head, *rows = (folder / "raw/M2/deep.csv").read_text().splitlines()  # of a trusted instrument with wrong signs
+    head, *rows = (folder / "raw/M2/deep.csv").read_text().splitlines()  # of a reference with wrong signs
     cells = (row.split(",") for row in rows)
     rows = [f"{time},{depth},{-float(east)},{-float(north)}" for time, depth, east, north in cells]
     (folder / "raw/M2/deep.csv").write_text("\n".join([head, *rows]))
@@ -52,7 +52,7 @@ def processed(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize(("mooring", "refuted"), [("M1", False), ("M2", True)])
-def test_the_products_are_the_workflow_s_to_the_last_bit(processed, tmp_path, mooring, refuted):
+def test_products_are_identical_to_those_of_the_workflow(processed, tmp_path, mooring, refuted):
     said: list[str] = []
     there = processing.process_mooring(processed, mooring, tmp_path / "new/here", say=said.append)
     assert there == tmp_path / "new/here" and any("headings corrected" in line for line in said)
@@ -73,7 +73,7 @@ def threads_of_linear_algebra() -> set[int]:
     return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
-def test_stages_and_the_library_take_one_thread_and_give_the_others_back(processed, tmp_path, monkeypatch):
+def test_stages_and_library_use_one_thread_and_restore_the_limit(processed, tmp_path, monkeypatch):
     seen: dict[str, set[int]] = {}
 
     def fit(*_):
@@ -89,8 +89,8 @@ def test_stages_and_the_library_take_one_thread_and_give_the_others_back(process
     assert seen == {"stage": {1}, "library": {1}}
 
 
-def test_a_library_that_is_loaded_within_takes_one_thread_too():
-    """In a process of its own, as a variable of the environment counts only where a library is loaded."""
+def test_a_library_loaded_inside_the_limit_uses_one_thread():
+    """Run in a separate process, as an environment variable takes effect only when a library is loaded."""
     code = (
         "from compasslib.statistics import single_threaded\n"
         "import os, numpy, threadpoolctl\n"
@@ -104,14 +104,14 @@ def test_a_library_that_is_loaded_within_takes_one_thread_too():
     assert ran.stdout == "True {1} False\n"
 
 
-def test_the_working_folder_is_left_as_it_was(processed, tmp_path, monkeypatch):
+def test_the_working_directory_is_not_changed(processed, tmp_path, monkeypatch):
     monkeypatch.chdir(processed.parent)
     change(processed / "config/config.yaml", diagnose={"enabled": False})
     processing.process_mooring(processed.name, "M1", tmp_path / "here")
     assert Path.cwd() == processed.parent and (tmp_path / "here/corrected.nc").is_file()
 
 
-def test_a_damaged_raw_file_leaves_nothing(tmp_path):
+def test_a_damaged_raw_file_leaves_no_output(tmp_path):
     folder = cruise(tmp_path / "c", n=50)
     (folder / "raw/M1/top.000").write_bytes(b"no recording" * 100)
     with pytest.raises(InputError, match=r"raw/M1/top\.000"):
@@ -127,14 +127,14 @@ def test_a_damaged_raw_file_leaves_nothing(tmp_path):
         ("M1", "c/results/M1", "expected a folder outside the workflow's results, found one inside; name another"),
     ],
 )
-def test_what_is_refused(tmp_path, mooring, into, line):
+def test_invalid_requests_are_refused(tmp_path, mooring, into, line):
     folder = cruise(tmp_path / "c", n=5)
     with pytest.raises(InputError, match=line):
         processing.process_mooring(folder, mooring, tmp_path / into)
     assert [path.name for path in tmp_path.iterdir()] == ["c"] and not (folder / "results").exists()
 
 
-def test_several_affected_instruments_have_folders_of_their_own_and_one_grid(tmp_path):
+def test_affected_instruments_have_separate_folders_and_one_grid(tmp_path):
     folder = cruise(tmp_path / "c", n=300)
     mid = {
         "format": "pd0",
@@ -156,12 +156,12 @@ def test_several_affected_instruments_have_folders_of_their_own_and_one_grid(tmp
         assert nc["SOURCE"].flag_meanings == "none top mid deep" and set(np.unique(nc["SOURCE"][:])) >= {1, 2, 3}
         random, share = nc["HEADING_ERROR_RANDOM"][:], nc["HEADING_ERROR_SHARE"][:]
         assert random.shape[0] == 2 and len(nc["MODE"]) <= 8 and np.isfinite(nc["UCUR_UNCERTAINTY"][:]).any()
-        assert (share[:2, :2] == 1.0).all() and not (share[0, 2:] * share[1, 2:]).any()  # common, and each its own
+        assert (share[:2, :2] == 1.0).all() and not (share[0, 2:] * share[1, 2:]).any()  # common and individual ones
     jobs = plan.plan(load_cruise(folder)).jobs
     assert {"results/M1/logs/grid.json", "results/M1/top/logs/correct.json"} <= jobs.keys()
 
 
-def test_a_compass_of_two_moorings_parts_their_jobs_and_needs_the_configuration_of_both(tmp_path):
+def test_a_shared_compass_splits_the_jobs_of_its_moorings(tmp_path):
     folder = cruise(tmp_path / "c", ("M1", "M2"), n=5)
     assert [*load_cruise(folder, plan.moorings_of(["--target-jobs", "mooring_M2:", "--cores", "1"])).moorings] == ["M2"]
     for name, start, end in (("M1", "2007-09-04", "2007-10-04"), ("M2", "2008-09-04", "2008-10-04")):
@@ -177,7 +177,7 @@ def test_a_compass_of_two_moorings_parts_their_jobs_and_needs_the_configuration_
 
 
 @pytest.mark.parametrize(("stops", "expected"), [(("top",), None), (("top", "mid"), "why")])
-def test_a_grid_of_several_instruments_does_without_those_that_are_stopped(stops, expected):
+def test_a_grid_is_stopped_only_if_all_instruments_are(stops, expected):
     before = [{"of": {"mooring": f"M1/{r}"}, "stopped": {"why": "why"} if r in stops else None} for r in ("top", "mid")]
     inherited = records.inherited(before, "mooring", "M1")
     assert (inherited and inherited["why"]) == expected
@@ -189,13 +189,13 @@ def half_done(folder: Path) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def long(tmp_path_factory):
-    """A cruise that is work for seconds after the first file, on a loaded machine too."""
+    """Cruise that takes seconds to process after the first file, which is enough to notice on a busy machine."""
     return cruise(tmp_path_factory.mktemp("long") / "c", n=20_000)
 
 
 @pytest.fixture
 def running(long, tmp_path):
-    """A cruise whose `compass correct` is under way, and the process."""
+    """Cruise with a running ``compass correct``, and its process."""
     folder = Path(shutil.copytree(long, tmp_path / "c"))
     code = "import sys; from compasslib.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
@@ -208,7 +208,7 @@ def running(long, tmp_path):
     process.stderr.close()
 
 
-def test_a_run_that_is_terminated_leaves_nothing(running):
+def test_a_terminated_run_leaves_no_output(running):
     folder, process = running
     process.terminate()
     assert process.wait() == 130 and "interrupted; no file is left half written" in process.stderr.read()
@@ -220,7 +220,7 @@ def begin_and_end(folder: Path) -> None:
         raise KeyboardInterrupt
 
 
-def test_what_a_killed_run_left_goes_with_the_next_and_nothing_else_does(running):
+def test_leftovers_of_a_killed_run_are_removed_by_the_next(running):
     folder, process = running
     (living,) = half_done(folder)
     begin_and_end(folder / "corrected/M1")

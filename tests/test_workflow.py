@@ -18,18 +18,18 @@ from sea import cruise, real
 
 from compasslib.archive import verification
 
-HOURS = 240  # too few days for a search, which other files run through the same stages
+HOURS = 240  # too short for the search, which other test files run through the same stages
 
 
 def two(folder: Path) -> Path:
-    """Write a cruise of a mooring and one without a trusted instrument, each with a recording of its own."""
+    """Write a cruise of a mooring and one without a reference instrument, each with its own recording."""
     change(cruise(folder, ("M1", "ALONE"), n=HOURS) / "config/moorings/ALONE.yaml", reference=None)
     return folder
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """The cruise of two moorings, processed on two cores."""
+    """Process the cruise of two moorings on two cores."""
     folder = two(tmp_path_factory.mktemp("cruise"))
     ran = snakemake(folder)
     assert ran.returncode == 0, ran.stderr
@@ -37,13 +37,13 @@ def done(tmp_path_factory):
     return folder
 
 
-def test_settings_on_snakemake_s_command_line_are_refused(tmp_path):
+def test_settings_on_the_snakemake_command_line_are_refused(tmp_path):
     ran = snakemake(cruise(tmp_path, n=5), "--config", "fit=von_appen")
     expected = "--config: expected mooring_cores, and other settings in the cruise's YAML files alone, found fit"
     assert ran.returncode and expected in ran.stderr
 
 
-def test_it_keeps_the_contract(done):
+def test_results_satisfy_the_contract(done):
     keeps_contract(done, "--without", "calibrations")
     for file in ("table.csv", "histograms.csv", "figures/histograms.png"):
         assert (done / "results/M1" / file).is_file()
@@ -58,7 +58,7 @@ EACH, OF_ALL = (
 )
 
 
-def test_the_screen_lists_what_each_stage_said_and_the_warnings_at_the_end(done):
+def test_messages_are_listed_by_stage_with_warnings_last(done):
     said = (done / "screen").read_text().splitlines()
     stages, warnings = said.index("Stages: 22"), said.index("Warnings: 2")
     shown = dict(line.strip().split(": ", 1) for line in said[stages + 1 : warnings])
@@ -70,7 +70,7 @@ def test_the_screen_lists_what_each_stage_said_and_the_warnings_at_the_end(done)
     assert sorted(line.partition(" pitch")[0] for line in tail) == ["  ALONE top: warning:", "  M1 top: warning:"]
 
 
-def test_headings_are_corrected_and_the_summary_says_how_well(done):
+def test_headings_are_corrected_and_summarized(done):
     with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
         assert nc["UCUR"].shape == (HOURS, 4)
         assert np.isfinite(nc["HEADING_CORRECTED"][:].filled(np.nan)).all()
@@ -80,7 +80,7 @@ def test_headings_are_corrected_and_the_summary_says_how_well(done):
     assert assessment["after"]["rms_deg"] < assessment["before"]["rms_deg"]
 
 
-def test_a_mooring_without_reference_ends_with_flags_not_with_an_error(done):
+def test_mooring_without_reference_is_flagged_without_error(done):
     deviation = json.loads((done / "results/ALONE/deviation.json").read_text())
     assert deviation["n_pairs"] == 0 and deviation["coefficients"] is None
     with netCDF4.Dataset(done / "results/ALONE/corrected.nc") as nc:
@@ -89,7 +89,7 @@ def test_a_mooring_without_reference_ends_with_flags_not_with_an_error(done):
         assert np.isfinite(nc["UCUR_RECORDED"][:].filled(np.nan)).any()
 
 
-def test_nothing_to_do_the_second_time_though_files_were_touched_and_results_moved_to_another_disk(done, tmp_path):
+def test_touched_files_and_moved_results_cause_no_rerun(done, tmp_path):
     for file in (*(done / "raw/M1").iterdir(), *(done / "config").rglob("*.yaml")):
         file.touch()
     shutil.move(done / "results", tmp_path / "scratch")
@@ -100,11 +100,11 @@ def test_nothing_to_do_the_second_time_though_files_were_touched_and_results_mov
     shutil.move(tmp_path / "scratch", done / "results")
 
 
-def test_raw_data_are_never_written_to(done):
+def test_nothing_is_written_to_the_raw_data(done):
     assert sorted(p.name for p in (done / "raw/M1").iterdir()) == ["deep.csv", "top.000"]
 
 
-def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
+def test_changed_declination_reruns_one_mooring_from_its_stage(done):
     change(done / "config/moorings/M1.yaml", declination=-22.0)
     ran = snakemake(done, "--dry-run", "--quiet", "progress")
     said = ran.stdout
@@ -113,10 +113,10 @@ def test_a_declination_re_runs_one_mooring_from_the_stage_that_uses_it(done):
     assert "reason: Params have changed since last execution" in said and "'declination': -22.0" in said
     assert jobs_in(said) == {*((rule, "M1") for rule in EACH), *((rule, "") for rule in OF_ALL)}
     change(done / "config/moorings/M1.yaml", declination="auto")
-    assert planned(done) == {("provenance", "")}  # the manifest holds the file's hash, and it has a line more
+    assert planned(done) == {("provenance", "")}  # the manifest has the hash of the file, which has a line more
 
 
-def test_an_edited_module_re_runs_what_uses_it_and_nothing_else(done, tmp_path):
+def test_edited_module_reruns_only_dependent_jobs(done, tmp_path):
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     with (project / "compasslib/preparation/pairs.py").open("a") as stream:
         stream.write("# a comment\n")
@@ -147,8 +147,8 @@ def as_module(folder: Path, keys: str = "", *options: str) -> subprocess.Complet
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
 
 
-def test_another_workflow_uses_it_as_a_module(done, tmp_path):
-    """Its folder is the cruise: what is there stands, what is missing is made, and its own rule comes after."""
+def test_workflow_can_be_used_as_a_module(done, tmp_path):
+    """Run in the cruise folder: existing results remain, missing ones are made, and the outer rule follows."""
     folder = shutil.copytree(done, tmp_path / "c")
     before = (folder / "results/M1/assessment.json").read_bytes()
     corrected = (folder / "results/M1/corrected.nc").stat()
@@ -158,28 +158,28 @@ def test_another_workflow_uses_it_as_a_module(done, tmp_path):
     assert ran.returncode == 0, ran.stderr
     assert (folder / "rows.txt").read_text().strip() == "3"
     assert (folder / "results/M1/assessment.json").read_bytes() == before
-    assert (folder / "results/M1/corrected.nc").stat() == corrected  # what it is made of came out the same
+    assert (folder / "results/M1/corrected.nc").stat() == corrected  # its remade inputs are identical
     ends = {f"compass_{rule}" for rule in ("diagnose", "compare", "correct", "grid", "figures", *OF_ALL)}
     assert {*re.findall(r"^rule (\w+):", ran.stderr, re.MULTILINE)} <= {*ends, "rows"} and "rule rows:" in ran.stderr
 
 
-def test_a_module_whose_results_would_stand_elsewhere_is_refused(tmp_path):
+def test_module_with_a_prefix_is_refused(tmp_path):
     ran = as_module(cruise(tmp_path / "c", n=5), 'prefix: "there"', "--dry-run")
     expected = "error: module: expected results in the folder of the run, found a prefix"
     assert ran.returncode != 0 and expected in ran.stderr + ran.stdout and "Traceback" not in ran.stderr
 
 
-def test_every_file_is_the_same_in_another_folder_where_a_job_is_a_mooring(done, tmp_path):
+def test_results_are_identical_with_one_job_per_mooring(done, tmp_path):
     """netCDF, JSON, CSV, PNG, HTML, the manifest, and even the logs and records."""
     again = two(tmp_path / "again")
-    ran = snakemake(again, "--config", "mooring_cores=2", anew=True)  # with another seed of hashes
+    ran = snakemake(again, "--config", "mooring_cores=2", anew=True)  # with another hash seed
     assert ran.returncode == 0 and "rule mooring_M1:" in ran.stderr and "rule fit:" not in ran.stderr, ran.stderr
     first, second = (hashes(folder / "results") for folder in (done, again))
     assert sorted(first) == sorted(second) and "ro-crate-metadata.json" in first
     assert [name for name in first if first[name] != second[name]] == []
 
 
-def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_so(done, tmp_path):
+def test_conventions_are_checked_on_request_or_by_option(done, tmp_path):
     folder = shutil.copytree(done, tmp_path / "c")
     assert not list((folder / "results").glob("*/conventions.json"))
     ran = snakemake(folder, "results/M1/conventions.json")
@@ -188,12 +188,12 @@ def test_conventions_are_checked_by_name_or_in_every_run_where_the_options_say_s
     names = ("corrected", "overlap", "gridded", "work/top", "work/deep")
     assert held["files"] == [f"results/M1/{name}.nc" for name in names]
     change(folder / "config/config.yaml", conventions={"check": True})
-    # The manifest lists what was checked.
+    # The manifest lists the reports of the checks.
     assert planned(folder) == {("check_conventions", "ALONE"), ("provenance", "")}
 
 
-def test_conventions_are_kept_by_a_real_mooring_with_a_profile_and_a_reference(tmp_path):
-    """What ``make check-archive`` runs, on files that hold all that a real overlap leaves in them."""
+def test_real_mooring_satisfies_the_conventions(tmp_path):
+    """As in ``make check-archive``, for files with all variables of a real overlap."""
     folder = Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c"))
     for name in ("E0", "E2"):
         (folder / f"config/moorings/{name}.yaml").unlink()
@@ -202,7 +202,7 @@ def test_conventions_are_kept_by_a_real_mooring_with_a_profile_and_a_reference(t
     assert ran.returncode == 0 and "5 netCDF files: no remark by" in ran.stderr, ran.stderr
 
 
-def test_a_missing_raw_file_stops_before_any_work_and_is_never_simulated(tmp_path):
+def test_missing_raw_file_is_refused_before_processing(tmp_path):
     folder = cruise(tmp_path / "c", ("EG1",), n=50)
     (folder / "raw/EG1/top.000").unlink()
     ran = snakemake(folder)
@@ -211,7 +211,7 @@ def test_a_missing_raw_file_stops_before_any_work_and_is_never_simulated(tmp_pat
     assert len(said) == 1 and "config/moorings/EG1.yaml: instruments.top.files" in said[0]
 
 
-def test_a_bad_key_is_one_line_on_stderr_and_in_the_log(tmp_path):
+def test_invalid_key_is_reported_on_stderr_and_in_the_log(tmp_path):
     folder = cruise(tmp_path / "c", n=50)
     change(folder / "config/moorings/M1.yaml", latitude=95.3)
     ran = snakemake(folder)
@@ -221,7 +221,7 @@ def test_a_bad_key_is_one_line_on_stderr_and_in_the_log(tmp_path):
     assert any(line in log for log in logs)
 
 
-def test_a_cruise_without_moorings_is_nothing_to_do(tmp_path):
+def test_cruise_without_moorings_succeeds(tmp_path):
     (tmp_path / "config").mkdir()
     (tmp_path / "config/config.yaml").write_text("moorings: []\n")
     assert snakemake(tmp_path).returncode == 0
@@ -230,8 +230,8 @@ def test_a_cruise_without_moorings_is_nothing_to_do(tmp_path):
 NAMES = ("M.1", "M11", "0-1", "EGEGEGEG", "a" * 19, "CON", "nul.txt", "results", "work.", "none")
 
 
-def test_odd_names_are_planned_each_for_itself(tmp_path):
-    """M.1 as a pattern would fit M11 too, whose fit another rule makes."""
+def test_unusual_names_are_planned_separately(tmp_path):
+    """As a pattern, M.1 would also match M11, whose fit is made by another rule."""
     folder = cruise(tmp_path / "c", NAMES, n=5)
     calibration = {"latitude": 48.4, "longitude": -4.5, "date": "2007-01-01", "kind": "platform", "file": "raw/cal.csv"}
     (folder / "config/calibrations").mkdir()
@@ -244,7 +244,7 @@ def test_odd_names_are_planned_each_for_itself(tmp_path):
     assert sorted(made) == sorted(("carry" if name == "M11" else "fit", name) for name in NAMES)
 
 
-def test_a_demonstration_of_another_mooring_is_refused(tmp_path):
+def test_demonstration_of_an_unknown_mooring_is_refused(tmp_path):
     folder = cruise(tmp_path / "c", n=50)
     (folder / "config/config.yaml").write_text("demonstration: true\n")
     ran = snakemake(folder)

@@ -1,4 +1,4 @@
-"""Calibrations through Snakemake: without any mooring, and a mooring corrected by one that was made elsewhere."""
+"""Calibrations through Snakemake: without any mooring, and for a mooring calibrated elsewhere."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FIGURES = {"deviation.png", "residuals.png", "certificate.png", "diagnosis.png"}
 
 
 def at_brest(coefficients) -> np.ndarray:
-    """Return a mooring's iron, all of it hard, as a bench at Brest sees it."""
+    """Transfer a mooring's coefficients, all of hard iron, to a bench at Brest."""
     places = []
     for latitude, longitude, time_s in ((65.3333, -32.955, 1191000000.0), (48.4, -4.5, 1664409600.0)):
         _, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, time_s))
@@ -39,7 +39,7 @@ def at_brest(coefficients) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """A cruise whose mooring is corrected by a calibration at Brest."""
+    """Process a cruise whose mooring is corrected by a calibration at Brest."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), coefficients=AT_SEA, n=SAMPLES)
     fit, search = {"method": "calibration", "name": "bench"}, {"enabled": False}
     change(folder / "config/moorings/M1.yaml", fit=fit, diagnose=search)
@@ -53,7 +53,7 @@ def done(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def alone(done, tmp_path_factory) -> Path:
-    """The same mooring without a trusted instrument, processed by itself."""
+    """Process the same mooring alone, without a reference instrument."""
     folder = tmp_path_factory.mktemp("alone")
     for part in ("config", "raw"):
         shutil.copytree(done / part, folder / part)
@@ -84,8 +84,8 @@ def test_every_calibration_has_its_files(done):
 
 
 @pytest.mark.parametrize("whole", [True, False])
-def test_a_mooring_is_corrected_by_a_calibration_made_elsewhere(done, alone, whole):
-    """All the iron is hard here; half of it might be induced as far as one calibration tells, so a bias is stated."""
+def test_mooring_is_corrected_by_a_calibration_made_elsewhere(done, alone, whole):
+    """All iron is hard here, but from one calibration half of it may be induced, so a possible bias is stated."""
     there = done / "results/M1" if whole else alone
     deviation = json.loads((there / "deviation.json").read_text())
     assert deviation["method"] == "calibration" and not deviation["folded"]
@@ -100,7 +100,7 @@ def test_a_mooring_is_corrected_by_a_calibration_made_elsewhere(done, alone, who
     assert np.mean(np.abs(off) <= 1.96 * sigma) >= 0.93 and np.median(sigma) < 3.0
 
 
-def test_pairs_are_counted_and_judge_the_calibration_but_do_not_change_it(done, alone):
+def test_pairs_assess_the_calibration_without_changing_it(done, alone):
     both, other = (json.loads((there / "deviation.json").read_text()) for there in (done / "results/M1", alone))
     assert both["coefficients"] == other["coefficients"] and both["n_pairs"] > 500 and other["n_pairs"] == 0
     assessment = json.loads((done / "results/M1/assessment.json").read_text())
@@ -111,11 +111,11 @@ def test_pairs_are_counted_and_judge_the_calibration_but_do_not_change_it(done, 
     assert row["method"] == "calibration" and "calibration bench: B and C may be" in row["warnings"]
 
 
-def test_it_keeps_the_contract(done):
+def test_results_satisfy_the_contract(done):
     keeps_contract(done)
 
 
-def test_a_changed_calibration_runs_again_with_its_moorings_and_no_other(done):
+def test_changed_calibration_reruns_only_its_dependents(done):
     file = done / "config/calibrations/bench.yaml"
     change(file, uncertainty={"graduation_deg": 0.5})
     jobs = planned(done)
@@ -132,7 +132,7 @@ def _module(path):
     return ".".join(Path(path).relative_to(PROJECT / "compasslib").with_suffix("").parts).removesuffix(".__init__")
 
 
-def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
+def test_calibration_depends_on_the_modules_of_its_kind(done):
     scripts, rules = PROJECT / "workflow/scripts", plan.plan(config.load_cruise(done)).calibrations
     bench = Wildcards(calibration="bench")
     modules = {_module(path) for path in provenance.sources(scripts / "calibrate.py", *rules.module(bench))}
@@ -146,7 +146,7 @@ def test_a_calibration_depends_on_its_own_kind_and_on_the_curves(done):
     assert not modules & {"inference.kinds.two_heads", "calibrations.magnetometer", "plots.timeline"}
 
 
-def test_the_diagnosis_is_that_of_the_bench(done):
+def test_calibrations_are_diagnosed(done):
     bench, few = (
         json.loads((done / f"results/calibrations/{name}/diagnosis.json").read_text()) for name in ("bench", "few")
     )
@@ -154,7 +154,7 @@ def test_the_diagnosis_is_that_of_the_bench(done):
     assert few["verdict"] == "insufficient" and few["why"].startswith("3 headings in 3 of 36 sectors")
 
 
-def test_an_observatorys_series_goes_through_without_any_mooring(tmp_path):
+def test_observatory_calibration_runs_without_moorings(tmp_path):
     (tmp_path / "config/calibrations").mkdir(parents=True)
     (tmp_path / "config/config.yaml").write_text("moorings: []\n")
     (tmp_path / "config/calibrations/station.yaml").write_text("kind: declination\nfile: station.hor\n")

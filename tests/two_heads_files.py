@@ -1,4 +1,4 @@
-"""Raw files of two heads for tests: from a simulated cast, or from a real recording with its headings turned."""
+"""PD0 files of two heads for tests: from a simulated cast, or from a real recording with changed headings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def cast(folder: Path, *, seed: int = 1, sea: Sea = SEA, a: Head = PLAIN, b: Hea
 
 
 def rewritten(raw: bytes, heading: Callable[[np.ndarray], np.ndarray]) -> bytes:
-    """Return a PD0 file whose headings (degrees) are others, every checksum right again; damaged ensembles stay."""
+    """Replace the headings of a PD0 file by a function of them (degrees), update checksums, keep damaged ensembles."""
     found = _ensembles(raw)
     places = [at + _variable_leader(raw, at) + 18 for at in found]
     before = np.array([struct.unpack_from("<H", raw, place)[0] for place in places]) / 100.0
@@ -48,7 +48,7 @@ def rewritten(raw: bytes, heading: Callable[[np.ndarray], np.ndarray]) -> bytes:
 
 
 def _ensembles(raw: bytes) -> list[int]:
-    """Return where the ensembles with good checksums begin."""
+    """Find the byte offsets of the ensembles with valid checksums."""
     found, at = [], raw.find(b"\x7f\x7f")
     while at >= 0:
         length = struct.unpack_from("<H", raw, at + 2)[0] if at + 4 <= len(raw) else 0

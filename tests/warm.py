@@ -1,6 +1,6 @@
-"""``compass run`` forked from a process that has imported what a run imports, and its Python jobs forked from it.
+"""Run ``compass run`` in a fork of a process that has imported all modules, and its Python jobs in further forks.
 
-To start Python, Snakemake and the library takes more of a small run than the run itself. What runs is the same: the
+Starting Python, Snakemake and the library takes longer than a small run itself. The code executed is the same: the
 command, Snakemake on the project's Snakefile, and the scripts of its jobs, each in a process of its own.
 """
 
@@ -25,7 +25,7 @@ from compasslib import cli
 
 
 def serve() -> None:
-    """Run the commands that come as lines of JSON, and answer with their exit status."""
+    """Run commands read as lines of JSON and print their exit status."""
     for stage in Path(compasslib.stages.__file__).parent.glob("[a-z]*.py"):
         import_module(f"compasslib.stages.{stage.stem}")
     for line in sys.stdin:
@@ -34,14 +34,14 @@ def serve() -> None:
 
 
 def _forked(act: Callable[[], object]) -> int:
-    """Return the exit status of a copy of this process that does one thing."""
+    """Run a function in a fork of this process and return its exit status."""
     if not (child := os.fork()):
         _ended(act)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def _ended(act: Callable[[], object]) -> NoReturn:
-    """Do one thing and end this process as the interpreter would."""
+    """Run a function and end this process as the interpreter would."""
     status: object = 1
     try:
         act()

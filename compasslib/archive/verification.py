@@ -26,8 +26,8 @@ JOB_FILE = re.compile(
     r"(?:logs/(?P<log>[^/]+)\.(?:log|json|stopped)|benchmarks/(?P<benchmark>[^/]+)\.tsv)"
 )
 STAGE = re.compile(
-    r"read_.+|overlap|fit|diagnose|diagnose_alone|correct|assess|compare|figures|conventions|simulate|calibrate"
-    r"|diagnosis_figure|join|summary|report|provenance|complete|verify"
+    r"read_.+|overlap|fit|diagnose|diagnose_alone|correct|grid|compare|figures|sections|conventions|simulate|calibrate"
+    r"|diagnosis_figure|join|concealed|summary|cruise_figures|report|provenance|complete|verify"
 )
 
 

@@ -26,7 +26,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline import plan
 from compasslib.pipeline.process import process_mooring
 from compasslib.pipeline.settings import Moorings, Wildcards, used_instruments
-from compasslib.preparation.pairs import PairRules, find_pairs
+from compasslib.preparation.pairs import ROLES, PairRules, find_pairs, match_ready_pairs, read_ready_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
 from compasslib.records import BAD, Record
@@ -136,7 +136,9 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
     series, unusable = _inspect_covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
     by = f"calibration {' and '.join(mooring.fit.name)}" if mooring.fit.name else mooring.fit.method
     also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
-    also += "" if mooring.reference or mooring.fit.name else "; no reference, so nothing is corrected"
+    fit = mooring.fit
+    corrected = mooring.reference or fit.name or fit.file or fit.coefficients
+    also += "" if corrected else "; no reference, so nothing is corrected"
     place = f"{name}: {position(mooring.latitude, mooring.longitude)}"
     title = f"{place}; {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}"
     lines, problems = [title, *_table(rows), *series], problems + unusable
@@ -144,6 +146,7 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
     if usable:
         pairs = _inspect_pairs(name, rules, [records[role] for role in used])
         lines, problems, warnings = [*lines, *pairs.lines], [*problems, *pairs.problems], [*pairs.warnings]
+        usable = pairs.usable
     of_records = (f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings)
     serials = {role: record.serial_number for role, record in records.items() if record.serial_number}
     return Inspection(tuple(lines), tuple(problems), (*of_records, *warnings), usable, serials)
@@ -250,18 +253,31 @@ def _inspect_pairs(name: str, rules: Moorings, records: Sequence[Record]) -> Ins
     east = np.quantile(along.declination_deg, [0.0, 1.0])
     lines = [f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})"]
     warnings = [f"{name}: {text}" for text in along.warnings]
-    asked = PairRules(**rules.pairing_rules(job) | {"predict": False})
-    for role, reference in zip(rules.cruise.moorings[name].reference, records[1:], strict=True):
-        pairs = find_pairs(records[0], [reference], along, asked)
+    asked, columns = PairRules(**rules.pairing_rules(job) | {"predict": False}), rules.pair_columns(job)
+    if (ready := rules.ready_pairs(job)) and columns is not None:
+        try:
+            rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
+        except InputError as error:
+            return Inspection(tuple(lines), (f"{name}: {error}",), tuple(warnings), usable=False)
+        by_source = {ready[0]: match_ready_pairs(rows, columns["scale"], records[0], along)}
+    else:
+        roles = rules.cruise.moorings[name].reference
+        by_source = {
+            role: find_pairs(records[0], [reference], along, asked)
+            for role, reference in zip(roles, records[1:], strict=True)
+        }
+    for source, pairs in by_source.items():
         if len(pairs):
             days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
-            held = f"{len(pairs)} pairs over {days:.0f} days, {apart:.1f} m apart, {_sectors(pairs.heading_deg)}"
-            lines.append(f"  with {role}: {held}")
-            warnings += [f"{name} with {role}: {text}" for text in pairs.warnings]
+            depths = f"{apart:.1f} m apart, " if np.isfinite(apart) else ""
+            lines.append(
+                f"  with {source}: {len(pairs)} pairs over {days:.0f} days, {depths}{_sectors(pairs.heading_deg)}"
+            )
+            warnings += [f"{name} with {source}: {text}" for text in pairs.warnings]
         else:
-            lines.append(f"  with {role}: no pairs")
+            lines.append(f"  with {source}: no pairs")
             why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
-            problems.append(f"{name}: no pairs with {role}, so nothing is corrected by it: {why}")
+            problems.append(f"{name}: no pairs with {source}, so nothing is corrected by it: {why}")
     return Inspection(tuple(lines), tuple(problems), tuple(warnings))
 
 

@@ -100,6 +100,11 @@ class CalibrationFile(KindKey):
     sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
 
     @property
+    def raw_files(self) -> tuple[str, ...]:
+        """All files that the calibration is made from."""
+        return (*self.files, *getattr(self, "spun", ()), *getattr(self, "observatory", ()))
+
+    @property
     def placed(self) -> bool:
         """Whether place and date are given: the transfer to a mooring requires the earth's field at the calibration."""
         return None not in (self.latitude, self.longitude, self.date_s)

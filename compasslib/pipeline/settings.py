@@ -280,12 +280,12 @@ class Moorings:
     def given(self, scripts: Path = SCRIPTS) -> list[str]:
         """List the files that jobs depend on: YAML files, raw files and scripts of this software."""
         settings = [file for files in self.configuration().values() for file in files]
-        moorings, calibrations = self.cruise.moorings.values(), self.cruise.calibrations.values()
+        moorings = self.cruise.moorings.values()
         instruments = [instrument for mooring in moorings for instrument in mooring.instruments.values()]
         raw = [file for instrument in instruments for file in (*instrument.files, *instrument.pressure_files)]
         raw += [file for mooring in moorings for file in mooring.fit.file or ()]
         raw += [file for mooring in moorings for series in mooring.covariates.values() for file in series.files]
-        raw += [file for calibration in calibrations for file in calibration.files]
+        raw += [file for calibration in self.cruise.calibrations.values() for file in calibration.raw_files]
         return list(dict.fromkeys([*settings, *raw, *map(str, scripts.glob("*.py"))]))
 
     def described(self) -> dict[str, dict[str, Any]]:
@@ -344,8 +344,7 @@ class Calibrations:
     cruise: Cruise
 
     def raw_files(self, wildcards: Any) -> list[str]:
-        file = self.cruise.calibrations[wildcards.calibration]
-        return [*file.files, *getattr(file, "spun", ()), *getattr(file, "observatory", ())]
+        return list(self.cruise.calibrations[wildcards.calibration].raw_files)
 
     def earlier(self, wildcards: Any) -> list[str]:
         """List the calibrations to compare with, possibly none."""

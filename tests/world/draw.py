@@ -1,4 +1,4 @@
-"""Writes moorings with known truth as a cruise has them, and the truth elsewhere."""
+"""Writer of simulated moorings as a cruise folder, with the truth in a separate folder."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from compasslib.demo import demonstration, sealed
 from compasslib.demo.sealed import DEEP_SAMPLE_S, Export, Ground, Wish
 from tests.world import planting
 
-PUBLISHED, SERIES = "EG4", "EG4_SERIES"  # with what is found applied, and the published product alone
+PUBLISHED, SERIES = "EG4", "EG4_SERIES"  # with findings applied, and by the published method alone
 
 
 @dataclass(frozen=True)
 class Sealed:
-    """One mooring that is to be made."""
+    """Specification of a simulated mooring."""
 
     name: str
     wanted: dict[str, float] = field(default_factory=dict)  # visible rms degrees
@@ -29,7 +29,7 @@ class Sealed:
 
 
 def write(one: Sealed, cruise: Path, locked: Path) -> None:
-    """Write one mooring's raw files and configuration, and elsewhere its times, correct and recorded headings."""
+    """Write raw files and configuration of a mooring, and separately its times, correct and recorded headings."""
     ground = sealed.make(one.seed, one.name, one.wish)
     effects = [each.effect for each in planting.plant(ground, one.wanted)]
     raw = sealed.write(ground, effects, cruise / "raw" / one.name, one.export)
@@ -38,7 +38,7 @@ def write(one: Sealed, cruise: Path, locked: Path) -> None:
 
 
 def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
-    """Write a cruise of one mooring into a folder, and return the cruise and where its truth is locked."""
+    """Write a cruise of one mooring and return the folders of the cruise and of the truth."""
     cruise, locked = folder / "cruise", folder / "locked"
     (cruise / "config/moorings").mkdir(parents=True)
     (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
@@ -48,7 +48,7 @@ def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
 
 
 def write_published(seed: int, cruise: Path, locked: Path) -> None:
-    """Write the case of the paper: iron of 1.3 times the earth's horizontal field, to be fitted by its method."""
+    """Write the published case: iron of 1.3 times the earth's horizontal field, fitted by the published method."""
     demonstration.write_mooring(PUBLISHED, cruise / "raw", locked / "published.csv", seed)
     spec = demonstration.spec_of(PUBLISHED)
     first, last = demonstration.DEPLOYED_S, demonstration.RECOVERED_S

@@ -1,4 +1,4 @@
-"""Logs of a magnetometer near known iron, turned on a platform in waves or by hand over the sphere; counts."""
+"""Simulated logs of a magnetometer near known iron, turned on a platform in waves or by hand over the sphere."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Iron:
         return FIELD * np.cos(np.deg2rad(self.dip_deg)), FIELD * np.sin(np.deg2rad(self.dip_deg))
 
     def deviation(self, recorded_deg: Floats) -> Floats:
-        """Return correct minus recorded heading at recorded ones, level, by interpolation of the forward compass."""
+        """Interpolate correct minus recorded heading of the level compass to recorded headings, degrees."""
         beta = np.linspace(-720.0, 720.0, 57601)
         h, z = self.level
         field = np.stack([h * np.cos(np.deg2rad(beta)), -h * np.sin(np.deg2rad(beta)), np.full(beta.shape, z)])
@@ -38,7 +38,7 @@ class Iron:
 
 
 def some(rng: np.random.Generator, *, strength: float = 0.15) -> Iron:
-    """Return iron of some strength over the horizontal field at a middling dip."""
+    """Draw iron at a dip of 50 to 70°; strength: standard deviation of hard iron over the horizontal field."""
     dip = rng.uniform(50.0, 70.0)
     off = rng.normal(size=(3, 3)) * 0.04
     soft = np.eye(3) + (off + off.T) / 2.0
@@ -46,27 +46,27 @@ def some(rng: np.random.Generator, *, strength: float = 0.15) -> Iron:
 
 
 def red(rng: np.random.Generator, n: int, memory: float, columns: int) -> Floats:
-    """Return noise of variance 1 whose autocorrelation falls as memory^lag, (n, columns)."""
+    """Draw noise with unit variance and autocorrelation memory^lag, (n, columns)."""
     white = rng.normal(size=(n + 200, columns))
     return np.asarray(lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=0)[200:])
 
 
 def level_motion(rng: np.random.Generator, n: int, *, turns: float = 12.0, tilt_deg: float = 4.0) -> Floats:
-    """Return heading, pitch, roll (n, 3), degrees, of a platform that turns about the vertical in waves."""
+    """Simulate heading, pitch and roll, (n, 3) degrees, of a platform that turns about the vertical in waves."""
     heading = np.linspace(0.0, 360.0 * turns, n) + 15.0 * red(rng, n, 0.98, 1)[:, 0]
     tilts = tilt_deg / 2.0 * red(rng, n, 0.6, 2)
     return np.column_stack([heading, tilts])
 
 
 def tumble(rng: np.random.Generator, n: int) -> Floats:
-    """Return heading, pitch, roll (n, 3), degrees, of an instrument turned by hand over the sphere."""
+    """Simulate heading, pitch and roll, (n, 3) degrees, of an instrument turned by hand over the sphere."""
     heading = np.linspace(0.0, 360.0 * 23.0, n) + rng.uniform(0.0, 360.0)
     roll = np.linspace(0.0, 360.0 * 7.0, n) + rng.uniform(0.0, 360.0)
     return np.column_stack([heading, 75.0 * np.sin(np.linspace(0.0, 2 * np.pi * 11.0, n)), roll])
 
 
 def turned(motion: Floats) -> Floats:
-    """Return C^T for each attitude, earth (north, east, down) to body, (n, 3, 3)."""
+    """Compute the rotation C^T from earth (north, east, down) to body for each attitude, (n, 3, 3)."""
     (h, p, r) = np.deg2rad(motion).T
     one, nil = np.ones_like(h), np.zeros_like(h)
     about_z = np.array([[np.cos(h), -np.sin(h), nil], [np.sin(h), np.cos(h), nil], [nil, nil, one]])
@@ -79,7 +79,7 @@ def turned(motion: Floats) -> Floats:
 def readings(
     rng: np.random.Generator, iron: Iron, motion: Floats, *, noise: float = 0.01, memory: float = 0.0
 ) -> Floats:
-    """Return what the three axes show, (n, 3) counts, with noise over the field."""
+    """Simulate the readings of the three axes, (n, 3) counts; noise is relative to the modulus of the field."""
     h, z = iron.level
     field = turned(motion) @ np.array([h, 0.0, z])
     return np.asarray(field @ iron.soft.T + iron.hard + noise * FIELD * red(rng, len(motion), memory, 3))

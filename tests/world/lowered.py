@@ -1,8 +1,8 @@
-"""A station of a lowered profiler with an iron-stricken compass, beside the ship's own profiler.
+"""Simulated station of a lowered profiler whose compass is disturbed by iron, and of the ship's profiler.
 
-The ship drifts with the wind. What either instrument measures is the water relative to itself; the frame follows the
-ship but for its swaying on the wire, so that both measure nearly the same. Numbers are invented, orders of magnitude
-are those of a 2000 m cast.
+The ship drifts with the wind. Either instrument measures the current relative to itself; the frame follows the ship
+except for swaying on the wire, and both measure nearly the same. Numbers are invented, with the orders of magnitude of
+a 2000 m cast.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ START_S = 1273233600.0  # 7 May 2010, 12:00 UTC: the frame enters the water
 CELLS, PING_S, PING_NOISE_M_S = 16, 2.0, 0.05
 SHIP_EVERY_S, SHIP_CELL_M, SHIP_DEEPEST_M, SHIP_NOISE_M_S = 60.0, 16.0, 700.0, 0.02
 MARGIN_S = 600.0
-DRIFT_M_S, SWAY_M_S, SWAY_S = 0.5, 0.03, 40.0  # a knot: ships make way to keep the wire clear
+DRIFT_M_S, SWAY_M_S, SWAY_S = 0.5, 0.03, 40.0  # one knot of drift, which keeps the wire clear
 HEAD = Head(
     ping_s=PING_S,
     iron=Iron(hard_nt=(6000.0, -4000.0, 1500.0), soft=((1.03, 0.02, 0.0), (0.02, 0.98, 0.0), (0.0, 0.0, 1.0))),
@@ -44,10 +44,10 @@ CLIMATE = Climate(mean_m_s=0.12, along_deg=110.0, tide_m_s=0.06, red_m_s=0.08)
 
 
 def write_station(folder: Path | str, seed: int = 1) -> None:
-    """Write the lowered profiler's PD0 file, the table of the ship's and, apart from both, the truth.
+    """Write the PD0 file of the lowered profiler, the table of the ship's profiler, and separately the truth.
 
     Args:
-        folder: of the cruise; files stand in ``raw/LADCP1`` and ``truth``.
+        folder: folder of the cruise; files are written to ``raw/LADCP1`` and ``truth``.
         seed: the same seed gives the same bytes.
     """
     raw, truth = Path(folder) / "raw" / NAME, Path(folder) / "truth" / f"{NAME}.csv"
@@ -65,17 +65,17 @@ def write_station(folder: Path | str, seed: int = 1) -> None:
 
 
 def relative(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
-    """Return the water's velocity relative to the drifting ship, true east + i north, m/s, in the depths' shape.
+    """Compute the current relative to the drifting ship, true east + i north, m/s, with the shape of ``depth_m``.
 
     Args:
-        time_s: instants, (n,).
+        time_s: times, (n,).
         depth_m: depths, (n,) or (n, m).
     """
     return sea.velocity(water, time_s, depth_m) - DRIFT_M_S * towards(250.0)
 
 
 def _seen(seed: int, motion: Motion, posture: Posture, water: Water, field: Field) -> Floats:
-    """Return the four components that the lowered head records in earth coordinates, (n, CELLS, 4)."""
+    """Simulate the four components recorded by the lowered head in earth coordinates, (n, CELLS, 4)."""
     rng = stream(seed, NAME, "pings")
     away = package.setup(looks_up=False, cells=CELLS)
     depth = posture.depth_m[:, None] + away.first_bin_m + away.cell_m * np.arange(CELLS)
@@ -96,7 +96,7 @@ def _write_lowered(path: Path, posture: Posture, velocity: Floats) -> None:
 
 
 def _write_ship(path: Path, rng: np.random.Generator, water: Water, span_s: tuple[float, float]) -> None:
-    """Write the ship's profiles, a row a time and depth, relative to the ship and to true north (by its gyros)."""
+    """Write the ship's profiles, one row per time and depth, relative to the ship and to true north (by its gyros)."""
     time = np.arange(span_s[0], span_s[1], SHIP_EVERY_S)
     depth = np.arange(24.0, SHIP_DEEPEST_M, SHIP_CELL_M)
     grid = np.broadcast_to(depth, (time.size, depth.size))

@@ -1,4 +1,4 @@
-"""Writes the series of a magnetic observatory in IAGA-2002, hourly means, as the data centres give them."""
+"""Writer of hourly means of a magnetic observatory in IAGA-2002, the format of the data centres."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ HEAD = (
 
 
 def write(path: Path, time_s: Floats, field: tuple[Floats, Floats, Floats], place_deg: tuple[float, float]) -> None:
-    """Write one file.
+    """Write the field at an observatory as one file.
 
     Args:
         time_s: UTC seconds, an hour apart, (n,).
         field: declination, degrees east, horizontal and vertical field, nT, (n,) each.
-        place_deg: latitude and longitude east.
+        place_deg: latitude north and longitude east.
     """
     declination, horizontal, vertical = field
     north, east = horizontal * np.cos(np.deg2rad(declination)), horizontal * np.sin(np.deg2rad(declination))

@@ -1,7 +1,7 @@
-"""A frame lowered from a ship: how it sinks, spins and sways, and what profilers bolted to it record of that.
+"""Simulation of a frame lowered from a ship, of its motion, and of the records of profilers mounted on it.
 
-The frame spins on its wire, sways with the swell and leans back against the water that the ship drags it through.
-Each head hangs in the frame by a fixed rotation, has a clock of its own, and reads its own compass and inclinometers.
+The frame spins on its wire, sways with the swell and leans because of the drag as the ship moves. Each head is mounted
+with a fixed rotation and has its own clock, compass and inclinometers.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from compasslib.demo.water import Floats, circle, red_noise, red_vector
 STEP_S = 0.1
 FIELD_NT = (22000.0, 40000.0)  # horizontal and vertical, of the middle latitudes
 NO_IRON = Iron()
-SMOOTH_STEPS = 20  # a heavy frame does not jerk
+SMOOTH_STEPS = 20  # smoothing, as a heavy frame has inertia
 
 
 @dataclass(frozen=True)
 class Sea:
-    """How a frame moves while it is lowered."""
+    """Motion of a frame while it is lowered."""
 
     turns: float = 4.0  # of the frame over the cast, clockwise
     wander_deg: float = 40.0  # standard deviation of the heading about that
     wander_s: float = 120.0  # memory of the wander
     swell_deg: float = 1.5  # standard deviation of either tilt
     swell_s: float = 9.0  # its period
-    lean_deg: float = 2.0  # against the water, always towards the same side of the earth
+    lean_deg: float = 2.0  # constant relative to the earth, due to drag
     deepest_m: float = 2000.0
     speed_m_s: float = 1.0
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How the frame truly stands along a fine axis of time; (g,) each."""
+    """True depth and attitude of the frame on a fine time axis; (g,) each."""
 
     time_s: Floats
     depth_m: Floats
@@ -51,10 +51,10 @@ class Motion:
 class Head:
     """A profiler bolted to the frame."""
 
-    mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # heading, pitch, roll of its body in the frame's
+    mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # heading, pitch, roll relative to the frame
     looks_up: bool = False
     ping_s: float = 1.0
-    first_s: float = 0.0  # of its first ping after the motion begins
+    first_s: float = 0.0  # time of its first ping after the start of the motion
     clock_s: float = 0.0  # its clock minus the true time, at the middle of the cast
     drift_s: float = 0.0  # gain of its clock over the cast
     iron: Iron = NO_IRON
@@ -67,13 +67,13 @@ class Head:
     )  # A..E, series in the recorded heading, instead of iron
     noise_deg: float = 0.5  # of the compass
     tilt_noise_deg: float = 0.1
-    slow_deg: float = 0.0  # of the compass too, but remembered: its damping, iron that moves, accelerations
-    slow_s: float = 30.0  # memory of that; the tilts have a fifth of it
+    slow_deg: float = 0.0  # red noise of the compass: damping, moving iron, accelerations; a fifth of it on the tilts
+    slow_s: float = 30.0  # memory of the red noise
 
 
 @dataclass(frozen=True)
 class Posture:
-    """How one head truly stands at its pings, and what its sensors give; (n,) each."""
+    """True depth and attitude of a head at its pings, and the readings of its sensors; (n,) each."""
 
     time_s: Floats  # true
     clock_s: Floats  # by its own clock
@@ -81,14 +81,14 @@ class Posture:
     heading_deg: Floats  # correct, magnetic
     recorded_deg: Floats
     tilt_deg: tuple[Floats, Floats]  # true pitch and roll
-    sensed_deg: tuple[Floats, Floats]  # what the two inclinometers give
+    sensed_deg: tuple[Floats, Floats]  # readings of both inclinometers
 
 
 def lower(rng: np.random.Generator, sea: Sea, start_s: float) -> Motion:
-    """Return how a frame moves on its way down and up again.
+    """Simulate the motion of a frame on its way down and up again.
 
     Args:
-        start_s: when it enters the water, UTC seconds since 1970.
+        start_s: time at which it enters the water, UTC seconds since 1970.
     """
     duration = 2.0 * sea.deepest_m / sea.speed_m_s
     since = np.arange(0.0, duration, STEP_S)
@@ -98,17 +98,17 @@ def lower(rng: np.random.Generator, sea: Sea, start_s: float) -> Motion:
     groups = red_vector(rng, count, memory=6 * sea.swell_s / STEP_S, deviation=sea.swell_deg)
     cross = red_vector(rng, count, memory=6 * sea.swell_s / STEP_S, deviation=sea.swell_deg)
     wave = np.exp(2j * np.pi * since / sea.swell_s)
-    # Swell and lean keep to the earth; the frame turns under them.
+    # Swell and lean are fixed relative to the earth while the frame turns.
     ahead = _smooth((groups * wave).real) + sea.lean_deg
     aside = _smooth((cross * wave).real)
     turned = (ahead + 1j * aside) * np.exp(-1j * np.deg2rad(heading))
     depth = sea.deepest_m - np.abs(since * sea.speed_m_s - sea.deepest_m)
-    # What points down leans forward where the bow is lower: there the pitch, forward up, is negative.
+    # If the top leans forward, the bow is lower, and the pitch, forward up, is negative.
     return Motion(start_s + since, depth, heading, 0.8 - turned.real, turned.imag - 0.5)
 
 
 def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[float, float] = FIELD_NT) -> Posture:
-    """Return how a head stands at its pings and what its compass and inclinometers give.
+    """Simulate the attitude of a head at its pings, and the readings of its compass and inclinometers.
 
     Args:
         field_nt: horizontal and vertical field, nT.
@@ -138,11 +138,11 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
 
 
 def ensembles(posture: Posture, *, looks_up: bool, velocity_m_s: Floats | None = None) -> Ensembles:
-    """Return what a head records, its clock's times and its compass's headings; velocities of one cell where absent.
+    """Build the record of a head, with times by its clock and headings by its compass.
 
     Args:
-        looks_up: the orientation bit.
-        velocity_m_s: the four recorded components, (n, m, 4), NaN where bad.
+        looks_up: orientation bit.
+        velocity_m_s: four recorded components, (n, m, 4), NaN where bad; None: zeros in one cell.
     """
     n = posture.time_s.size
     velocity = np.zeros((n, 1, 4)) if velocity_m_s is None else velocity_m_s
@@ -166,11 +166,11 @@ def ensembles(posture: Posture, *, looks_up: bool, velocity_m_s: Floats | None =
 
 
 def setup(*, looks_up: bool, cells: int = 1, coordinates: str = "earth", serial: int = 7301) -> Setup:
-    """Return the programme of a lowered 300 kHz profiler.
+    """Build the configuration of a lowered 300 kHz profiler.
 
     Args:
-        looks_up: whether it looks up.
-        coordinates: in which it records.
+        looks_up: whether it looks upwards.
+        coordinates: coordinate system of the recorded velocities.
     """
     return Setup(
         kilohertz=300, looks_up=looks_up, cells=cells, cell_m=8.0, blank_m=0.0, first_bin_m=8.6, pings=1,
@@ -179,15 +179,14 @@ def setup(*, looks_up: bool, cells: int = 1, coordinates: str = "earth", serial:
 
 
 def encoded(posture: Posture, *, looks_up: bool = False, mirrored: bool = False) -> bytes:
-    """Return the PD0 file of a head without water.
+    """Encode the PD0 file of a head, with all velocities 0.
 
     Args:
-        looks_up: the orientation bit.
-        mirrored: its roll sensor counts the other way, as in a head whose convention is another.
+        looks_up: orientation bit.
+        mirrored: whether its roll has the opposite sign, as in heads with another convention.
     """
     pitch, roll = posture.sensed_deg
     posture = replace(posture, sensed_deg=(pitch, -roll)) if mirrored else posture
-    # The orientation bit is set ensemble by ensemble.
     return adcp.encode(setup(looks_up=looks_up), ensembles(posture, looks_up=looks_up)).tobytes()
 
 
@@ -196,7 +195,7 @@ def _counts(shape: tuple[int, ...], value: int) -> NDArray[np.uint8]:
 
 
 def _smooth(series: Floats) -> Floats:
-    """Average over two seconds twice, the ends held."""
+    """Apply a running mean over two seconds twice, padding with the edge values."""
     kernel = np.convolve(np.ones(SMOOTH_STEPS), np.ones(SMOOTH_STEPS)) / SMOOTH_STEPS**2
     padded = np.pad(series, SMOOTH_STEPS, mode="edge")
     return np.convolve(padded, kernel, mode="same")[SMOOTH_STEPS:-SMOOTH_STEPS]
@@ -205,12 +204,12 @@ def _smooth(series: Floats) -> Floats:
 def mounted(
     heading_deg: Floats, tilt_deg: tuple[Floats, Floats], mount_deg: tuple[float, float, float]
 ) -> tuple[Floats, Floats, Floats]:
-    """Return heading (not wrapped), pitch and roll of a body that is turned in the frame by a fixed rotation.
+    """Compute heading (not wrapped), pitch and roll of a body mounted on the frame with a fixed rotation, degrees.
 
     Args:
-        heading_deg: of the frame, (n,).
-        tilt_deg: its pitch, forward up, and roll, starboard down, (n,) each.
-        mount_deg: heading, pitch and roll of the body in the frame.
+        heading_deg: heading of the frame, (n,).
+        tilt_deg: pitch, forward up, and roll, starboard down, of the frame, (n,) each.
+        mount_deg: heading, pitch and roll of the body relative to the frame.
     """
     zero = np.zeros(1)
     inner = (_turning(zero + mount_deg[0]) @ compass.tilting(zero + mount_deg[1], zero + mount_deg[2]))[0]
@@ -227,7 +226,7 @@ def _turning(heading_deg: Floats) -> Floats:
 
 
 def read_through(heading_deg: Floats, series_deg: tuple[float, ...]) -> Floats:
-    """Return the recorded heading whose series in the recorded heading gives the correct one, by iteration.
+    """Compute recorded headings by fixed-point iteration of a deviation series in the recorded heading, degrees.
 
     Args:
         heading_deg: correct headings, (n,).

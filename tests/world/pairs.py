@@ -1,7 +1,7 @@
-"""Hourly pairs of two instruments with known physics beside a compass of five coefficients, without raw files.
+"""Simulation of hourly pairs of two instruments with a deviating compass and known effects, without raw files.
 
-A whole year costs a tenth of a second, so that hundreds of moorings can be drawn: the world of the search's benchmarks
-and tests. Its compass, tilt, water and effects are its own formulae.
+A year takes a tenth of a second, which allows hundreds of moorings in benchmarks and tests of the search. Compass,
+tilt, water and effects are implemented independently of the analysis.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from compasslib.demo.water import Complexes, Floats
 HOUR_S, YEAR_H = 3600.0, 8766.0
 BEGIN_S = 1188864000.0  # 4 September 2007
 RAD = np.pi / 180.0
-# Thousand nT along the vertical, degrees of a harmonic: more than that no instrument has, and no water veers by.
+# Largest plausible multiples of the unit sizes: of 1000 nT along the vertical, of 1° of a harmonic, of a veer.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0, "octantal": 9.0, "current_veer": 30.0}
 FAMILIES = {
     "heeling": "tilt", "hard_iron_drift": "time", "compass_drift": "time", "hard_iron_step": "time",
@@ -34,13 +34,13 @@ UNKNOWN = ("sector", "teeth", "hour", "episode", "wander", "depth_threshold", "w
 
 @dataclass(frozen=True)
 class Pairs:
-    """Overlapping measurements of an upper and a lower instrument, (n,) each, by the names of the house's records."""
+    """Overlapping measurements of an upper and a lower instrument, (n,) each, named as in ``compasslib.records``."""
 
     time_s: Floats
     heading_deg: Floats  # recorded by the upper compass, magnetic
     pitch_deg: Floats
     roll_deg: Floats
-    upper_east: Floats  # m/s, by the recorded heading
+    upper_east: Floats  # m/s, rotated by the recorded heading
     upper_north: Floats
     lower_east: Floats
     lower_north: Floats
@@ -50,7 +50,7 @@ class Pairs:
     declination_deg: Floats
     lower_heading_deg: Floats | None = None
     warnings: tuple[str, ...] = ()
-    veer_deg: float = 0.0  # what is known of it, 1 sigma: the lower water turned from the upper for good
+    veer_deg: float = 0.0  # standard deviation of a constant veer of the lower from the upper current
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -58,15 +58,15 @@ class Pairs:
 
 @dataclass(frozen=True)
 class SlowWater:
-    """What the water of the two depths differs by for days to seasons."""
+    """Slow differences between the currents at the two depths, over days to seasons."""
 
     veer_deg: float  # rms
-    veer_days: float
+    veer_days: float  # memory
     shear_m_s: float  # rms of each component
     shear_days: float
 
     def beside(self, rng: np.random.Generator, flow: Complexes) -> Complexes:
-        """Return what is added to the lower water, hourly."""
+        """Simulate the difference that is added to the lower current, hourly, east + i north, (n,) m/s."""
         n = len(flow)
         veer = red(rng, n, 24.0 * self.veer_days, self.veer_deg)
         east, north = (red(rng, n, 24.0 * self.shear_days, self.shear_m_s) for _ in range(2))
@@ -75,7 +75,7 @@ class SlowWater:
 
 @dataclass(frozen=True)
 class World:
-    """One mooring before a compass is put on it; n hours."""
+    """One mooring before its compass is simulated; n hourly samples."""
 
     rng: np.random.Generator
     time_s: Floats
@@ -83,7 +83,7 @@ class World:
     flow: Complexes  # true current at the upper instrument, east + i north
     difference: Complexes  # lower minus upper, without veer
     tilt: Floats  # (2, n) pitch, roll
-    sensed: Floats  # (2, n) as the compass's tilt sensor gives them
+    sensed: Floats  # (2, n) as measured by the compass's tilt sensor
     depth: Floats
     separation: Floats
     temperature: Floats
@@ -91,8 +91,8 @@ class World:
     earth: tuple[float, float]  # horizontal, vertical nT
     soft: Floats
     hard: Floats
-    water: Complexes | None = None  # flow without the instruments' noise, where it is known
-    noise: tuple[float, float, float] = (np.nan,) * 3  # of one component: red m/s, its memory in hours, white m/s
+    water: Complexes | None = None  # current without instrument noise, if known
+    noise: tuple[float, float, float] = (np.nan,) * 3  # per component: red m/s, its memory in hours, white m/s
     slow_water: SlowWater | None = None
 
     @property
@@ -101,19 +101,19 @@ class World:
         return (self.time_s - self.time_s[0]) / HOUR_S
 
     def later(self, z: Complexes, hours: Floats) -> Complexes:
-        """Return a series at the samples' times some hours on, (n,); samples may be missing."""
+        """Interpolate a series to some hours after each sample, (n,); samples may be missing."""
         when = self.hours + hours
         return np.interp(when, self.hours, z.real) + 1j * np.interp(when, self.hours, z.imag)
 
     @property
     def between(self) -> Complexes:
-        """The flow midway between the instruments, by which the water veers: their noise does not turn the water."""
+        """Current midway between the instruments, on which the veer depends; without their noise if that is known."""
         return self.flow + self.difference / 2 if self.water is None else self.water
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """What the engine sees, and what was true."""
+    """Input of the diagnosis, and the truth."""
 
     pairs: Pairs
     covariates: dict[str, Floats]
@@ -123,11 +123,11 @@ class Drawn:
     truth: dict[str, dict[str, float]] = field(default_factory=dict)  # effect -> parameters
     visible_deg: dict[str, float] = field(default_factory=dict)
     world: World | None = None
-    parts: list[tuple[Effect, float]] = field(default_factory=list)  # what was put in, with its size
+    parts: list[tuple[Effect, float]] = field(default_factory=list)  # planted effects and their sizes
 
 
 def red(rng: np.random.Generator, n: int, memory: float, deviation: float) -> Floats:
-    """Return noise with an exponential memory in samples and a standard deviation, (n,)."""
+    """Draw stationary first-order autoregressive noise, (n,), given its memory in samples and standard deviation."""
     keep = np.exp(-1.0 / memory)
     kicks = rng.normal(0.0, deviation * np.sqrt(1 - keep**2), n)
     kicks[0] = rng.normal(0.0, deviation)
@@ -135,29 +135,29 @@ def red(rng: np.random.Generator, n: int, memory: float, deviation: float) -> Fl
 
 
 def red_from_rest(rng: np.random.Generator, n: int, memory: float, deviation: float) -> Floats:
-    """Return the same, beginning at 0."""
+    """Draw first-order autoregressive noise like ``red``, but with the state 0 before the first sample."""
     keep = np.exp(-1.0 / memory)
     noise = rng.normal(size=n) * deviation * np.sqrt(1.0 - keep**2)
     return np.asarray(lfilter([1.0], [1.0, -keep], noise))
 
 
 def towards(z: Complexes) -> Floats:
-    """Return the direction of east + i north, degrees clockwise from north."""
+    """Compute the direction of east + i north, degrees clockwise from north."""
     return np.asarray(90.0 - np.angle(z) / RAD)
 
 
 def turned(z: Complexes, by_deg: Floats | float) -> Complexes:
-    """Return east + i north turned clockwise."""
+    """Rotate east + i north clockwise."""
     return np.asarray(z * np.exp(-1j * RAD * by_deg))
 
 
 def wrap(x: Floats) -> Floats:
-    """Return angles in [-180, 180)."""
+    """Wrap angles to [-180, 180), degrees."""
     return (np.asarray(x) + 180.0) % 360.0 - 180.0
 
 
 def some_slow_water(rng: np.random.Generator) -> SlowWater:
-    """Return slow water of any size and memory."""
+    """Draw size and memory of slow water at random."""
 
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -168,7 +168,7 @@ def some_slow_water(rng: np.random.Generator) -> SlowWater:
 def make(
     seed: int, *, wide: bool, noise_deg: float = 12.0, n: int = 8000, slow_water: SlowWater | None = None
 ) -> World:
-    """Return the water, the motion and the covariates of one mooring."""
+    """Simulate currents, attitude and covariates of one mooring."""
     rng = np.random.default_rng(seed)
     hours = np.arange(n)
     time_s = 1.1889e9 + HOUR_S * hours + HOUR_S * 24 * rng.integers(300)
@@ -185,7 +185,7 @@ def make(
     flow *= axis
     speed = np.abs(flow)
 
-    # a body locked to its wake: memory of three hours at 25 cm/s
+    # The instrument aligns with the flow, with a memory of three hours at 25 cm/s.
     rest, heading = np.unwrap(np.angle(flow)) / -RAD + rng.uniform(0, 360), np.empty(n)
     push = rng.normal(0, rng.uniform(24, 34) * np.sqrt(2 / 3.0), n)
     state = rest[0]
@@ -198,7 +198,7 @@ def make(
     share = rng.uniform(0.15, 0.5)
     memory = np.exp(rng.uniform(np.log(6), np.log(24)))
     reds = red(rng, n, memory, kick * np.sqrt(share)) + 1j * red(rng, n, memory, kick * np.sqrt(share))
-    lower_share = rng.uniform(0.3, 0.7)  # of the white part, on the reference
+    lower_share = rng.uniform(0.3, 0.7)  # share of the white noise in the reference
     white = kick * np.sqrt((1 - share) / 2) * (rng.standard_t(6, (2, 2, n)) / np.sqrt(1.5)) * np.sqrt(2)
     up = np.sqrt(1 - lower_share) * (white[0, 0] + 1j * white[0, 1])
     down = np.sqrt(lower_share) * (white[1, 0] + 1j * white[1, 1])
@@ -231,7 +231,7 @@ def make(
 
 
 def iron(rng: np.random.Generator) -> dict[str, Floats]:
-    """Return soft iron, and hard iron in shares of the earth's horizontal field, of random size and direction."""
+    """Draw soft iron, and hard iron relative to the earth's horizontal field, with random size and direction."""
     soft = np.eye(3)
     soft[:2, :2] += rng.normal(0, [[0.02, 0.008], [0.008, 0.02]])
     strength = rng.choice([0.0, 0.1, 0.2, 0.35, 0.6])
@@ -240,10 +240,10 @@ def iron(rng: np.random.Generator) -> dict[str, Floats]:
 
 
 def in_body(world: World, extra: Floats | None = None) -> Floats:
-    """Return the field at the compass, forward, starboard and down in the tilted body, (3, n) nT.
+    """Compute the field at the compass, forward, starboard and down in the tilted body, (3, n) nT.
 
     Args:
-        extra: beside iron and earth, (3, n) nT.
+        extra: field added to that of earth and iron, (3, n) nT.
     """
     h, z = world.earth
     cb, sb = np.cos(world.heading * RAD), np.sin(world.heading * RAD)
@@ -262,11 +262,11 @@ def compass(
     offset: Callable[[Floats], Floats] | None = None,
     uncompensated: bool = False,
 ) -> Floats:
-    """Return the recorded heading: iron, tilt, levelling, readout.
+    """Compute the recorded heading from iron, tilt, levelling and readout, degrees, not wrapped, (n,).
 
     Args:
-        extra: a field in the body frame, (3, n) nT.
-        offset: added to the reading, a function of it.
+        extra: added field in the body frame, (3, n) nT.
+        offset: function of the reading that is added to it, degrees.
     """
     m = in_body(world, extra)
     (pc, ps), (rc, rs) = ((np.cos(a * RAD), np.sin(a * RAD)) for a in world.sensed)
@@ -279,7 +279,7 @@ def compass(
 
 
 def exact_compass(coefficients: Floats, heading: Floats) -> Floats:
-    """Return the recorded heading of a level compass by A..E, degrees (physics page, section 1)."""
+    """Compute the recorded heading of a level compass with coefficients A..E, degrees (physics page, section 1)."""
     a, b, c, d, e = coefficients
     w = np.exp(1j * RAD * heading)
     return np.asarray(np.angle((1 - 1j * a) * w + b - 1j * c + (d - 1j * e) / w) / RAD)
@@ -288,10 +288,10 @@ def exact_compass(coefficients: Floats, heading: Floats) -> Floats:
 def under_a_compass(
     coefficients: tuple[float, ...], *, n: int = 3000, seed: int = 1, spread: float | None = None
 ) -> tuple[Pairs, Floats]:
-    """Return hourly pairs of a level compass, and the correct headings, degrees.
+    """Simulate hourly pairs recorded with a level compass, and the correct headings, degrees.
 
     Args:
-        spread: of the headings about one direction, degrees; where absent they follow the wake.
+        spread: standard deviation of the headings about one direction, degrees; None: headings follow the flow.
     """
     rng = np.random.default_rng(seed)
     flow = 0.15 + red_from_rest(rng, n, 40, 0.12) + 1j * (-0.05 + red_from_rest(rng, n, 40, 0.12))
@@ -306,7 +306,7 @@ def under_a_compass(
 
 
 def five_term_residual(gamma: Floats, heading: Floats) -> tuple[Floats, Floats]:
-    """Return what is left of the heading after five coefficients were refitted to the truth, degrees."""
+    """Compute the heading error left by five coefficients fitted to the truth, degrees, (n,), and the coefficients."""
 
     def miss(c: Floats) -> Floats:
         return wrap(gamma - exact_compass(c, heading))
@@ -321,9 +321,9 @@ def five_term_residual(gamma: Floats, heading: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class Effect:
-    """What an effect of unit size adds: a body field, a function of the reading, a veer, or hours of clock error."""
+    """Change by an effect of unit size: a body field, a function of the reading, a veer, or a clock error."""
 
-    parameters: dict[str, float]  # of unit size
+    parameters: dict[str, float]  # at unit size
     extra: Floats | None = None  # (3, n) nT
     offset: Callable[[Floats], Floats] | None = None  # function of the reading, degrees
     veer: Floats | None = None  # (n,) degrees, lower minus upper
@@ -331,7 +331,7 @@ class Effect:
 
 
 def effect(world: World, name: str) -> Effect:
-    """Return an effect of random direction and date, of a size near one degree."""
+    """Draw an effect with random direction and date; its unit size is roughly one degree."""
     rng, n, years = world.rng, len(world.hours), world.hours / YEAR_H
     angle, zero = rng.uniform(0, 2 * np.pi), np.zeros(len(world.hours))
     east, north = 200 * np.cos(angle), 200 * np.sin(angle)
@@ -381,7 +381,7 @@ def effect(world: World, name: str) -> Effect:
             return Effect({"deg_m": 1.0}, veer=world.separation - world.separation.mean())
         return Effect({"sine_deg": np.cos(angle), "cosine_deg": np.sin(angle)}, veer=np.sin(direction * RAD + angle))
     if name == "clock_offset":
-        hours = rng.choice([-1, 1]) * rng.uniform(0.45, 1.5)  # less is not to be named
+        hours = rng.choice([-1, 1]) * rng.uniform(0.45, 1.5)  # smaller offsets are not to be identified
         return Effect({"hours": hours}, clock=zero + hours)
     if name == "clock_drift":
         rate = rng.choice([-1, 1]) * rng.uniform(0.6, 1.5)
@@ -417,7 +417,7 @@ def _unknown(world: World, name: str, angle: float) -> dict[str, Any]:
 
 
 def combined(world: World, parts: list[tuple[Effect, float]]) -> tuple[Floats, Floats | float, Floats]:
-    """Return (recorded heading, veer, clock hours) with effects times their sizes."""
+    """Compute recorded heading and veer, degrees, and clock error, hours, of effects times their sizes."""
     extra: Floats | None = None
     veer: Floats | float = 0.0
     clock, offsets = np.zeros(len(world.hours)), []
@@ -431,7 +431,7 @@ def combined(world: World, parts: list[tuple[Effect, float]]) -> tuple[Floats, F
 
 
 def visible(world: World, part: Effect, size: float) -> float:
-    """Return what five refitted coefficients leave of an effect, rms degrees."""
+    """Compute the rms of an effect after refitting five coefficients, degrees; for a clock robust, without refit."""
     bare, _ = five_term_residual(compass(world), world.heading)
     if part.veer is not None:
         gamma = compass(world)
@@ -448,10 +448,10 @@ def visible(world: World, part: Effect, size: float) -> float:
 
 
 def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] | None = None) -> Drawn:
-    """Return the recording with effects of wanted visible size, rms degrees.
+    """Simulate the recording with effects of requested visible size, rms degrees.
 
     Args:
-        made: effects that have no name here, by the names under which they are wanted.
+        made: effects to use instead of those drawn by ``effect``, by their names in ``wanted``.
     """
     parts, truth, seen = [], {}, {}
     for name, target in wanted.items():
@@ -466,8 +466,8 @@ def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] |
     gamma, veer, clock = combined(world, parts)
     gamma = gamma + world.rng.normal(0, 0.5, gamma.size)
     lower = turned(world.flow + world.difference, veer)
-    # the affected clock is ahead: what it stamps t happened at t - ahead, when the reference showed t - ahead
-    # but is paired as t; so the lower value paired with it is later than the upper one by that
+    # The affected clock is ahead: a sample stamped t was taken at t - ahead, but is paired with the reference at t. The
+    # lower value of a pair is therefore later than the upper one by ``clock`` hours.
     lower = world.later(lower, clock)
     upper = turned(world.flow, wrap(gamma - world.heading))
     zero = np.zeros(gamma.size)

@@ -1,4 +1,4 @@
-"""Plants effects of a wanted visible size in a mooring."""
+"""Planting of effects with a requested visible size in a simulated mooring."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from compasslib.demo import water as sea
 from compasslib.demo.sealed import Effect, Ground
 from compasslib.demo.water import Complexes, Floats, clockwise
 
-# Unit sizes beyond which nobody would believe the effect.
+# Largest plausible multiples of the unit sizes.
 STRONGEST = {"heeling": 15.0, "sextantal": 9.0}
 ROUNDS = 3
-EVERY = 3  # hours: the size of an effect needs no more
+EVERY = 3  # hours, sufficient for the size of an effect
 ITERATIONS = 12
-STEADIEST = 0.2  # slope of the recorded over the correct heading below which a deviation is not blown up further
+STEADIEST = 0.2  # lower bound of the slope of recorded over correct heading, by which an error is divided
 UNIT_NT = 200.0
-AS_THEY_ARE = ("date_s",)  # parameters that do not grow with the size
+AS_THEY_ARE = ("date_s",)  # parameters that do not scale with the size
 
 
 @dataclass(frozen=True, eq=False)
 class Circumstances:
-    """In what an instrument stands at its ensembles; (n,) each."""
+    """True attitude and temperature of an instrument at its ensembles; (n,) each."""
 
     time_s: Floats  # true
     heading_deg: Floats  # correct, magnetic
@@ -34,7 +34,7 @@ class Circumstances:
 
 
 def circumstances(ground: Ground) -> Circumstances:
-    """Interpolate in what the affected instrument stands to the full hours."""
+    """Interpolate attitude and temperature of the affected instrument to the full hours."""
     motion = ground.motion
     columns = motion.heading_deg, motion.pitch_deg, motion.roll_deg, ground.temperature_c
     return Circumstances(ground.stamp_s, *(np.interp(ground.stamp_s, motion.time_s, x) for x in columns))
@@ -56,12 +56,12 @@ def scaled(effect: Effect, size: float) -> Effect:
 
 
 def heeling(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a vertical magnet below the compass: nothing while level, a turn of the heading when it leans."""
+    """Make a vertical magnet below the compass, which turns the heading only if the instrument is tilted."""
     return Effect("heeling", {"b_z_nT": 1000.0}, body_nt=np.array([0.0, 0.0, 1000.0]) * np.ones((here.time_s.size, 1)))
 
 
 def temperature(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a zero of the magnetometer that follows the temperature."""
+    """Draw a zero offset of the magnetometer that is linear in temperature."""
     angle, warm = rng.uniform(0.0, 2.0 * np.pi), here.temperature_c - here.temperature_c.mean()
     x, y = UNIT_NT * np.cos(angle), UNIT_NT * np.sin(angle)
     field = np.column_stack([x * warm, y * warm, np.zeros(warm.size)])
@@ -69,7 +69,7 @@ def temperature(rng: np.random.Generator, here: Circumstances) -> Effect:
 
 
 def heading_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return an instrument that turned in its clamp on one day."""
+    """Draw a turn of the instrument in its clamp on one date."""
     date = _date(rng, here)
     shift = (here.time_s >= date).astype(float)[:, None]
     parameters = {"offset_deg": 1.0, "date_s": date}
@@ -77,33 +77,33 @@ def heading_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
 
 
 def sextantal(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a table of calibration with three lobes."""
+    """Draw a third harmonic of the reading, as by an erroneous calibration table."""
     phase = rng.uniform(0.0, 2.0 * np.pi)
     parameters = {"sine_deg": float(np.cos(phase)), "cosine_deg": float(np.sin(phase))}
     return Effect("sextantal", parameters, reading=lambda gamma: np.sin(np.deg2rad(3 * gamma) + phase))
 
 
 def reference_deviation(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a trusted compass with iron beside it."""
+    """Draw a deviation of one cycle of the reference's compass, as by iron."""
     phase = rng.uniform(0.0, 2.0 * np.pi)
     parameters = {"sine_deg": float(np.cos(phase)), "cosine_deg": float(np.sin(phase))}
     return Effect("reference_deviation", parameters, trusted=lambda heading: np.sin(np.deg2rad(heading) + phase))
 
 
 def reference_slip(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a reference that turned in its clamp on one day."""
+    """Draw a turn of the reference in its clamp on one date."""
     date = _date(rng, here)
     shift = (here.time_s >= date).astype(float)
     return Effect("reference_slip", {"offset_deg": 1.0, "date_s": date}, trusted=lambda heading: shift)
 
 
 def reference_beams(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a reference whose forward beam pair gives too much."""
+    """Make an excess gain of the reference's forward beam pair."""
     return Effect("reference_beams", {"gain": 0.035}, gain=0.035)
 
 
 def reference_bias(rng: np.random.Generator, here: Circumstances) -> Effect:
-    """Return a reference that measures a constant velocity of its own, as by ringing."""
+    """Draw a constant velocity bias of the reference in its body frame, as by ringing."""
     bias = complex(0.003 * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi)))
     return Effect("reference_bias", {"starboard_m_s": bias.real, "forward_m_s": bias.imag}, bias_m_s=bias)
 
@@ -123,28 +123,28 @@ EFFECTS: dict[str, Callable[[np.random.Generator, Circumstances], Effect]] = {
 
 @dataclass(frozen=True, eq=False)
 class Planted:
-    """An effect with the size that is to be seen of it."""
+    """An effect and its visible size, rms degrees."""
 
     effect: Effect
     visible_deg: float
 
 
 def plant(ground: Ground, wanted: Mapping[str, float]) -> tuple[Planted, ...]:
-    """Return effects of wanted visible sizes, or of what is plausible.
+    """Draw effects with requested visible sizes, limited to plausible ones.
 
     Args:
-        wanted: rms degrees by name.
+        wanted: visible size of each effect by name, rms degrees.
     """
     here = circumstances(ground)
     return tuple(sized(ground, EFFECTS[name](ground.random(f"effect {name}"), here), x) for name, x in wanted.items())
 
 
 def sized(ground: Ground, made: Effect, wanted_deg: float) -> Planted:
-    """Return an effect so large that a wanted size can be seen of it.
+    """Scale an effect to a requested visible size, or to the largest plausible one.
 
     Args:
-        made: the effect in its unit size.
-        wanted_deg: rms degrees.
+        made: effect at unit size.
+        wanted_deg: visible size, rms degrees.
     """
     seen = visible_rms_deg(ground, made)
     most, size = STRONGEST.get(made.name, np.inf), 1.0
@@ -154,14 +154,14 @@ def sized(ground: Ground, made: Effect, wanted_deg: float) -> Planted:
     return Planted(scaled(made, size), seen)
 
 
-# How much of an effect can be seen: what is left of it after five coefficients were fitted to the true headings.
+# The visible size of an effect is its residual after a fit of five coefficients to the true headings.
 
 
 def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
-    """Return the error of the heading that the best compass of five coefficients leaves, degrees, (n,).
+    """Compute the heading error that remains after fitting a compass with five coefficients, degrees, (n,).
 
     Args:
-        recorded_deg: readings, (n,).
+        recorded_deg: recorded headings, (n,).
         heading_deg: correct headings, (n,).
     """
     w = np.exp(1j * np.deg2rad(heading_deg))
@@ -177,15 +177,15 @@ def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
 
 
 def visible_rms_deg(ground: Ground, effect: Effect) -> float:
-    """Return the visible size of one effect alone, rms degrees."""
+    """Compute the visible size of a single effect, rms degrees."""
     bare, with_it = (_ideal(ground, planted) for planted in ((), (effect,)))
-    if effect.bias_m_s:  # slow water may point anywhere
+    if effect.bias_m_s:  # robust, as slow flow may have any direction
         return float(1.4826 * np.median(np.abs(with_it - bare)))
     return float(np.std(with_it - bare))
 
 
 def background_deg(ground: Ground) -> float:
-    """Return what five coefficients leave where nothing is planted, rms degrees."""
+    """Compute the residual of five coefficients without planted effects, rms degrees."""
     return float(np.std(_ideal(ground, ())))
 
 
@@ -196,7 +196,7 @@ def _ideal(ground: Ground, effects: Sequence[Effect]) -> Floats:
 
 
 def _at_trusted(ground: Ground, effects: Sequence[Effect]) -> Floats:
-    """Return by how much faults of the reference turn its directions, clockwise, degrees."""
+    """Compute the clockwise turn of the reference's directions by its faults, degrees."""
     heading = sealed.trusted_heading(ground)
     turned = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(heading.size))
     true = heading + ground.field.at(ground.stamp_s)[0]
@@ -211,5 +211,5 @@ def _flow(ground: Ground, time_s: Floats) -> Complexes:
 
 
 def _turn(a_deg: Floats, b_deg: Floats) -> Floats:
-    """Return a - b in radians, the short way."""
+    """Compute a - b in radians, wrapped to (-pi, pi]."""
     return np.asarray(np.angle(np.exp(1j * np.deg2rad(a_deg - b_deg))))

@@ -1,6 +1,6 @@
-"""Recordings of a bench, a magnetometer and a swing with one known effect: headings, noise and iron drawn anew.
+"""Simulated recordings of a bench, a magnetometer and a swing with one known effect; other properties are random.
 
-``truth`` holds the parameters of the effect by the names under which a diagnosis gives them.
+``truth`` holds the parameters of the effect, named as in a diagnosis.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Truth = dict[str, float]
 
 @dataclass(frozen=True)
 class Bench:
-    """A compass turned on a bench, (n,) each, degrees."""
+    """Bench calibration of a compass, (n,) each, degrees."""
 
     correct_deg: Floats
     recorded_deg: Floats
@@ -33,13 +33,13 @@ class Bench:
 
 @dataclass(frozen=True)
 class AxesLog:
-    """A magnetometer's log, a sample a second."""
+    """Log of a magnetometer, one sample per second."""
 
     time_s: Floats  # (n,)
     field_nt: Floats  # (n, 3) forward, starboard, down
-    pitch_deg: Floats | None  # (n,) where it was tilted
+    pitch_deg: Floats | None  # (n,); None if level
     roll_deg: Floats | None
-    heading_deg: Floats  # (n,) as the instrument logged it
+    heading_deg: Floats  # (n,) logged by the instrument
     temperature_c: Floats  # (n,)
     truth: Truth
 
@@ -53,7 +53,7 @@ def _cos(angle_deg: Floats | float) -> Floats:
 
 
 def bench(rng: np.random.Generator, effect: str) -> Bench:
-    """Return a bench of 16 to 36 headings."""
+    """Simulate a bench calibration with 16 to 36 headings, in one to three rounds."""
     count = int(rng.integers(16, 37))
     rounds = 3 if effect in ("heading_slip", "hard_iron_step") else int(rng.integers(1, 4))
     correct = np.tile(360.0 / count * np.arange(count) + rng.uniform(0.0, 10.0), rounds)
@@ -77,7 +77,7 @@ def bench(rng: np.random.Generator, effect: str) -> Bench:
 
 
 def log(rng: np.random.Generator, effect: str) -> AxesLog:
-    """Return a magnetometer's log: some turns, with tilts where the effect is that they are not taken out."""
+    """Simulate the log of a magnetometer over several turns, tilted only with the effect ``tilt_uncompensated``."""
     n, turns = 1500, rng.uniform(3.0, 8.0)
     time_s = 1.6e9 + np.arange(n, dtype=float)
     heading = 360.0 * turns * np.arange(n) / n + 20.0 * np.sin(np.arange(n) / rng.uniform(20.0, 60.0))
@@ -115,12 +115,12 @@ def log(rng: np.random.Generator, effect: str) -> AxesLog:
 
 
 def lobes(size_deg: float, phase_deg: float) -> Truth:
-    """Return the parameters of a harmonic."""
+    """Compute the sine and cosine parameters of a harmonic."""
     return {"sine_deg": float(size_deg * _cos(phase_deg)), "cosine_deg": float(size_deg * _sin(phase_deg))}
 
 
 def boat(rng: np.random.Generator, effect: str) -> tuple[Boat, Truth]:
-    """Return how a boat swings her compass, with one effect beside the deviation curve."""
+    """Draw a boat that swings its compass with one effect besides the deviation curve, and the true parameters."""
     plan = str(rng.choice([swing.LEGS, swing.CIRCLES]))
     hard = (*rng.normal(0.0, 0.07 * swing.FIELD_NT[0], 2), 0.0)
     plain = Boat(
@@ -166,7 +166,7 @@ def boat(rng: np.random.Generator, effect: str) -> tuple[Boat, Truth]:
 
 
 def written(passage: Passage, path: Path) -> Path:
-    """Write a swing's log as a table."""
+    """Write the log of a swing as a table and return its path."""
     stamps = np.datetime_as_string((1000.0 * passage.time_s).astype("datetime64[ms]"))
     columns = {
         "compass_deg": passage.compass_deg,

@@ -1,4 +1,4 @@
-"""One profiler deployed several times: the same compass, other water, other places, iron that changes in between."""
+"""Simulation of repeated deployments of one profiler: same compass, other currents and places, changes of iron."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from tests.world import pairs as sea
 from tests.world.pairs import Drawn, SlowWater, World
 
 HOUR_S = 3600.0
-APART_S = 400 * 86400.0  # from the begin of one deployment to that of the next
-SAME_SEASON_S = 2 * 365.25 * 86400.0  # where every deployment is to see the same season
+APART_S = 400 * 86400.0  # from the start of one deployment to that of the next
+SAME_SEASON_S = 2 * 365.25 * 86400.0  # the same if all deployments start in the same season
 
 
 @dataclass(frozen=True)
 class Iron:
-    """A compass's iron in physical units."""
+    """Iron of a compass in physical units."""
 
     soft: Floats  # (3, 3) on the field, identity without iron
     hard_nT: Floats  # (3,) forward, starboard, down
 
 
 def some_iron(rng: np.random.Generator) -> Iron:
-    """Return the iron of a profiler, of random size and direction."""
+    """Draw the iron of a profiler with random size and direction."""
     made = sea.iron(rng)
     soft = made["soft"].copy()
-    soft[:2, 2] = rng.normal(0.0, 0.01, 2)  # what the vertical field induces
+    soft[:2, 2] = rng.normal(0.0, 0.01, 2)  # induced by the vertical field
     return Iron(soft, 12000.0 * np.clip(made["hard"], -0.3, 0.3))
 
 
@@ -47,14 +47,14 @@ def deployments(
     hours: int = 8000,
     earth: Sequence[tuple[float, float]] = (),
 ) -> list[Drawn]:
-    """Return the recordings of one compass in as many deployments.
+    """Simulate the recordings of one compass in several deployments.
 
     Args:
-        between_nT: how much the hard iron varies from one to the next, each direction, one standard deviation.
-        shared: an effect of the instrument and its visible size in the first deployment, degrees rms.
-        season_deg: amplitude of a veer that recurs with the season at every deployment; 0 for none.
-        hours: length of each.
-        earth: horizontal and vertical field at each, nT; drawn where absent.
+        between_nT: standard deviation of either horizontal component of the hard iron between deployments.
+        shared: effect of the instrument and its visible size in the first deployment, rms degrees.
+        season_deg: amplitude of a seasonal veer that recurs in every deployment; 0 for none.
+        hours: length of each deployment.
+        earth: horizontal and vertical field of each deployment, nT; drawn at random if empty.
     """
     rng = np.random.default_rng(seed)
     iron = some_iron(rng)
@@ -87,7 +87,7 @@ def _moored(seed: int, iron: Iron, changed_nT: Floats, *, begin_s: float, hours:
 
 
 def _in_season(world: World, veer_deg: float, phase_deg: float) -> World:
-    """Return the world with water that veers with the season, its temperature following the same course."""
+    """Add a seasonal veer of the lower current, and make the temperature follow the same season."""
     turn = np.cos(2.0 * np.pi * world.time_s / (sea.YEAR_H * HOUR_S) + phase_deg * sea.RAD)
     lower = sea.turned(world.flow + world.difference, veer_deg * turn)
     quick = world.temperature - 1.5 * np.cos(2.0 * np.pi * world.hours / sea.YEAR_H)
@@ -96,7 +96,7 @@ def _in_season(world: World, veer_deg: float, phase_deg: float) -> World:
 
 
 def _with(world: World, name: str, part: sea.Effect, size: float) -> Drawn:
-    """Return the recording with an effect of a physical size, the same for every deployment."""
+    """Simulate the recording with an effect whose physical size is the same in every deployment."""
     bare = sea.planted(world, {})
     gamma, _, _ = sea.combined(world, [(part, size)])
     gamma = gamma + world.rng.normal(0.0, 0.5, gamma.size)
@@ -107,10 +107,10 @@ def _with(world: World, name: str, part: sea.Effect, size: float) -> Drawn:
     return replace(bare, pairs=pairs, truth=truth, visible_deg=visible, parts=[(part, size)])
 
 
-# The example cruise: two deployments of a year, one whose meter failed after three weeks, and a bench before them.
+# The example cruise: two complete deployments, one whose reference failed early, one without, and a bench calibration.
 
 PLACES = {"R1": (65.3333, -32.955), "R2": (60.0, -40.0), "R3": (66.5, -25.0), "R4": (64.0, -30.0)}
-METER_FAILED_S = 21 * 86400.0  # of R3, after its begin; R4 never had one
+METER_FAILED_S = 21 * 86400.0  # reference of R3, after the start; R4 has none
 BENCH, BENCH_PLACE, BENCH_S = "deck", (64.15, -21.9), 1187600400.0  # 20 August 2007, before R1
 BENCH_SIGMA_DEG = 0.4
 EFFECT, SIZE_DEG = "octantal", 0.8
@@ -118,13 +118,13 @@ BATTERIES_NT = 120.0
 
 
 def write_cruise(folder: Path | str, seed: int = 1, *, hours: int = 8000, every: int = 3) -> None:
-    """Write the raw tables of four deployments and of a bench, and, apart from them, the truth.
+    """Write the raw tables of four deployments and of a bench calibration, and separately the truth.
 
     Args:
-        folder: of the cruise; files stand in ``raw`` and ``truth``.
+        folder: folder of the cruise; files are written to ``raw`` and ``truth``.
         seed: the same seed gives the same bytes.
         hours: length of each deployment.
-        every: hours from one sample to the next.
+        every: interval between samples, in hours.
     """
     begins = [sea.BEGIN_S + APART_S * k for k in range(len(PLACES))]
     earth = [_earth(place, begin) for place, begin in zip(PLACES.values(), begins, strict=True)]
@@ -155,7 +155,7 @@ def _write_mooring(folder: Path, name: str, one: Drawn, begin_s: float, every: i
 
 
 def _write_bench(folder: Path, seed: int, first: Drawn) -> None:
-    """Write a bench on deck that turns the level sphere through 24 headings, the first mooring's batteries in it."""
+    """Write a bench calibration on deck: the level sphere at 24 headings, with the batteries of the first mooring."""
     assert first.world is not None
     rng, turned = np.random.default_rng([seed, 24]), np.arange(0.0, 360.0, 15.0)
     earth = _earth(BENCH_PLACE, BENCH_S)

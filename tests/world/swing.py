@@ -1,7 +1,7 @@
-"""A boat that swings her compass: how she turns, what carries her, and what compass, receiver and log make of it.
+"""Simulation of a boat that swings its compass, and of the records of compass, satellite receiver and speed log.
 
-A sample a second. The helmsman wanders about the course, the wind sets her aside, the water carries her; a receiver
-filters her velocity over ground, and a compass near iron reads, perhaps late, perhaps turned in its mount.
+There is one sample per second. Steering varies about the course, wind causes leeway, and the current moves the boat;
+the receiver filters the velocity over ground, and the compass, near iron, may lag or turn in its mount.
 """
 
 from __future__ import annotations
@@ -16,53 +16,53 @@ from compasslib.demo.water import Complexes, Floats, circle, direction, red_nois
 FIELD_NT = (25000.0, 38000.0)
 NO_IRON = Iron()
 LEGS, CIRCLES, ONE_CIRCLE = "legs", "circles both ways", "circles one way"
-PULLED = (25.0, 9.0)  # a card that hangs: width of the sector and of its edge, degrees
+PULLED = (25.0, 9.0)  # sector in which a card is pulled: half width, and width of its edge, degrees
 
 
 @dataclass(frozen=True)
 class Boat:
-    """How a boat swings, and what is wrong with what she records."""
+    """Manoeuvre of a boat and errors of its records."""
 
     plan: str = LEGS
     minutes: float = 25.0
     speed_kn: float = 5.0
     speeds_vary: bool = True
-    wander_deg: float = 2.0  # of the helmsman
-    leeway_deg: float = 1.5  # to and fro
-    leeway_s: float = 40.0  # memory of that
-    water_kn: complex = 0.0  # towards east + i north
-    tide_kn: complex = 0.0  # its gain over the swing
-    filter_s: float = 0.0  # of the receiver
-    lag_s: float = 0.0  # of the compass
-    clock_s: float = 0.0  # compass's clock minus the receiver's
+    wander_deg: float = 2.0  # standard deviation of the steering
+    leeway_deg: float = 1.5  # standard deviation
+    leeway_s: float = 40.0  # memory of the leeway
+    water_kn: complex = 0.0  # current, east + i north
+    tide_kn: complex = 0.0  # change of the current over the swing
+    filter_s: float = 0.0  # time constant of the receiver's filter
+    lag_s: float = 0.0  # lag of the compass
+    clock_s: float = 0.0  # clock of the compass minus that of the receiver
     iron: Iron = NO_IRON
-    lobes: tuple[int, float, float] = (0, 0.0, 0.0)  # cycles, degrees, phase
+    lobes: tuple[int, float, float] = (0, 0.0, 0.0)  # harmonic error: cycles, amplitude and phase in degrees
     slip_deg: float = 0.0  # of the mount
-    slip_at: float = 0.5  # share of the swing that is over
-    hangs_deg: float = 0.0  # by how much the card is pulled in one sector
+    slip_at: float = 0.5  # elapsed share of the swing at the slip
+    hangs_deg: float = 0.0  # offset of the reading in one sector, where the card is pulled
     hangs_at_deg: float = 0.0
-    astray: tuple[float, float, float] = (0.0, 0.0, 0.0)  # degrees, and between which shares of the swing
-    log_scale: float = 0.0  # of the speed log; 0: none
+    astray: tuple[float, float, float] = (0.0, 0.0, 0.0)  # temporary offset, degrees, and shares elapsed at its ends
+    log_scale: float = 0.0  # scale factor of the speed log; 0: no log
 
 
 @dataclass(frozen=True)
 class Passage:
-    """What was logged, a sample a second, (n,) each, and where she truly headed."""
+    """Log of a swing, one sample per second, and the correct headings; (n,) each."""
 
     time_s: Floats
     compass_deg: Floats
     course_deg: Floats  # over ground, true north
     speed_kn: Floats
     water_speed_kn: Floats  # NaN without a log
-    heading_deg: Floats  # true, magnetic
+    heading_deg: Floats  # correct, magnetic
 
 
 def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: float = 1.6e9) -> Passage:
-    """Return what a boat logs of a swing.
+    """Simulate the log of a swing.
 
     Args:
         declination_deg: east positive.
-        start_s: when she begins, UTC seconds since 1970.
+        start_s: start of the swing, UTC seconds since 1970.
     """
     steered, speed = _plan(rng, boat)
     n = steered.size
@@ -87,7 +87,7 @@ def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: 
 
 
 def _plan(rng: np.random.Generator, boat: Boat) -> tuple[Floats, Floats]:
-    """Return steered heading, not wrapped, and speed through the water."""
+    """Draw the steered heading, degrees, not wrapped, and the speed through water, knots."""
     n = int(60.0 * boat.minutes)
     if boat.plan == LEGS:
         return _legs(rng, boat, n)
@@ -129,7 +129,7 @@ def _read(rng: np.random.Generator, boat: Boat, heading: Floats) -> Floats:
 
 
 def _filtered(x: Floats | Complexes, seconds: float) -> Complexes:
-    """Return what a filter of first order gives."""
+    """Apply a first-order low-pass filter with a time constant in seconds; 0: no filter."""
     out, keep = np.array(x, dtype=complex), float(np.exp(-1.0 / seconds)) if seconds else 0.0
     for k in range(1, out.size):
         out[k] = keep * out[k - 1] + (1.0 - keep) * out[k]
