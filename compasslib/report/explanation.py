@@ -103,9 +103,7 @@ def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
 
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     """Compose the caption of the figure of a diagnosis."""
-    from compasslib.plots.diagnosis import (
-        count_outside,  # imports the plotting library, which other commands do not need
-    )
+    from compasslib.plots.diagnosis import count_outside  # only here: it takes the plotting library along
 
     curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
