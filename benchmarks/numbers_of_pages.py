@@ -28,7 +28,7 @@ from compasslib import __version__  # noqa: E402
 
 MEASURED = PROJECT / "docs/background/measured.json"
 PAGES = (PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md")), *sorted((PROJECT / "docs").glob("*/*.md")))
-CARD = PROJECT / "docs/proof/seed-3544109477"  # of record
+CARD = PROJECT / "docs/proof/seed-3574276947"  # of record
 # Goals of the card that README gives, by what they begin with.
 GOALS = (
     *("no fault: attributed", "all: diagnosis", "effects stated at", "all: headings worsened"),
