@@ -130,7 +130,7 @@ class Record(Labelled):
     pitch_deg: Floats  #: (n,) degrees, forward up positive
     roll_deg: Floats  #: (n,) degrees, starboard down positive
     pressure_dbar: Floats  #: (n,) NaN without a sensor
-    depth_m: Floats  #: (n,) m below the surface: as in the file, then as determined by ``apply_deployment``
+    depth_m: Floats  #: (n,) m below the surface, as in the file, then as determined by ``apply_deployment``
     temperature_c: Floats  #: (n,) degrees Celsius
     supply_voltage: Floats  #: (n,) counts or volts; only its changes are used
     quality: Flags  #: (n, m) OceanSITES flag of each velocity
@@ -198,7 +198,7 @@ class Pairs(Labelled):
     expected_m_s: tuple[float, float] | None = None
     #: uncertainty (1 sigma, degrees) of the mean veer between upper velocities and the reference over the record
     veer_deg: float = 0.0
-    #: suspected errors of all headings, as indicated by the pairs: (1 sigma in degrees, reason) each
+    #: suspected errors of all headings, as indicated by the pairs, (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()
 
     def __len__(self) -> int:

@@ -30,7 +30,7 @@ class Source:
 
     name: str  #: name of the row, such as a key of ``ROWS``
     standard_deg: float  #: standard uncertainty, degrees
-    how: str  #: its origin: the assumed distribution or the statistical estimate
+    how: str  #: its origin, the assumed distribution or the statistical estimate
 
 
 @dataclass(frozen=True)

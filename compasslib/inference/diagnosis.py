@@ -72,7 +72,7 @@ class Diagnosis:
     """Result of comparing one recording with its simulation."""
 
     verdict: str  #: consistent | explained | ambiguous | unexplained | insufficient
-    findings: tuple[Finding, ...] = ()  #: effects that were found, on any side: compass, clock, reference or water
+    findings: tuple[Finding, ...] = ()  #: effects that were found, of compass, clock, reference or water
     unexplained: Unexplained | None = None  #: mismatch that no effect of the catalogue explains; None if there is none
     separated_by: str | None = None  #: observations that would distinguish the alternatives; None without alternatives
     not_testable: tuple[tuple[str, str], ...] = ()  #: (effect, reason why this record cannot show it)
@@ -84,7 +84,7 @@ class Diagnosis:
     covariance: Floats | None = None  #: (5, 5) of A..E fitted without terms; the noise includes slow directional shear
     sides: Mapping[str, float] = field(default_factory=dict)  #: probability of each side; empty if not computed
     noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  #: (value, standard error) by parameter
-    #: detection limit of each effect: visible size, degrees rms
+    #: detection limit of each effect, visible size, degrees rms
     detectable_deg: Mapping[str, float] = field(default_factory=dict)
     hypotheses: tuple[RankedEffect, ...] = ()  #: effects that were tested alone, highest score first
     threshold: Mapping[str, float] = field(default_factory=dict)  #: test statistics that noise alone rarely exceeds
@@ -93,7 +93,7 @@ class Diagnosis:
     experiments: tuple[tuple[str, float], ...] = ()  #: (observation, probability that it leaves a single explanation)
     current: tuple[CurrentStatement, ...] = ()  #: statements on the current, which the simulation does not contain
     prior_odds: float | None = None  #: of a fault of compass or clock; None if the search does not use them
-    refutes_fit: bool = False  #: whether a record with too little data contradicts its fit: all headings are flagged
+    refutes_fit: bool = False  #: whether a record with too little data contradicts its fit; all headings are flagged
 
     def __post_init__(self) -> None:
         """Remove from ``not_testable`` the effects of which at least one form was tested."""

@@ -97,7 +97,7 @@ class HeldOut:
     gain: float  #: in log score, summed over all held-out samples
     gain_interval: tuple[float, float]  #: 95 % interval, from resampled blocks
     p_value: float  #: share of bootstrap draws whose gain is not positive
-    method: str | None = None  #: fifths | within_event: how days were held out
+    method: str | None = None  #: fifths | within_event, how days were held out
     anew: Interval | None = None  #: gain if effect, driver and date, not only sizes, are selected without these days
     amplitude: Amplitude | None = None  #: size of the effect on held-out days; None if it was not estimated
     slope: Interval | None = None  #: held-out over predicted amplitude; None if the prediction is too uncertain
@@ -211,7 +211,7 @@ class Finding:
     driver: str = ""  #: variable on which its size depends
     heading_error_deg: float | None = None  #: rms error of the headings if it were not corrected, degrees
     composition: Mapping[str, str] | None = None  #: target, driver and form of a composed effect; None for listed ones
-    shares_driver: bool = False  #: whether another term has the same driver: neither then has the right form alone
+    shares_driver: bool = False  #: whether another term has the same driver; neither then has the right form alone
 
     @property
     def named(self) -> str:
