@@ -130,7 +130,7 @@ MAKERS = {
     "concealed": Maker(
         concealed,
         ("diagnosis.png", "concealed_errors.png"),
-        [*plots("diagnosis", "truth"), "compasslib/demo/concealed.py"],
+        [*plots("diagnosis", "timeseries"), "compasslib/demo/concealed.py"],
         cruise=".",
     ),
     "papers": Maker(

@@ -19,7 +19,7 @@ import numpy as np
 from compasslib import angles
 from compasslib.archive.files import read_attribute, read_json
 from compasslib.effects import CATALOGUE, meanings
-from compasslib.plots.truth import draw_errors, error_reach
+from compasslib.plots.timeseries import draw_errors, error_reach
 from compasslib.report import words
 from compasslib.report.concealed import HeadingErrors, heading_errors
 from compasslib.stages.concealed import read_headings

@@ -14,7 +14,7 @@ from compasslib import earthfield
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination, observatory, result
 from compasslib.errors import InputError
-from compasslib.plots import instruments as figures
+from compasslib.plots import calibrations as figures
 
 REAL = SHARED / "observatory"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="no observatory files in ../shared/data")
@@ -78,7 +78,7 @@ def test_a_series_that_is_too_short_is_refused(tmp_path):
     found = declination.calibrate([write(tmp_path / "a.hor", short)], {})
     assert found.why == "the series has a declination in 8 hours; 12 are needed" and not found.coefficients.size
     for draw in (figures.draw_series, figures.draw_disturbance):
-        draw(tmp_path / "a.png", found, "short")
+        draw(tmp_path / "a.png", found)
         assert (tmp_path / "a.png").stat().st_size > 5_000
 
 
@@ -103,7 +103,7 @@ def test_calibration_round_trips_through_json_and_is_drawn(tmp_path):
     assert "A +0.2" in result.log_line(again) and "nan" not in result.log_line(page)
     shown = replace(result.from_json(again), points=made.points, table=made.table)
     for draw in (figures.draw_series, figures.draw_disturbance):
-        draw(tmp_path / "a.png", shown, "quiet")
+        draw(tmp_path / "a.png", shown)
         assert (tmp_path / "a.png").stat().st_size > 20_000
 
 

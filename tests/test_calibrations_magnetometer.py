@@ -16,7 +16,7 @@ from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
 from compasslib.calibrations.result import Calibration
 from compasslib.errors import InputError
-from compasslib.plots.instruments import draw_magnetometer as draw
+from compasslib.plots.calibrations import draw_magnetometer as draw
 from tests.world import iron
 
 SAFE = 4.5  # standard deviations, not exceeded by any of a few tens of normal numbers
@@ -353,7 +353,7 @@ def test_figure_is_reproducible(tmp_path, rng, kind):
     values = values[:, :2] if kind == "flat" else values[:20] if kind == "refused" else values
     found = magnetometer.calibrate([log(tmp_path, values, motion if kind == "level" else None)], {})
     for name in ("one.png", "two.png"):
-        draw(tmp_path / name, found, "M1")
+        draw(tmp_path / name, found)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 

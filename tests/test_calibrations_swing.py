@@ -469,9 +469,9 @@ def test_swing_figure_is_reproducible(tmp_path, eight):
     refused = swing.calibrate([written(tmp_path, compass_deg=[1.0], true_deg=[2.0])], SURE)
     for name, result in (("fitted", found), ("refused", refused)):
         path = tmp_path / f"{name}.png"
-        page(path, result, "MM")
+        page(path, result)
         first = path.read_bytes()
-        page(path, result, "MM")
+        page(path, result)
         assert path.read_bytes() == first
         assert imread(path).shape[1] == WIDTH_IN * DPI
 

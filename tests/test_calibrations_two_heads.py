@@ -23,8 +23,7 @@ from compasslib.calibrations.two_heads import motion as heads_motion
 from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
-from compasslib.plots import calibrations as plots_calibrations
-from compasslib.plots import instruments as figures
+from compasslib.plots import calibrations as figures
 from tests.world import package
 from tests.world.package import Head, Sea
 
@@ -281,7 +280,7 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
 @pytest.mark.parametrize("draw", [figures.draw_difference, figures.draw_tilt_check, figures.draw_along_time])
 def test_figures_are_drawn(draw, full, narrow, tmp_path):
     for name, found in (("full", full), ("narrow", narrow), ("none", heads._no_calibration(0, "no time shared", ()))):
-        draw(tmp_path / f"{name}.png", found, name)
+        draw(tmp_path / f"{name}.png", found)
         assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
@@ -315,4 +314,4 @@ def test_steady_still_or_identical_heads_raise_no_error(tmp_path, n, turning):
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
         calibration_files.write(page=result.to_json("h", made, {}, {}), made=made, **files)
         for figure in calibrations.figure_names("two_heads"):
-            plots_calibrations.draw_figure(figure, tmp_path / f"{figure}.png", calibration_files.read(**files))
+            figures.draw_figure(figure, tmp_path / f"{figure}.png", calibration_files.read(**files))

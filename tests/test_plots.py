@@ -32,10 +32,10 @@ from compasslib.deviation.series import fit_series, invert_series, series_deviat
 from compasslib.errors import InputError
 from compasslib.plots import deviation, diagnosis, timeseries
 from compasslib.plots import moorings as moorings_together
-from compasslib.plots import page as plots_curves
 from compasslib.plots import page as plots_page
+from compasslib.plots.deviation import BACKWARDS, GIVEN_UP, INVERTED, deviation_curve
 from compasslib.plots.moorings import NAMED, SYNTHETIC_B_DEG, draw_angles, draw_array, draw_synthetic_curves
-from compasslib.plots.page import BACKWARDS, BLACK, DPI, GIVEN_UP, INVERTED, WIDTH_IN
+from compasslib.plots.page import BLACK, DPI, WIDTH_IN
 from compasslib.records import BAD, GOOD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.explanation import diagnosis_caption
 from compasslib.report.words import SPACE
@@ -610,7 +610,7 @@ IRON = st.tuples(*(st.floats(-low, low) for low in (0.3, 2.0, 2.0, 0.3, 0.3)))
 def test_deviation_curve_matches_the_compass_over_one_turn(iron, begin):
     for method, coefficients in (("exact", iron), ("von_appen", 60.0 * np.array(iron))):
         fit = DeviationFit(method, 0, coefficients=np.array(coefficients))
-        curve = plots_curves.deviation_curve(fit, begin, [])
+        curve = deviation_curve(fit, begin, [])
         assert curve.heading_deg[0] == begin and curve.heading_deg[-1] == pytest.approx(begin + 360.0)
         if method == "exact":
             expected = compass.recorded_heading(coefficients, curve.heading_deg)
@@ -622,12 +622,12 @@ def test_deviation_curve_matches_the_compass_over_one_turn(iron, begin):
 
 
 def test_curve_parts_match_the_inversion_of_each_method():
-    small = plots_curves.deviation_curve(SMALL_FIT, 0.0, [])
-    large = plots_curves.deviation_curve(LARGE_FIT, 0.0, [])
+    small = deviation_curve(SMALL_FIT, 0.0, [])
+    large = deviation_curve(LARGE_FIT, 0.0, [])
     assert set(small.stretch) == {INVERTED}
     assert set(large.stretch) == {INVERTED, BACKWARDS}
     published = fit_series(LARGE)
-    curve = plots_curves.deviation_curve(published, 0.0, [])
+    curve = deviation_curve(published, 0.0, [])
     inverted = invert_series(published.coefficients, curve.recorded_deg)
     kept = curve.stretch == INVERTED
     assert set(curve.stretch) == {INVERTED, GIVEN_UP}
@@ -640,7 +640,7 @@ def test_curve_parts_match_the_inversion_of_each_method():
 @settings(max_examples=60, deadline=None)
 def test_circular_axis_is_cut_in_the_largest_gap(begin, width, seed):
     angle = begin + width * np.random.default_rng(seed).random(300)
-    cut = plots_curves.emptiest(np.append(angle, np.nan))
+    cut = plots_page.emptiest(np.append(angle, np.nan))
     assert -180.0 <= cut < 180.0 and cut % 10.0 == 0.0
     assert float(angles.wrap360(cut - begin)) >= width - 10.0 or float(angles.wrap360(cut - begin)) < 10.0
 
@@ -648,7 +648,7 @@ def test_circular_axis_is_cut_in_the_largest_gap(begin, width, seed):
 @given(ANGLES, ANGLES)
 @settings(max_examples=60, deadline=None)
 def test_wrapping_and_unwrapping_preserve_angles(angle, reference):
-    placed, beside = plots_curves.placed(angle, reference), plots_curves.nearest_turn(angle, reference)
+    placed, beside = plots_page.placed(angle, reference), plots_page.nearest_turn(angle, reference)
     assert reference <= placed <= reference + 360.0
     assert abs(beside - reference) <= 180.0
     for found in (placed, beside):
@@ -656,10 +656,10 @@ def test_wrapping_and_unwrapping_preserve_angles(angle, reference):
 
 
 def test_sector_shares_ignore_missing_angles():
-    shares = plots_curves.sectors([5.0, 365.0, np.nan, 355.0, 725.0], -10.0)
+    shares = plots_page.sectors([5.0, 365.0, np.nan, 355.0, 725.0], -10.0)
     assert shares.shape == (36,) and shares[0] == 25.0 and shares[1] == 75.0
-    assert plots_curves.sectors([np.nan], 0.0).sum() == 0.0
-    assert plots_curves.emptiest([]) == -180.0
+    assert plots_page.sectors([np.nan], 0.0).sum() == 0.0
+    assert plots_page.emptiest([]) == -180.0
 
 
 def test_directions_are_compared_at_the_sample_of_each_pair(moorings):
@@ -697,5 +697,5 @@ def test_samples_are_classified_by_heading_correction():
 def test_headings_flagged_bad_are_not_counted():
     five = corrected(record(SMALL, 5), SMALL_FIT, NONE)
     flagged = replace(five.record, heading_quality=np.array([1, BAD, 1, 2, 3], dtype=np.int8))
-    usable = plots_curves.usable_headings(replace(five, record=flagged))
+    usable = plots_page.usable_headings(replace(five, record=flagged))
     assert np.isfinite(usable).tolist() == [True, False, True, True, True]

@@ -35,7 +35,7 @@ from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
 from compasslib.inference.finding import Finding as Found
-from compasslib.plots import instruments
+from compasslib.plots import calibrations as figures
 from compasslib.report import chart, explanation, sections, words
 from compasslib.report.sections import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped_section
 from tests.world import iron
@@ -120,7 +120,7 @@ def test_every_text_field_is_covered_by_the_escaping_test():
     """A new text field that ``filled`` does not fill would remain untested."""
     known = {"str", "tuple[str, ...]", "tuple[tuple[str, str], ...]", "tuple[tuple[str, ...], ...]"}
     other = {
-        *("int", "ReportTable | None", "tuple[ReportedFinding, ...]", "tuple[ReportTable, ...]", "tuple[Figure, ...]"),
+        *("int", "ReportTable | None", "tuple[ReportedFinding, ...]", "tuple[ReportTable, ...]", "tuple[Figure, ...]")
     }
     for kind in (ReportTable, Figure, ReportedFinding, ReportSection):
         assert is_dataclass(kind) and {one.type for one in fields(kind)} <= known | other
@@ -394,7 +394,7 @@ def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
     calibrations.write(page=result.to_json("heads", made, {}, {}), made=made, **files)
     write_json(there / "diagnosis.json", diagnosis("explained", heeling()))
     for figure in ("difference", "tilt_check", "along_time"):
-        getattr(instruments, f"draw_{figure}")(there / f"figures/{figure}.png", made, "heads")
+        getattr(figures, f"draw_{figure}")(there / f"figures/{figure}.png", made)
     section = report.gather(tmp_path, attributes={}, moorings={}, calibrations=["heads"]).calibrations.sections[0]
     assert section.verdict == "explained" and section.findings[0].title == "Heeling"
     assert set(made.details["cannot_tell"]) < set(section.limits)

@@ -46,9 +46,7 @@ FLAGS = {
     "op_mode": " NRML",
 }
 
-_RECORD = np.dtype(
-    [("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))],
-)
+_RECORD = np.dtype([("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))])
 
 
 @dataclass(frozen=True)

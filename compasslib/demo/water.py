@@ -273,10 +273,7 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
     flow = velocity(water, water.time_s, depth)
     magnetic_deg = direction(flow) - declination_deg
     heading = wake_heading(
-        stream(seed, name, "heading"),
-        magnetic_deg + rig.heading_offset_deg,
-        np.abs(flow),
-        wobble_deg=rig.wobble_deg,
+        stream(seed, name, "heading"), magnetic_deg + rig.heading_offset_deg, np.abs(flow), wobble_deg=rig.wobble_deg
     )
     pitch, roll = _tilt(stream(seed, name, "tilt"), rig, np.abs(flow), magnetic_deg - heading)
     return Motion(water.time_s, depth + sea_level(water.time_s), heading, pitch, roll)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,43 +16,39 @@ from matplotlib.colors import ListedColormap, LogNorm, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator
+from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.correction import correct_roots
 from compasslib.deviation.histograms import BIN_DEG, BINS, Counts, directions_at_pairs
-from compasslib.deviation.model import DeviationFit, observed_heading, pair_speeds
+from compasslib.deviation.model import DeviationFit, observed_deviation, observed_heading, pair_speeds
+from compasslib.deviation.series import inverse_table, series_design, series_deviation
 from compasslib.plots.page import (
-    BACKWARDS,
     BLACK,
     BLUE,
     CORRECTED,
-    GIVEN_UP,
     GREEN,
     GREY,
-    INVERTED,
     MAGNETIC,
     RECORDED,
     REFERENCE,
     TRUE,
     VERMILION,
-    DeviationByHeading,
     Limits,
     Rows,
     degrees,
-    deviation_curve,
     emptiest,
     empty,
     legend,
     nearest_turn,
-    observed,
     page,
     placed,
     signed,
-    span_of,
 )
 from compasslib.records import CorrectedRecord, Pairs
 from compasslib.types import Floats
 
+INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # parts of a curve: inverted, recorded heading decreasing, not inverted
 STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
 PUBLISHED_STRETCHES = {INVERTED: "fit, invertible", GIVEN_UP: "fit, not invertible"}
 FOLDED_STRETCHES = {INVERTED: "fit, reading turns with the instrument", BACKWARDS: "fit, reading turns backwards"}
@@ -59,6 +56,7 @@ WHOLE_STRETCH = {INVERTED: "fit, invertible"}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 2.5, "color": "#333333", "markeredgewidth": 0}
 RING: dict[str, Any] = {**POINT, "color": BLACK, "markerfacecolor": "white", "markeredgewidth": 0.7}
+STEP_DEG = 0.25  # step of the heading along a curve
 CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
 
 
@@ -80,8 +78,7 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
         panels = list(figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values())  # a wide one above two narrow ones
         _deviation_axes(panels, (beta, delta), curve, begin)
         if not (len(pairs) or curve):
-            for axes in panels:
-                empty(axes)
+            empty(*panels)
             return
         _draw_points(panels, beta, delta, pairs)
         panels[0].axhline(0.0, color=BLACK, linewidth=0.7)  # of an iron-free compass
@@ -90,6 +87,74 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
         if curve is not None:
             _draw_curve(panels, fit, curve)
         legend(figure, handles, columns=1)
+
+
+@dataclass(frozen=True)
+class DeviationByHeading:
+    """Deviation over one turn of the correct heading, unwrapped: without jumps of 360 degrees."""
+
+    heading_deg: Floats  # (n,) correct heading, increasing
+    deviation_deg: Floats  # (n,)
+    sigma_deg: Floats  # (n,) standard error of the deviation, by the covariance of the coefficients; NaN if unknown
+    stretch: NDArray[np.int_]  # (n,) INVERTED, BACKWARDS or GIVEN_UP
+
+    @property
+    def recorded_deg(self) -> Floats:
+        """Recorded heading along the curve, (n,), unwrapped."""
+        return self.heading_deg - self.deviation_deg
+
+
+def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
+    """Evaluate a fitted deviation over one turn from ``begin_deg``.
+
+    Args:
+        headings_deg: correct headings at which the median deviation is in [-180, 180); the whole turn if empty.
+    """
+    beta = begin_deg + np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
+    if fit.method == "von_appen":
+        deviation = series_deviation(fit.coefficients, beta)
+    else:
+        deviation = angles.difference(beta, compass.recorded_heading(fit.coefficients, beta))
+    deviation = deviation[0] + np.concatenate([[0.0], np.cumsum(angles.difference(deviation[1:], deviation[:-1]))])
+    where = placed(headings_deg, begin_deg)
+    there = np.interp(where[np.isfinite(where)], beta, deviation)
+    level = np.median(there if there.size else deviation)
+    deviation = deviation - (level - angles.wrap180(level))
+    sigma = np.full(beta.shape, np.nan)
+    if fit.covariance.size:
+        by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
+        sigma = np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
+    # The exact compass is inverted at all headings, but two of them may have the same recorded heading.
+    if fit.method == "von_appen":
+        inverted = inverse_table(fit.coefficients)[1]
+        first, last = inverted.min(), inverted.max()
+        stretch = np.where(angles.wrap360(beta - first) <= last - first, INVERTED, GIVEN_UP)
+    else:
+        stretch = np.where(compass.slope(fit.coefficients, beta) >= 0.0, INVERTED, BACKWARDS)
+    return DeviationByHeading(beta, deviation, sigma, stretch)
+
+
+def observed(pairs: Pairs, curve: DeviationByHeading | None, begin_deg: float) -> tuple[Floats, Floats]:
+    """Compute correct heading and deviation of each pair, (n,) each, the deviation unwrapped to that of the curve.
+
+    Args:
+        curve: without one, the mean deviation is used instead.
+    """
+    beta, deviation = placed(observed_heading(pairs), begin_deg), observed_deviation(pairs)
+    if curve is None:
+        return beta, nearest_turn(deviation, angles.wrap180(angles.mean(deviation)))
+    return beta, nearest_turn(deviation, np.interp(beta, curve.heading_deg, curve.deviation_deg))
+
+
+def span_of(points: Floats, line: Floats) -> Limits:
+    """Compute axis limits that contain a whole line and 98 % of the points, degrees; either may be empty."""
+    finite = points[np.isfinite(points)]
+    ends = np.concatenate([line[np.isfinite(line)], np.percentile(finite, (1.0, 99.0)) if finite.size else []])
+    if not ends.size:
+        return -180.0, 180.0
+    low, high = float(ends.min()), float(ends.max())
+    half = max((high - low) * 0.53, 30.0)
+    return (low + high) / 2.0 - half, (low + high) / 2.0 + half
 
 
 def _deviation_axes(
@@ -198,7 +263,7 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
     limits = (begin, begin + 360.0)
     axes.set_title(title)
     if not known.any():
-        empty(axes, "no pairs")
+        empty(axes, words="no pairs")
         return None
     off = angles.difference(xy[1], xy[0])[known]
     axes.set_title(
@@ -217,16 +282,17 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
 
 # A compass that several records share.
 
-SHARED_FIGURES = ("coefficients", "curve")
 WITHIN = 1.96
-LETTERS = "ABCDE"
 SHARED_COLUMNS = 2
 NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the names of records, and minimum height of a panel
 IRON = (("P_nT", "c"), ("Q_nT", "f"))  # permanent field and induction coefficient of B and of C
 
 
+SHARED_BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "lw": 0}
+
+
 def draw_shared(figure: str, path: str | Path, content: Mapping[str, Any]) -> None:
-    """Draw one of ``SHARED_FIGURES``."""
+    """Draw the figure ``coefficients`` or ``curve`` of a shared compass."""
     {"coefficients": draw_shared_coefficients, "curve": draw_shared_curve}[figure](path, content)
 
 
@@ -238,9 +304,8 @@ def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> No
     rows = -(-len(panels) // SHARED_COLUMNS)
     names = Rows([entry["name"] for entry in deployments], NAMES_IN)
     with page(path, rows * (0.65 + max(names.height_in, LEAST_IN)) + 0.6) as figure:
-        for axes, panel in zip(
-            figure.subplots(rows, SHARED_COLUMNS, squeeze=False, sharey=True).flat, panels, strict=False
-        ):
+        grid = figure.subplots(rows, SHARED_COLUMNS, squeeze=False, sharey=True).flat
+        for axes, panel in zip(grid, panels, strict=False):
             if isinstance(panel, str):
                 _shared_iron(axes, panel, deployments, content, names)
             else:
@@ -249,10 +314,9 @@ def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> No
         names.name(figure.axes[0])
         for axes in figure.axes[len(panels) :]:
             axes.set_visible(False)
-        handles = [Line2D([], [], color=BLUE, marker="o", markersize=3, label="a record alone")]
-        legend(
-            figure, [*handles, *_rejected_handle(content), Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")]
-        )
+        alone = Line2D([], [], color=BLUE, marker="o", markersize=3, label="a record alone")
+        shared = Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")
+        legend(figure, [alone, *_rejected_handle(content), shared])
 
 
 def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
@@ -265,19 +329,15 @@ def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
         axes.set_ylabel("Deviation (°)")
         degrees(axes.xaxis, (0.0, 360.0))
         if not deployments:
-            empty(axes, "no record determines the compass")
+            empty(axes, words="no record determines the compass")
             return
         for entry in deployments:
-            values = np.array([entry["coefficients"][letter] for letter in LETTERS])
-            values[0] = 0.0
-            axes.plot(
-                heading, _exact_deviation(values, heading), color=BLUE if entry["fits"] else VERMILION, linewidth=0.8
-            )
+            values = np.array([0.0, *(entry["coefficients"][letter] for letter in "BCDE")])
+            colour = BLUE if entry["fits"] else VERMILION
+            axes.plot(heading, _exact_deviation(values, heading), color=colour, linewidth=0.8)
         if content["coefficients"]:
             middle, spread = _shared_curve(content, deployments, heading)
-            axes.fill_between(
-                heading, middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN, alpha=0.25, lw=0
-            )
+            axes.fill_between(heading, middle - WITHIN * spread, middle + WITHIN * spread, **SHARED_BAND)
             axes.plot(heading, middle, color=GREEN)
         axes.axhline(0.0, color=GREY, linewidth=0.5)
         handles = [Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, A left out")]
@@ -298,13 +358,12 @@ def _shared_iron(
     for k, entry in zip(names.places, deployments, strict=True):
         unit = entry["horizontal_nT"] / 1000.0 if hard else 1.0
         value, sigma = entry["coefficients"][letter] * unit, entry["sigma"][letter] * unit
-        axes.errorbar(
-            value, k, xerr=WITHIN * sigma, color=BLUE if entry["fits"] else VERMILION, marker="o", markersize=3, lw=1.0
-        )
+        colour = BLUE if entry["fits"] else VERMILION
+        axes.errorbar(value, k, xerr=WITHIN * sigma, color=colour, marker="o", markersize=3, lw=1.0)
         if content["coefficients"]:
             middle, spread = (x / (1000.0 if hard else 1.0) for x in _shared_coefficient(letter, entry, content))
-            axes.fill_betweenx([k - 0.35, k + 0.35], middle - WITHIN * spread, middle + WITHIN * spread, color=GREEN,
-                               alpha=0.25, lw=0)  # fmt: skip
+            half = WITHIN * spread
+            axes.fill_betweenx([k - 0.35, k + 0.35], middle - half, middle + half, **SHARED_BAND)
 
 
 def _shared_coefficient(letter: str, entry: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
@@ -326,18 +385,11 @@ def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -
     name, parameter = effect["effect"].replace("_", " "), effect["parameters"][k].split("_")[0]
     axes.set_title(f"{name}, {parameter} ({unit})")
     value, sigma = effect["values"][k], effect["sigma"][k]
-    axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, color=GREEN, alpha=0.25, lw=0)
+    axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, **SHARED_BAND)
     place = dict(zip(names.names, names.places, strict=True))
     for name, entry in effect["each"].items():
-        axes.errorbar(
-            entry["values"][k],
-            place[name],
-            xerr=WITHIN * entry["sigma"][k],
-            color=BLUE,
-            marker="o",
-            markersize=3,
-            lw=1.0,
-        )
+        half = WITHIN * entry["sigma"][k]
+        axes.errorbar(entry["values"][k], place[name], xerr=half, color=BLUE, marker="o", markersize=3, lw=1.0)
 
 
 def _shared_curve(
@@ -359,13 +411,7 @@ def _exact_deviation(values: Floats, heading: Floats) -> Floats:
     return angles.difference(heading, compass.recorded_heading(values, heading))
 
 
-COLOURS = {
-    "recorded": RECORDED,
-    "corrected": CORRECTED,
-    "reference": REFERENCE,
-    "before": RECORDED,
-    "after": CORRECTED,
-}
+COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE, "before": RECORDED, "after": CORRECTED}
 STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median |Δ|", "rms_deg": "rms"}  # degrees
 
 

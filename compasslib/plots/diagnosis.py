@@ -114,7 +114,7 @@ def _draw(
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
         if not heights:
-            empty(panels[0], "no effect identified")
+            empty(panels[0], words="no effect identified")
         marked: list[Line2D] = []
         for curve in curves:
             axes = panels.pop(0)

@@ -19,11 +19,11 @@ from compasslib import angles
 from compasslib.deviation.histograms import BIN_DEG, BINS
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.series import inverse_table, series_deviation, series_slope
+from compasslib.plots.deviation import GIVEN_UP, deviation_curve
 from compasslib.plots.page import (
     BLACK,
     BLUE,
     CORRECTED,
-    GIVEN_UP,
     GREEN,
     GREY,
     ORANGE,
@@ -35,7 +35,6 @@ from compasslib.plots.page import (
     WIDE_IN,
     Rows,
     degrees,
-    deviation_curve,
     empty,
     legend,
     page,
@@ -107,16 +106,14 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
         axes.set_xlabel("Affected minus reference, held-out pairs (°)")
         intervals.set_xlabel("Rms, 95 % (°)")
         if not shown:
-            empty(axes)
-            empty(intervals)
+            empty(axes, intervals)
             return
         edges = -180.0 + BIN_DEG * np.arange(BINS + 1)
         for place, mooring in zip(rows.places, shown, strict=True):
-            high = 1.0
+            base = place + 0.5
             tallest = max(_shares(mooring, when).max() for when in ("before", "after"))
             for when, colour, shift in (("before", RECORDED, -0.12), ("after", CORRECTED, 0.12)):
-                base = place + high / 2.0
-                top = base - high * 0.95 * _shares(mooring, when) / max(tallest, 1e-9)
+                top = base - 0.95 * _shares(mooring, when) / max(tallest, 1e-9)
                 axes.stairs(top, edges, baseline=base, color=colour)
                 if mooring.assessment[when]["n"]:
                     low, end = mooring.assessment[when]["interval_95"]["rms_deg"]
@@ -194,11 +191,7 @@ FIGURES = {"curves": draw_curves, "differences": draw_differences, "currents": d
 
 
 def draw_figure(name: str, path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw one of the figures of all moorings.
-
-    Args:
-        name: key of ``FIGURES``.
-    """
+    """Draw one of ``FIGURES``."""
     FIGURES[name](path, moorings)
 
 
@@ -320,30 +313,21 @@ def draw_synthetic_curves(path: str | Path) -> None:
         legend(figure, handles, columns=4)
 
 
-def draw_angles(path: str | Path, *, heading_deg: float = 85.0, deviation_deg: float = 50.0, current_deg: float = 70.0,
-                declination_deg: float = -23.5) -> None:  # fmt: skip
-    """Draw the directions and angles of von Appen (2015), Fig. 4, seen from above, true north up.
-
-    Args:
-        heading_deg: correct heading β to magnetic north.
-        deviation_deg: β − γ.
-        current_deg: α, from beam 3.
-        declination_deg: δ, east positive.
-    """
-    magnetic, recorded = declination_deg, declination_deg + deviation_deg
-    forward = magnetic + heading_deg
+def draw_angles(path: str | Path) -> None:
+    """Draw the directions and angles of von Appen (2015), Fig. 4, seen from above, true north up."""
+    magnetic, recorded, forward, current = -23.5, 26.5, 61.5, 131.5  # degrees from geographic north
     arrows = {
         "geographic north": (0.0, BLACK),
         "magnetic north": (magnetic, BLUE),
         "needle's north": (recorded, VERMILION),
         "forward, beam 3": (forward, GREEN),
-        "current": (forward + current_deg, PURPLE),
+        "current": (current, PURPLE),
     }
     arcs = {
         "δ": (0.0, magnetic, 0.35),
         "β": (magnetic, forward, 0.75),
         "γ": (recorded, forward, 0.5),
-        "α": (forward, forward + current_deg, 0.6),
+        "α": (forward, current, 0.6),
     }
     with page(path, 2.7) as figure:
         axes = figure.subplots()

@@ -11,8 +11,6 @@ import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +27,12 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
-from compasslib import angles, compass
+from compasslib import angles
 from compasslib.archive.files import atomic_write
-from compasslib.deviation.model import DeviationFit, observed_deviation, observed_heading
-from compasslib.deviation.series import inverse_table, series_design, series_deviation
-from compasslib.records import BAD, CorrectedRecord, Pairs
+from compasslib.records import BAD, CorrectedRecord
 from compasslib.types import Floats
 
 Limits = tuple[float, float]
@@ -140,50 +136,34 @@ def _width_in(line: str) -> float:
     return float(text_to_path.get_text_width_height_descent(line, LETTERS, ismath=False)[0]) / 72.0
 
 
-@dataclass(frozen=True)
 class Rows:
-    """Rows of a panel from top to bottom, each as high as the lines of its name."""
+    """Rows of a panel from top to bottom, each as high as the lines of its name, which is wrapped to a width."""
 
-    names: Sequence[str]
-    width_in: float = 1.1  # maximum width of a line
-
-    @cached_property
-    def wrapped(self) -> list[str]:
-        """Names wrapped to the width."""
-        return [wrapped(name, self.width_in) for name in self.names]
-
-    @cached_property
-    def _ends(self) -> Floats:
-        return np.cumsum([0.0, *(1.0 + 1.2 * name.count("\n") for name in self.wrapped)])
-
-    @property
-    def places(self) -> Floats:
-        """Middle of each row, (n,), in lines from the top."""
-        return (self._ends[1:] + self._ends[:-1]) / 2.0
-
-    @property
-    def height_in(self) -> float:
-        """Height of the panel without its axis, inches."""
-        return LINE_IN * float(self._ends[-1])
+    def __init__(self, names: Sequence[str], width_in: float = 1.1):
+        self.names = names
+        self._wrapped = [wrapped(name, width_in) for name in names]
+        ends = np.cumsum([0.0, *(1.0 + 1.2 * name.count("\n") for name in self._wrapped)])
+        self._lines = float(ends[-1])
+        self.places = (ends[1:] + ends[:-1]) / 2.0  # middle of each row, (n,), in lines from the top
+        self.height_in = LINE_IN * self._lines  # of the panel without its axis
 
     def name(self, axes: Axes) -> None:
         """Label the vertical axis with the names."""
-        axes.set_yticks(self.places, self.wrapped, multialignment="right")
-        axes.set_ylim(float(self._ends[-1]), 0.0)
+        axes.set_yticks(self.places, self._wrapped, multialignment="right")
+        axes.set_ylim(self._lines, 0.0)
 
 
-def dates(axes: Axes, span_s: Limits | None = None, *, most: int = 6) -> None:
+def dates(axes: Axes, span_s: Limits | None = None) -> None:
     """Set limits and ticks of a horizontal axis in days since 1970.
 
     Args:
         span_s: first and last time, seconds since 1970; the limits are not changed if None.
-        most: maximum number of ticks.
     """
     if span_s is not None:
         first, last = span_s
         pad = max(0.01 * (last - first), 1.0)
         axes.set_xlim((first - pad) / DAY_S, (last + pad) / DAY_S)
-    locator = AutoDateLocator(minticks=3, maxticks=most)
+    locator = AutoDateLocator(minticks=3, maxticks=6)
     # With the default steps it finds too few ticks between two units (at 2.5 to 3 hours or years), and warns.
     longest = {SECONDLY: 60, MINUTELY: 60, HOURLY: 24, DAILY: 31, MONTHLY: 12}
     locator.intervald |= {unit: [*locator.intervald[unit], step] for unit, step in longest.items()}
@@ -200,7 +180,6 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
     """Set limits and ticks of an axis in degrees; headings are labelled 0 to 359, and 360 at the end of a turn from 0.
 
     Args:
-        limits: lower and upper limit, degrees.
         as_is: label the values as they are, for deviations and differences, not as headings.
     """
     span = limits[1] - limits[0]
@@ -226,65 +205,25 @@ def _heading(x: float, whole_turn: bool) -> str:
     return "360" if whole_turn and x == 360.0 else f"{float(angles.wrap360(round(x))):.0f}"
 
 
-def span_of(points: Floats, line: Floats, *, least: float = 60.0) -> Limits:
-    """Compute axis limits that contain a whole line and 98 % of the points, degrees.
-
-    Args:
-        points: (n,) degrees, may be empty.
-        line: (k,) degrees, may be empty.
-    """
-    finite = points[np.isfinite(points)]
-    ends = np.concatenate([line[np.isfinite(line)], np.percentile(finite, (1.0, 99.0)) if finite.size else []])
-    if not ends.size:
-        return -180.0, 180.0
-    low, high = float(ends.min()), float(ends.max())
-    half = max((high - low) * 0.53, least / 2.0)
-    return (low + high) / 2.0 - half, (low + high) / 2.0 + half
-
-
-def empty(axes: Axes, words: str = "no data") -> None:
-    """Write a short text, such as "no data", into an empty panel and remove its ticks."""
-    axes.tick_params(left=False, labelleft=False, bottom=False, labelbottom=False)
-    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color="#444444")
+def empty(*panels: Axes, words: str = "no data") -> None:
+    """Write a short text into empty panels and remove their ticks."""
+    for axes in panels:
+        axes.tick_params(left=False, labelleft=False, bottom=False, labelbottom=False)
+        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color="#444444")
 
 
 def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> None:
-    """Add one legend below all panels.
-
-    Args:
-        columns: maximum number of columns.
-    """
+    """Add one legend below all panels, with at most ``columns`` columns."""
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))
 
 
-STEP_DEG = 0.25  # step of the heading along a curve
 SECTOR_DEG = 10.0  # width of the sectors of a histogram
 GAP_WIDTH_DEG = 25.0  # standard deviation of the smoothing of a histogram of angles before its gap is sought
-INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # parts of a curve: inverted, recorded heading decreasing, not inverted
-
-
-@dataclass(frozen=True)
-class DeviationByHeading:
-    """Deviation over one turn of the correct heading, unwrapped: without jumps of 360 degrees."""
-
-    heading_deg: Floats  # (n,) correct heading, increasing
-    deviation_deg: Floats  # (n,)
-    sigma_deg: Floats  # (n,) standard error of the deviation, by the covariance of the coefficients; NaN if unknown
-    stretch: NDArray[np.int_]  # (n,) INVERTED, BACKWARDS or GIVEN_UP
-
-    @property
-    def recorded_deg(self) -> Floats:
-        """Recorded heading along the curve, (n,), unwrapped."""
-        return self.heading_deg - self.deviation_deg
 
 
 def emptiest(angle_deg: ArrayLike) -> float:
-    """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data.
-
-    Args:
-        angle_deg: angles of any shape, degrees; NaN are ignored.
-    """
+    """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data."""
     occupied = sectors(angle_deg, 0.0)
     if not occupied.any():
         return -180.0
@@ -295,80 +234,22 @@ def emptiest(angle_deg: ArrayLike) -> float:
 
 
 def placed(angle_deg: ArrayLike, begin_deg: float) -> Floats:
-    """Wrap angles to [begin, begin + 360).
-
-    Args:
-        angle_deg: angles of any shape, degrees.
-    """
+    """Wrap angles to [begin, begin + 360)."""
     return begin_deg + angles.wrap360(np.asarray(angle_deg, dtype=float) - begin_deg)
 
 
 def nearest_turn(angle_deg: ArrayLike, reference_deg: ArrayLike) -> Floats:
-    """Unwrap angles to within half a turn of a reference, which need not be wrapped itself.
-
-    Args:
-        angle_deg: angles, degrees.
-        reference_deg: reference angles, degrees.
-    """
+    """Unwrap angles to within half a turn of a reference, which need not be wrapped itself."""
     reference = np.asarray(reference_deg, dtype=float)
     return reference + angles.difference(angle_deg, reference)
 
 
 def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
-    """Compute the share of the angles in each sector clockwise from the cut, (36,), percent.
-
-    Args:
-        angle_deg: angles of any shape, degrees; NaN are ignored.
-        begin_deg: the cut, at which the first sector begins.
-    """
+    """Compute the share of the finite angles in each sector clockwise from ``begin_deg``, (36,), percent."""
     angle = np.asarray(angle_deg, dtype=float)
     turn = placed(angle[np.isfinite(angle)], begin_deg) - begin_deg
     count = np.histogram(turn, bins=round(360.0 / SECTOR_DEG), range=(0.0, 360.0))[0]
     return 100.0 * count / max(int(count.sum()), 1)
-
-
-def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
-    """Evaluate a fitted deviation over one turn.
-
-    Args:
-        begin_deg: heading at which the turn begins.
-        headings_deg: correct headings at which the median deviation is in [-180, 180); the whole turn if empty.
-    """
-    beta = begin_deg + np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
-    if fit.method == "von_appen":
-        deviation = series_deviation(fit.coefficients, beta)
-    else:
-        deviation = angles.difference(beta, compass.recorded_heading(fit.coefficients, beta))
-    deviation = deviation[0] + np.concatenate([[0.0], np.cumsum(angles.difference(deviation[1:], deviation[:-1]))])
-    where = placed(headings_deg, begin_deg)
-    there = np.interp(where[np.isfinite(where)], beta, deviation)
-    level = np.median(there if there.size else deviation)
-    deviation = deviation - (level - angles.wrap180(level))
-    sigma = np.full(beta.shape, np.nan)
-    if fit.covariance.size:
-        by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
-        sigma = np.sqrt(np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by))
-    # The exact compass is inverted at all headings, but two of them may have the same recorded heading.
-    if fit.method == "von_appen":
-        inverted = inverse_table(fit.coefficients)[1]
-        first, last = inverted.min(), inverted.max()
-        stretch = np.where(angles.wrap360(beta - first) <= last - first, INVERTED, GIVEN_UP)
-    else:
-        stretch = np.where(compass.slope(fit.coefficients, beta) >= 0.0, INVERTED, BACKWARDS)
-    return DeviationByHeading(beta, deviation, sigma, stretch)
-
-
-def observed(pairs: Pairs, shape: DeviationByHeading | None, begin_deg: float) -> tuple[Floats, Floats]:
-    """Compute correct heading and deviation of each pair, (n,) each, the deviation unwrapped to that of a curve.
-
-    Args:
-        shape: the curve; without one, the mean deviation is used instead.
-        begin_deg: heading at which the turn begins.
-    """
-    beta, deviation = placed(observed_heading(pairs), begin_deg), observed_deviation(pairs)
-    if shape is None:
-        return beta, nearest_turn(deviation, angles.wrap180(angles.mean(deviation)))
-    return beta, nearest_turn(deviation, np.interp(beta, shape.heading_deg, shape.deviation_deg))
 
 
 def usable_headings(product: CorrectedRecord) -> Floats:

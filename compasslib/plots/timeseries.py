@@ -1,8 +1,8 @@
-"""Figures of a record and its currents before and after: headings, sticks, progressive vectors, roses, section."""
+"""Figures of a record and its currents: headings, sticks, progressive vectors, roses, section, heading errors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from compasslib.plots.page import (
     REFERENCE,
     SKY,
     TRUE,
+    VERMILION,
     dates,
     degrees,
     emptiest,
@@ -71,8 +72,7 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
     with page(path, 5.6) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
         if not len(time_s):
-            for axes in panels:
-                empty(axes)
+            empty(*panels)
             return
         kind = classify_samples(product)
         _draw_headings(panels[0], panels[1], product, kind)
@@ -327,7 +327,7 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
 
 
 COLUMNS = 400  # time bins of a section, the resolution of a printed column
-TO_CM, WIDEST = 100.0, 98.0  # limit of the colour scale, percentile of the absolute velocity components
+WIDEST = 98.0  # limit of the colour scale, percentile of the absolute velocity components
 COLOUR_MAP, ADDED = "RdBu_r", "corrected minus recorded"
 MAX_AXES = 8  # principal axes along a profile
 
@@ -350,8 +350,7 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
     with page(path, 8.4) as figure:
         panels = figure.subplots(7, 1, sharex=True, height_ratios=[2.0] * 6 + [1.3])
         if not np.isfinite(section.after).any():
-            for axes in panels:
-                empty(axes)
+            empty(*panels)
             return
         step = float(np.median(np.diff(section.depth_m))) if len(section.depth_m) > 1 else 1.0
         depths = np.append(section.depth_m - step / 2.0, section.depth_m[-1] + step / 2.0)
@@ -360,11 +359,11 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
         for added in (False, True):
             shown = {title: values for title, values in fields.items() if title.endswith(ADDED) == added}
             known = np.abs(np.concatenate([x[np.isfinite(x)] for x in shown.values()]))
-            limit = max(TO_CM * float(np.percentile(known, WIDEST)), 1.0)
+            limit = max(CM * float(np.percentile(known, WIDEST)), 1.0)
             for title, values in shown.items():
                 axes = drawn[title]
                 image = axes.pcolormesh(
-                    section.edges_s / DAY_S, depths, TO_CM * values.T, cmap=COLOUR_MAP, norm=Normalize(-limit, limit),
+                    section.edges_s / DAY_S, depths, CM * values.T, cmap=COLOUR_MAP, norm=Normalize(-limit, limit),
                     rasterized=True,
                 )  # fmt: skip
                 axes.set_title(title)
@@ -410,17 +409,16 @@ def draw_profile(path: str | Path, section: SectionMeans) -> None:
         panels = figure.subplots(1, 3, sharey=True, width_ratios=(1.0, 1.0, 1.2))
         there = np.flatnonzero(np.isfinite(after.mean))
         if not there.size:
-            for axes in panels:
-                empty(axes)
+            empty(*panels)
             return
         reference = section.reference_share >= 0.5
         for axes, part, sigma, name in zip(panels, ("real", "imag"), section.profile_sigma, "UV", strict=False):
-            middle, half = TO_CM * getattr(after.mean, part), TO_CM * NORMAL_95 * sigma
+            middle, half = CM * getattr(after.mean, part), CM * NORMAL_95 * sigma
             axes.fill_betweenx(section.depth_m, middle - half, middle + half, color=CORRECTED, alpha=0.25, linewidth=0)
             for profile, here, colour in (
                 (before, ~reference, RECORDED), (after, ~reference, CORRECTED), (after, reference, REFERENCE),
             ):  # fmt: skip
-                mean = np.where(here, TO_CM * getattr(profile.mean, part), np.nan)
+                mean = np.where(here, CM * getattr(profile.mean, part), np.nan)
                 axes.plot(mean, section.depth_m, color=colour, marker="o", markersize=2.5)
             axes.axvline(0.0, color="#444444", linewidth=0.5)
             axes.set_xlabel(f"Mean {name}\n(cm/s)")
@@ -448,15 +446,64 @@ def _draw_axes(
 ) -> None:  # fmt: skip
     """Draw the major axes as lines centred at their depth, north up, to a common scale along the panel's width."""
     sizes = [principal_axis(profile) for profile in profiles]
-    longest = TO_CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
+    longest = CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
     for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):
         colours = [REFERENCE if trusted else colour for trusted in reference[shown]]
         axes.quiver(
             np.zeros(len(shown)), depth_m[shown],
-            TO_CM * (size * np.cos(way))[shown], TO_CM * (size * np.sin(way))[shown],
+            CM * (size * np.cos(way))[shown], CM * (size * np.sin(way))[shown],
             color=colours, angles="uv", scale_units="x", scale=1.0, units="inches", width=0.014, pivot="mid",
             headwidth=0.0, headlength=0.0, headaxislength=0.0,
         )  # fmt: skip
     axes.set_xlim(-0.6 * longest, 0.6 * longest)
     axes.set_xlabel("Principal axes\n(cm/s, north up)")
     axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+
+
+# Heading errors where the truth is known.
+
+ERROR: dict[str, Any] = POINT | {"markersize": 1.5}
+REACHED = 0.99  # share of the errors within the limits of the vertical axis
+
+
+def error_reach(errors_deg: Sequence[Floats]) -> float:
+    """Compute a common limit of the vertical axis for the heading errors of several moorings, degrees."""
+    known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors_deg] or [np.zeros(0)])
+    return 5.0 * float(np.ceil(np.quantile(known, REACHED) / 5.0)) if known.size else 5.0
+
+
+def draw_errors(
+    path: str | Path, time_s: Floats, fit_deg: Floats, corrected_deg: Floats, sigma_deg: Floats,
+    dates_utc: Sequence[str | None], reach_deg: float,
+) -> None:  # fmt: skip
+    """Draw heading errors of the fitted coefficients alone and of the corrected headings, with the stated 95 % range.
+
+    Args:
+        fit_deg: heading by the fitted coefficients minus truth, (n,), NaN if missing.
+        corrected_deg: corrected heading minus truth, (n,).
+        sigma_deg: stated standard deviation of the corrected headings, (n,).
+        dates_utc: dates of true changes, which are marked; None are ignored.
+        reach_deg: limit of the vertical axis; larger errors are drawn at its edge.
+    """
+    day, half = time_s / DAY_S, NORMAL_95 * sigma_deg
+    marks = [np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S for date in dates_utc if date]
+    beyond = np.abs(corrected_deg) > half
+    with page(path, 4.2) as figure:
+        panels = figure.subplots(2, 1, sharex=True, sharey=True)
+        panels[0].plot(day, np.clip(fit_deg, -reach_deg, reach_deg), color="#555555", **ERROR)
+        panels[0].set_title("coefficients alone")
+        panels[1].fill_between(day, -half, half, color=CORRECTED, alpha=0.25, linewidth=0)
+        for here, colour in ((~beyond, CORRECTED), (beyond, VERMILION)):
+            panels[1].plot(day[here], np.clip(corrected_deg[here], -reach_deg, reach_deg), color=colour, **ERROR)
+        panels[1].set_title("as corrected")
+        for axes in panels:
+            axes.axhline(0.0, color="#444444", linewidth=0.5)
+            axes.set_ylabel("Heading error (°)")
+            for mark in marks:
+                axes.axvline(mark, color=BLACK, linestyle=":")
+        panels[1].set_ylim(-1.05 * reach_deg, 1.05 * reach_deg)
+        dates(panels[1], (float(time_s[0]), float(time_s[-1])))
+        handles: list[Artist] = [Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated 95 % range")]
+        handles.append(Line2D([], [], color=VERMILION, **(POINT | {"markersize": 3.0}), label="errors outside it"))
+        handles += [Line2D([], [], color=BLACK, linestyle=":", label="true change")] if marks else []
+        legend(figure, handles)

@@ -122,9 +122,7 @@ def gather(
         moorings=Overview(MOORINGS, headers["mooring"], sections),
         calibrations=Overview(CALIBRATIONS, headers["calibration"], others),
         compasses=Overview(
-            COMPASSES,
-            headers["compass"],
-            [explanation.compass_section(name, root, small=small) for name in compasses],
+            COMPASSES, headers["compass"], [explanation.compass_section(name, root, small=small) for name in compasses]
         ),
         software=provenance.software(),
         date=provenance.date_created(),

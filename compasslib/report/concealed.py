@@ -12,7 +12,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.archive.files import embed_png, read_json, read_pictures
-from compasslib.plots.truth import draw_errors
+from compasslib.plots.timeseries import draw_errors
 from compasslib.records import BAD
 from compasslib.report import explanation, words
 from compasslib.report.sections import Figure, ReportedFinding

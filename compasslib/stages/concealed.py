@@ -11,7 +11,7 @@ from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json
 from compasslib.deviation.correction import correct_headings, record_readings
 from compasslib.deviation.model import fit_from_json
-from compasslib.plots.truth import error_reach
+from compasslib.plots.timeseries import error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.report import concealed as revealing
 from compasslib.report import write_page
