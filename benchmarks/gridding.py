@@ -27,7 +27,7 @@ from compasslib.archive.gridded import open_gridded
 from compasslib.config import cruise as config
 from compasslib.demo import compass, sealed, water
 from compasslib.demo import water as sea
-from compasslib.demo.adcp import Adcp, Setup
+from compasslib.demo.adcp import Setup
 from compasslib.demo.sealed import Effect, Export, Ground, Wish
 from compasslib.earthfield import field_from_json
 from compasslib.pipeline import process
@@ -68,7 +68,7 @@ def write(kind: str, ground: Ground, folder: Path) -> None:
     wrong = float(np.random.default_rng(ground.seed + 1).normal(0.0, REFERENCE_DEG))
     effects = [Effect("reference", trusted=lambda heading: np.full(heading.shape, wrong))]
     raw = folder / "raw/M"
-    sealed._top = lambda coordinates: Adcp(TOP, noise_m_s=0.014)  # with more bins than the default
+    sealed.TOP = TOP  # with more bins than the default
     sealed.write(ground, effects, raw, export)
     settings = draw._described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
     if kind == "profiler":

@@ -1,18 +1,14 @@
-"""Write raw files of demonstration moorings into a folder: ``python -m compasslib.demo exports EG4``."""
+"""Write raw files of demonstration moorings into a folder: ``python -m compasslib.demo exports EG4``.
 
-from __future__ import annotations
+The true headings are written into the folder truth next to it.
+"""
 
 import sys
 from pathlib import Path
 
 from compasslib.demo.demonstration import write_mooring
 
-
-def main(folder: str, *names: str) -> None:
-    """Write raw files of moorings into a folder, and true headings into the folder truth next to it."""
+if __name__ == "__main__":
+    folder, *names = sys.argv[1:]
     for name in names:
         write_mooring(name, folder, Path(folder).absolute().parent / f"truth/{name}.csv")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

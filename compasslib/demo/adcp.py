@@ -108,14 +108,16 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
     """Encode the ensembles in PD0, one row of bytes each, including the checksum."""
     layout = _layout(setup.cells)
     rows = np.zeros(ensembles.time_s.size, dtype=layout)
-    rows["header"] = _header(layout)
+    # The length in the header excludes the two bytes of the checksum.
+    offsets = np.cumsum([layout[place].itemsize for place in range(BLOCKS)])
+    header = np.array([0x7F7F, layout.itemsize - 2, BLOCKS << 8, *offsets], dtype="<u2")
+    rows["header"] = header.view(np.uint8)
     rows["fixed"] = _fixed_leader(setup)
     # Bit 7 of the system configuration follows the orientation switch of the instrument in each ensemble.
     rows["fixed"]["system"][:, 0] |= np.where(ensembles.upside, UP, 0).astype(np.uint8)
     _fill_variable_leader(rows["variable"], ensembles)
-    blocks = (("velocity", 0x0100), ("correlation", 0x0200), ("echo", 0x0300), ("percent_good", 0x0400))
-    for block, identity in blocks:
-        rows[block]["id"] = identity
+    for k, block in enumerate(("velocity", "correlation", "echo", "percent_good"), 1):
+        rows[block]["id"] = k << 8
     known = np.isfinite(ensembles.velocity_m_s)
     rounded = np.clip(np.rint(1000 * np.where(known, ensembles.velocity_m_s, 0.0)), -32767, 32767)
     rows["velocity"]["cells"] = np.where(known, rounded, BAD_VELOCITY).astype(np.int16)
@@ -143,13 +145,6 @@ def _layout(cells: int) -> np.dtype:
             ("checksum", "<u2"),
         ]
     )
-
-
-def _header(layout: np.dtype) -> Counts:
-    offsets = np.cumsum([layout[place].itemsize for place in range(BLOCKS)])
-    # The length excludes the two bytes of the checksum.
-    words = np.array([0x7F7F, layout.itemsize - 2, BLOCKS << 8, *offsets], dtype="<u2")
-    return words.view(np.uint8)
 
 
 def _fixed_leader(setup: Setup) -> NDArray[np.void]:
@@ -234,31 +229,36 @@ def ranges(setup: Setup) -> Floats:
 
 def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, *, latitude_deg: float) -> Ensembles:
     """Simulate the record of an instrument."""
-    setup, n = adcp.setup, stance.time_s.size
+    setup, n, wet = adcp.setup, stance.time_s.size, stance.in_water
     moving = _spoil(rng, setup, stance, _velocity(rng, adcp, stance, water))
     # Share of pings with a valid velocity: decreasing with range, and small beyond the surface.
     good = np.broadcast_to(1.0 - 0.3 * (ranges(setup) / ranges(setup)[-1]) ** 6, (n, setup.cells))
     good = np.where(ranges(setup) > stance.depth_m[:, None], 0.1, good) if setup.looks_up else good
-    wet = stance.in_water[:, None, None]
     pitch, roll = inclinometers(*stance.sensed_tilt_deg)
     deck_roll = np.where(stance.time_s < stance.time_s[n // 2], -52.0, 61.0) + rng.normal(0.0, 0.05, n)
-    flipped = ~stance.in_water & (np.arange(n) < FLIPPED_ON_DECK)
-    depth = np.where(stance.in_water, np.maximum(stance.depth_m + rng.normal(0.0, 0.05, n), 0.0), 0.0)
+    flipped = ~wet & (np.arange(n) < FLIPPED_ON_DECK)
+    depth = np.where(wet, np.maximum(stance.depth_m + rng.normal(0.0, 0.05, n), 0.0), 0.0)
+    deck_pitch = 4.0 + rng.normal(0.0, 0.05, n)
+    season = np.cos(2 * np.pi * (stance.time_s / DAY_S - 250.0) / 365.25)
+    water_c = 2.5 + 1.5 * season * np.exp(-stance.depth_m / 200.0)
+    temperature = np.where(wet, water_c, 8.0) + rng.normal(0.0, 0.05, n)
+    used = np.linspace(0.0, 1.0, n)
+    supply = np.rint(166.0 - 14.0 * used - 9.0 * used**6 + rng.normal(0.0, 0.6, n))
     return Ensembles(
         time_s=stance.time_s,
         number=np.arange(n) + adcp.first_number,
         upside=flipped ^ setup.looks_up,
         heading_deg=stance.recorded_deg,
-        pitch_deg=np.where(stance.in_water, pitch, 4.0 + rng.normal(0.0, 0.05, n)),
-        roll_deg=np.where(stance.in_water, roll, deck_roll),
+        pitch_deg=np.where(wet, pitch, deck_pitch),
+        roll_deg=np.where(wet, roll, deck_roll),
         depth_m=depth,
         pressure_dbar=pressure(depth, latitude_deg),
-        temperature_c=_temperature(rng, stance),
-        supply_counts=_supply(rng, n),
-        velocity_m_s=np.where(wet, moving, np.nan),
-        correlation=_scatter(rng, np.where(wet[..., 0], 40 + 80 * good, 8.0), 4.0),
-        echo=_scatter(rng, np.where(wet[..., 0], _echo(setup, stance), 45.0), 2.0),
-        percent_good=_percent_good(rng, setup, np.where(wet[..., 0], good, 0.0)),
+        temperature_c=temperature,
+        supply_counts=supply.astype(np.uint8),
+        velocity_m_s=np.where(wet[:, None, None], moving, np.nan),
+        correlation=_scatter(rng, np.where(wet[:, None], 40 + 80 * good, 8.0), 4.0),
+        echo=_scatter(rng, np.where(wet[:, None], _echo(setup, stance), 45.0), 2.0),
+        percent_good=_percent_good(rng, setup, np.where(wet[:, None], good, 0.0)),
     )
 
 
@@ -273,18 +273,20 @@ def _bin_depths(setup: Setup, stance: Stance) -> Floats:
 
 
 def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water) -> Floats:
-    noise = adcp.noise_m_s * (1.0 + 1.5 * (ranges(adcp.setup) / ranges(adcp.setup)[-1]) ** 4)
+    deviation = adcp.noise_m_s * (1.0 + 1.5 * (ranges(adcp.setup) / ranges(adcp.setup)[-1]) ** 4)
+    shape = (stance.time_s.size, deviation.size, 4)
     if adcp.setup.coordinates == "beam":
-        return _beams(adcp.setup, stance, water) + _normal(rng, stance, noise * np.sqrt(2) * np.sin(SPREAD))
+        of_beams = (deviation * np.sqrt(2) * np.sin(SPREAD))[:, None]
+        return _beams(adcp.setup, stance, water) + rng.standard_normal(shape, dtype=np.float32) * of_beams
     depth = _bin_depths(adcp.setup, stance)
     flow = _flawed(stance, sea.velocity(water, stance.time_s, depth))
     # Rotate from true to magnetic north, and by the error of the compass.
     wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
     flow = clockwise(flow, wrong[:, None])
     still = np.zeros_like(flow.real)
-    upward = noise / np.sqrt(2) * np.tan(SPREAD)
-    deviations = np.stack([noise, noise, upward, noise], axis=-1)
-    return np.stack([flow.real, flow.imag, still, still], axis=-1) + _normal(rng, stance, deviations)
+    upward = deviation / np.sqrt(2) * np.tan(SPREAD)
+    noise = rng.standard_normal(shape, dtype=np.float32) * np.stack([deviation, deviation, upward, deviation], axis=-1)
+    return np.stack([flow.real, flow.imag, still, still], axis=-1) + noise
 
 
 def _flawed(stance: Stance, flow: Complexes) -> Complexes:
@@ -333,12 +335,6 @@ def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:
     return np.rad2deg(np.arctan(np.tan(np.deg2rad(pitch_deg)) / np.cos(np.deg2rad(roll_deg)))), roll_deg
 
 
-def _normal(rng: np.random.Generator, stance: Stance, deviation: Floats) -> Floats:
-    deviation = deviation if deviation.ndim == 2 else np.repeat(deviation[:, None], 4, axis=1)
-    noise = rng.standard_normal((stance.time_s.size, *deviation.shape), dtype=np.float32)
-    return np.asarray(noise * deviation)
-
-
 def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Floats) -> Floats:
     """Degrade the velocities of an upward-looking instrument near and beyond the surface."""
     if not setup.looks_up:
@@ -379,14 +375,3 @@ def _percent_good(rng: np.random.Generator, setup: Setup, share: Floats) -> NDAr
     three = np.floor(0.05 * percent)
     parts = (three, np.zeros_like(three), 100 - np.floor(percent), np.floor(percent) - three)
     return np.stack(parts, axis=-1).astype(np.uint8)
-
-
-def _temperature(rng: np.random.Generator, stance: Stance) -> Floats:
-    season = np.cos(2 * np.pi * (stance.time_s / DAY_S - 250.0) / 365.25)
-    water_c = 2.5 + 1.5 * season * np.exp(-stance.depth_m / 200.0)
-    return np.where(stance.in_water, water_c, 8.0) + rng.normal(0.0, 0.05, stance.time_s.size)
-
-
-def _supply(rng: np.random.Generator, n: int) -> NDArray[np.uint8]:
-    used = np.linspace(0.0, 1.0, n)
-    return np.rint(166.0 - 14.0 * used - 9.0 * used**6 + rng.normal(0.0, 0.6, n)).astype(np.uint8)

@@ -93,9 +93,8 @@ def visible_deg(ground: Ground, effects: list[Effect]) -> float:
     plain, changed = sealed.read(ground, [], time), sealed.read(ground, effects, time)
     turn = np.exp(1j * np.deg2rad(changed.recorded_deg - plain.recorded_deg))
     off, angle = np.rad2deg(np.angle(turn)), np.deg2rad(plain.heading_deg)
-    columns = np.stack(
-        [np.ones(len(angle)), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], axis=1
-    )
+    waves = [wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin)]
+    columns = np.stack([np.ones(len(angle)), *waves], axis=1)
     return float(np.std(off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]))
 
 
@@ -136,11 +135,10 @@ def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     date = float(ground.stamp_s[int(rng.uniform(0.3, 0.7) * ground.stamp_s.size)])
     after = (ground.stamp_s > date).astype(float)
     upright = _iron(np.ones(ground.stamp_s.size), np.array([0.0, 0.0, 4.0 * rng.choice([-1.0, 1.0])]))
+    heeling = "vertical iron, which reaches the compass as the sphere leans (heeling)"
     return [
         Cause("the sphere's iron changed at once", "time", _iron(after, _direction(rng)), date, after),
-        Cause(
-            "vertical iron, which reaches the compass as the sphere leans (heeling)", "tilt", upright, None, 0.0 * after
-        ),
+        Cause(heeling, "tilt", upright, along=0.0 * after),
     ]
 
 
@@ -152,14 +150,9 @@ def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     strummed = np.exp(-0.5 * ((speed - np.quantile(speed, rng.uniform(0.4, 0.7))) / (0.3 * speed.std())) ** 2)
     warm = _unit(_along(ground, ground.temperature_c))
     bent = _unit(np.gradient(np.convolve(warm, np.ones(12) / 12.0, "same")))
+    often = f"a profiler passed on the wire every {every / HOUR_S:.0f} hours"
     causes = [
-        Cause(
-            f"a profiler passed on the wire every {every / HOUR_S:.0f} hours",
-            "time",
-            _iron(passing, _direction(rng)),
-            None,
-            passing,
-        ),
+        Cause(often, "time", _iron(passing, _direction(rng)), along=passing),
         Cause("the wire strummed at one speed and shook the compass", "speed", _shift(strummed)),
         Cause("a circuit board of the compass bent while it warmed or cooled", "temperature", _shift(bent)),
     ]
@@ -169,7 +162,7 @@ def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
 def _warmed(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     warm = _along(ground, ground.temperature_c)
     effect = _iron(_unit(warm), _direction(rng))
-    return [Cause("the iron's magnetism changed with temperature", "temperature", effect, None, warm, "nT/K")]
+    return [Cause("the iron's magnetism changed with temperature", "temperature", effect, along=warm, unit="nT/K")]
 
 
 def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:

@@ -74,7 +74,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
         scans = profiler.log(world.random("acm"), schedule, world.currents, motion, field=world.field)
         meter = profiler.Acm(deep.serial, f"ML{deep.serial}-01D", spec.latitude_deg, spec.longitude_deg)
         write = profiler.write_binary if deep.binary else profiler.write_text
-        write(folder / _acm_file(deep), meter, scans)
+        write(folder / ("acm.dat" if deep.binary else "acm.txt"), meter, scans)
         profiler.write_engineering(folder / "engineering.csv", schedule, motion, spec.latitude_deg)
 
 
@@ -83,7 +83,7 @@ def raw_files(name: str) -> tuple[str, ...]:
     deep = spec_of(name).deep
     if isinstance(deep, Adcp):
         return f"{name}/top.000", f"{name}/deep.000"
-    return f"{name}/top.000", f"{name}/{_acm_file(deep)}", f"{name}/engineering.csv"
+    return f"{name}/top.000", f"{name}/acm.{'dat' if deep.binary else 'txt'}", f"{name}/engineering.csv"
 
 
 def spec_of(name: str) -> MooringSpec:
@@ -128,10 +128,6 @@ def deep_stance(world: World, instrument: Adcp) -> Stance:
         heading = np.interp(time, motion.time_s, hanging)
     pitch, roll = (mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2))
     return _stance(rng, time, depth, (heading, pitch, roll), iron=Iron(), field=world.field)
-
-
-def _acm_file(instrument: Profiler) -> str:
-    return "acm.dat" if instrument.binary else "acm.txt"
 
 
 def _hourly(instrument: Adcp) -> Floats:
@@ -224,10 +220,6 @@ def _long_ranger(serial: int, cells: int, minutes: float, *, looks_up: bool, cel
     return Adcp(setup, noise_m_s=0.02, sample_s=60.0 * minutes)
 
 
-def _rig(buoyancy_n: float, *, offset: float, wobble: float, static_tilt_deg: tuple[float, float]) -> Rig:
-    return Rig(buoyancy_n, offset, wobble, *static_tilt_deg)
-
-
 def _iron(*, hard_nt: tuple[float, float, float], soft_percent: tuple[tuple[float, float, float], ...]) -> Iron:
     return Iron(hard_nt, tuple((*row,) for row in (np.eye(3) + 0.01 * np.array(soft_percent)).tolist()))
 
@@ -237,7 +229,7 @@ MOORINGS = (
     MooringSpec(
         "EG1", 65 + 30.0 / 60, -(33 + 8.8 / 60), 248.0,
         climate=Climate(mean_m_s=0.16, tide_m_s=0.14, cyclone_m_s=0.05),
-        rig=_rig(2500.0, offset=40.0, wobble=24.0, static_tilt_deg=(-3.6, -3.2)),
+        rig=Rig(2500.0, heading_offset_deg=40.0, wobble_deg=24.0, rest_pitch_deg=-3.6, rest_roll_deg=-3.2),
         iron=_iron(hard_nt=(3300.0, -1500.0, -1200.0),
                    soft_percent=((1.5, 0.4, 0.3), (0.2, -0.8, -0.4), (0.3, -0.2, 1.0))),
         top=_top(8101), deep=_workhorse(8111, 35, minutes=5.0), deep_depth_m=248.0,
@@ -246,7 +238,7 @@ MOORINGS = (
     MooringSpec(
         "EG2", 65 + 26.6 / 60, -(33 + 4.5 / 60), 268.0,
         climate=Climate(mean_m_s=0.18, tide_m_s=0.12, cyclone_m_s=0.08),
-        rig=_rig(2500.0, offset=160.0, wobble=22.0, static_tilt_deg=(4.0, -2.6)),
+        rig=Rig(2500.0, heading_offset_deg=160.0, wobble_deg=22.0, rest_pitch_deg=4.0, rest_roll_deg=-2.6),
         iron=_iron(hard_nt=(-600.0, 900.0, 500.0),
                    soft_percent=((0.8, 0.2, -0.1), (0.3, -0.4, 0.2), (-0.1, 0.1, 0.5))),
         top=_top(8102), deep=_workhorse(8112, 40, minutes=4.0), deep_depth_m=268.0,
@@ -255,7 +247,7 @@ MOORINGS = (
     MooringSpec(
         "EG3", 65 + 23.2 / 60, -(33 + 1.0 / 60), 524.0,
         climate=Climate(mean_m_s=0.22, cyclone_m_s=0.28),
-        rig=_rig(2000.0, offset=-75.0, wobble=20.0, static_tilt_deg=(-2.5, 3.6)),
+        rig=Rig(2000.0, heading_offset_deg=-75.0, wobble_deg=20.0, rest_pitch_deg=-2.5, rest_roll_deg=3.6),
         iron=_iron(hard_nt=(4200.0, 4100.0, -2500.0),
                    soft_percent=((2.0, -0.6, 0.4), (0.5, -1.5, 0.5), (0.3, 0.4, 1.5))),
         top=_top(8103, coordinates="beam"),
@@ -265,7 +257,7 @@ MOORINGS = (
     MooringSpec(
         "EG4", 65 + 20.0 / 60, -(32 + 57.3 / 60), 894.0,
         climate=Climate(mean_m_s=0.28, cyclone_m_s=0.35),
-        rig=_rig(2900.0, offset=-30.0, wobble=14.0, static_tilt_deg=(-3.0, 3.4)),
+        rig=Rig(2900.0, heading_offset_deg=-30.0, wobble_deg=14.0, rest_pitch_deg=-3.0, rest_roll_deg=3.4),
         iron=_iron(hard_nt=(8300.0, -13000.0, 1500.0),
                    soft_percent=((2.0, 0.5, 0.3), (-0.4, -1.0, -0.4), (0.2, 0.5, 1.0))),
         top=_top(8104), deep=_long_ranger(7514, 86, minutes=2.0, looks_up=False, cell_m=4.0, first_bin_m=5.6),
@@ -274,7 +266,7 @@ MOORINGS = (
     MooringSpec(
         "EG5", 65 + 16.2 / 60, -(32 + 52.7 / 60), 1163.0,
         climate=Climate(mean_m_s=0.27, cyclone_m_s=0.40),
-        rig=_rig(3600.0, offset=110.0, wobble=20.0, static_tilt_deg=(-3.0, -3.0)),
+        rig=Rig(3600.0, heading_offset_deg=110.0, wobble_deg=20.0, rest_pitch_deg=-3.0, rest_roll_deg=-3.0),
         iron=_iron(hard_nt=(-8300.0, 2500.0, 6000.0),
                    soft_percent=((2.5, 0.8, -0.5), (-0.6, -1.0, 0.4), (0.4, -0.3, 2.0))),
         top=_top(8105), deep=Profiler(first_s=0.0, bottom_m=1158.0, binary=False, serial=1405),
@@ -283,7 +275,7 @@ MOORINGS = (
     MooringSpec(
         "EG6", 65 + 12.3 / 60, -(32 + 47.0 / 60), 1378.0,
         climate=Climate(mean_m_s=0.25, cyclone_m_s=0.40),
-        rig=_rig(4800.0, offset=150.0, wobble=18.0, static_tilt_deg=(4.0, -2.0)),
+        rig=Rig(4800.0, heading_offset_deg=150.0, wobble_deg=18.0, rest_pitch_deg=4.0, rest_roll_deg=-2.0),
         iron=_iron(hard_nt=(-4000.0, -17500.0, -2000.0),
                    soft_percent=((1.5, -0.5, 0.5), (0.8, -1.8, 0.3), (0.1, 0.4, 1.2))),
         top=_top(8106), deep=Profiler(first_s=2880.0, bottom_m=1373.0, binary=True, serial=1406),
@@ -291,7 +283,7 @@ MOORINGS = (
     MooringSpec(
         "EG7", 65 + 7.3 / 60, -(32 + 41.1 / 60), 1585.0,
         climate=Climate(mean_m_s=0.22, cyclone_m_s=0.38),
-        rig=_rig(5200.0, offset=15.0, wobble=22.0, static_tilt_deg=(-3.5, 2.5)),
+        rig=Rig(5200.0, heading_offset_deg=15.0, wobble_deg=22.0, rest_pitch_deg=-3.5, rest_roll_deg=2.5),
         iron=_iron(hard_nt=(2000.0, 4700.0, 1800.0),
                    soft_percent=((1.8, 0.3, 0.2), (0.4, -0.9, -0.5), (-0.2, 0.3, 1.0))),
         top=_top(8107, first_number=60001), deep=Profiler(first_s=660.0, bottom_m=1580.0, binary=False, serial=1407),

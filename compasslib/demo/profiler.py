@@ -79,7 +79,8 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
     letters = letters[:, [5, 6, 4, 8, 9, 7, 0, 1, 2, 3, 10, *range(11, 19)]]
     letters[:, 10] = " "
     stamps = np.ascontiguousarray(letters).view("U19").ravel()
-    head = f"Sample rate: {acm.rate_hz:.4f} Hz\r\n\r\n\r\n"
+    fields = _header_fields(acm)
+    header_size = struct.calcsize("<" + "".join(code for _, code, _ in fields))
     with path.open("w", newline="") as file:
         for k, number, begin, end in _profiles(scans):
             cells = np.empty((end - begin, 11), dtype=object)
@@ -89,16 +90,11 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
             if number % PARTIAL_EVERY == 0:
                 rows = rows[: PARTIAL_CHARACTERS - ROW_CHARACTERS] + "\r\n"
             on, off = (np.datetime64(int(t), "s").item().strftime(STAMP) for t in (scans.on_s[k], scans.off_s[k]))
-            fields = _header_fields(acm)
-            length = struct.calcsize("<" + "".join(code for _, code, _ in fields)) + _RECORD.itemsize * int(
-                scans.size[k]
-            )
-            listing = [("FILELEN", "I", length), *fields]
+            listing = [("FILELEN", "I", header_size + _RECORD.itemsize * (end - begin)), *fields]
             shown = "".join(f"{name:<12}: {_shown(name, code, value)}\r\n" for name, code, value in listing if name)
-            file.write(f"{head} Profile {number}\r\n\r\n{COLUMNS}\r\n{rows}\r\n Profile {scans.number[k]}\r\n")
-            file.write(
-                f"  ACM turned on at {on}\r\n  ACM turned off at {off}\r\n\r\nACM+ Header Contents:\r\n\r\n{shown}"
-            )
+            file.write(f"Sample rate: {acm.rate_hz:.4f} Hz\r\n\r\n\r\n Profile {number}\r\n\r\n{COLUMNS}\r\n{rows}\r\n")
+            file.write(f" Profile {number}\r\n  ACM turned on at {on}\r\n  ACM turned off at {off}\r\n\r\n")
+            file.write(f"ACM+ Header Contents:\r\n\r\n{shown}")
 
 
 def write_binary(path: Path, acm: Acm, scans: Scans) -> None:

@@ -47,18 +47,8 @@ class Effect:
     size: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """True attitude of an instrument in its ensembles and its readings, (n,) each."""
-
-    heading_deg: Floats  # correct, magnetic
-    recorded_deg: Floats
-    tilt_deg: tuple[Floats, Floats]  # true pitch, roll
-    sensed_deg: tuple[Floats, Floats]
-
-
-def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Reading:
-    """Simulate the readings of the affected compass.
+def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Stance:
+    """Simulate the affected compass: true attitude and readings.
 
     Args:
         effects: effects planted in it, at the same ensembles.
@@ -67,21 +57,32 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
     pings = 1 if rng is None else PINGS
     times = time_s[:, None] + PING_S * (np.arange(pings) - 0.5 * (pings - 1))
     wobble = np.zeros((2, *times.shape)) if rng is None else rng.normal(0.0, WOBBLE_DEG, (2, *times.shape))
-    heading, *steady = _attitude(ground, times)
-    true = (steady[0] + wobble[0], steady[1] + wobble[1])
-    stepped = rng is not None
-    _, *late = _attitude(ground, times - TILT_LAG_S * stepped)
-    steps = [slow + TILT_PASSES * fast for slow, fast in zip(late, wobble, strict=True)]
-    sensed = steps[0], steps[1]
-    if stepped:
-        sensed = TILT_STEP_DEG * np.rint(steps[0] / TILT_STEP_DEG), TILT_STEP_DEG * np.rint(steps[1] / TILT_STEP_DEG)
-    gamma = _compass(ground, effects, times, tilts=(wobble, sensed), stepped=rng is not None)
+    heading, pitch, roll = _attitude(ground, times)
+    true = (pitch + wobble[0], roll + wobble[1])
+    _, *late = _attitude(ground, times if rng is None else times - TILT_LAG_S)
+    sensed = [slow + TILT_PASSES * fast for slow, fast in zip(late, wobble, strict=True)]
+    if rng is not None:
+        sensed = [TILT_STEP_DEG * np.rint(tilt / TILT_STEP_DEG) for tilt in sensed]
+    _, horizontal, vertical = ground.field.at(times)
+    turn = np.deg2rad(heading)
+    level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
+    body = np.einsum("nkji,nkj->nki", tilting(*true), level)
+    iron = sum((effect.body_nt for effect in effects if effect.body_nt is not None), np.zeros((len(times), 3)))
+    given = compass.felt(ground.meter, body, iron[:, None, :], stepped=rng is not None)
+    levelled = np.einsum("nkij,nkj->nki", tilting(*sensed), given)
+    gamma = np.rad2deg(np.arctan2(-levelled[..., 1], levelled[..., 0]))
+    added = [effect.reading(gamma) for effect in effects if effect.reading is not None]
+    gamma = gamma + sum(added, np.zeros(gamma.shape))
     noise = 0.0 if rng is None else rng.normal(0.0, NOISE_DEG, time_s.size)
-    return Reading(
-        _middle(heading),
-        circle(_middle(gamma) + noise),
-        (true[0].mean(axis=1), true[1].mean(axis=1)),
-        (sensed[0].mean(axis=1), sensed[1].mean(axis=1)),
+    return Stance(
+        time_s=time_s,
+        depth_m=np.interp(time_s, ground.motion.time_s, ground.motion.sphere_depth_m),
+        heading_deg=_middle(heading),
+        recorded_deg=circle(_middle(gamma) + noise),
+        tilt_deg=(true[0].mean(axis=1), true[1].mean(axis=1)),
+        sensed_tilt_deg=(sensed[0].mean(axis=1), sensed[1].mean(axis=1)),
+        declination_deg=ground.field.at(time_s)[0],
+        in_water=np.ones(time_s.size, dtype=bool),
     )
 
 
@@ -91,28 +92,6 @@ def _attitude(ground: Ground, times: Floats) -> tuple[Floats, Floats, Floats]:
         np.interp(times, motion.time_s, x) for x in (motion.heading_deg, motion.pitch_deg, motion.roll_deg)
     )
     return heading, pitch, roll
-
-
-def _compass(
-    ground: Ground,
-    effects: Sequence[Effect],
-    times: Floats,
-    *,
-    tilts: tuple[Floats, tuple[Floats, Floats]],
-    stepped: bool,
-) -> Floats:
-    wobble, sensed = tilts
-    heading, pitch, roll = _attitude(ground, times)
-    _, horizontal, vertical = ground.field.at(times)
-    turn = np.deg2rad(heading)
-    level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
-    body = np.einsum("nkji,nkj->nki", tilting(pitch + wobble[0], roll + wobble[1]), level)
-    iron = sum((effect.body_nt for effect in effects if effect.body_nt is not None), np.zeros((len(times), 3)))
-    given = compass.felt(ground.meter, body, iron[:, None, :], stepped=stepped)
-    levelled = np.einsum("nkij,nkj->nki", tilting(*sensed), given)
-    gamma = np.rad2deg(np.arctan2(-levelled[..., 1], levelled[..., 0]))
-    added = [effect.reading(gamma) for effect in effects if effect.reading is not None]
-    return np.asarray(gamma + sum(added, np.zeros(gamma.shape)))
 
 
 def _middle(angle_deg: Floats) -> Floats:
@@ -170,9 +149,15 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     stamps = begin + HOUR_S * np.arange(wish.hours, dtype=float)
     span = (begin - MARGIN_S, float(stamps[-1]) + MARGIN_S)
     field = compass.earth_field(latitude, longitude, span)
-    currents = _currents(seed, name, wish, site=(latitude, depth), span_s=span, along_deg=float(rng.uniform(0, 360)))
+    climate = replace(WIDE if wish.wide else NARROW, along_deg=float(rng.uniform(0, 360)))
+    currents = water.make_water(seed, name, climate, site=(latitude, depth), span_s=span)
+    speed = np.abs(currents.surface + currents.column)
+    # The shear between depths increases with speed, as in real records.
+    currents = replace(currents, layers=currents.layers.times(0.6 + speed / 0.6))
     declination, horizontal, vertical = (float(x.mean()) for x in field.at(stamps))
-    motion = water.make_motion(seed, name, _rig(rng, depth), currents, declination_deg=declination)
+    lean = rng.uniform(-4.0, 4.0, 2).tolist()
+    rig = Rig(500.0 + 1.7 * depth, float(rng.uniform(0, 360)), float(rng.uniform(22, 32)), *lean)
+    motion = water.make_motion(seed, name, rig, currents, declination_deg=declination)
     strength = float(rng.choice(STRENGTHS)) if wish.strength is None else wish.strength
     meter = compass.build(rng, (horizontal, vertical), strength)
     temperature = _temperature(stream(seed, name, "temperature"), motion)
@@ -186,21 +171,6 @@ def trusted_heading(ground: Ground) -> Floats:
     """Simulate the correct heading of the reference, which turns independently, at full hours, degrees, (n,)."""
     rng = ground.random("deep heading")
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
-
-
-def _currents(
-    seed: int, name: str, wish: Wish, *, site: tuple[float, float], span_s: tuple[float, float], along_deg: float
-) -> Water:
-    """Simulate the currents; the shear between depths increases with speed, as in real records."""
-    climate = replace(WIDE if wish.wide else NARROW, along_deg=along_deg)
-    made = water.make_water(seed, name, climate, site=site, span_s=span_s)
-    speed = np.abs(made.surface + made.column)
-    return replace(made, layers=made.layers.times(0.6 + speed / 0.6))
-
-
-def _rig(rng: np.random.Generator, depth_m: float) -> Rig:
-    lean = rng.uniform(-4.0, 4.0, 2)
-    return Rig(500.0 + 1.7 * depth_m, float(rng.uniform(0, 360)), float(rng.uniform(22, 32)), *lean.tolist())
 
 
 def _temperature(rng: np.random.Generator, motion: Motion) -> Floats:
@@ -221,6 +191,11 @@ DEEP_BELOW_M, DEEP_SAMPLE_S = 4.0, 180.0
 TOP_NOISE_M_S, DEEP_NOISE_M_S, SOURCE_NOISE_COUNTS, TEMPERATURE_NOISE_K = 0.014, 0.02, 0.5, 0.02
 GAPS, LONGEST_GAP_H = 4, 40
 STUCK_H = 9  # hours during which the compass repeated one value
+TOP = Setup(
+    kilohertz=300, looks_up=True, cells=8, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=PINGS,
+    coordinates="earth", serial=9001,
+)  # fmt: skip
+DEEP = replace(TOP, looks_up=False, cells=3, pings=40, serial=7501)
 
 
 @dataclass(frozen=True)
@@ -243,48 +218,28 @@ class Written:
 def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> Written:
     """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, and return the truth."""
     raw.mkdir(parents=True, exist_ok=True)
-    top = _top_stance(ground, effects)
-    rng, count = ground.random("gaps"), ground.stamp_s.size
-    present = np.ones(count, dtype=bool)
-    for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
-        present[begin : begin + length] = False
-    rng, grid = ground.random("logged"), ground.currents.time_s
-    count = top.time_s.size
+    top, count = read(ground, effects, ground.stamp_s, ground.random("readings")), ground.stamp_s.size
+    begin = int(ground.random("stuck").integers(0, count - STUCK_H))
+    stuck = slice(begin, begin + STUCK_H)
+    top.recorded_deg[stuck] = top.recorded_deg[begin]
+    rng, present = ground.random("gaps"), np.ones(count, dtype=bool)
+    for gap, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
+        present[gap : gap + length] = False
+    setup = replace(TOP, coordinates=export.coordinates)
+    instrument, rng, grid = Adcp(setup, noise_m_s=TOP_NOISE_M_S), ground.random("logged"), ground.currents.time_s
     warm = np.interp(top.time_s, grid, ground.temperature_c)
     volts = np.interp(top.time_s, grid, ground.supply_counts)
-    instrument = _top(export.coordinates)
     recorded = replace(
         adcp.measure(ground.random("top"), instrument, top, ground.currents, latitude_deg=ground.latitude_deg),
         temperature_c=warm + rng.normal(0.0, TEMPERATURE_NOISE_K, count),
         supply_counts=np.rint(volts + rng.normal(0.0, SOURCE_NOISE_COUNTS, count)).astype(np.uint8),
     )
-    stamped = replace(recorded, time_s=ground.stamp_s)
-    adcp.write(
-        raw / "top.000",
-        _top(export.coordinates).setup,
-        Ensembles(**{name: column[present] for name, column in vars(stamped).items()}),
-    )
+    logged = Ensembles(**{name: column[present] for name, column in vars(recorded).items()})
+    adcp.write(raw / "top.000", setup, logged)
     _write_deep(ground, effects, raw, export)
     heading = top.heading_deg.copy()
-    heading[_stuck(ground)] = np.nan
+    heading[stuck] = np.nan
     return Written(ground.stamp_s[present], heading[present], recorded.heading_deg[present])
-
-
-def _top_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
-    time = ground.stamp_s
-    made = read(ground, effects, time, ground.random("readings"))
-    recorded = made.recorded_deg.copy()
-    recorded[_stuck(ground)] = recorded[_stuck(ground)][0]
-    return Stance(
-        time_s=time,
-        depth_m=np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m),
-        heading_deg=made.heading_deg,
-        recorded_deg=recorded,
-        tilt_deg=made.tilt_deg,
-        sensed_tilt_deg=made.sensed_deg,
-        declination_deg=ground.field.at(time)[0],
-        in_water=np.ones(time.size, dtype=bool),
-    )
 
 
 def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
@@ -308,36 +263,18 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
     )
 
 
-def _stuck(ground: Ground) -> slice:
-    begin = int(ground.random("stuck").integers(0, ground.stamp_s.size - STUCK_H))
-    return slice(begin, begin + STUCK_H)
-
-
-def _top(coordinates: str) -> Adcp:
-    setup = Setup(
-        kilohertz=300, looks_up=True, cells=8, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=PINGS,
-        coordinates=coordinates, serial=9001,
-    )  # fmt: skip
-    return Adcp(setup, noise_m_s=TOP_NOISE_M_S)
-
-
 def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
-    setup = Setup(
-        kilohertz=300, looks_up=False, cells=3, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=40,
-        coordinates="earth", serial=7501,
-    )  # fmt: skip
-    stance, instrument = _deep_stance(ground, effects), Adcp(setup, noise_m_s=DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
-    stamps = ground.stamp_s + DEEP_SAMPLE_S
+    stance, rng = _deep_stance(ground, effects), ground.random("deep")
     if export.deep == "pd0":
-        rng = ground.random("deep")
+        instrument = Adcp(DEEP, noise_m_s=DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
         made = adcp.measure(rng, instrument, stance, ground.currents, latitude_deg=ground.latitude_deg)
-        adcp.write(raw / "deep.000", instrument.setup, replace(made, time_s=stamps))
+        adcp.write(raw / "deep.000", DEEP, made)
         return
-    flow = adcp.near_bins(instrument.setup, stance, ground.currents)
-    flow = flow + white_vector(ground.random("deep"), flow.size, instrument.noise_m_s / np.sqrt(2.0))
+    flow = adcp.near_bins(DEEP, stance, ground.currents)
+    flow = flow + white_vector(rng, flow.size, DEEP_NOISE_M_S / np.sqrt(2.0))
     flow = clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
-    depth = stance.depth_m + adcp.ranges(instrument.setup)[:2].mean()
-    texts = np.datetime_as_string(stamps.astype("datetime64[s]")).tolist()
+    depth = stance.depth_m + adcp.ranges(DEEP)[:2].mean()
+    texts = np.datetime_as_string(stance.time_s.astype("datetime64[s]")).tolist()
     rows = zip(texts, depth.tolist(), (100 * flow.real).tolist(), (100 * flow.imag).tolist(), strict=True)
     lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n", *("{}Z,{:.2f},{:.2f},{:.2f}\n".format(*row) for row in rows)]
     (raw / "deep.csv").write_text("".join(lines))
