@@ -37,7 +37,7 @@ from compasslib.plots.deviation import BACKWARDS, GIVEN_UP, INVERTED, deviation_
 from compasslib.plots.moorings import NAMED, SYNTHETIC_B_DEG, draw_angles, draw_array, draw_synthetic_curves
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
 from compasslib.records import BAD, GOOD, CorrectedRecord, EarthField, Pairs, Record, take
-from compasslib.report.explanation import diagnosis_caption
+from compasslib.report.sections import diagnosis_caption
 from compasslib.report.words import SPACE
 
 START_S, SAMPLES = 1188864000.0, 700

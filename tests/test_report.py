@@ -36,7 +36,7 @@ from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
 from compasslib.inference.finding import Finding as Found
 from compasslib.plots import calibrations as figures
-from compasslib.report import chart, explanation, sections, words
+from compasslib.report import chart, sections, words
 from compasslib.report.sections import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped_section
 from tests.world import iron
 from tests.world.package import Sea
@@ -173,7 +173,7 @@ def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
     pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
     assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - len(
-        explanation.OF_PAIRS
+        sections.OF_PAIRS
     )  # ALONE has no pairs
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
     assert all(len(caption) > 50 for caption in captions) and len(set(captions)) >= len(captions) - 1
@@ -196,9 +196,9 @@ def test_page_begins_with_one_sentence_per_result(done, document):
 
 def test_absent_deviation_is_stated_without_a_deviation_value(done):
     results = sections.read_mooring("M1", done / "results", {"warnings": ""})
-    assert "the compass deviated by up to" in explanation.summary_sentences(results)[0]
+    assert "the compass deviated by up to" in sections.summary_sentences(results)[0]
     without = results.fit | {"applied": results.fit["applied"] | {"no_deviation_probability": 0.8}}
-    said = explanation.summary_sentences(replace(results, fit=without))[0]
+    said = sections.summary_sentences(replace(results, fit=without))[0]
     assert said.startswith("No deviation is shown; headings are left as recorded") and "deviated" not in said
 
 
@@ -259,7 +259,7 @@ def heeling(*alternatives: str) -> Found:
 
 
 def test_finding_is_reported_with_alternatives_and_held_out_proof():
-    (told,) = explanation.report_findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
+    (told,) = sections.report_findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
     facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
     assert (told.title, told.text, facts["Alternatives"]) == (
         *("Heeling", "It heels."),
@@ -275,7 +275,7 @@ def test_finding_is_reported_with_alternatives_and_held_out_proof():
 def test_long_lists_of_alternatives_and_observations_are_shortened():
     names = ["tilt_uncompensated", "temperature", "pressure", "hard_iron_step", "hard_iron_drift", "compass_drift"]
     for more, last in (([], "(compass drift)"), (["compass_lag"], "2 others, listed in diagnosis.json")):
-        (told,) = explanation.report_findings(diagnosis("ambiguous", heeling(*names, *more)), product=True)
+        (told,) = sections.report_findings(diagnosis("ambiguous", heeling(*names, *more)), product=True)
         listed = dict(told.facts)["Alternatives"].replace(words.SPACE, " ").split("; ")
         assert len(listed) == 6 and listed[-1].endswith(last)
     empty = [f"a or {name}: a record in which a and {name} vary independently" for name in "bcd"]
@@ -287,14 +287,14 @@ def test_unexplained_mismatch_and_decisive_observations_are_reported():
     where = CovariateRange("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
     left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
     told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
-    *_, last = explanation.report_findings(told, product=True)
+    *_, last = sections.report_findings(told, product=True)
     assert (last.title, last.text) == ("Unexplained", "Nothing fits.") and ("Size", "2.0° rms") in last.facts
-    assert explanation.describe_limits(told)[:3] == (
+    assert sections.describe_limits(told)[:3] == (
         "Decisive observation: A swing.",
         "Decisive observation: Wider headings.",
         "Not testable in this record: stuck tilt (no other sensor).",
     )
-    assert explanation.describe_findings(told).replace(words.SPACE, " ") == (
+    assert sections.describe_findings(told).replace(words.SPACE, " ") == (
         "identified beyond the five coefficients: the compass tilts over iron along its own vertical (heeling, "
         "probability >99 %); an unexplained mismatch of 2.0° rms"
     )
@@ -302,15 +302,15 @@ def test_unexplained_mismatch_and_decisive_observations_are_reported():
 
 def test_every_effect_is_described_with_its_name_in_brackets():
     for effect in SIDES:
-        (clause,) = explanation.candidate_names({"effect": effect, "alternatives": []})
+        (clause,) = sections.candidate_names({"effect": effect, "alternatives": []})
         begun, name = clause.rstrip(")").split(" (")
         assert name == words.plain(effect) and len(begun.split()) > 2 and begun != name
     many = {**diagnosis("ambiguous", heeling("temperature", "pressure", "sextantal", "octantal")), "unexplained": None}
-    told = explanation.describe_findings(many)
+    told = sections.describe_findings(many)
     assert told.endswith("depends on pressure (pressure) or one of 2 others")
     composed = {"acts_on": "field_down", "driver": "tilt", "form": "quadratic"}
     several = {"effect": "composed", "alternatives": ["pressure"], "composition": composed, "probability": 0.6}
-    assert explanation.candidate_names(several | {"alternatives_probability": {"pressure": 0.35}}) == [
+    assert sections.candidate_names(several | {"alternatives_probability": {"pressure": 0.35}}) == [
         "a magnetic field along the instrument's vertical changing with the square of the tilt "
         f"(probability 60{words.SPACE}%)",
         f"the iron near the compass, or the compass, depends on pressure (pressure, probability 35{words.SPACE}%)",
@@ -327,7 +327,7 @@ def test_untestable_effects_are_listed_with_their_reasons():
         {"effect": "stuck_tilt", "why": "too short"},
     ]
     tried = [{"effect": "stuck_tilt", "score": 1.0, "rms_effect_deg": 0.5, "probability": 0.5}]
-    told = explanation.describe_limits(
+    told = sections.describe_limits(
         {"verdict": "explained", "separated_by": None, "not_testable": closed, "hypotheses": tried}
     )
     assert told == (
@@ -339,9 +339,9 @@ def test_untestable_effects_are_listed_with_their_reasons():
 
 def test_tried_effects_have_a_row_in_the_table():
     tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "probability": 0.012}]
-    (table,) = explanation.hypotheses_table({"hypotheses": tried})
+    (table,) = sections.table("diagnosis", "hypotheses", d={"hypotheses": tried})
     assert table.rows == (("current veer", "12.3", "0.50° rms", "0.01"),)
-    assert explanation.hypotheses_table(diagnosis("consistent")) == ()
+    assert sections.table("diagnosis", "hypotheses", d=diagnosis("consistent")) == ()
 
 
 def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.Calibration:

@@ -20,7 +20,7 @@ from compasslib.config import cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
-from compasslib.report import explanation, sections
+from compasslib.report import sections
 from compasslib.report.sections import ReportSection
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
@@ -259,21 +259,21 @@ def _mooring_section(folder: Path) -> ReportSection:
         name=read.name,
         anchor="",
         verdict=read.diagnosis["verdict"],
-        summary=explanation.summary_sentences(read),
-        facts=explanation.measures(read),
-        findings=explanation.report_findings(read.diagnosis, product=True),
-        limits=explanation.describe_limits(read.diagnosis),
+        summary=sections.summary_sentences(read),
+        facts=sections.measures(read),
+        findings=sections.report_findings(read.diagnosis, product=True),
+        limits=sections.describe_limits(read.diagnosis),
         warnings=read.warnings,
     )
 
 
 def _calibration_section(folder: Path) -> ReportSection:
     root = folder.parents[1]
-    return explanation.calibration_section(sections.read_calibration(folder.name, root), root, small=True)
+    return sections.calibration_section(sections.read_calibration(folder.name, root), root, small=True)
 
 
 def _compass_section(folder: Path) -> ReportSection:
-    return explanation.compass_section(folder.name, folder.parents[1], small=True)
+    return sections.compass_section(folder.name, folder.parents[1], small=True)
 
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
@@ -286,8 +286,8 @@ def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
         lines += ["", f"Finding: {finding.title}", *_wrap([finding.text, *named, *numbers])]
     diagnosis = read_json(folder / "diagnosis.json") if (folder / "diagnosis.json").exists() else {}
     if diagnosis and (figure := folder / "figures/diagnosis.png").exists():
-        lines += ["", f"Figure: {figure}", *_wrap([explanation.diagnosis_caption(diagnosis)])]
-    tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in explanation.limits_table(diagnosis)]
+        lines += ["", f"Figure: {figure}", *_wrap([sections.diagnosis_caption(diagnosis)])]
+    tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in sections.limits_table(diagnosis)]
     for title, sentences in (("Limits of this record", section.limits), *tables, ("Warnings", section.warnings)):
         lines += ["", title, *_wrap(sentences)] if sentences else []
     return lines

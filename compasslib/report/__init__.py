@@ -1,7 +1,7 @@
 """Report of a whole cruise, results/report.html: one page that needs no network, server or other file.
 
-Results are read (``sections``), described in sentences and tables (``explanation`` with the templates ``*.txt``) and
-rendered by the templates ``*.html``, which escape all texts.
+Results are read and described in sentences and tables (``sections`` with the templates ``*.txt``) and rendered by the
+templates ``*.html``, which escape all texts.
 
 Numbers are formatted with their uncertainty:
 
@@ -26,12 +26,15 @@ from compasslib.archive import provenance
 from compasslib.archive.files import atomic_write
 from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
-from compasslib.report import chart, explanation, words
+from compasslib.report import chart, words
 from compasslib.report.sections import (
     MAX_SECTIONS,
     Figure,
     Overview,
+    calibration_section,
     collect_figures,
+    compass_section,
+    mooring_section,
     read_calibration,
     read_mooring,
     read_summary,
@@ -104,12 +107,13 @@ def gather(
             stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
             continue
         results = read_mooring(name, root, rows[name], site["roles"])
-        sections.append(explanation.mooring_section(results, root, site, small=small))
+        sections.append(mooring_section(results, root, site, small=small))
         missing |= dict.fromkeys(results.headings.missing)
         place = site["latitude"], site["longitude"]
         corrected = results.headings.corrected > 0
         stations.append(chart.Station(name, *place, corrected, *results.currents.mean))
-    others = [explanation.calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
+    others = [calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
+    shared = [compass_section(name, root, small=small) for name in compasses]
     headers = {part: words.cells(part, "overview")[0] for part in ("mooring", "calibration", "compass")}
     for part, entries in (("mooring", sections), ("calibration", others)):
         reasons = stopped[f"{part}s"].items()
@@ -121,9 +125,7 @@ def gather(
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
         moorings=Overview(MOORINGS, headers["mooring"], sections),
         calibrations=Overview(CALIBRATIONS, headers["calibration"], others),
-        compasses=Overview(
-            COMPASSES, headers["compass"], [explanation.compass_section(name, root, small=small) for name in compasses]
-        ),
+        compasses=Overview(COMPASSES, headers["compass"], shared),
         software=provenance.software(),
         date=provenance.date_created(),
         map=chart.chart(stations),
@@ -140,15 +142,9 @@ def write(path: str | Path, report: Report) -> None:
 
 def write_page(path: str | Path, template: str, **given: Any) -> None:
     """Render an HTML template with the style sheet and its hash, and write the page."""
-    import jinja2  # deferred until a page is rendered
-
-    loader = jinja2.FileSystemLoader(words.TEMPLATES)
-    made = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     style = (words.TEMPLATES / "style.css").read_text(encoding="utf-8")
     known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()  # for the content security policy
-    text = made.get_template(template).render(**given, style=style, style_hash=known)
+    text = words.environment(autoescape=True).get_template(template).render(**given, style=style, style_hash=known)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from compasslib import angles
 from compasslib.archive.files import embed_png, read_json, read_pictures
 from compasslib.plots.timeseries import draw_errors
 from compasslib.records import BAD
-from compasslib.report import explanation, words
+from compasslib.report import sections, words
 from compasslib.report.sections import Figure, ReportedFinding
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
@@ -67,21 +67,6 @@ class HeadingErrors:
         return float(np.mean(values[known])), float(low), float(high)
 
 
-@dataclass(frozen=True)
-class Revealed:
-    """One mooring: the truth, the conclusions of the results, and the heading errors."""
-
-    name: str
-    truth: Mapping[str, Any]
-    verdict: str
-    answer: str
-    drivers: frozenset[str]  # of the findings
-    findings: Sequence[ReportedFinding]
-    errors: HeadingErrors
-    figures: Sequence[Figure]
-    href: str
-
-
 def heading_errors(truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> HeadingErrors:
     """Compare headings with the truth at the same times.
 
@@ -100,8 +85,8 @@ def heading_errors(truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> 
     )  # fmt: skip
 
 
-def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> Revealed:
-    """Compare the results of a mooring with the truth.
+def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> dict[str, Any]:
+    """Compare the results of a mooring with the truth, as content of its section.
 
     Args:
         root: folder of the results, to which links on the page are relative.
@@ -115,16 +100,23 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
     caption = words.caption("concealed", "errors", planted=truth["planted"], reach=reach_deg)
     figures = [Figure("Heading errors along time", caption, "", drawn[0], *drawn[1])]
     picture, size = read_pictures(root / name)["diagnosis"]
-    caption = explanation.diagnosis_caption(diagnosis)
+    caption = sections.diagnosis_caption(diagnosis)
     figures.append(Figure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
     drivers = [entry.get("driver") or "" for entry in diagnosis["findings"]]
     fields = {cause["driver"]: cause.get("field") or {} for cause in truth["planted"]}
-    findings = explanation.report_findings(diagnosis, product=True)
+    findings = sections.report_findings(diagnosis, product=True)
     known = [_with_truth(said, fields.get(driver, {})) for said, driver in zip(findings, drivers, strict=False)]
-    return Revealed(
-        name, truth, diagnosis["verdict"], explanation.describe_findings(diagnosis), frozenset(drivers),
-        (*known, *findings[len(known):]), errors, figures, f"report.html#mooring-{name}",
-    )  # fmt: skip
+    return {
+        "name": name,
+        "truth": truth,
+        "verdict": diagnosis["verdict"],
+        "answer": sections.describe_findings(diagnosis),
+        "drivers": drivers,
+        "findings": (*known, *findings[len(known) :]),
+        "errors": errors,
+        "figures": figures,
+        "href": f"report.html#mooring-{name}",
+    }
 
 
 def _with_truth(said: ReportedFinding, field: Mapping[str, Any]) -> ReportedFinding:

@@ -1,4 +1,4 @@
-"""Content of the report before its conversion to HTML: results read from files, figures, and parts of a section.
+"""Content of the report before its conversion to HTML: results read from files, their description, and sections.
 
 Texts are plain and are escaped when the page is rendered.
 """
@@ -6,7 +6,8 @@ Texts are plain and are escaped when the page is rendered.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,10 @@ import numpy as np
 from compasslib import angles
 from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import files, netcdf, summary
-from compasslib.archive.files import Picture, open_netcdf, read_json, read_variable
+from compasslib.archive.files import open_netcdf, read_json, read_variable
+from compasslib.effects import COMPOSED, meanings
+from compasslib.effects.composed import effect_formula
+from compasslib.inference import wording
 from compasslib.records import PROBABLY_BAD
 from compasslib.report import words
 from compasslib.types import Floats
@@ -192,11 +196,7 @@ def read_summary(table: str | Path) -> dict[str, dict[str, str]]:
 
 
 def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | None = None) -> MooringResults:
-    """Read the files of one mooring.
-
-    Args:
-        roles: names of its instruments, see ``summary.record_paths``.
-    """
+    """Read the files of one mooring; ``roles`` are the names of its instruments, see ``summary.record_paths``."""
     folder = root / name
     fit, diagnosis, assessment = (
         read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
@@ -215,7 +215,7 @@ class CalibrationResults:
     folder: Path
     content: Mapping[str, Any]  # calibration.json
     table: tuple[tuple[str, ...], ...]  # rows of table.csv
-    diagnosis: Mapping[str, Any] | None
+    diagnosis: Mapping[str, Any]  # empty without one
 
 
 def read_calibration(name: str, root: Path) -> CalibrationResults:
@@ -223,8 +223,7 @@ def read_calibration(name: str, root: Path) -> CalibrationResults:
     folder = root / "calibrations" / name
     with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
         rows = tuple(tuple(row) for row in csv.reader(stream))[1:]
-    searched = folder / "diagnosis.json"
-    diagnosis = read_json(searched) if searched.exists() else None
+    diagnosis = read_json(path) if (path := folder / "diagnosis.json").exists() else {}
     return CalibrationResults(name, folder, read_json(folder / "calibration.json"), rows, diagnosis)
 
 
@@ -258,11 +257,7 @@ def _summarize_headings(path: str | Path) -> HeadingSummary:
 
 
 def heading_span(heading_deg: Floats) -> tuple[float, float]:
-    """Compute the 5th and 95th percentile of headings about their circular mean, degrees; NaN without headings.
-
-    Args:
-        heading_deg: (n,) degrees; NaN are ignored.
-    """
+    """Compute the 5th and 95th percentile of finite headings about their circular mean, degrees; NaN without any."""
     finite = heading_deg[np.isfinite(heading_deg)]
     middle = angles.mean(finite)
     low, high = _percentiles(angles.difference(finite, middle), (5.0, 95.0))
@@ -279,7 +274,6 @@ def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]
 # Figures embedded in the page: with a colour palette; on a page of many sections small and few.
 
 MAX_SECTIONS = 50  # above which figures are not embedded at full size; a thousand moorings would need 400 MB
-NO_PICTURE: Picture = ("", (0, 0))
 TITLES = {
     "sticks": "Currents along time",
     "progressive": "Progressive vector diagram",
@@ -300,8 +294,6 @@ TITLES = {
     "along_time": "Both compasses along time",
     "series": "Declination of the observatory",
     "disturbance": "Disturbances of the field",
-}
-TITLES |= {
     "array": "The array",
     "curves": "Deviations",
     "differences": "Differences from the reference",
@@ -316,7 +308,7 @@ def collect_figures(folder: Path, root: Path, caption: Callable[[str], str], *, 
     Args:
         folder: folder of its results, with the PNG files in ``figures``.
         caption: composes the caption of a figure from its name.
-        small: whether the page has too many sections for figures of full size.
+        small: whether the page has too many sections for figures of full size, here and below.
     """
     order = {name: k for k, name in enumerate(TITLES)}
     paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
@@ -324,7 +316,7 @@ def collect_figures(folder: Path, root: Path, caption: Callable[[str], str], *, 
     figures = {}
     for path in paths:
         name = path.stem
-        picture, size = made.get(name, NO_PICTURE)
+        picture, size = made.get(name, ("", (0, 0)))
         if name not in made and name not in LINKED and not small:
             picture, size = files.embed_png(path)
         title = TITLES.get(name, name.replace("_", " ").capitalize())
@@ -340,3 +332,256 @@ def relative_link(path: Path, root: Path) -> str:
 def links(folder: Path, root: Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
     """Compose the links to those files of a folder that exist."""
     return tuple((name, relative_link(folder / name, root)) for name in names if (folder / name).exists())
+
+
+# Diagnoses in words: conclusion, findings, limits.
+
+LARGE = "large_deviation"  # not a limit: it is not tested because the exact compass, which includes it, was fitted
+MAX_NAMES, MOST_ALTERNATIVES = 3, 5  # candidates of a finding that are named in the summary, and in its section
+CLAUSES = {
+    **wording.PHYSICS,
+    "hard_iron": "iron near by adds a constant field",
+    "mounting_offset": "the mount turns all headings by a constant",
+    "field_disturbance": "magnetic north moved with storms or the daily variation",  # shown by a series, or an index
+}
+
+
+def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[ReportedFinding, ...]:
+    """Describe the findings, strongest first, and then what remains unexplained.
+
+    Args:
+        diagnosis: content of diagnosis.json.
+        product: whether there is a corrected record to which a finding may be applied.
+    """
+    findings = []
+    for entry in diagnosis["findings"]:
+        parts = entry.get("composition")
+        title = words.plain(f"{COMPOSED}{'/'.join(parts.values())}" if parts else entry["effect"])
+        others = candidate_names(entry)[1:]
+        if rest := others[MOST_ALTERNATIVES + 1 :]:
+            others = [*others[:MOST_ALTERNATIVES], f"{len(rest) + 1} others, listed in diagnosis.json"]
+        given = {"alternatives": others, "formula": effect_formula(**parts) if parts else ""}
+        facts = words.facts("diagnosis", "facts", e=entry, product=product, **given)
+        fitted = table("diagnosis", "parameters", e=entry, known=meanings(entry["effect"]))
+        text = re.sub(r"(?<=[ (])-(?=\d)", words.MINUS, entry["text"])
+        findings.append(ReportedFinding(title[0].upper() + title[1:], text, facts, next(iter(fitted), None)))
+    findings += [ReportedFinding("Current", entry["text"], ()) for entry in diagnosis.get("current") or ()]
+    if left := diagnosis["unexplained"]:
+        facts = words.facts("diagnosis", "facts", e=left, product=product, alternatives=(), formula="")
+        findings.append(ReportedFinding("Unexplained", left["text"], facts))
+    return tuple(findings)
+
+
+def candidate_names(finding: Mapping[str, Any]) -> list[str]:
+    """Describe the candidates of a finding, best first: the physics, with name and probability in parentheses."""
+    chances = {finding["effect"]: finding.get("probability"), **(finding.get("alternatives_probability") or {})}
+    if composed := finding.get("composition"):
+        chances = {f"{COMPOSED}{'/'.join(composed.values())}": chances.pop(finding["effect"]), **chances}
+    texts = []
+    for name in dict.fromkeys([*chances, *finding["alternatives"]]):
+        chance = chances.get(name)
+        sure = [] if chance is None else [f"probability {words.chance(chance)}"]
+        if name.startswith(COMPOSED):
+            texts.append(" ".join([words.plain(name), *(f"({each})" for each in sure)]))
+        else:
+            clause = re.split(r" \(|[;:]", CLAUSES.get(name, words.plain(name)))[0]
+            texts.append(f"{clause} ({', '.join([words.plain(name), *sure])})")
+    return texts
+
+
+def describe_findings(diagnosis: Mapping[str, Any]) -> str:
+    """Summarize the findings beyond the fitted deviation in a clause, with their probabilities."""
+    clauses = []
+    for entry in diagnosis["findings"]:
+        names = candidate_names(entry)
+        more = len(names) - MAX_NAMES
+        clause = " or ".join([*names[:MAX_NAMES], *([f"one of {more} others"] if more > 1 else names[MAX_NAMES:])])
+        clauses.append(clause + ("" if words.confirmed(entry) else ", not confirmed on held-out days"))
+    return words.paragraphs("diagnosis", "findings", d=diagnosis, clauses=clauses)[0]
+
+
+def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
+    """List what the recording cannot show, and which observations would show it."""
+    reasons: dict[str, dict[str, None]] = {}
+    for entry in diagnosis["not_testable"]:
+        if entry["effect"] != LARGE:
+            reasons.setdefault(entry["effect"], {})[entry["why"].rstrip(".")] = None
+    tested = {entry["effect"] for entry in diagnosis.get("hypotheses") or []}  # tested in another form
+    closed: dict[tuple[bool, str], list[str]] = {}
+    for effect, whys in reasons.items():
+        closed.setdefault((effect in tested, ", ".join(whys)), []).append(words.plain(effect))
+    untested = [(partly, effects, why) for (partly, why), effects in closed.items()]
+    return words.paragraphs("diagnosis", "limits", d=diagnosis, untested=untested)
+
+
+def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
+    """Tabulate the detection limits, smallest first; without limits there is no table."""
+    return table("diagnosis", "detectable", d=diagnosis)
+
+
+def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
+    """Compose the caption of the figure of a diagnosis."""
+    from compasslib.plots.diagnosis import count_outside  # only here: it takes the plotting library along
+
+    curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
+    parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
+    shown = {"heading", "time", *((entry.get("where") or {}).get("covariate") for entry in diagnosis["findings"])}
+    others = [] if diagnosis["unexplained"] else [name for name in curves[-1:] if name not in shown]
+    return words.caption(
+        "diagnosis", "diagnosis", d=diagnosis, outside=count_outside(diagnosis) if curves else (),
+        turns=[name for name in curves if name.startswith(wording.TURN_PREFIX)],
+        slopes=[entry for entry in diagnosis["findings"] if (entry.get("heldout") or {}).get("slope")],
+        candidate="".join(name for name in others if not name.startswith((wording.TURN_PREFIX, wording.SIZE_PREFIX))),
+        composed=[(entry["acts_on"], effect_formula(**entry)) for entry in parts],
+    )  # fmt: skip
+
+
+# Sections of moorings, calibrations and compasses.
+
+CURRENTS = ("sticks", "progressive", "roses")
+OF_PAIRS = ("diagnosis", "deviation", "histograms", "scatter")  # left out if there are neither pairs nor a curve
+FILES = (
+    *("corrected.nc", "gridded.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json"),
+    *("table.csv", "histograms.csv", "figures", "logs"),
+)
+
+
+def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any], *, small: bool) -> ReportSection:
+    """Compose one mooring's section.
+
+    Args:
+        site: latitude, longitude, water_depth_m, instruments (role and description).
+    """
+
+    def caption(figure: str) -> str:
+        if figure == "diagnosis":
+            return diagnosis_caption(results.diagnosis)
+        return words.caption("mooring", figure, r=results)
+
+    folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # also of the whole mooring
+    collected = [collect_figures(folder, root, caption, small=small) for folder in folders]
+    pictures = {name: figure for figures in collected for name, figure in figures.items()}
+    if not (results.fit["n_pairs"] or results.product["coefficients"]):
+        pictures = {name: entry for name, entry in pictures.items() if name not in OF_PAIRS}
+    findings = report_findings(results.diagnosis, product=True)
+    counts = dict.fromkeys(name for of_role in results.inputs.values() for name in of_role)
+    nonzero = [name for name in counts if any(of_role.get(name) for of_role in results.inputs.values())]
+    zero = [words.plain(name) for name in counts if name not in nonzero]
+    return ReportSection(
+        name=results.name,
+        anchor=f"mooring-{results.name}",
+        verdict=results.diagnosis["verdict"],
+        summary=summary_sentences(results),
+        to_do=words.paragraphs("mooring", "actions", r=results),
+        facts=(
+            *words.facts("mooring", "place", r=results, site=site),
+            *measures(results),
+            *words.facts("mooring", "more", r=results),
+        ),
+        first=tuple(pictures.pop(name) for name in CURRENTS if name in pictures),
+        finding_figures=(pictures.pop("diagnosis"),) if findings and "diagnosis" in pictures else (),
+        findings=findings,
+        limits=describe_limits(results.diagnosis),
+        warnings=results.warnings,
+        figures=tuple(pictures.values()),
+        tables=(
+            *table("mooring", "agreement", r=results),
+            *table("mooring", "coefficients", r=results),
+            *limits_table(results.diagnosis),
+            *table("diagnosis", "hypotheses", d=results.diagnosis),
+            *table("mooring", "inputs", inputs=results.inputs, names=nonzero, zero=zero),
+        ),
+        links=tuple(
+            (file, relative_link(there, root))
+            for file in FILES
+            for there in [folder / file for folder in folders if (folder / file).exists()][:1]
+        ),
+        cells=words.cells("mooring", "row", r=results)[0],
+    )
+
+
+def summary_sentences(results: MooringResults) -> tuple[str, ...]:
+    """Summarize a mooring: conclusion, agreement with the reference, and reasons for what was not achieved."""
+    findings = describe_findings(results.diagnosis)
+    return words.paragraphs("mooring", "summary", r=results, findings=findings)
+
+
+def measures(results: MooringResults) -> tuple[tuple[str, str], ...]:
+    """List method, number of corrected samples, uncertainty and largest deviation."""
+    return words.facts("mooring", "measures", r=results)
+
+
+CALIBRATION_FILES = ("calibration.json", "table.csv", "points.csv", "diagnosis.json", "figures", "logs")
+TABLES = ("coefficients", "forms", "tilts", "iron", "cardinal", "storms", "budget")
+COMPASS_FILES = ("compass.json", "diagnosis.json", "figures", "logs")
+
+
+def calibration_section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSection:
+    """Compose one calibration's section."""
+    content, diagnosis = results.content, results.diagnosis
+
+    def caption(figure: str) -> str:
+        if figure == "diagnosis" and diagnosis:
+            return diagnosis_caption(diagnosis)
+        return words.caption("calibration", figure, c=content)
+
+    figures = collect_figures(results.folder, root, caption, small=small)
+    findings = report_findings(diagnosis, product=False) if diagnosis else ()
+    said, texts = describe_findings(diagnosis) if diagnosis else "", list(_nested_texts(content))
+    return ReportSection(
+        name=results.name,
+        anchor=f"calibration-{results.name}",
+        verdict=diagnosis.get("verdict", ""),
+        summary=words.paragraphs("calibration", "summary", c=content, diagnosis=diagnosis, findings=said, texts=texts),
+        facts=words.facts("calibration", "facts", c=content),
+        finding_figures=(figures.pop("diagnosis"),) if findings and "diagnosis" in figures else (),
+        findings=findings,
+        limits=(
+            *words.paragraphs("calibration", "limits", c=content),
+            *(describe_limits(diagnosis) if diagnosis else ()),
+        ),
+        warnings=tuple(content["warnings"]),
+        first=tuple(figures.values()),
+        tables=(
+            *(each for name in TABLES for each in table("calibration", name, c=content)),
+            *((*limits_table(diagnosis), *table("diagnosis", "hypotheses", d=diagnosis)) if diagnosis else ()),
+            *table("calibration", "deviations", table=results.table),
+        ),
+        links=links(results.folder, root, CALIBRATION_FILES),
+        cells=words.cells("calibration", "row", name=results.name, c=content, diagnosis=diagnosis)[0],
+    )
+
+
+def _nested_texts(content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the sentences (values of the key ``text``) of a calibration at any level of nesting."""
+    for key, value in content.items():
+        if key == "text" and isinstance(value, str) and value:
+            yield value
+        elif isinstance(value, Mapping):
+            yield from _nested_texts(value)
+
+
+def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
+    """Compose the section of a compass that several records share.
+
+    Raises:
+        InputError: if a result file is missing or damaged.
+    """
+    folder = root / "compasses" / name
+    content, diagnosis = read_json(folder / "compass.json"), read_json(folder / "diagnosis.json")
+    figures = collect_figures(folder, root, lambda figure: words.caption("compass", figure, c=content), small=small)
+    said = describe_findings(diagnosis)
+    return ReportSection(
+        name=name,
+        anchor=f"compass-{name}",
+        verdict=diagnosis["verdict"],
+        summary=words.paragraphs("compass", "summary", c=content, d=diagnosis, findings=said),
+        facts=words.facts("compass", "facts", c=content),
+        findings=report_findings(diagnosis, product=False),
+        limits=describe_limits(diagnosis),
+        warnings=words.paragraphs("compass", "warnings", c=content),
+        tables=(*table("compass", "records", c=content), *table("compass", "iron", c=content)),
+        first=tuple(figures.values()),
+        links=links(folder, root, COMPASS_FILES),
+        cells=words.cells("compass", "row", name=name, c=content, d=diagnosis)[0],
+    )

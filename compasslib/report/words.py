@@ -11,11 +11,14 @@ from collections.abc import Mapping
 from datetime import datetime
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from compasslib import angles
 from compasslib.calibrations import MODELS
 from compasslib.inference.finding import is_confirmed
+
+if TYPE_CHECKING:
+    import jinja2
 
 UNKNOWN = "\N{EN DASH}"
 MINUS, SPACE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
@@ -155,17 +158,17 @@ def standard_error(covariance: Any, k: int) -> float | None:
     return math.sqrt(covariance[k][k]) if covariance and covariance[k][k] is not None else None
 
 
+def environment(**options: Any) -> jinja2.Environment:
+    """Create the jinja2 environment of the templates."""
+    import jinja2  # deferred until a template is rendered
+
+    loader, undefined = jinja2.FileSystemLoader(TEMPLATES), jinja2.StrictUndefined
+    return jinja2.Environment(loader=loader, undefined=undefined, trim_blocks=True, lstrip_blocks=True, **options)
+
+
 @cache
 def _template(name: str) -> Any:
-    import jinja2  # deferred until a text is rendered
-
-    made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: re.sub(r"[\n|]+", " ", value) if isinstance(value, str) else value,
-    )
+    made = environment(finalize=lambda value: re.sub(r"[\n|]+", " ", value) if isinstance(value, str) else value)
     made.filters |= {each.__name__: each for each in FILTERS}
     made.globals |= {"unknown": UNKNOWN, "models": MODELS, "position": position, "sigma": standard_error}
     made.globals["wrap360"] = angles.wrap360
