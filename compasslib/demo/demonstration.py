@@ -11,19 +11,7 @@ from compasslib.demo import adcp, compass, profiler, water
 from compasslib.demo.adcp import Adcp, Setup, Stance
 from compasslib.demo.compass import Field, Iron
 from compasslib.demo.profiler import Profiler
-from compasslib.demo.water import (
-    DAY_S,
-    HOUR_S,
-    Climate,
-    Floats,
-    Motion,
-    Rig,
-    Water,
-    circle,
-    direction,
-    red_noise,
-    stream,
-)
+from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Rig, circle, red_noise
 
 DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
 ON_DECK_S = DAY_S
@@ -38,11 +26,11 @@ class World:
     spec: MooringSpec
     seed: int
     field: Field
-    currents: Water
-    motion: Motion
+    currents: water.Water
+    motion: water.Motion
 
     def random(self, purpose: str) -> np.random.Generator:
-        return stream(self.seed, self.spec.name, purpose)
+        return water.stream(self.seed, self.spec.name, purpose)
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int = 2007) -> None:
@@ -123,7 +111,7 @@ def deep_stance(world: World, instrument: Adcp) -> Stance:
         depth = sphere + DEEP_BELOW_SPHERE_M
         below = motion.sphere_depth_m + DEEP_BELOW_SPHERE_M
         flow = water.velocity(world.currents, motion.time_s, below)
-        equilibrium = direction(flow) - world.field.at(motion.time_s)[0] + 75.0
+        equilibrium = water.direction(flow) - world.field.at(motion.time_s)[0] + 75.0
         hanging = water.wake_heading(rng, equilibrium, np.abs(flow), wobble_deg=25.0)
         heading = np.interp(time, motion.time_s, hanging)
     pitch, roll = (mean + red_noise(rng, time.size, memory=6.0, deviation=0.5) for mean in (1.5, -1.2))

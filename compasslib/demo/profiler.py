@@ -17,18 +17,7 @@ from numpy.typing import NDArray
 
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field
-from compasslib.demo.water import (
-    HOUR_S,
-    NOMINAL_M,
-    Complexes,
-    Floats,
-    Motion,
-    Water,
-    circle,
-    clockwise,
-    direction,
-    pressure,
-)
+from compasslib.demo.water import HOUR_S, NOMINAL_M, Complexes, Floats, Motion, Water, circle, clockwise
 
 ROW = "   %s%9.2f%9.2f%9.2f%10.4f%10.4f%10.4f%10.2f%10.2f%10.2f%10.2f\r\n"
 COLUMNS = (
@@ -235,7 +224,7 @@ def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: 
     time = schedule.begin_s[profile] + ENGINEERING_S * (position - 2.0)
     depth = _position(schedule, profile, time, np.interp(time, motion.time_s, motion.sphere_depth_m))[0]
     stamps = np.datetime_as_string(time.astype("datetime64[s]")).tolist()
-    pairs = zip(stamps, pressure(depth, latitude_deg).tolist(), strict=True)
+    pairs = zip(stamps, sea.pressure(depth, latitude_deg).tolist(), strict=True)
     path.write_text("time_utc,pressure_dbar\n" + "".join(f"{stamp}Z,{dbar:.2f}\n" for stamp, dbar in pairs))
 
 
@@ -267,7 +256,7 @@ def _swing(
 ) -> tuple[Floats, Floats]:
     """Simulate the heading, oscillating about the upstream direction, degrees, and its rate of change, rad/s."""
     mean = np.add.reduceat(flow, first)
-    middle = direction(mean) + 180.0 + rng.normal(0.0, 15.0, first.size)
+    middle = sea.direction(mean) + 180.0 + rng.normal(0.0, 15.0, first.size)
     angular = 2 * np.pi / rng.uniform(60.0, 100.0, first.size)
     amplitude, start = np.abs(rng.normal(4.0, 1.5, first.size)), rng.uniform(0.0, 2 * np.pi, first.size)
     phase = angular[profile] * (time_s - time_s[first][profile]) + start[profile]

@@ -11,20 +11,7 @@ import numpy as np
 from compasslib.demo import adcp, compass, water
 from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
 from compasslib.demo.compass import Field, Magnetometer, tilting
-from compasslib.demo.water import (
-    DAY_S,
-    HOUR_S,
-    Climate,
-    Floats,
-    Motion,
-    Rig,
-    Water,
-    circle,
-    clockwise,
-    red_noise,
-    stream,
-    white_vector,
-)
+from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Rig, circle, clockwise, red_noise
 
 PINGS, PING_S = 4, 90.0
 TILT_STEP_DEG = 180.0 / 4096.0  # resolution of twelve bits over 180 degrees
@@ -127,20 +114,20 @@ class Ground:
     longitude_deg: float
     water_depth_m: float
     field: Field
-    currents: Water
-    motion: Motion
+    currents: water.Water
+    motion: water.Motion
     meter: Magnetometer
     temperature_c: Floats
     supply_counts: Floats
     stamp_s: Floats  # (n,) full hours of the deployment
 
     def random(self, purpose: str) -> np.random.Generator:
-        return stream(self.seed, self.name, purpose)
+        return water.stream(self.seed, self.name, purpose)
 
 
 def make(seed: int, name: str, wish: Wish) -> Ground:
     """Draw a mooring at random with the requested properties."""
-    rng = stream(seed, name, "ground")
+    rng = water.stream(seed, name, "ground")
     latitude, longitude = float(rng.uniform(52.0, 68.0)), float(rng.uniform(-45.0, 5.0))
     depth = float(rng.uniform(250.0, 700.0))
     latitude, longitude, depth = wish.site or (latitude, longitude, depth)
@@ -160,8 +147,8 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     motion = water.make_motion(seed, name, rig, currents, declination_deg=declination)
     strength = float(rng.choice(STRENGTHS)) if wish.strength is None else wish.strength
     meter = compass.build(rng, (horizontal, vertical), strength)
-    temperature = _temperature(stream(seed, name, "temperature"), motion)
-    supply = _supply(stream(seed, name, "supply"), currents.time_s, temperature)
+    temperature = _temperature(water.stream(seed, name, "temperature"), motion)
+    supply = _supply(water.stream(seed, name, "supply"), currents.time_s, temperature)
     return Ground(
         seed, name, wish, latitude, longitude, depth, field, currents, motion, meter, temperature, supply, stamps
     )  # fmt: skip
@@ -173,7 +160,7 @@ def trusted_heading(ground: Ground) -> Floats:
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
 
 
-def _temperature(rng: np.random.Generator, motion: Motion) -> Floats:
+def _temperature(rng: np.random.Generator, motion: water.Motion) -> Floats:
     count = motion.time_s.size
     season = 1.5 * np.cos(2 * np.pi * (motion.time_s / DAY_S / 365.25 + rng.uniform()))
     weather = red_noise(rng, count, memory=10 * DAY_S / water.STEP_S, deviation=0.6)
@@ -271,7 +258,7 @@ def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Ex
         adcp.write(raw / "deep.000", DEEP, made)
         return
     flow = adcp.near_bins(DEEP, stance, ground.currents)
-    flow = flow + white_vector(rng, flow.size, DEEP_NOISE_M_S / np.sqrt(2.0))
+    flow = flow + water.white_vector(rng, flow.size, DEEP_NOISE_M_S / np.sqrt(2.0))
     flow = clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
     depth = stance.depth_m + adcp.ranges(DEEP)[:2].mean()
     texts = np.datetime_as_string(stance.time_s.astype("datetime64[s]")).tolist()

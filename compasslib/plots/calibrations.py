@@ -31,7 +31,6 @@ from compasslib.plots.page import (
     BLACK,
     BLUE,
     CORRECTED,
-    DAY_S,
     GREEN,
     GREY,
     MAGNETIC,
@@ -51,7 +50,7 @@ from compasslib.plots.page import (
     signed,
 )
 from compasslib.statistics.resampling import blocks_by_count
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
 COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE, "empirical": BLUE}

@@ -17,32 +17,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-from compasslib.inference.wording import (
-    SIZE_PREFIX,
-    TURN_PREFIX,
-    UNITS,
-    UNITS_OF_CALIBRATIONS,
-    display_name,
-    displayed_residuals,
-    rank_text,
-)
-from compasslib.plots.page import (
-    BLACK,
-    CORRECTED,
-    DAY_S,
-    GREY,
-    RECORDED,
-    VERMILION,
-    Rows,
-    dates,
-    degrees,
-    empty,
-    legend,
-    page,
-)
-from compasslib.types import Floats
+from compasslib.inference import wording
+from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, Rows, dates, degrees, empty, legend, page
+from compasslib.types import DAY_S, HOUR_S, Floats
 
-HOUR_S = 3600.0
 MOST_PANELS, MOST_BARS = 6, 10
 GAP = 2.5  # multiple of the median distance of neighbouring bins above which there are no data between them
 PANEL_IN, AXIS_IN = 1.9, 0.6  # heights of a panel, and of the axis below a panel of rows
@@ -72,22 +50,22 @@ LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
 
 def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a mooring's diagnosis from the content of its diagnosis.json."""
-    _draw(path, diagnosis, displayed_residuals(diagnosis)[:MOST_PANELS], (NAMES, UNITS), dated=True)
+    _draw(path, diagnosis, wording.displayed_residuals(diagnosis)[:MOST_PANELS], (NAMES, wording.UNITS), dated=True)
 
 
 def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a calibration's diagnosis, and its hypotheses, from the content of its diagnosis.json."""
     curves = []
-    for curve in displayed_residuals(diagnosis)[:MOST_PANELS]:
+    for curve in wording.displayed_residuals(diagnosis)[:MOST_PANELS]:
         x = curve["centre"]
         timed = curve["covariate"] == "time"
         curves.append({**curve, "centre": [(time - x[0]) / HOUR_S for time in x]} if timed else curve)
-    _draw(path, diagnosis, curves, (NAMES_OF_CALIBRATIONS, UNITS_OF_CALIBRATIONS), dated=False)
+    _draw(path, diagnosis, curves, (NAMES_OF_CALIBRATIONS, wording.UNITS_OF_CALIBRATIONS), dated=False)
 
 
 def count_outside(diagnosis: Mapping[str, Any]) -> tuple[int, int, int]:
     """Count the bins that are drawn, and those outside the range of noise without and with the identified effects."""
-    curves = displayed_residuals(diagnosis)[:MOST_PANELS]
+    curves = wording.displayed_residuals(diagnosis)[:MOST_PANELS]
     bins = np.concatenate([np.stack(_columns(curve)[1:]) for curve in curves], axis=1)
     outside = np.abs(bins[:2]) > _band_sigmas(curves) * bins[2]
     return outside.shape[1], int(outside[0].sum()), int(outside[1].sum())
@@ -109,7 +87,8 @@ def _draw(
     """
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
     ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:MOST_BARS]
-    short, full = Rows([_short(entry) for entry in proven]), Rows([display_name(entry["effect"]) for entry in ranked])
+    short = Rows([_short(entry) for entry in proven])
+    full = Rows([wording.display_name(entry["effect"]) for entry in ranked])
     heights = [PANEL_IN] * len(curves) + [AXIS_IN + rows.height_in for rows in (short, full) if rows.names]
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
@@ -141,7 +120,7 @@ def _draw(
 
 
 def _along_time(curve: Mapping[str, Any]) -> bool:
-    return curve["covariate"] == "time" or curve["covariate"].startswith(SIZE_PREFIX)
+    return curve["covariate"] == "time" or curve["covariate"].startswith(wording.SIZE_PREFIX)
 
 
 def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *, dated: bool) -> None:
@@ -162,15 +141,16 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
         apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
-        if covariate.startswith(TURN_PREFIX):  # line of equality
+        if covariate.startswith(wording.TURN_PREFIX):  # line of equality
             axes.plot(x, x, **EFFECT)
         else:
             axes.plot(np.insert(x, apart, np.nan), np.insert(before - after, apart, np.nan), **EFFECT)
         axes.plot(x, before, **BEFORE)
     axes.plot(x, after, **AFTER)
-    sized = covariate.startswith(SIZE_PREFIX)
+    effect = covariate.removeprefix(wording.SIZE_PREFIX)
+    sized = effect != covariate
     axes.set_ylabel("Size (° rms)" if sized else "Residual (°)")
-    axes.set_title(display_name(covariate.removeprefix(SIZE_PREFIX)) if sized else curve.get("compared", ""))
+    axes.set_title(wording.display_name(effect) if sized else curve.get("compared", ""))
     if label:
         axes.set_xlabel(label)
     if covariate == "heading":
@@ -179,7 +159,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
 
 def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, Any]]) -> None:
     """Draw the slope of held-out residuals against the turn predicted by the other days, and state it in the title."""
-    of_it = [entry for entry in proven if curve["covariate"] == f"{TURN_PREFIX}{entry['effect']}"]
+    of_it = [entry for entry in proven if curve["covariate"] == f"{wording.TURN_PREFIX}{entry['effect']}"]
     if len(of_it) != 1:  # composed effects share one name
         return
     texts, proof = [], of_it[0]["heldout"]
@@ -189,7 +169,7 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
         axes.plot(x, slope["value"] * x, color=CORRECTED, linewidth=1.0)
         texts.append("slope {value:.2f} ({low:.2f} to {high:.2f})".format(**slope).replace("-", "−"))
     if (proof.get("placebo") or {}).get("rank_p") is not None:
-        texts.append(f"{rank_text(proof['placebo'])} simulations without it")
+        texts.append(f"{wording.rank_text(proof['placebo'])} simulations without it")
     if any(texts):
         axes.set_title(f"held-out days: {', '.join(texts)}")
 
@@ -212,10 +192,10 @@ def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
 
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:
     """Compose an axis label: name of the covariate, and its unit abbreviated."""
-    if covariate.startswith(SIZE_PREFIX):
+    if covariate.startswith(wording.SIZE_PREFIX):
         return ""  # along time
-    if covariate.startswith(TURN_PREFIX):
-        return f"Turn by {display_name(covariate.removeprefix(TURN_PREFIX))} (°)"
+    if covariate.startswith(wording.TURN_PREFIX):
+        return f"Turn by {wording.display_name(covariate.removeprefix(wording.TURN_PREFIX))} (°)"
     name = names.get(covariate, covariate.replace("_", " ").capitalize())
     unit = units.get(covariate, "").replace("degrees C", "°C").replace("degrees", "°")
     return f"{name} ({unit})" if unit else name
@@ -257,7 +237,7 @@ def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> 
 def _short(finding: Mapping[str, Any]) -> str:
     if composed := finding.get("composition"):
         return f"composed, by {composed['driver'].replace('_', ' ')}"
-    return display_name(finding["effect"])
+    return wording.display_name(finding["effect"])
 
 
 def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str]) -> None:

@@ -33,7 +33,7 @@ from PIL import Image
 from compasslib import angles
 from compasslib.archive.files import atomic_write
 from compasslib.records import BAD, CorrectedRecord
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 Limits = tuple[float, float]
 
@@ -43,7 +43,6 @@ WORD_IN = 1.8  # maximum width of a word in a title; longer ones are broken
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
 COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
 MAX_VECTORS = 2000  # points or lines of one artist above which it is rasterized in a PDF
-DAY_S = 86400.0  # matplotlib counts time in days since 1970
 DEFLATE = 3  # of the PNG: half the time of the usual 6, and without the alpha channel still fewer bytes
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
 BLACK, GREY = "#000000", "#8C8C8C"
@@ -154,7 +153,7 @@ class Rows:
 
 
 def dates(axes: Axes, span_s: Limits | None = None) -> None:
-    """Set limits and ticks of a horizontal axis in days since 1970.
+    """Set limits and ticks of a horizontal axis in days since 1970, as matplotlib counts time.
 
     Args:
         span_s: first and last time, seconds since 1970; the limits are not changed if None.

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive.gridded import MeanProfile, SectionMeans
-from compasslib.archive.summary import HOUR_S, MAX_MEANS, BinCurrents, CurrentSeries, average, averaging_hours
+from compasslib.archive.summary import MAX_MEANS, BinCurrents, CurrentSeries, average, averaging_hours
 from compasslib.plots.page import (
     BLACK,
     CORRECTED,
-    DAY_S,
     GREEN,
     LETTERS,
     MAGNETIC,
@@ -46,7 +45,7 @@ from compasslib.plots.page import (
 )
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
-from compasslib.types import Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 MAX_SAMPLES = 12_000  # samples; a longer record is subsampled
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,7 +92,15 @@ def chart(stations: Sequence[Station]) -> Chart | None:
     speeds = [abs(mean) for each in stations for mean in (each.recorded_mean, each.corrected_mean)]
     fastest = max(filter(math.isfinite, speeds), default=0.0)
     unit = _below(100.0 * fastest) if fastest else 0.0  # cm/s
-    marks = [_mark(item, (x_of(x), y_of(item.latitude)), fastest) for item, x in zip(stations, east, strict=True)]
+    marks = []
+    for item, degrees_east in zip(stations, east, strict=True):
+        x, y = x_of(degrees_east), y_of(item.latitude)
+        tips = tuple(
+            (kind, round(x + ARROW * mean.real / fastest, 1), round(y - ARROW * mean.imag / fastest, 1))
+            for kind, mean in (("recorded", item.recorded_mean), ("corrected", item.corrected_mean))
+            if math.isfinite(abs(mean)) and fastest
+        )
+        marks.append(Mark(x, y, item, tips))
     half = (box[2] / (2.0 * shrink * scale), box[3] / (2.0 * scale))
     across = _ticks(centre[0] + middle, half[0], lambda d: x_of(d - middle), ("E", "W"))
     up = _ticks(centre[1], half[1], y_of, ("N", "S"))
@@ -104,16 +112,6 @@ def chart(stations: Sequence[Station]) -> Chart | None:
         said=f"Map of {words.plural(len(stations), 'mooring')}, the mean current of one bin drawn before and after.",
         arrow=(round(ARROW * unit / (100.0 * fastest), 1), f"{unit:g}{words.SPACE}cm/s") if fastest else None,
     )
-
-
-def _mark(station: Station, at: tuple[float, float], fastest: float) -> Mark:
-    named = (("recorded", station.recorded_mean), ("corrected", station.corrected_mean))
-    tips = tuple(
-        (kind, round(at[0] + ARROW * mean.real / fastest, 1), round(at[1] - ARROW * mean.imag / fastest, 1))
-        for kind, mean in named
-        if math.isfinite(abs(mean)) and fastest
-    )
-    return Mark(*at, station, tips)
 
 
 def _below(value: float) -> float:
@@ -135,9 +133,8 @@ def _ticks(
     return [(place(d), f"{abs(said):.{digits}f}° {sides[said < 0]}") for d, said in shown]
 
 
-def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
+def _labelled(marks: Sequence[Mark], box: Box) -> list[Mark]:
     """Label each mooring where the label overlaps no other label, point, line or edge; otherwise leave it out."""
-    marks = list(marks)
     points = [(item.x, item.y) for item in marks]
     points += [
         (item.x + share * (x - item.x), item.y + share * (y - item.y))
@@ -146,24 +143,23 @@ def _labelled(marks: Iterable[Mark], box: Box) -> list[Mark]:
         for share in ALONG
     ]
     taken = [(x - DOT, y - DOT, x + DOT, y + DOT) for x, y in points]
+    left, top, wide, high = box
     result = []
     for item in marks:
-        places = [Label(item.x + dx, item.y + dy, item.station.name, anchor) for dx, dy, anchor in LABEL_OFFSETS]
-        others, free = np.array(taken), []
-        for each in places:
-            x0, y0, x1, y1 = _around(each)
+        label, others = None, np.array(taken)
+        for dx, dy, anchor in LABEL_OFFSETS:
+            tried = Label(item.x + dx, item.y + dy, item.station.name, anchor)
+            x0, y0, x1, y1 = _around(tried)
+            inside = x0 >= left and y0 >= top and x1 <= left + wide and y1 <= top + high
             hits = (others[:, 0] < x1) & (others[:, 2] > x0) & (others[:, 1] < y1) & (others[:, 3] > y0)
-            free += [each] if _inside((x0, y0, x1, y1), box) and not hits.any() else []
-        taken += [_around(free[0])] if free else []
-        result.append(Mark(item.x, item.y, item.station, item.tips, free[0] if free else None))
+            if inside and not hits.any():
+                label = tried
+                taken.append((x0, y0, x1, y1))
+                break
+        result.append(replace(item, label=label))
     return result
 
 
 def _around(label: Label) -> Box:
     left = label.x - ANCHORS[label.anchor] * LETTER * len(label.text)
     return left, label.y - LINE + 3.0, left + LETTER * len(label.text), label.y + 3.0
-
-
-def _inside(corners: Box, box: Box) -> bool:
-    x, y, wide, high = box
-    return corners[0] >= x and corners[1] >= y and corners[2] <= x + wide and corners[3] <= y + high
