@@ -6,7 +6,9 @@ import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise, product
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -54,36 +56,29 @@ class Mooring:
     product: CorrectedRecord
 
     def draw(self, figure: str, path) -> None:
+        pairs, product = self.pairs, self.product
         if figure == "deviation":
-            deviation.draw_deviation(path, self.pairs, self.fit)
+            deviation.draw_deviation(path, pairs, self.fit)
         elif figure == "timeline":
-            timeseries.draw_timeline(path, self.product, self.pairs)
-        elif figure == "histograms":
-            counts = build_histograms(
-                self.product.record,
-                self.product.heading_corrected_deg,
-                self.pairs,
-                assessed("", self.pairs, self.fit).assessment["difference_counts"],
-            )
-            deviation.draw_histograms(path, counts, assessed("", self.pairs, self.fit).assessment)
+            timeseries.draw_timeline(path, product, pairs)
         elif figure == "scatter":
-            deviation.draw_scatter(path, self.pairs, self.product)
+            deviation.draw_scatter(path, pairs, product)
+        elif figure == "histograms":
+            content = assessed("", pairs, self.fit).assessment
+            counts = build_histograms(
+                product.record, product.heading_corrected_deg, pairs, content["difference_counts"]
+            )
+            deviation.draw_histograms(path, counts, content)
         else:
-            self.draw_water(figure, path)
-
-    def draw_water(self, figure: str, path) -> None:
-        time_s, heading = self.product.record.time_s, self.product.record.heading_deg
-        velocities = (
-            self.product.east_recorded + 1j * self.product.north_recorded,
-            self.product.east + 1j * self.product.north,
-        )
-        flows = [archive_currents.CurrentSeries(time_s, velocity[:, 0]) for velocity in velocities]
-        shown, reference = archive_currents.BinCurrents(96.0, *flows), archive_currents.reference_current(self.pairs)
-        if figure == "roses":
-            headings = {"recorded": heading, "corrected": self.product.heading_corrected_deg}
-            timeseries.draw_roses(path, shown, reference, headings)
-        else:
-            getattr(timeseries, f"draw_{figure}")(path, timeseries.average_currents(shown, reference))
+            time_s = product.record.time_s
+            velocities = (product.east_recorded + 1j * product.north_recorded, product.east + 1j * product.north)
+            flows = [archive_currents.CurrentSeries(time_s, velocity[:, 0]) for velocity in velocities]
+            shown, reference = archive_currents.BinCurrents(96.0, *flows), archive_currents.reference_current(pairs)
+            if figure == "roses":
+                headings = {"recorded": product.record.heading_deg, "corrected": product.heading_corrected_deg}
+                timeseries.draw_roses(path, shown, reference, headings)
+            else:
+                getattr(timeseries, f"draw_{figure}")(path, timeseries.average_currents(shown, reference))
 
 
 def assessed(name: str, pairs: Pairs, fit: DeviationFit) -> moorings_together.AssessedMooring:
@@ -206,20 +201,6 @@ def moorings() -> dict[str, Mooring]:
     return {kind: Mooring(pairs, fit, corrected(own, fit, pairs)) for kind, (pairs, fit, own) in KINDS.items()}
 
 
-class Gallery:
-    """Cache that draws each figure of each mooring once and stores the file and its Figure."""
-
-    def __init__(self, folder, moorings):
-        self.folder, self.moorings, self.pages = folder, moorings, {}
-
-    def show(self, kind: str, figure: str):
-        """Return the path of a figure and its Figure."""
-        path = self.folder / kind / f"{figure}.png"
-        if path not in self.pages:
-            self.pages[path] = saved(lambda: self.moorings[kind].draw(figure, path))
-        return path, self.pages[path]
-
-
 def saved(draw) -> Figure:
     """Call ``draw`` and return the one Figure that it renders."""
     pages, save = [], FigureCanvasAgg.draw
@@ -236,8 +217,16 @@ def saved(draw) -> Figure:
 
 
 @pytest.fixture(scope="module")
-def gallery(tmp_path_factory, moorings) -> Gallery:
-    return Gallery(tmp_path_factory.mktemp("figures"), moorings)
+def show(tmp_path_factory, moorings):
+    """Return a function that draws a figure of a mooring once and returns its path and Figure."""
+    folder = tmp_path_factory.mktemp("figures")
+
+    @cache
+    def shown(kind: str, figure: str) -> tuple[Path, Figure]:
+        path = folder / kind / f"{figure}.png"
+        return path, saved(lambda: moorings[kind].draw(figure, path))
+
+    return shown
 
 
 def words(figure: Figure) -> str:
@@ -256,8 +245,8 @@ def boxes(figure: Figure):
 
 
 @pytest.mark.parametrize(("kind", "figure"), [*product(USUAL, DRAWN), *SPECIAL])
-def test_figure_is_whole_and_legible(kind, figure, gallery):
-    check_page(*gallery.show(kind, figure))
+def test_figure_is_whole_and_legible(kind, figure, show):
+    check_page(*show(kind, figure))
 
 
 def residuals(covariate: str, low: float, high: float) -> dict:
@@ -417,9 +406,9 @@ def test_heading_axis_is_labelled_in_compass_degrees():
         assert shown == labels.split()
 
 
-def test_scatter_titles_state_count_mean_and_rms(gallery):
-    before, after = (axes.get_title("left") for axes in gallery.show("unfolded", "scatter")[1].axes[:2])
-    product = gallery.moorings["unfolded"].product
+def test_scatter_titles_state_count_mean_and_rms(show, moorings):
+    before, after = (axes.get_title("left") for axes in show("unfolded", "scatter")[1].axes[:2])
+    product = moorings["unfolded"].product
     times = product.record.time_s
     lower, upper, corrected = directions_at_pairs(SMALL, times, product.heading_corrected_deg)
     for title, name, above in ((before, "(a) recorded", upper), (after, "(b) corrected", corrected)):
@@ -452,8 +441,8 @@ def check_page(path, page):
 
 
 @pytest.mark.parametrize("kind", ["unfolded", "folded", "published and folded"])
-def test_no_curve_crosses_the_cut_of_an_axis(kind, gallery):
-    _, page = gallery.show(kind, "deviation")
+def test_no_curve_crosses_the_cut_of_an_axis(kind, show):
+    _, page = show(kind, "deviation")
     lines = [line for axes in page.axes for line in axes.lines if line.get_linestyle() == "-"]
     curves = [line.get_xydata() for line in lines if len(line.get_xdata()) > 1000]
     assert len(curves) >= 3
@@ -514,8 +503,8 @@ def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path, 
 
 
 @pytest.mark.parametrize("figure", DRAWN)
-def test_figures_are_reproducible_under_any_rcparams(figure, moorings, gallery, tmp_path):
-    first, _ = gallery.show("folded", figure)
+def test_figures_are_reproducible_under_any_rcparams(figure, moorings, show, tmp_path):
+    first, _ = show("folded", figure)
     with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "savefig.bbox": "tight"}):
         before = dict(matplotlib.rcParams)
         moorings["folded"].draw(figure, tmp_path / "b.png")
@@ -555,8 +544,8 @@ def test_failed_save_keeps_the_previous_figure(moorings, monkeypatch, tmp_path):
         ("no sample", "progressive", "no data"),
     ],
 )
-def test_panel_without_data_says_so(kind, figure, word, gallery):
-    _, page = gallery.show(kind, figure)
+def test_panel_without_data_says_so(kind, figure, word, show):
+    _, page = show(kind, figure)
     assert word in words(page)
 
 

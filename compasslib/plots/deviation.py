@@ -72,7 +72,11 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
     heading = observed_heading(pairs)
     begin = emptiest(heading)
     curve = deviation_curve(fit, begin, heading) if fit.fitted else None
-    beta, delta = observed(pairs, curve, begin)
+    beta, deviation = placed(heading, begin), observed_deviation(pairs)
+    middle = angles.wrap180(angles.mean(deviation))
+    if curve:
+        middle = np.interp(beta, curve.heading_deg, curve.deviation_deg)
+    delta = nearest_turn(deviation, middle)  # unwrapped to the curve; without one, to the mean
     handles = _deviation_handles(pairs, fit, curve)
     with page(path, 4.0 + 0.16 * len(handles)) as figure:
         panels = list(figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values())  # a wide one above two narrow ones
@@ -132,18 +136,6 @@ def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike
     else:
         stretch = np.where(compass.slope(fit.coefficients, beta) >= 0.0, INVERTED, BACKWARDS)
     return DeviationByHeading(beta, deviation, sigma, stretch)
-
-
-def observed(pairs: Pairs, curve: DeviationByHeading | None, begin_deg: float) -> tuple[Floats, Floats]:
-    """Compute correct heading and deviation of each pair, (n,) each, the deviation unwrapped to that of the curve.
-
-    Args:
-        curve: without one, the mean deviation is used instead.
-    """
-    beta, deviation = placed(observed_heading(pairs), begin_deg), observed_deviation(pairs)
-    if curve is None:
-        return beta, nearest_turn(deviation, angles.wrap180(angles.mean(deviation)))
-    return beta, nearest_turn(deviation, np.interp(beta, curve.heading_deg, curve.deviation_deg))
 
 
 def span_of(points: Floats, line: Floats) -> Limits:

@@ -108,9 +108,9 @@ def gather(
             continue
         results = read_mooring(name, root, rows[name], site["roles"])
         sections.append(mooring_section(results, root, site, small=small))
-        missing |= dict.fromkeys(results.headings.missing)
+        missing |= dict.fromkeys(results.headings["missing"])
         place = site["latitude"], site["longitude"]
-        corrected = results.headings.corrected > 0
+        corrected = results.headings["corrected"] > 0
         stations.append(chart.Station(name, *place, corrected, *results.currents.mean))
     others = [calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
     shared = [compass_section(name, root, small=small) for name in compasses]

@@ -128,24 +128,6 @@ SHOWN_ATTRIBUTES = (
 
 
 @dataclass(frozen=True)
-class HeadingSummary:
-    """Summary statistics of the headings of one product."""
-
-    n: int  # samples
-    absent: int  # missing samples between the first and the last, by the median interval
-    recorded: int
-    corrected: int
-    doubtful: int  # corrected, flagged 3
-    sigma_deg: tuple[float, float]  # median and 95th percentile of the uncertainty; NaN if none is corrected
-    largest_deviation_deg: float
-    recorded_span_deg: tuple[float, float]  # 5th and 95th percentile about the circular mean
-    corrected_span_deg: tuple[float, float]
-    declination_deg: tuple[float, float]
-    attributes: dict[str, Any]  # those of SHOWN_ATTRIBUTES that the file has
-    missing: tuple[str, ...]  # global attributes required by the conventions that the file lacks
-
-
-@dataclass(frozen=True)
 class MooringResults:
     """Results of one mooring that the report uses."""
 
@@ -155,7 +137,7 @@ class MooringResults:
     fit: Mapping[str, Any]  # deviation.json
     diagnosis: Mapping[str, Any]
     assessment: Mapping[str, Any]
-    headings: HeadingSummary
+    headings: Mapping[str, Any]  # statistics of the corrected record
     currents: summary.BinCurrents  # of the bin shown in figures
     inputs: Mapping[str, Mapping[str, int]]  # counts of the samples of each instrument, by kind
 
@@ -227,7 +209,7 @@ def read_calibration(name: str, root: Path) -> CalibrationResults:
     return CalibrationResults(name, folder, read_json(folder / "calibration.json"), rows, diagnosis)
 
 
-def _summarize_headings(path: str | Path) -> HeadingSummary:
+def _summarize_headings(path: str | Path) -> dict[str, Any]:
     """Summarize the headings of a corrected.nc; its profiles are not read."""
     with open_netcdf(path) as nc:
         recorded, corrected, sigma, deviation, declination = (
@@ -236,24 +218,24 @@ def _summarize_headings(path: str | Path) -> HeadingSummary:
         )
         flags = read_variable(nc, "HEADING_CORRECTED_QC")
         attributes = {name: nc.getncattr(name) for name in SHOWN_ATTRIBUTES if name in nc.ncattrs()}
-        missing = tuple(archive_attributes.missing(nc.ncattrs()))
+        missing = archive_attributes.missing(nc.ncattrs())
         days = read_variable(nc, "TIME")
     there = np.isfinite(corrected)
     steps = np.diff(days) if len(days) > 1 else np.ones(1)
-    return HeadingSummary(
-        n=len(recorded),
-        absent=int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1.0, 0.0))),
-        recorded=int(np.isfinite(recorded).sum()),
-        corrected=int(there.sum()),
-        doubtful=int(np.sum(there & (flags == PROBABLY_BAD))),
-        sigma_deg=_percentiles(sigma[there], (50.0, 95.0)),
-        largest_deviation_deg=float(np.max(np.abs(deviation[there]))) if there.any() else float("nan"),
-        recorded_span_deg=heading_span(recorded),
-        corrected_span_deg=heading_span(corrected),
-        declination_deg=_percentiles(declination[np.isfinite(declination)], (0.0, 100.0)),
-        attributes=attributes,
-        missing=missing,
-    )
+    return {
+        "n": len(recorded),
+        # Missing samples between the first and the last, by the median interval.
+        "absent": int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1.0, 0.0))),
+        "corrected": int(there.sum()),
+        "doubtful": int(np.sum(there & (flags == PROBABLY_BAD))),
+        "sigma_deg": _percentiles(sigma[there], (50.0, 95.0)),
+        "largest_deviation_deg": float(np.max(np.abs(deviation[there]))) if there.any() else float("nan"),
+        "recorded_span_deg": heading_span(recorded),
+        "corrected_span_deg": heading_span(corrected),
+        "declination_deg": _percentiles(declination[np.isfinite(declination)], (0.0, 100.0)),
+        "attributes": attributes,
+        "missing": missing,  # global attributes required by the conventions
+    }
 
 
 def heading_span(heading_deg: Floats) -> tuple[float, float]:
