@@ -75,11 +75,8 @@ def filled(kind, text: str):
         "tuple[tuple[str, str], ...]": ((text, text), (text, "x")),
         "tuple[tuple[str, ...], ...]": ((text, text), ("", text)),
     }
-    parts = (
-        "int",
-        "ReportTable | None",
-        *(f"tuple[{part}, ...]" for part in ("ReportedFinding", "ReportTable", "Figure")),
-    )
+    several = [f"tuple[{part}, ...]" for part in ("ReportedFinding", "ReportTable", "Figure")]
+    parts = ("int", "ReportTable | None", *several)
     return kind(**{one.name: by_type[one.type] for one in fields(kind) if one.type not in parts})
 
 

@@ -46,10 +46,15 @@ def middle(angle_deg):
     return np.rad2deg(np.angle(np.exp(1j * np.deg2rad(angle_deg)).mean()))
 
 
-def truth(cruise, name):
-    columns = np.genfromtxt(cruise / "truth" / f"{name}.csv", delimiter=",", names=True, dtype=None, encoding="ascii")
+def table(path):
+    """Read a CSV file: seconds since 1970, and all columns."""
+    columns = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="ascii")
     seconds = np.array([stamp[:-1] for stamp in columns["time_utc"]], dtype="datetime64[s]").astype(float)
     return seconds, columns
+
+
+def truth(cruise, name):
+    return table(cruise / "truth" / f"{name}.csv")
 
 
 @pytest.mark.parametrize("name", ["EG2", "EG6"])
@@ -212,7 +217,7 @@ def test_earth_coordinates_contain_the_compass_error(cruise):
     recorded = found.velocity[wet, :2, :2].mean(axis=1)
     turn = wrap(true["heading_true_magnetic_deg"] - found.heading_deg[wet]) - 23.4
     corrected = (recorded[:, 0] + 1j * recorded[:, 1]) * np.exp(-1j * np.deg2rad(turn))
-    assert_is_the_current(corrected, true, bias=0.002, scatter=0.02)
+    assert_is_the_current(corrected, true)
 
 
 def test_beam_coordinates_are_independent_of_the_compass(cruise):
@@ -224,14 +229,12 @@ def test_beam_coordinates_are_independent_of_the_compass(cruise):
     heading = true["heading_true_magnetic_deg"] - 23.4
     tilts = found.tilt1_deg[wet], found.tilt2_deg[wet]
     east, north, _ = currents.instrument_to_earth((x, y, z), heading, *tilts, True)
-    corrected = east + 1j * north
-    assert_is_the_current(corrected, true, bias=0.002, scatter=0.02)
+    assert_is_the_current(east + 1j * north, true)
 
 
-def assert_is_the_current(found, true, *, bias, scatter):
+def assert_is_the_current(found, true):
     wrong = found - (true["east_true_m_s"] + 1j * true["north_true_m_s"])
-    assert abs(wrong.mean()) < bias
-    assert wrong.std() < scatter
+    assert abs(wrong.mean()) < 0.002 and wrong.std() < 0.02
 
 
 def test_samples_on_deck_have_no_velocity(cruise):
@@ -241,26 +244,18 @@ def test_samples_on_deck_have_no_velocity(cruise):
     assert (np.abs(found.tilt2_deg[:24]) > 45).all()
 
 
-@pytest.fixture(scope="module")
-def engineering(cruise):
-    rows = np.genfromtxt(
-        cruise / "raw" / "EG5" / "engineering.csv", delimiter=",", names=True, dtype=None, encoding="ascii"
-    )
-    seconds = np.array([stamp[:-1] for stamp in rows["time_utc"]], dtype="datetime64[s]").astype(float)
-    return seconds, rows["pressure_dbar"]
-
-
-def test_profiler_sticks_and_its_climb_rate_is_measured(cruise, engineering):
+def test_profiler_sticks_and_its_climb_rate_is_measured(cruise):
     """``test_readers_mmp_acm.py`` tests that currents and depths are recovered."""
+    seconds, columns = table(cruise / "raw/EG5/engineering.csv")
+    dbar = columns["pressure_dbar"]
     scans = mmp_scans.read_scans([cruise / "raw/EG5/acm.txt"])
     assert len(scans.blocks) == 792 and scans.damaged == 792 // 97
     sound = scans.place > 0
     time_s, values = scans.clock_s[sound], scans.values[sound]
     times, true = truth(cruise, "EG5")
-    depth = np.interp(time_s, *engineering) / 1.01
+    depth = np.interp(time_s, seconds, dbar) / 1.01
     near = np.abs(depth - true["depth_m"][np.searchsorted(times, time_s - 1800.0)]) < 15.0
     assert 0.05 < 1 - np.unique(scans.profile[sound][near]).size / 792 < 0.3
-    seconds, dbar = engineering
     sinking = np.interp(time_s, seconds[:-1], np.diff(dbar) / np.diff(seconds))
     x = -(values[:, 6] + values[:, 8]) / np.sqrt(2)
     up, down = (np.abs(sinking - speed) < 0.02 for speed in (-0.25, 0.25))
